@@ -52,7 +52,7 @@ DECADES = np.arange(0.0, 15.0, 2.0)
 
 @dataclass
 class Checked:
-    """What was found in a run.
+    """Findings of a run.
 
     Attributes
     ----------

@@ -131,7 +131,7 @@ def _house(matches: Matches, rig: StereoRig) -> np.ndarray | None:
 
 
 def _opencv(matches: Matches, rig: StereoRig, flag: int) -> np.ndarray | None:
-    """Of the left pixels alone: OpenCV has no robust rigid motion of two sets of points."""
+    """Pose by OpenCV from the left pixels: it has no robust rigid motion."""
     if len(matches.points) < 6:
         return None
     K = np.array([[rig.left.fx, 0, rig.left.cx], [0, rig.left.fy, rig.left.cy], [0, 0, 1]])

@@ -77,7 +77,7 @@ def drawn_errors(generator: np.random.Generator) -> dict[str, np.ndarray]:
 
 
 def honesty(scenario: Scenario, seed: int, estimators: Sequence[str]) -> Iterator[Honesty]:
-    """One run, of all estimators."""
+    """NEES of one run, for all estimators."""
     dataset = simulate(replace(scenario, seed=seed))
     errors = drawn_errors(np.random.default_rng([seed, 15]))
     dataset = miscalibrated(without_map(dataset), errors)
@@ -99,7 +99,7 @@ def _nees(evaluation: Evaluation, dataset: Dataset) -> float:
 
 
 def main() -> None:
-    """See the module."""
+    """Run the study."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )

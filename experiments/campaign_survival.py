@@ -171,7 +171,7 @@ def _fixed(out: Path) -> list[str]:
 
 
 def _difference(serial: Path, other: Path) -> str:
-    """What distinguishes the rows of two campaigns, those that stand twice among them."""
+    """Difference of two campaigns' rows, repeated ones included."""
     wanted, found = _fixed(serial), _fixed(other)
     every = [
         run

@@ -42,7 +42,7 @@ class SequenceCase:
 
     @property
     def name(self) -> str:
-        """Of its folder."""
+        """Name of the sequence's folder."""
         return f"{self.shape}-{self.seed}-{'-'.join(f'{rpm:g}' for rpm in self.rate_rpm)}"
 
     @property
@@ -115,7 +115,7 @@ def _sizes(evaluation: Evaluation, begin: float) -> Float[np.ndarray, " 3"]:
 
 
 def _line(case: SequenceCase, evaluation: Evaluation, ratios: Float[np.ndarray, " 3"]) -> str:
-    """Of a table. Root mean squares of errors after two revolutions; NEES over all own epochs."""
+    """Line of a table: rms errors after two revolutions, NEES over own epochs."""
     status = evaluation.history.status
     moments = None if evaluation.body_errors is None else evaluation.body_errors.principal_moments
     errors = None if evaluation.errors is None else evaluation.errors.within(case.begin, np.inf)

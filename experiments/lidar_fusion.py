@@ -62,7 +62,7 @@ def alone(whole: Dataset, sensor: str) -> Dataset:
 
 
 def estimate(dataset: Dataset, estimator: str) -> None:
-    """One run, and its line."""
+    """Table line of one run."""
     settings, begin = Settings(estimators=(estimator,)), process_time()
     (found,) = compare_estimators(prepare(dataset, settings), settings, lambda *_: None).evaluations
     seconds = process_time() - begin

@@ -144,7 +144,7 @@ def disturbed(truth: Truth, noise: ProcessNoise, seed: int) -> Truth:
 
 
 def tell(seed: int, found: Evaluation, last: dict[str, list[float]]) -> None:
-    """One run, and its NEES at the last epoch."""
+    """Print one run, and append its NEES at the last epoch to ``last``."""
     assert found.errors is not None
     assert found.errors.rate is not None
     assert found.body_errors is not None

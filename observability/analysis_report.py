@@ -214,7 +214,7 @@ def _key(name: Quantity) -> str:
 
 
 def _summary_of(verdicts: dict[Quantity, QuantityBound]) -> list[str]:
-    """Where the bound does not bear out what the rank says."""
+    """Sentences where the bound does not bear out the rank."""
     weak = [name for (name, _), each in verdicts.items() if each.in_principle_only]
     if not weak:
         return []

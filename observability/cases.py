@@ -294,5 +294,5 @@ class Case:
 
 @cache
 def _process(layout: StateLayout, noise: ProcessNoise) -> TorqueFreeProcess:
-    """One for all cases: its compiled functions are worth keeping."""
+    """Process shared by all cases: its compiled functions are worth keeping."""
     return TorqueFreeProcess(layout, noise)

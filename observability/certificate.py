@@ -39,7 +39,7 @@ class Proof(StrEnum):
 
 @dataclass(frozen=True)
 class Certificate:
-    """What a system's outputs determine at a point.
+    """Proved rank and null space of a system's outputs at a point.
 
     Attributes
     ----------
@@ -62,12 +62,12 @@ class Certificate:
 
     @property
     def rank(self) -> int:
-        """Of all orders."""
+        """Rank of all orders."""
         return self.ranks[-1]
 
     @property
     def order(self) -> int:
-        """At which the rank is reached."""
+        """Order at which the rank is reached."""
         return self.ranks.index(self.rank)
 
     @property
@@ -117,7 +117,7 @@ def _rows(
     orders: int,
     field: PrimeField = FIELD,
 ) -> list[SensorCodistribution]:
-    """Of all experiments together, so many orders in a field."""
+    """Rows of all experiments together, so many orders in a field."""
     rows = [codistribution(system, point, orders, field, given) for given in experiments]
     return [joined(parts) for parts in zip(*rows, strict=True)]
 

@@ -101,7 +101,7 @@ def improves(before: float, after: float) -> bool:
 
 @cache
 def _process(noise: ProcessNoise) -> TorqueFreeProcess:
-    """One for all time steps: its compiled functions are worth keeping."""
+    """Process shared by all time steps: its compiled functions are worth keeping."""
     return TorqueFreeProcess(StateLayout(FULL_BLOCKS), noise)
 
 
@@ -159,7 +159,7 @@ def whitening_matrix(covariance: Float[np.ndarray, "n n"]) -> Float[np.ndarray, 
 
 @dataclass(frozen=True)
 class Scaling:
-    """By what to divide a state so that its process noise is well conditioned.
+    """Divisors of a state so that its process noise is well conditioned.
 
     Attributes
     ----------

@@ -64,13 +64,13 @@ class PrimeField(Arithmetic):
         return np.array(powers, dtype=np.uint64).reshape(a.shape)
 
     def root(self, a: np.ndarray) -> np.ndarray:
-        """Of 1 alone; NotRegularError of other numbers."""
+        """Root of 1 alone; NotRegularError of other numbers."""
         if not np.all(a == 1):
             raise NotRegularError("an exact square root is taken of 1 only")
         return a
 
     def logarithm(self, a: np.ndarray) -> np.ndarray:
-        """Of 1 alone; NotRegularError of other numbers."""
+        """Logarithm of 1 alone; NotRegularError of other numbers."""
         if not np.all(a == 1):
             raise NotRegularError("an exact logarithm is taken of 1 only")
         return np.zeros_like(a)

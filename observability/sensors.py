@@ -15,12 +15,12 @@ LAYOUT: Final = StateLayout(FULL_BLOCKS)
 
 
 def analysed_sensors() -> Mapping[str, AnalysedSensor]:
-    """What the registry tells of every sensor that can be analysed, by its name."""
+    """Analyser's properties of every registered sensor that can be analysed, by name."""
     return {each.name: each.analysis for each in all_sensors() if each.analysis is not None}
 
 
 def analysed(name: str) -> AnalysedSensor:
-    """What the registry tells of a sensor. InputError: one that is unknown or cannot be analysed."""
+    """Analyser's properties of a sensor. InputError: unknown, or cannot be analysed."""
     found = analysed_sensors()
     if name not in found:
         raise InputError(f"sensor {name!r} is unknown; use one of {', '.join(found)}")

@@ -34,7 +34,7 @@ class Trajectories:
 def simulate(
     system: System, start: Trajectories, duration: float, steps: int, inputs: InputSeries = ()
 ) -> list[Float[np.ndarray, "k _ _ b"]]:
-    """Of each sensor, its values at ``steps`` equal times after the start and at the start."""
+    """Values of each sensor at the start and at ``steps`` equal times after it."""
     states = [start.states]
     for step in range(steps):
         states.append(_after(system, states[-1], duration / steps, _shifted(inputs, step * duration / steps)))

@@ -49,7 +49,7 @@ def _line(study: Study, workers: int) -> str:
 
 
 def _processor_time() -> float:
-    """Of this process and of children that have ended, s."""
+    """Processor time of this process and of children that have ended, s."""
     used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     return sum(each.ru_utime + each.ru_stime for each in used)
 

@@ -71,7 +71,7 @@ def _output(command: list[str], environment: dict[str, str]) -> str:
 
 
 def _write(workload: Workload, file: Path) -> None:
-    """Everything that the problem is made from, as arrays."""
+    """Write the problem's arrays."""
     measured = [(frame.time, m) for frame in workload.timeline for m in frame.measurements]
     ids = [m.ids for _, m in measured if m.ids is not None]
     np.savez(

@@ -117,7 +117,7 @@ class GtsamChart:
     def state(
         self, pose: Any, rates: Float[np.ndarray, " 6"], constants: Float[np.ndarray, " 8"]
     ) -> Float[np.ndarray, " m"]:
-        """Of one frame's variables."""
+        """State of one epoch's variables."""
         self._see(constants)
         place = pose.inverse()
         q = place.rotation().toQuaternion()

@@ -49,12 +49,12 @@ class MotionFactors:
         self._chart = chart
 
     def prior(self) -> Any:
-        """Of the first state: over X_0, V_0, C."""
+        """Prior of the first state, over X_0, V_0, C."""
         layout, prior = self._workload.layout, self._workload.prior
         return self._factor([0], lambda states: prior_rows(layout, states[0], prior), layout.error_dim)
 
     def step(self, frame: int) -> Any:
-        """From a frame to the next: over X_k, V_k, X_k+1, V_k+1, C."""
+        """Step between epochs, over X_k, V_k, X_k+1, V_k+1, C."""
         process, timeline = self._workload.process, self._workload.timeline
         dt = timeline[frame + 1].time - timeline[frame].time
         return self._factor(
@@ -97,13 +97,13 @@ class StereoFactors:
         self._noise = gtsam.noiseModel.Isotropic.Sigma(3, PIXEL_STD)
 
     def observation(self, frame: int, landmark: int, pixels: Float[np.ndarray, " 3"]) -> Any:
-        """Of the landmark with this key: (u_left, v_left, u_right) px."""
+        """Observation of the landmark with this key: (u_left, v_left, u_right) px."""
         return gtsam.GenericStereoFactor3D(
             _measured(pixels), self._noise, pose_key(frame), landmark, self._camera
         )
 
     def point(self, pose: Any, pixels: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " 3"]:
-        """Where an observation from this pose X puts its landmark, m, frame g."""
+        """Landmark of an observation from this pose X, m, frame g."""
         return gtsam.StereoCamera(pose, self._camera).backproject(_measured(pixels))
 
 

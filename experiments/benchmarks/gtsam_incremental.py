@@ -32,7 +32,7 @@ RELINEARISE: Final = 0.1
 
 @dataclass(frozen=True)
 class NewFrame:
-    """What a frame adds to the factor graph.
+    """Additions of an epoch to the factor graph.
 
     Factors, first values of its own variables, and its landmarks with the keys of their present lives.
     """
@@ -82,12 +82,12 @@ class Stream:
         return NewFrame(number, factors, values, numbers, keys)
 
     def state(self, values: Any, frame: int) -> Float[np.ndarray, " m"]:
-        """Of one frame."""
+        """State of one epoch."""
         pose, rates = values.atPose3(pose_key(frame)), values.atVector(rates_key(frame))
         return self.chart.state(pose, rates, values.atVector(constants_key()))
 
     def _renewed(self, frame: int, numbers: Int[np.ndarray, " s"]) -> list[bool]:
-        """Which of a frame's landmarks begin a life here."""
+        """Landmarks of an epoch that begin a life here."""
         fresh = []
         for j in numbers.tolist():
             last = self._last.get(j)

@@ -47,7 +47,7 @@ class LinearTime:
 
     @property
     def total(self) -> float:
-        """Of one Gauss-Newton iteration, s."""
+        """Time of one Gauss-Newton iteration, s."""
         return self.linearise + self.solve
 
 
@@ -156,7 +156,7 @@ def _batch(workload: Workload, name: str, make: Callable[[Any, Any], Any]) -> Pe
 
 
 def _orderings(workload: Workload, linear: Any) -> list[Any]:
-    """As `ORDERINGS`: two of GTSAM's, and landmarks before rates before poses, constants last (the Schur complement)."""
+    """Orderings of `ORDERINGS`: two of GTSAM's, and landmarks first (the Schur complement)."""
     epochs = range(len(workload.timeline))
     schur = gtsam.Ordering()
     keys = [landmark_key(number) for number in range(len(workload.trial.ids))]

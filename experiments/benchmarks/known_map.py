@@ -34,7 +34,7 @@ def main() -> None:
 
 
 def seconds(dataset: Dataset) -> tuple[float, float]:
-    """Of initialising and of smoothing, s."""
+    """Times of initialising and of smoothing, s."""
     begin = now()
     setup = prepare(dataset, SETTINGS)
     middle = now()

@@ -72,12 +72,12 @@ class Speed:
 
     @property
     def medians_ms(self) -> Float[np.ndarray, " b"]:
-        """Of every block."""
+        """Median of every block, ms."""
         return 1e3 * np.median(self.seconds, axis=1)
 
     @property
     def median_ms(self) -> float:
-        """Of all frames."""
+        """Median of all epochs, ms."""
         return 1e3 * float(np.median(self.seconds))
 
 

@@ -153,7 +153,7 @@ def _timed(run: Callable[[], ToolAnswer]) -> ToolAnswer:
 
 
 def _ours(system: System) -> Callable[[], ToolAnswer]:
-    """With names, finite moves and proof, from an expression whose tapes are not read yet."""
+    """Our answer with names, finite moves and proof, from a new expression."""
     point = point_of(system.chart, CANONICAL_MOTIONS[0])
 
     def run() -> ToolAnswer:

@@ -68,7 +68,7 @@ class OwnIterations:
 
 
 def own_resolved(workload: Workload) -> PeerResult:
-    """Everything solved again after every frame."""
+    """Own smoother with everything solved again after every epoch."""
     return _through(workload, SmootherOptions(FullSmoothing(), gate=NO_GATE), "spinfilters, full")
 
 

@@ -64,11 +64,11 @@ class WhitenedProblem:
         self._rows = (np.zeros(0), csr_matrix((0, 0)))
 
     def residuals(self, errors: Float[np.ndarray, " N"]) -> Float[np.ndarray, " r"]:
-        """Of prior, steps and observations, whitened."""
+        """Residuals of prior, steps and observations, whitened."""
         return self._at(errors)[0]
 
     def jacobian(self, errors: Float[np.ndarray, " N"]) -> csr_matrix:
-        """Of the residuals by the errors about the trial."""
+        """Jacobian of the residuals by the errors about the trial."""
         return self._at(errors)[1]
 
     def point(

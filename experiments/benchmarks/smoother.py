@@ -56,7 +56,7 @@ def checks(options: argparse.Namespace) -> Iterator[BenchmarkCheck]:
 
 
 def of_motion(motion: str, options: argparse.Namespace) -> Iterator[BenchmarkCheck]:
-    """Everything but new processes and long runs."""
+    """Checks of a motion without new processes and long runs."""
     peers, rounds = options.peers, 1 if options.quick else options.repeats
     workload = _workload(motion, 0, options.quick)
     yield BenchmarkCheck(f"\n{motion} motion", _size(workload), "bar")

@@ -56,7 +56,7 @@ class Ratio:
 def ratio(
     theirs: Sequence[float], ours: Sequence[float], in_our_python: Sequence[float] | None = None
 ) -> Ratio:
-    """Of seconds, round by round."""
+    """Ratio of seconds, round by round."""
     t, o = np.array(theirs), np.array(ours)
     own = t if in_our_python is None else t - np.array(in_our_python)
     by_round: Float[np.ndarray, " r"] = t / o
@@ -81,5 +81,5 @@ def in_turn(solvers: Mapping[str, Solver], rounds: int) -> dict[str, list[PeerRe
 
 
 def ratio_of(theirs: Sequence[PeerResult], ours: Sequence[PeerResult]) -> Ratio:
-    """Of the results of `in_turn`."""
+    """Ratio of the results of `in_turn`."""
     return ratio([r.seconds for r in theirs], [r.seconds for r in ours], [r.python for r in theirs])

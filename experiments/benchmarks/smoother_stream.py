@@ -23,7 +23,7 @@ OVER_WINDOW: Final = 50.0
 
 
 def resolved(workload: Workload, rounds: int, peers: bool) -> Iterator[BenchmarkCheck]:
-    """Everything solved again after each frame."""
+    """Re-solving of everything after each epoch."""
     solvers: dict[str, Solver] = {"ours": lambda: own_resolved(workload)}
     if peers and gtsam is not None:
         solvers["lm"] = lambda: resolved_every_frame(workload)
@@ -70,7 +70,7 @@ def window(workload: Workload, rounds: int, peers: bool) -> Iterator[BenchmarkCh
 
 
 def _off(workload: Workload, result: PeerResult, best: PeerResult) -> str:
-    """Of the last frame: attitude, and the logarithm of second moments."""
+    """Error of the last epoch: attitude, and the logarithm of second moments."""
     layout = workload.layout
     error = layout.local(best.trajectory[-1], result.trajectory[-1])
     turn = np.degrees(np.linalg.norm(error[layout.slice("a")]))

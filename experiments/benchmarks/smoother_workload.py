@@ -71,7 +71,7 @@ class Workload:
         return np.concatenate([group.values for group in self.observations.groups])
 
     def problem(self) -> Problem:
-        """As the project's own smoother has it."""
+        """Problem as the project's own smoother has it."""
         return problem_of(self.process, self.timeline, self.trial.ids, self.prior, OBSERVATIONS_NEEDED)
 
     def nearer_to_a_sphere(self, share: float) -> "Workload":
@@ -158,7 +158,7 @@ def _joined(
     prior: FirstStatePrior,
     trial: InitialGuess,
 ) -> Workload:
-    """With those landmarks of the trial that are seen at least twice in the timeline."""
+    """Problem with the trial's landmarks that are seen at least twice."""
     every = collect_observations(timeline, trial.ids, OBSERVATIONS_NEEDED)
     kept = np.unique(every.landmark)
     trial = InitialGuess(trial.trajectory, trial.ids[kept], trial.points[kept])

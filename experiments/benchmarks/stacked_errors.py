@@ -21,11 +21,11 @@ class StackedErrors:
 
     @property
     def size(self) -> int:
-        """Of the vector: 12 per frame, and the constants."""
+        """Size of the vector: 12 per epoch, and the constants."""
         return MOVING * self.epochs + self.layout.error_dim - MOVING
 
     def state(self, frame: int) -> Int[np.ndarray, " n"]:
-        """Where the whole error of one frame's state stands."""
+        """Indices of one epoch's whole error."""
         first = MOVING * frame
         return np.r_[first : first + MOVING, MOVING * self.epochs : self.size]
 

@@ -201,7 +201,7 @@ def _triangular(stacked: Float[np.ndarray, "k n"], size: int) -> Float[np.ndarra
 
 
 def _columns(reference: ReferenceTrajectory, schedules: Sequence[SensorSchedule]) -> tuple[list[int], int]:
-    """Where every sensor's own unknowns start, and how many unknowns there are."""
+    """Offsets of every sensor's own unknowns, and the number of unknowns."""
     if not schedules:
         raise InputError("nothing is measured: give at least one sensor")
     start, starts = reference.process.layout.error_dim + reference.constants, []

@@ -227,7 +227,7 @@ def _null_space(case: Case) -> Num[np.ndarray, "n d"]:
 
 
 def _place_change(case: Case, space: Num[np.ndarray, "n d"]) -> Num[np.ndarray, "3 d"]:
-    """How the place of the centre of mass changes along null directions."""
+    """Change of the centre of mass's place along null directions."""
     chart = case.filter_system.chart
     system = System(chart, [SystemSensor(_CentreOfMass(case.layout), ((Fraction(0),),))])
     (rows,) = codistribution(system, point_of(chart, case.motion), 1, FIELD)

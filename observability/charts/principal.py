@@ -65,7 +65,7 @@ class PrincipalChart(Chart):
         return seen
 
     def torque_field(self, values: Values) -> Values:
-        """In axes b, which are the axes g where the chart holds no q_gb."""
+        """Torque columns in axes b, equal to axes g where the chart holds no q_gb."""
         inverse = ca.inv_minor(principal_inertia(values))
         if "q_gb" in values:
             inverse = inverse @ matrix_from_quaternion(values["q_gb"]).T

@@ -42,7 +42,7 @@ def principal_symmetries(
 
 
 def _gauge_and_scales(values: dict[str, Expression], axes: list[GaugeAxis]) -> Iterator[Symmetry]:
-    """Where g lies in the body, scales, and single masses."""
+    """Symmetries of g's place in the body, scales, and single masses."""
     if "c" in values:
         yield from (
             Symmetry("gauge translation", f"translation of g along {AXES[k]}", _shifted(k), 0.05)
@@ -90,7 +90,7 @@ def _rolls(still: bool) -> Iterator[Symmetry]:
 
 
 def _first_order(still: bool, crooked: bool) -> Iterator[Symmetry]:
-    """What one or two landmarks take for something else as long as it is small."""
+    """Symmetries of one or two landmarks to first order."""
     if still:
         yield from turns_like_drift(_slow_turn)
     elif crooked:

@@ -116,7 +116,7 @@ def _dataset(data: object, segment: int | str | None) -> Dataset:
 
 
 def _additions(predict: float | None, convergence: bool, explain: bool) -> "OptionalOutputs | None":
-    """What a run writes only when asked to, or None where nothing was asked."""
+    """Optional outputs that were asked for, or None."""
     if predict is None and not convergence and not explain:
         return None
     if predict is not None:

@@ -96,7 +96,7 @@ def read_folder(folder: Path) -> tuple[Study, dict[str, Any]]:
 
 
 def _begun(folder: Path) -> dict[str, Any]:
-    """What a campaign was begun with. InputError: damaged, or of another version."""
+    """Provenance of a campaign's begin. InputError: damaged, or of another version."""
     try:
         document = json.loads(read_settings_text(folder / BEGUN_FILE))
     except (ValueError, RecursionError):

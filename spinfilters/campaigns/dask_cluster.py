@@ -151,7 +151,7 @@ def _require_scheduler(client: Any, under_way: Mapping[Any, Chunk]) -> None:
 
 
 def _threads(client: Any) -> int:
-    """Of all workers, at least one."""
+    """Number of threads of all workers, at least one."""
     with suppress(Exception):
         return max(1, sum(client.nthreads().values()))
     raise _SchedulerLostError

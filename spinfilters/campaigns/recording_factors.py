@@ -42,7 +42,7 @@ Triple = tuple[Annotated[float, LENGTH], Annotated[float, LENGTH], Annotated[flo
 
 @dataclass(frozen=True)
 class MotionFactor:
-    """How the body moves at first, and when it is seen.
+    """Initial motion of the body, and the epochs at which it is observed.
 
     Attributes
     ----------

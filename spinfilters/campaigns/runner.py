@@ -143,7 +143,7 @@ class Runner:
         return self._bounds[run.cell]
 
     def _factors(self, run: CampaignRun) -> RecordingFactors:
-        """What the run's recording is made of."""
+        """Factors of the run's recording."""
         seeds = run_seeds(self.study.options.root_seed, run.seed)
         return self.study.cells[run.cell].recording_of(seeds.factors)
 
@@ -162,7 +162,7 @@ class Runner:
             return self._told(dataset, factors, seeds)
 
     def _told(self, dataset: Dataset, factors: RecordingFactors, seeds: RunSeeds) -> Dataset:
-        """What estimators are told of a recording, with the faults of its measurements."""
+        """Recording as estimators get it, with the faults of its measurements."""
         if not factors.sensor.known_map:
             dataset = without_map(dataset)
         if not factors.noise.stated:
@@ -178,7 +178,7 @@ class Runner:
         return prepared_with_drawn_belief(dataset, cell.settings, cell.belief, generator)
 
     def _once(self, what: str, key: object, make: Callable[[], T]) -> T:
-        """What was made last, where it is the same again."""
+        """Latest result, cached for an equal question."""
         if what not in self._latest or self._latest[what][0] != key:
             self._latest.pop(what, None)
             self._latest[what] = (key, make())

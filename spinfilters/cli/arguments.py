@@ -51,7 +51,7 @@ def add_reading(parser: argparse.ArgumentParser) -> None:
 
 
 def reading_options(options: argparse.Namespace) -> ReadingOptions:
-    """What is stated of a recording. InputError: an unknown unit."""
+    """Reading options of the arguments. InputError: an unknown unit."""
     return ReadingOptions(options.unit, options.clock, options.rate, options.topic)
 
 

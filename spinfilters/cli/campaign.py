@@ -43,7 +43,7 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _carried_out(options: argparse.Namespace) -> "Advance":
-    """How far a campaign has come in the end. InputError: interrupted before."""
+    """Final progress of a campaign. InputError: interrupted before."""
     last: list[Advance] = []
     with _progress_line() as tell:
 

@@ -59,7 +59,7 @@ def compare(options: argparse.Namespace) -> int:
 
 
 def _additions(options: argparse.Namespace) -> "OptionalOutputs | None":
-    """What a run writes only when asked to, or None where nothing was asked."""
+    """Optional outputs that were asked for, or None."""
     if options.predict is None and not options.convergence and not options.explain:
         return None
     from spinfilters.pipeline.optional_outputs import OptionalOutputs

@@ -126,7 +126,7 @@ def _sweep(alpha: float, rate: Float[np.ndarray, " 3"]) -> list[str]:
 
 
 def _cell(value: float) -> str:
-    """Of a CSV file; empty for what is not finite."""
+    """Cell of a CSV file; empty for what is not finite."""
     return f"{value:.9g}" if np.isfinite(value) else ""
 
 

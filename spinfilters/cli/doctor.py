@@ -130,7 +130,7 @@ def _threads() -> str:
 
 
 def _scaling() -> str:
-    """Of the bundled example's time step and rate."""
+    """Scaling for the bundled example's time step and rate."""
     import numpy as np
 
     from observability.conditioning import suggest_scaling

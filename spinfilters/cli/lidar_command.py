@@ -66,7 +66,7 @@ def _scan(options: argparse.Namespace) -> int:
 
 
 class _Scene:
-    """What is scanned and from where: the preset's, or chosen around the mesh."""
+    """Scanned body and its poses: the preset's, or chosen around the mesh."""
 
     def __init__(self, preset: ScanPreset, mesh: TriangleMesh) -> None:
         self.preset, self.mesh = preset, mesh

@@ -17,7 +17,7 @@ COMMAND: Final = "lidar needed"
 
 
 def needed(options: argparse.Namespace) -> int:
-    """How many scans an attitude of a given accuracy takes, with a picture."""
+    """Print how many scans an attitude of a given accuracy takes, with a picture."""
     folder, place, asked = Path(options.scans), Path(options.output), np.deg2rad(options.attitude_deg)
     refuse_foreign(place, COMMAND)
     found = registered_scans(folder)

@@ -78,7 +78,7 @@ def _options(options: argparse.Namespace, settings: Settings) -> LiveOptions:
 def _shown(
     stack: ExitStack, options: argparse.Namespace, executive: Executive, writer: AnswerWriter
 ) -> Callable[[Answer], None]:
-    """What is done with an answer.
+    """Function that shows an answer.
 
     A table and lines would spoil each other in one terminal.
     """

@@ -81,7 +81,7 @@ def _set_logging() -> None:
 
 
 class _CompileNotice(logging.Handler):
-    """One line before the first library is built, or where none can be."""
+    """Note before the first library is built, or where none can be."""
 
     told = False
 

@@ -51,7 +51,7 @@ def simulate(options: argparse.Namespace) -> int:
 
 
 def _described(dataset: Dataset, folder: Path, frames: int) -> str:
-    """What was written, and in how many epochs nothing was seen."""
+    """Written files, and the number of epochs without observations, in words."""
     stream = dataset.log.streams[0]
     count, epochs = sum(map(len, dataset.log.streams)), len(np.unique(stream.time))
     lost = "" if epochs == frames else f"; the body is in view in {epochs} of {frames} epochs"

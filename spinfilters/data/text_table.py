@@ -249,7 +249,7 @@ def _not_text(path: Path, encoding: str, number: int, error: UnicodeError) -> In
 
 
 def _encoding(path: Path) -> str:
-    """By the byte order mark; UTF-16 without one by its NUL bytes. Else UTF-8."""
+    """Encoding by byte order mark, UTF-16 without one by NUL bytes, else UTF-8."""
     try:
         with open(path, "rb") as stream:
             head = stream.read(64)

@@ -55,7 +55,7 @@ def inertia(s: Expression) -> Expression:
 
 def retract_mass(s: Expression, d: Expression) -> Expression:
     """s [+] d: the mass distribution with S = L exp(D) L'."""
-    root = exponential(_traceless(d) / 2)
+    root = exponential(traceless(d) / 2)
     A = _cholesky(root @ root.T)
     off = lower_factor(s) @ A
     return ca.vertcat(s[0] + ca.log(A[0, 0]), s[1] + ca.log(A[1, 1]), off[1, 0], off[2, 0], off[2, 1])
@@ -77,9 +77,9 @@ def reset_mass_jacobian(d: Expression) -> Expression:
     It is taken at d, and does not depend on s.
     """
     e = ca.SX.sym("e", DIMENSION)
-    root = exponential(_traceless(d) / 2)
+    root = exponential(traceless(d) / 2)
     inverse = _lower_inverse(_cholesky(root @ root.T))
-    moved = _components(inverse @ exponential(_traceless(e)) @ inverse.T)
+    moved = _components(inverse @ exponential(traceless(e)) @ inverse.T)
     return ca.substitute(ca.jacobian(moved, e), e, d)
 
 
@@ -106,7 +106,8 @@ def from_inertia(J: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, " 5"]:
     return np.array([np.log(L[0, 0]), np.log(L[1, 1]), L[1, 0], L[2, 0], L[2, 1]])
 
 
-def _traceless(d: Expression) -> Expression:
+def traceless(d: Expression) -> Expression:
+    """The symmetric D of trace zero with components d (5)."""
     return ca.vertcat(
         ca.horzcat(d[0], d[2], d[3]),
         ca.horzcat(d[2], d[1], d[4]),

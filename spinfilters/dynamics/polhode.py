@@ -32,7 +32,7 @@ SEPARATRIX_TOLERANCE: Final[float] = 1e-14
 
 
 class PolhodeKind(Enum):
-    """Which axis the polhode goes round."""
+    """Kind of a polhode by the axis that it encircles."""
 
     ABOUT_MAJOR = "about the axis of largest inertia"
     ABOUT_MINOR = "about the axis of smallest inertia"

@@ -120,7 +120,7 @@ class ReferenceFilter:
         value: Float[np.ndarray, " 3"],
         camera: Float[np.ndarray, " c"],
     ) -> None:
-        """What the observation says of the landmark, given the pose after the epoch."""
+        """Correction of the landmark by an observation, given the pose after the epoch."""
         pose = self.covariance[np.ix_(model.columns, model.columns)]
         rho, H, by_landmark, _ = self._linearised(model, landmark.point, value, camera)
         spread = landmark.covariance @ by_landmark.T

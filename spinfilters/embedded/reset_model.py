@@ -12,7 +12,7 @@ with x = ad_D / 2, a series in [D, [D, X]] that needs no scaling and squaring.
 import casadi as ca
 
 from spinfilters.attitude.expressions import Expression
-from spinfilters.dynamics.mass_distribution import lower_factor
+from spinfilters.dynamics.mass_distribution import lower_factor, traceless
 
 EVEN_SERIES = (1 / 24, 1 / 1920, 1 / 322560)
 """Of sinh(x)/x - 1 in ad_D^2; what is left out is below 1e-9 for |d| up to 0.3 and below 1e-4 for 1."""
@@ -33,8 +33,8 @@ def mass_correction(s: Expression, d: Expression) -> tuple[Expression, Expressio
     `spinfilters.dynamics.mass_distribution.retract_mass`; E is 5 x 5.
     A commutator of symmetric matrices is skew, so ad_D^2 = B A with A (3 x 5) and B (5 x 3): the series needs powers of A B.
     """
-    D, e, v = _traceless(d), ca.SX.sym("e", 5), ca.SX.sym("v", 3)
-    A = ca.jacobian(ca.inv_skew(_commutator(D, _traceless(e))), e)
+    D, e, v = traceless(d), ca.SX.sym("e", 5), ca.SX.sym("v", 3)
+    A = ca.jacobian(ca.inv_skew(_commutator(D, traceless(e))), e)
     B = ca.jacobian(_components(_commutator(D, ca.skew(v))), v)
     square = A @ B
     stretched = (
@@ -45,7 +45,7 @@ def mass_correction(s: Expression, d: Expression) -> tuple[Expression, Expressio
         root = D @ (ca.SX.eye(3) + root) / (2 * order)
     F = _cholesky(2 * root + root @ root)
     K = _solved(F, root - F)  # Q - I
-    X = _traceless(e)
+    X = traceless(e)
     turned = ca.jacobian(_components(K @ X + X @ K.T + K @ X @ K.T), e)
     off = lower_factor(s) @ F
     change = ca.vertcat(ca.log1p(F[0, 0]), ca.log1p(F[1, 1]), off[1, 0], off[2, 0], off[2, 1])
@@ -80,12 +80,6 @@ def _solved(F: Expression, right: Expression) -> Expression:
 
 def _commutator(A: Expression, B: Expression) -> Expression:
     return A @ B - B @ A
-
-
-def _traceless(d: Expression) -> Expression:
-    return ca.vertcat(
-        ca.horzcat(d[0], d[2], d[3]), ca.horzcat(d[2], d[1], d[4]), ca.horzcat(d[3], d[4], -d[0] - d[1])
-    )
 
 
 def _components(D: Expression) -> Expression:

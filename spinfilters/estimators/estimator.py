@@ -42,7 +42,7 @@ NO_IDS = np.zeros(0, dtype=np.int64)
 
 @dataclass(frozen=True)
 class MapChange:
-    """What an update did to the landmarks in the state.
+    """Change of the landmarks in the state by an update.
 
     Ids that it used (with their weights), took in, and let go.
     """

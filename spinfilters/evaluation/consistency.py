@@ -217,7 +217,7 @@ def normalised_trace(
 
 
 def finite_epochs(history: EstimateHistory) -> Bool[np.ndarray, " n"]:
-    """In which epochs of a history mean and factor are finite."""
+    """Mask of a history's epochs with finite mean and factor."""
     return np.asarray(np.isfinite(history.mean).all(axis=1) & np.isfinite(history.factor).all(axis=(1, 2)))
 
 
@@ -231,7 +231,7 @@ def nis_ratio(history: EstimateHistory) -> float | None:
 
 
 def _regular(upper: np.ndarray) -> Bool[np.ndarray, " n"]:
-    """Which triangular factors are numerically non-singular.
+    """Mask of numerically non-singular triangular factors.
 
     No diagonal element is zero, not even next to its own row of P.
     """

@@ -39,7 +39,7 @@ from spinfilters.state.status import EstimatorStatus, Verdict
 
 @dataclass(frozen=True)
 class Evaluation:
-    """One estimator's run.
+    """Evaluation of one estimator's run.
 
     Attributes
     ----------

@@ -30,7 +30,7 @@ class ConstantEstimate:
 
 
 def constant_estimates(belief: Gaussian) -> dict[str, ConstantEstimate]:
-    """Those of the blocks in `REPORTED` that a belief holds, by name."""
+    """Estimates of a belief's blocks in `REPORTED`, by name."""
     layout, std = belief.layout, belief.std
     held = [block for block in layout.constant if block.name in REPORTED]
     return {

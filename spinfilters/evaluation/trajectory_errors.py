@@ -88,12 +88,12 @@ class TruthErrors:
 
     @property
     def ape_rmse(self) -> float | None:
-        """What `evo_ape tum truth.tum estimate.tum` prints as rmse (translation, m, nothing aligned)."""
+        """Rmse as `evo_ape tum truth.tum estimate.tum` prints it (translation, m, nothing aligned)."""
         return self.rms.position
 
     @property
     def ape_angle_rmse_deg(self) -> float:
-        """What `evo_ape tum ... -r angle_deg` prints as rmse, after the alignment if there is one."""
+        """Rmse as `evo_ape tum ... -r angle_deg` prints it, after the alignment if any."""
         return float(np.rad2deg(root_mean_square(self.attitude)))
 
 

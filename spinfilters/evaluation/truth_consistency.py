@@ -78,7 +78,7 @@ def _is_in_degrees(truth: Truth) -> bool:
 
 
 def _turns(truth: Truth) -> tuple[Float[np.ndarray, " j"], Float[np.ndarray, " j"]]:
-    """Of every step by the rates and by the attitudes, rad."""
+    """Rotations of every step by the rates and by the attitudes, rad."""
     rates, q = truth.rate_i, truth.q_ig
     by_rates = np.linalg.norm(rates[1:] + rates[:-1], axis=1) / 2 * np.diff(truth.time)
     return by_rates, angle_between(q[1:], q[:-1])

@@ -90,7 +90,7 @@ def _unit_of_poses(stream: MeasurementStream) -> str:
 
 
 def _in_rates(dataset: Dataset, stream: MeasurementStream) -> list[FreeFlight]:
-    """By the angular momentum; where there is an accelerometer it has a veto."""
+    """Flights by the angular momentum; an accelerometer, where there is one, has a veto."""
     found, steps = [], []
     for stretch in gyro_flights(stream.time, stream.values):
         rows = np.s_[stretch.start : stretch.end]

@@ -126,7 +126,7 @@ def inertia_tensor(history: RotationHistory, start: int, end: int) -> Float[np.n
 
 @dataclass(frozen=True)
 class MomentumChange:
-    """How the angular momentum of a stretch changes, for an inertia tensor.
+    """Change of a stretch's angular momentum, for an inertia tensor.
 
     Attributes
     ----------

@@ -42,7 +42,7 @@ class CameraTrajectory:
 
     @classmethod
     def of(cls, inspector: MeasurementStream | None) -> "CameraTrajectory | None":
-        """Of the poses of cam0 that a data set holds; None of none."""
+        """Trajectory of a data set's poses of cam0; None without any."""
         return None if inspector is None else cls(inspector.time, inspector.values)
 
     def at(self, time: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k 7"]:

@@ -60,7 +60,7 @@ class Camera(ABC):
 
     @abstractmethod
     def _lens_coefficients(self, calibration: Expression) -> Expression:
-        """Of the (left) lens."""
+        """Coefficients of the (left) lens."""
 
     def fits(self, calibration: Float[np.ndarray, " c"]) -> bool:
         """Whether such a calibration is of such a camera."""

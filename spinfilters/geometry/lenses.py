@@ -109,7 +109,7 @@ class RadialTangentialLens(Lens):
         return 1 + least * (3 * k1 + 5 * k2 * least)
 
     def _jacobian(self, xy: Expression, coefficients: Expression) -> Expression:
-        """Of `distort` by the coordinates, differentiated from it."""
+        """Jacobian of `distort` by the coordinates, differentiated from it."""
         at, k = ca.SX.sym("xy", 2), ca.SX.sym("k", 4)
         (jacobian,) = ca.substitute(
             [ca.jacobian(self.distort(at, k), at)], [at, k], [ca.SX(xy), ca.SX(coefficients)]

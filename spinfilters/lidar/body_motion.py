@@ -5,6 +5,7 @@ from typing import Protocol
 
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial.transform import Rotation
 
 from spinfilters.attitude.conversions import matrix_from_quaternion, quaternion_from_matrix
 from spinfilters.dynamics.torque_free import torque_free_motion
@@ -82,11 +83,4 @@ def thesis_rotation(z_deg: float, y_deg: float, x_deg: float) -> Float[np.ndarra
     It is applied as printed (Decoust 2008, section 2.2.2). The name says an intrinsic sequence about z, y, x, which would be
     Rz Ry Rx: this is the extrinsic one.
     """
-    (cz, cy, cx), (sz, sy, sx) = (
-        np.cos(np.deg2rad([z_deg, y_deg, x_deg])),
-        np.sin(np.deg2rad([z_deg, y_deg, x_deg])),
-    )
-    Rz = np.array([[cz, -sz, 0.0], [sz, cz, 0.0], [0.0, 0.0, 1.0]])
-    Ry = np.array([[cy, 0.0, sy], [0.0, 1.0, 0.0], [-sy, 0.0, cy]])
-    Rx = np.array([[1.0, 0.0, 0.0], [0.0, cx, -sx], [0.0, sx, cx]])
-    return Rx @ Ry @ Rz
+    return Rotation.from_euler("zyx", [z_deg, y_deg, x_deg], degrees=True).as_matrix()

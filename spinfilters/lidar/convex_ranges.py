@@ -84,7 +84,7 @@ def expected_ranges(
 
 
 def _deviations(angles: Float[np.ndarray, "n 2"], noise: PointNoise) -> Float[np.ndarray, "n 2 3"]:
-    """What one standard deviation of azimuth and of elevation adds to a beam's direction."""
+    """Change of a beam's direction per standard deviation of azimuth and of elevation."""
     (ca, ce), (sa, se) = np.cos(angles).T, np.sin(angles).T
     by_azimuth = np.stack([-ce * sa, 0 * sa, ce * ca], axis=1) * noise.azimuth_std
     by_elevation = np.stack([-se * ca, ce, -se * sa], axis=1) * noise.elevation_std

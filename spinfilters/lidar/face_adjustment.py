@@ -226,7 +226,7 @@ def _without_freedom(tracked: TrackedFaces, blocks: Sequence[FaceInformation]) -
 
 
 def _freedom(face: Face) -> Float[np.ndarray, "3 6"]:
-    """How a face changes when the frame g is rotated, and when it is shifted."""
+    """Change of a face by a rotation and by a shift of frame g."""
     return np.block(
         [[face.tangents.T @ -skew(face.normal), np.zeros((2, 3))], [np.zeros((1, 3)), face.normal[None]]]
     )

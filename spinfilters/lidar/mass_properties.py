@@ -11,7 +11,7 @@ from spinfilters.lidar.mesh import TriangleMesh
 
 @dataclass(frozen=True, eq=False)
 class MassProperties:
-    """Of density one, in mesh axes.
+    """Mass properties for density one, in mesh axes.
 
     Attributes
     ----------

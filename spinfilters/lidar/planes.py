@@ -196,7 +196,7 @@ def _is_wide(points: Float[np.ndarray, "n 3"], plane: FittedPlane, noise: PointN
 
 
 def inside_of(angles: Float[np.ndarray, "n 2"], noise: PointNoise) -> Bool[np.ndarray, " n"]:
-    """Which points of a face have neighbours all around, within the angular noise."""
+    """Points of a face with neighbours all around, within the angular noise."""
     step, reach = _angular_step(angles), border_reach(angles, noise)
     cells = np.rint((angles - angles.min(axis=0)) / step).astype(int)
     if reach.max() < WIDE or cells.max() > 4000:

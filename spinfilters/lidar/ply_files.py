@@ -28,7 +28,7 @@ _ORDERS: Final = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii"
 
 @dataclass(frozen=True, eq=False)
 class PlyContent:
-    """What a PLY holds.
+    """Content of a PLY.
 
     Attributes
     ----------

@@ -113,5 +113,5 @@ def interpolated_rotation(poses: Sequence[ScanPose], number: int) -> Float[np.nd
 
 
 def _rotation_std(pose: ScanPose) -> float:
-    """Of the least certain rotation, rad."""
+    """Standard deviation of the least certain rotation, rad."""
     return float(np.sqrt(np.linalg.eigvalsh(pose.covariance[3:, 3:])[-1]))

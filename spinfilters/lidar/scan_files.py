@@ -91,7 +91,7 @@ def read_scan(path: Path) -> Scan:
 
 
 def _metadata(comments: tuple[str, ...]) -> dict[str, object]:
-    """What the scanner said of the scan; nothing where that is damaged."""
+    """Metadata of the scanner; none where damaged."""
     for comment in comments:
         if comment.startswith(_COMMENT):
             try:

@@ -5,8 +5,7 @@ from typing import Final
 
 import numpy as np
 from jaxtyping import Float
-
-from spinfilters.attitude.conversions import quaternion_from_matrix
+from scipy.spatial.transform import Rotation
 
 ROTATION_PRIOR: Final = 0.2
 """Standard deviation of a predicted attitude, rad: the only knowledge in directions that a scan does not determine."""
@@ -36,23 +35,13 @@ class ScanPose:
 
 
 def rotation_matrix(vector: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
-    """Rotation by |v| rad about v (Rodrigues)."""
-    angle = float(np.linalg.norm(vector))
-    K = skew(vector)
-    a, b = (
-        (np.sin(angle) / angle, (1 - np.cos(angle)) / angle**2)
-        if angle > 1e-4
-        else (1 - angle**2 / 6, 0.5 - angle**2 / 24)
-    )
-    return np.eye(3) + a * K + b * K @ K
+    """Rotation by |v| rad about v."""
+    return Rotation.from_rotvec(vector).as_matrix()
 
 
 def rotation_vector(R: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3"]:
     """Rotation vector, rad, of the short way round."""
-    x, y, z, w = quaternion_from_matrix(nearest_rotation(R))
-    v = np.array([x, y, z])
-    length = float(np.linalg.norm(v))
-    return 2.0 * v if length < 1e-12 else 2.0 * np.arctan2(length, w) / length * v
+    return Rotation.from_matrix(nearest_rotation(R)).as_rotvec()
 
 
 def nearest_rotation(M: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:

@@ -121,7 +121,7 @@ def _usable(scans: Sequence[Scan]) -> list[Scan]:
 def _remarks(
     left_out: int, isolated: float, poses: Sequence[ScanPose], faces: TrackedFaces | None
 ) -> tuple[str, ...]:
-    """What was left out, given up or not determined; ``isolated`` is the share of such points."""
+    """Remarks on scans and points left out; ``isolated`` is the share of such points."""
     remarks = [f"{left_out} scans with fewer than {FEWEST} points are left out"] if left_out else []
     if isolated > TOLD_ISOLATED:
         remarks.append(

@@ -39,7 +39,7 @@ class Scanner:
 
     @classmethod
     def of(cls, mesh: TriangleMesh, settings: LidarSettings) -> "Scanner":
-        """With the fastest tracer that there is."""
+        """Scanner with the fastest available tracer."""
         return cls(mesh, settings, ray_tracer(mesh))
 
     def scan(self, motion: BodyMotion, start: float, generator: np.random.Generator) -> Scan:

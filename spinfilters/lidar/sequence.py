@@ -31,7 +31,7 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class Initial:
-    """How a body is and moves at t = 0.
+    """Initial pose and rates of a body at t = 0.
 
     Attributes
     ----------

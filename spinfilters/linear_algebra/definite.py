@@ -43,7 +43,7 @@ def is_definite(covariance: Float[np.ndarray, "*batch n n"]) -> bool:
 
 
 def which_definite(covariances: Float[np.ndarray, "k n n"]) -> Bool[np.ndarray, " k"]:
-    """Which symmetric matrices have a `correlation_root`."""
+    """Mask of symmetric matrices that have a `correlation_root`."""
     if is_definite(covariances):
         return np.ones(len(covariances), dtype=bool)
     return np.array([is_definite(covariance) for covariance in covariances])

@@ -37,7 +37,7 @@ class CourseRecorder:
             self._stride *= 2
 
     def course(self) -> LiveCourse:
-        """What has been kept."""
+        """Answers that have been kept."""
         rows = np.array(self._rows).reshape(-1, 10)
         time, latency, smoothed, ok = rows[:, :4].T
         return LiveCourse(

@@ -210,7 +210,7 @@ class Executive:
         return Answer(instant, belief, status, source, used, left, time.monotonic() - arrived.at, ahead)
 
     def _not_believed(self, arrived: ArrivedEpoch) -> Answer:
-        """To an epoch so far ahead that its time may be wrong: what was known before."""
+        """Answer to an epoch whose time may be wrong: the belief before it."""
         why = f"its time is {arrived.time - self.track.time:.3g} s ahead, which the next epoch must confirm"
         status, used = self.track.estimator.status.degraded(why), sum(map(len, arrived.streams))
         latency = time.monotonic() - arrived.at

@@ -25,7 +25,7 @@ class KeptEpoch:
 
     @property
     def time(self) -> float:
-        """Of the epoch, s."""
+        """Time of the epoch, s."""
         return self.frame.time
 
 
@@ -46,7 +46,7 @@ class FilterTrack:
 
     @property
     def time(self) -> float:
-        """Of the latest epoch, s."""
+        """Time of the latest epoch, s."""
         return self._kept[-1].time
 
     @property
@@ -56,7 +56,7 @@ class FilterTrack:
 
     @property
     def belief(self) -> Gaussian:
-        """At the latest epoch."""
+        """Belief at the latest epoch."""
         return self.estimator.belief
 
     def has(self, time: float) -> bool:
@@ -83,7 +83,7 @@ class FilterTrack:
         return reports
 
     def belief_at(self, time: float) -> Gaussian:
-        """What the filter believed after the epoch of this time, given measurements up to it."""
+        """Filter's belief after the epoch of this time, given measurements up to it."""
         self.estimator.restore(self._at(time).after)
         try:
             return self.estimator.belief
@@ -131,7 +131,7 @@ class FilterTrack:
         return True
 
     def _advance(self, kept: list[KeptEpoch], frame: Epoch) -> list[UpdateReport] | None:
-        """One epoch more than are kept; where it breaks the filter, its measurements are left out."""
+        """Track with one more epoch, without its measurements where they break the filter."""
         before = kept[-1]
         try:
             reports = advance(self.estimator, frame, frame.time - before.time)

@@ -34,7 +34,7 @@ class Row:
 
 @dataclass(frozen=True)
 class ArrivedEpoch:
-    """Everything that arrived of one instant.
+    """All measurements of one instant that arrived.
 
     Attributes
     ----------
@@ -84,7 +84,7 @@ class LineReader:
 
     @property
     def time(self) -> float | None:
-        """Of the epoch that is being read, s."""
+        """Time of the epoch that is being read, s."""
         return next(iter(self._rows.values())).time if self._rows else None
 
     def flush(self) -> ArrivedEpoch | None:

@@ -133,7 +133,7 @@ def _first_smoother(setup: Setup, settings: Settings) -> tuple[Callable[[], Recu
 
 
 def _models(setup: Setup) -> dict[str, MeasurementModel]:
-    """Of all sensors of the data set, by name: the smoother's process knows no others."""
+    """Models of all sensors of the data set by name, as the smoother's process needs."""
     epochs = (setup.timeline[k] for k in range(len(setup.timeline)))
     models: dict[str, MeasurementModel] = {}
     for frame in epochs:

@@ -27,7 +27,7 @@ class LiveSummary:
         return sum(latency > self.deadline for latency in self.latencies)
 
     def document(self) -> dict[str, object]:
-        """As JSON."""
+        """Counts and times for JSON."""
         return {
             "epochs": len(self.latencies),
             "deadline_ms": 1e3 * self.deadline,
@@ -38,7 +38,7 @@ class LiveSummary:
         }
 
     def text(self) -> str:
-        """In a few lines."""
+        """Counts and times in a few lines."""
         document = self.document()
         events = ", ".join(f"{name} {count}" for name, count in sorted(self.events.items())) or "none"
         return (
@@ -49,7 +49,7 @@ class LiveSummary:
 
 
 def _percentiles(seconds: list[float]) -> dict[str, float | None]:
-    """In ms."""
+    """Percentiles in ms."""
     shares = (("median", 50), ("p99", 99), ("p99.9", 99.9), ("largest", 100))
     return {
         name: round(1e3 * float(np.percentile(seconds, share)), 3) if seconds else None

@@ -103,7 +103,7 @@ class Lines(Source):
         yield self.reader.flush()
 
     def _read(self) -> bytes | None:
-        """What has come; empty at the end of it, None where nothing came in a moment."""
+        """Bytes that have come; empty at the end, None where nothing came in a moment."""
         begin = time.monotonic()
         try:
             if self._grows:
@@ -118,7 +118,7 @@ class Lines(Source):
             self._looked = time.monotonic()
 
     def _grown(self) -> bytes:
-        """What a file has grown by; from its beginning where it has become shorter."""
+        """Bytes by which a file has grown; from its beginning where it has become shorter."""
         data = os.read(self._descriptor, CHUNK)
         if not data and os.fstat(self._descriptor).st_size < os.lseek(self._descriptor, 0, os.SEEK_CUR):
             os.lseek(self._descriptor, 0, os.SEEK_SET)

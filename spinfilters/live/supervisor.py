@@ -106,7 +106,7 @@ class SmootherSupervisor:
             self.end("smoother hung", "it does not take in measurements")
 
     def hand_overs(self) -> list[HandOver]:
-        """What the smoother's process has handed over since.
+        """Hand-overs of the smoother's process since the last call.
 
         Ends it where it is late, and notices where it has ended.
         """

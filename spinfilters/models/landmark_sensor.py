@@ -57,7 +57,7 @@ class LandmarkSensor(MeasurementModel):
 
     @property
     def landmark_sensor(self) -> "LandmarkSensor":
-        """Itself."""
+        """The sensor itself."""
         return self
 
     @abstractmethod

@@ -17,7 +17,7 @@ def rotation_parameters(layout: StateLayout, values: dict[str, Expression]) -> E
 
 
 def rotation_parameter_slices(layout: StateLayout) -> dict[str, slice]:
-    """Where each block's numbers stand among the `rotation_parameters`."""
+    """Slices of each block's numbers among the `rotation_parameters`."""
     places, end = {}, 0
     for block in layout.members:
         if block.rotation is not None:

@@ -133,7 +133,7 @@ def _initialised(dataset: Dataset, settings: Settings, report: Progress) -> Setu
 
 
 def _checkpoints(output: RunOutput, setup: Setup, settings: Settings) -> StoreOf:
-    """Of this run; those of an earlier one are removed unless it is resumed."""
+    """Checkpoints of this run; those of an earlier one are removed unless it is resumed."""
     if not output.resume:
         remove_checkpoints(output.folder)
     mark_run_folder(output.folder, settings)

@@ -176,7 +176,7 @@ def _disturbances(setup: Setup) -> Iterator[StatedNoise]:
 
 
 def _source(name: str, setup: Setup) -> str:
-    """Where a noise level comes from that is not among those identified."""
+    """Source of a noise level that is not among those identified."""
     if name not in setup.unstated:
         return STATED
     by_rates = setup.gyro_noise is not None and name in _identified_options(setup)

@@ -83,7 +83,7 @@ class Doubts:
         return self._agreements[evaluation.name]
 
     def _noise_of(self, evaluation: Evaluation) -> list[str]:
-        """Of a filter's own epochs, asked once, where nothing has been said of the noise yet."""
+        """Noise doubts from a filter's own epochs, where nothing has been said yet."""
         if self.of_levels:
             return []
         if evaluation.name not in self._noise:

@@ -62,7 +62,7 @@ class ComparisonExtent:
 
 @dataclass(frozen=True)
 class _Company:
-    """Who follows an estimator's run."""
+    """Observers of an estimator's run."""
 
     progress: Progress
     store_of: StoreOf

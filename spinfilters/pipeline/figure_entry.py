@@ -34,7 +34,7 @@ class FigureEntry(ABC):
         return (self.name,)
 
     def lacks(self, shown: "FigureData") -> str | None:
-        """What it needs and a run lacks, as a noun.
+        """Noun for what the figure needs and a run lacks.
 
         None where it can be drawn.
         """

@@ -148,6 +148,6 @@ def initial_samples(
 
 
 def _told(stream: MeasurementStream) -> tuple[bool, ...]:
-    """How much of a motion a stream tells, to be compared."""
+    """Comparable measure of the motion that a stream tells."""
     sensor = sensor_of(stream.sensor)
     return sensor_format(stream.sensor).has_landmarks, sensor.sees_place, sensor.tells_frames

@@ -123,7 +123,7 @@ def noise_model(problem: Problem, noise: SensorNoise, unstated: Unstated) -> Noi
 
 
 def _identified(made: NoisyModels, unstated: Unstated, from_residuals: bool) -> Identified | None:
-    """From the levels of the median residuals, or from those that the initialisation was made with."""
+    """Levels identified from the median residuals, or from those of the initialisation."""
     start = made.start
     if start.has_failed or not np.isfinite(start.mean).all():
         return None

@@ -102,7 +102,7 @@ class OptionalOutputs:
         return made
 
     def sentences(self, folder: Path) -> Sequence[str]:
-        """What a run's explanations say, a line each; none where they were not asked for."""
+        """Sentences of a run's explanations; none where they were not asked for."""
         return read_sentences(folder) if self.explain else []
 
     def lacking(self, folder: Path) -> str | None:

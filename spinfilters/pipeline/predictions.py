@@ -78,7 +78,7 @@ def write_predictions(
 
 
 def read_predictions(folder: Path, histories: Sequence[EstimateHistory]) -> list[PredictionCurves]:
-    """What the picture of a run folder shows; nothing where no prediction was asked for.
+    """Predictions of a run folder for the figure; none where not asked for.
 
     Raises
     ------

@@ -170,7 +170,7 @@ class _Binding:
 
 
 def _layout(log: MeasurementLog, settings: Settings) -> StateLayout:
-    """What the sensors can see of a state, with the constants that the settings ask for."""
+    """Layout of what the sensors observe, with the constants that the settings ask for."""
     sensors = sensors_in(log)
     layout = StateLayout(FULL_BLOCKS if any(sensor.sees_place for sensor in sensors) else ROTATION_BLOCKS)
     if settings.process.drag:

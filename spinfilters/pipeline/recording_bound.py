@@ -135,7 +135,7 @@ def _factors(setup: Setup, states: Float[np.ndarray, "k m"]) -> Float[np.ndarray
 
 
 def _problem(setup: Setup, states: Float[np.ndarray, "k m"], ids: Int[np.ndarray, " L"]) -> Problem:
-    """With the estimators' own prior, whose pose is the true one."""
+    """Problem with the estimators' own prior, whose pose is the true one."""
     layout, prior = setup.process.layout, setup.initial.prior
     mean = prior.mean.copy()
     for block in set(layout.blocks).intersection(POSE_BLOCKS):

@@ -101,7 +101,7 @@ def is_whole(folder: Path) -> bool:
 
 
 def read_convergence(folder: Path, truth: Truth | None) -> Convergence | None:
-    """What the picture of a run folder shows; None where convergence was not asked for.
+    """Convergence of a run folder for the figure; None where not asked for.
 
     Raises
     ------
@@ -117,7 +117,7 @@ def read_convergence(folder: Path, truth: Truth | None) -> Convergence | None:
 def _quantities(
     layout: StateLayout, window: Sequence[MarginalizedState]
 ) -> dict[str, Float[np.ndarray, "k q"]]:
-    """What is kept of a solve, SI: every one of `QUANTITIES`, and their standard deviations."""
+    """Estimates of every one of `QUANTITIES` after a solve, SI, with standard deviations."""
     history = smoothed_epochs(layout, window)
     trajectory, rates = trajectory_of(history), estimated_rates(history)
     told = {name: quantity.estimate(trajectory, rates) for name, quantity in QUANTITIES.items()}
@@ -126,7 +126,7 @@ def _quantities(
 
 
 def _convergence(found: ConvergenceRecord, latest: EstimateHistory, truth: Truth | None) -> Convergence:
-    """With errors where there is a truth, with distances from the last solve otherwise."""
+    """Convergence with errors where there is a truth, else distances from the last solve."""
     if truth is None:
         reference = {name: found.values[name][-1] for name in QUANTITIES}
     else:
@@ -164,7 +164,7 @@ def _in_estimated_frame(found: ConvergenceRecord, latest: EstimateHistory, truth
 
 
 def _true_quantities(time: np.ndarray, truth: Truth) -> dict[str, Float[np.ndarray, "f q"]]:
-    """By the names of `QUANTITIES`, not a number in epochs without a truth."""
+    """True `QUANTITIES` by name, not a number in epochs without a truth."""
     rows, true_rows = common_stamps(time, truth.time)
     quantities = {name: np.full((len(time), quantity.size), np.nan) for name, quantity in QUANTITIES.items()}
     for name, quantity in QUANTITIES.items():

@@ -152,7 +152,7 @@ def _measured_trajectory(setup: Setup) -> Float[np.ndarray, "k m"]:
 
 
 def _rehearse_at_once(setup: Setup, settings: Settings) -> None:
-    """What the epochs of the start need to be smoothed, built before the clock runs."""
+    """Build what the smoothing of the first epochs needs, before the clock runs."""
     start, timeline = setup.initial, setup.timeline
     trajectory = start.mean
     rehearse(_initialised_ekf(setup, settings), setup.end_of_initialisation, timeline[len(trajectory) :])

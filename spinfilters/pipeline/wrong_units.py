@@ -48,7 +48,7 @@ class WrongUnit:
 
 
 def wrong_units(dataset: Dataset) -> list[WrongUnit]:
-    """Of every stream and of the cameras; empty where all are plausible."""
+    """Wrong units of streams and cameras; empty where all are plausible."""
     found = [each for stream in dataset.log.streams for each in _of_stream(stream)]
     if dataset.rig is not None and dataset.rig.baseline_m > LARGEST_BASELINE:
         sentence = f"the cameras' baseline is {dataset.rig.baseline_m:.3g} m"

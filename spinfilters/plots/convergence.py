@@ -56,7 +56,7 @@ class ConvergingQuantity:
 
 @dataclass(frozen=True)
 class Convergence:
-    """What the figure shows.
+    """Content of the convergence figure.
 
     Attributes
     ----------
@@ -137,7 +137,7 @@ def _surfaces(error: Axes, std: Axes, found: Convergence, quantity: ConvergingQu
 
 
 def _span(values: np.ndarray) -> tuple[float, float]:
-    """Of a logarithmic scale for nearly all of the values, a decade at least."""
+    """Limits of a logarithmic scale for nearly all values, a decade at least."""
     positive = values[np.isfinite(values) & (values > 0)]
     low, high = np.quantile(positive, _SHARES).tolist() if positive.size else (0.1, 1.0)
     middle = np.sqrt(low * high)

@@ -71,7 +71,7 @@ def error_bands_figure(evaluation: Evaluation) -> Figure:
 
 
 def _rows(evaluation: Evaluation) -> list[_Row]:
-    """With the random part of their deviations where the calibration adds to it."""
+    """Rows of panels, with the random part of the deviations where the calibration adds."""
     build = _estimate_rows if evaluation.errors is None else _error_rows
     rows, chance = build(evaluation, evaluation.trajectory), evaluation.random_trajectory
     if chance is None:
@@ -96,7 +96,7 @@ def _panel(axes: Axes, time: np.ndarray, row: _Row, axis: int, line: EstimatorLi
 
 
 def _own(evaluation: Evaluation, time: np.ndarray) -> Bool[np.ndarray, " n"]:
-    """Which of these times (s) belong to epochs that the estimator made itself."""
+    """Mask of times (s) that belong to the estimator's own epochs."""
     begin = evaluation.own_begin
     return np.zeros(len(time), dtype=bool) if begin is None else time >= begin
 

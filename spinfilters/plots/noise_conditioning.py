@@ -99,7 +99,7 @@ def _mark_asked(panels: Sequence[Axes], time_step: float, alpha: float) -> None:
 
 
 def _legend(axes: Axes) -> None:
-    """One that hides the lines behind it."""
+    """Legend that hides the lines behind it."""
     axes.legend(edgecolor="none", framealpha=1.0, fontsize="small")
 
 

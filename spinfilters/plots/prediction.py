@@ -60,7 +60,7 @@ def prediction_figure(predicted_motions: Sequence[PredictionCurves]) -> Figure:
 def _growth(
     place: FigureBase, predicted_motions: Sequence[PredictionCurves], lines: Sequence[EstimatorLine]
 ) -> list[Axes]:
-    """Of position, attitude and body rate, without the position where nothing sees one."""
+    """Standard deviations of position, attitude and body rate, positions where observed."""
     rows = [("attitude", "deg", np.rad2deg(1.0)), ("body rate", "deg/s", np.rad2deg(1.0))]
     if predicted_motions[0].ahead.sees_position:
         rows.insert(0, ("position", "mm", 1e3))

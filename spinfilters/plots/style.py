@@ -55,7 +55,7 @@ _RANDOM: Final[dict[str, Any]] = {"linewidth": 0.7, "linestyle": ":"}
 
 @dataclass(frozen=True)
 class EstimatorLine:
-    """How one estimator is drawn in every panel of a figure."""
+    """Line style of one estimator in every panel of a figure."""
 
     name: str
     color: str

@@ -76,7 +76,7 @@ def summary_figure(
 
 
 def headline(evaluations: Sequence[Evaluation]) -> str:
-    """How the body spins, in one sentence, by the first estimator that has not failed."""
+    """Sentence on how the body spins, by the first estimator not failed."""
     standing = [each for each in evaluations if each.history.status.verdict is not Verdict.FAILED]
     if not standing:
         return "Every estimator failed: nothing here tells how the body spins"
@@ -231,7 +231,7 @@ def _runtime_panel(axes: Axes, evaluations: Sequence[Evaluation], lines: list[Es
 
 
 def _use_panel(axes: Axes, evaluations: Sequence[Evaluation], lines: list[EstimatorLine]) -> None:
-    """What each used of the observations, over the epochs that all have."""
+    """Panel of the used observations, over the epochs common to all."""
     begin, names = shared_begin(evaluations), [evaluation.name.upper() for evaluation in evaluations]
     uses = [observation_use(evaluation.history, begin) for evaluation in evaluations]
     used = [0.0 if use is None else use.used_per_epoch for use in uses]
@@ -264,7 +264,7 @@ def _name_initialisation(axes: Axes, evaluations: Sequence[Evaluation]) -> None:
 
 
 def _footer(evaluations: Sequence[Evaluation], conditions: Sequence[str]) -> list[str]:
-    """What was estimated from what, and by whom; a dollar sign would begin a formula."""
+    """Footer on data and estimators; a dollar sign would begin a formula."""
     sentences = [*title_sentences(evaluations), " ".join(conditions)]
     return [line.replace("$", r"\$") for words in sentences for line in wrap(words, FOOTER_WIDTH)]
 

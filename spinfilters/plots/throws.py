@@ -37,7 +37,7 @@ class Throw:
 
     @classmethod
     def from_body(cls, number: int, body: BodyEstimate, degraded: bool = False) -> "Throw":
-        """From the body that was estimated at the end of a throw."""
+        """Throw of the body estimated at its end."""
         return cls(number, body.principal_moments[:2], body.principal_moments_cov[:2, :2], degraded)
 
 

@@ -21,7 +21,7 @@ _STATE, _ROWS, _META = "state.", "rows.", "meta"
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """What a checkpoint held: the epochs done, and how the run ended if it has."""
+    """Content of a checkpoint: the epochs done, and the run's end if reached."""
 
     rows: GrowingHistory
     status: EstimatorStatus | None

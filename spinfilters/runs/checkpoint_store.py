@@ -62,7 +62,7 @@ class NullStore(CheckpointStore):
     """Keeps nothing."""
 
     def resume(self, estimator: Estimator) -> Checkpoint | None:
-        """Nothing was kept."""
+        """None: nothing was kept."""
         return None
 
     def running(self, estimator: Estimator, rows: GrowingHistory) -> AbstractContextManager[AfterEpoch]:

@@ -85,7 +85,7 @@ def _initialisation(arrays: Mapping[str, np.ndarray], numbers: Mapping[str, np.n
 def _observations(
     arrays: Mapping[str, np.ndarray], numbers: Mapping[str, np.ndarray]
 ) -> Int[np.ndarray, " n"] | None:
-    """Of every epoch; None where the file does not tell. Raises ShapeError."""
+    """Observations of every epoch; None where the file has none. Raises ShapeError."""
     told = arrays.get(OBSERVATIONS)
     if told is not None and (told.shape != numbers["time"].shape or told.dtype.kind != "i"):
         raise ShapeError(

@@ -60,7 +60,7 @@ def write_arrays(path: Path, arrays: Mapping[str, np.ndarray], compression: int 
 
 
 def _write_array(member: IO[bytes], array: np.ndarray) -> None:
-    """As `numpy.lib.format.write_array`, whose pieces are sixteen times as large."""
+    """Write an array as `numpy.lib.format.write_array`, in smaller pieces."""
     header = np.lib.format.header_data_from_array_1_0(array)
     np.lib.format.write_array_header_1_0(member, header)
     flat = array.reshape(-1, order="F" if header["fortran_order"] else "C")

@@ -18,7 +18,7 @@ def provenance() -> dict[str, str]:
 
 @cache
 def _provenance() -> dict[str, str]:
-    """Of the process: what it has loaded does not change."""
+    """Provenance, cached: what the process has loaded does not change."""
     return {
         "spinfilters": spinfilters.__version__,
         "git_commit": git_commit() or "not a checkout",

@@ -56,7 +56,7 @@ class Recognition(Protocol):
     def known(
         self, visible: Bool[np.ndarray, "n k"], generator: np.random.Generator
     ) -> Bool[np.ndarray, "n k"]:
-        """Those of the visible landmarks (frame by landmark) whose track goes on."""
+        """The visible landmarks (frame by landmark) whose track goes on."""
         ...
 
 
@@ -160,7 +160,7 @@ def could_stay_in_view(
 
 @cache
 def _half_sizes() -> tuple[float, float]:
-    """Of the image of `RIG` at a depth of 1 m, m."""
+    """Half sizes of the image of `RIG` at a depth of 1 m, m."""
     corner = np.array([RIG.left.width, RIG.left.height], dtype=float)
     half_width, half_height, _ = Monocular().rays_of(corner, RIG.left.calibration).tolist()
     return half_width, half_height

@@ -83,7 +83,7 @@ class GyroSensor(Sensor):
         return stream.values
 
     def diagnostics(self, stream: MeasurementStream) -> Sequence[str]:
-        """How many samples are saturated."""
+        """Reason on saturated samples, with their number."""
         count = int(np.count_nonzero(saturated(stream.values)))
         return [f"{count} gyro samples are saturated"] if count else []
 

@@ -86,7 +86,7 @@ class MonocularSensor(Sensor):
     def initial_motion(
         self, stream: MeasurementStream, noise: SensorNoise, view: CameraView | None
     ) -> MotionSamples:
-        """From a perspective pose (PnP) per epoch."""
+        """Initial motion from a perspective pose (PnP) per epoch."""
         view = required_view(self.name, view)
         bound = self.bind(
             stream, POSE_LAYOUT, noise, replace(view, inspector=None)

@@ -146,7 +146,7 @@ class Sensor(StoredSensor, ABC):
     def initial_motion(
         self, stream: MeasurementStream, noise: SensorNoise, view: CameraView | None
     ) -> MotionSamples | None:
-        """What the rows say directly of the motion.
+        """Motion that the rows measure directly.
 
         None where they do not tell attitudes or rates.
 

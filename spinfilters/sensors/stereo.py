@@ -89,7 +89,7 @@ class StereoSensor(Sensor):
     def initial_motion(
         self, stream: MeasurementStream, noise: SensorNoise, view: CameraView | None
     ) -> MotionSamples:
-        """From a pose per epoch, and the map where none is known."""
+        """Initial motion from a pose per epoch, and the map where none is known."""
         view, level = required_view(self.name, view), noise_level(stream, noise.pixel_std)
         if view.known_map is None:
             poses, found, ratio = poses_without_map(stream, view.calibration, level)

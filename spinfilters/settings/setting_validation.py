@@ -53,7 +53,7 @@ def _line(record: type, error: ValidationError) -> str:
 
 
 def _wanted(kind: Any) -> str:
-    """What a type admits, in words."""
+    """Values that a type admits, in words."""
     origin, parts = get_origin(kind), get_args(kind)
     if origin is Literal:
         return " or ".join(f'"{part}"' for part in parts)

@@ -67,7 +67,7 @@ class SmootherSettings:
 
     @property
     def robust_loss(self) -> RobustLoss:
-        """Of every sensor's residuals."""
+        """Robust loss of every sensor's residuals."""
         losses: dict[str, RobustLoss] = {
             "gate": Gate(self.width, self.width),
             "huber": Huber(self.width),

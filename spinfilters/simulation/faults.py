@@ -18,7 +18,7 @@ from spinfilters.sensors.registry import sensor_of
 
 
 class Fault(ABC):
-    """Something that goes wrong. A subclass is a frozen dataclass of its parameters."""
+    """Fault of measurements. A subclass is a frozen dataclass of its parameters."""
 
     @abstractmethod
     def apply(self, dataset: Dataset, generator: np.random.Generator) -> Dataset:

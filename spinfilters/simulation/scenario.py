@@ -220,7 +220,7 @@ def measured(scenario: Scenario, motion: Motion, generator: np.random.Generator)
 def _simulated(
     scenario: Scenario, kind: str, motion: Motion, surface: Surface, generator: np.random.Generator
 ) -> SimulatedStream:
-    """What one sensor measures of the motion, at its own epochs."""
+    """Simulated measurements of one sensor at its own epochs."""
     inspector = inspector_of(scenario, motion.time)
     scene = Scene(motion, motion.seen_from(inspector), surface, scenario.front_end, scenario, generator)
     return sensor_of(dataset_kinds()[kind].name).simulate(scene)

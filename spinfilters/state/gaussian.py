@@ -39,7 +39,7 @@ class Gaussian:
     def from_covariance(
         cls, layout: StateLayout, mean: Float[np.ndarray, " m"], covariance: Float[np.ndarray, "n n"]
     ) -> "Gaussian":
-        """From a symmetric positive definite covariance.
+        """Gaussian of a symmetric positive definite covariance.
 
         Raises
         ------

@@ -101,11 +101,11 @@ class StateLayout:
         return sum(block.mean_size for block in self.members)
 
     def slice(self, block: str) -> builtins.slice:
-        """Where a block stands in an error vector."""
+        """Slice of a block in an error vector."""
         return self._error_slices[block]
 
     def mean_slice(self, block: str) -> builtins.slice:
-        """Where a block stands in a point."""
+        """Slice of a block in a point."""
         return self._mean_slices[block]
 
     def block_of(self, component: int) -> StateBlock:

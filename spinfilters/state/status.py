@@ -6,7 +6,7 @@ from enum import StrEnum
 
 
 class Verdict(StrEnum):
-    """How an estimate stands."""
+    """Verdict on an estimate."""
 
     OK = "ok"
     DEGRADED = "degraded"

@@ -123,7 +123,7 @@ def reason(error: OSError | subprocess.SubprocessError) -> str:
 
 @cache
 def processor() -> str:
-    """What tells this machine's instructions from another's that shares the cache folder."""
+    """Name of this processor, where machines may share the cache folder."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:

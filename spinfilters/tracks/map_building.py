@@ -56,7 +56,7 @@ class MapInProgress:
 
     @property
     def seen(self) -> Bool[np.ndarray, " n"]:
-        """Which landmarks have a point."""
+        """Mask of landmarks that have a point."""
         return self.hits[:, CHOSEN] > 0
 
     def points(
@@ -194,7 +194,7 @@ def _first(view: StereoView) -> Float[np.ndarray, " 7"]:
 
 
 def _matches(tracks: MeasurementStream, rows: slice, known: MapInProgress, noise: NoiseLevel) -> Matches:
-    """Those of an epoch with a map of which each point has its covariance."""
+    """Matches of an epoch with a map of which each point has its covariance."""
     assert tracks.ids is not None
     index, _ = find_landmarks(known.ids, tracks.ids[rows])
     found = known.seen[index]
@@ -206,7 +206,7 @@ def _matches(tracks: MeasurementStream, rows: slice, known: MapInProgress, noise
 def _view(
     tracks: MeasurementStream, rows: slice, calibration: Float[np.ndarray, " c"], noise: NoiseLevel
 ) -> StereoView:
-    """What one epoch shows, as far as it can be triangulated."""
+    """View of one epoch, as far as it can be triangulated."""
     assert tracks.ids is not None
     camera, good = _triangulated(tracks, rows, calibration)
     own = noise_of_rows(noise_of_rows(noise, rows), good)

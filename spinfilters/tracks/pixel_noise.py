@@ -36,7 +36,7 @@ class StereoView:
     noise: NoiseLevel
 
     def only(self, ids: Int[np.ndarray, " a"]) -> "StereoView":
-        """Of some landmarks."""
+        """The view of some landmarks alone."""
         chosen = np.isin(self.ids, ids)
         noise = noise_of_rows(self.noise, chosen)
         return StereoView(
@@ -44,7 +44,7 @@ class StereoView:
         )
 
     def matches(self, later: "StereoView") -> Matches:
-        """What a later view shows of these landmarks, with this epoch's camera frame as g."""
+        """Matches of a later view with these landmarks; g is this epoch's camera frame."""
         _, here, there = np.intersect1d(self.ids, later.ids, return_indices=True)
         here, there = here[np.argsort(there)], np.sort(there)
         covariance = np.linalg.inv(self.information[here])
@@ -64,6 +64,6 @@ def noise_ratio(views: Sequence[StereoView], calibration: Float[np.ndarray, " c"
 
 
 def _inlier_squares(fit: FittedPose) -> Float[np.ndarray, " i"]:
-    """Of the matches that agree, raised by what the fit has taken from them."""
+    """Squares of the matches that agree, raised by what the fit has taken."""
     count = np.count_nonzero(fit.inliers)
     return fit.squares[fit.inliers] * count / (count - POSE_MATCHES)

@@ -169,7 +169,7 @@ def _explained(adjusted: Adjusted) -> Bool[np.ndarray, " n"]:
 
 
 def _whitened(adjusted: Adjusted, sequence: _Sequence, noise: TrackNoise) -> LandmarkResiduals:
-    """What bundle adjustment leaves of place and disparity, which are independent of one another."""
+    """Whitened residuals of place and disparity after bundle adjustment."""
     observations = sequence.observations
     place, disparity = noise.variances(sequence.size, sequence.residual)
     std = np.sqrt(np.column_stack([place, place, disparity]))

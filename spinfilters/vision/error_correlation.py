@@ -108,7 +108,7 @@ def error_correlation(residuals: LandmarkResiduals) -> ErrorCorrelation:
 
 
 def _coefficients(landmarks: list[LandmarkResiduals]) -> Float[np.ndarray, " k"]:
-    """Of the place, then of the disparity, by MINQUE."""
+    """Coefficients of the place, then of the disparity, by MINQUE."""
     count = 2 * (1 + len(ANGLES_DEG))
     information, squares = np.zeros((count, count)), np.zeros(count)
     for one in landmarks:

@@ -59,7 +59,7 @@ def _pnm(data: bytes) -> tuple[int, int] | None:
 
 
 def _jpeg(data: bytes) -> tuple[int, int] | None:
-    """Of the first frame segment behind the others."""
+    """Size in a JPEG's first frame segment."""
     at = 2
     while at < len(data):
         if data[at] != 0xFF or data[at + 1] == 0xFF:
@@ -73,7 +73,7 @@ def _jpeg(data: bytes) -> tuple[int, int] | None:
 
 
 def _tiff(data: bytes) -> tuple[int, int] | None:
-    """Of the tags 256 and 257 of the first directory, which are short or long."""
+    """Size in a TIFF's tags 256 and 257, which are short or long."""
     order = "<" if data.startswith(b"II") else ">"
     first = struct.unpack(order + "I", data[4:8])[0]
     found: dict[int, int] = {}

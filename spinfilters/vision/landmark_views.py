@@ -43,7 +43,7 @@ class LandmarkViews:
 
     @property
     def covariance(self) -> Float[np.ndarray, "k 3 3"]:
-        """Of the positions, m^2; errors of the poses are not in it."""
+        """Covariances of the positions, m^2; errors of the poses are not in them."""
         return self._covariance[: self.count]
 
     @property
@@ -53,7 +53,7 @@ class LandmarkViews:
 
     @property
     def observations(self) -> Int[np.ndarray, " k"]:
-        """How many each has."""
+        """Number of observations of each."""
         return self._observations[: self.count]
 
     @property

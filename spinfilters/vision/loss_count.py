@@ -33,7 +33,7 @@ class LossCount:
 
     @property
     def document(self) -> dict[str, Mapping[str, int | Mapping[str, int]]]:
-        """By stage: how many were kept, and how many lost by cause."""
+        """Counts by stage: how many were kept, and how many lost by cause."""
         stages = dict.fromkeys([*self.kept, *(stage for stage, _ in self.lost)])
         return {
             stage: {

@@ -237,6 +237,6 @@ def _rotation(path: Path, value: Any) -> Float[np.ndarray, "3 3"]:
 
 
 def _matrix(path: Path, key: str, value: Any, shape: tuple[int, int]) -> Float[np.ndarray, "r c"]:
-    """Of a mapping with rows, cols and data, or of numbers alone."""
+    """Matrix of a mapping with rows, cols and data, or of numbers alone."""
     data = value.get("data") if isinstance(value, dict) else value
     return numbers(path, key, data, (shape[0] * shape[1],)).reshape(shape)

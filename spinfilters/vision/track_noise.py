@@ -39,7 +39,7 @@ class TrackNoise:
     def covariance(
         self, size: Float[np.ndarray, " n"], residual: Float[np.ndarray, " n"]
     ) -> Float[np.ndarray, "n 3 3"]:
-        """Of (u_left, v_left, u_right): an error of the place moves both images' columns alike."""
+        """Covariance of (u_left, v_left, u_right): errors of place move both columns alike."""
         place, disparity = self.variances(size, residual)
         covariance = np.zeros((len(size), 3, 3))
         covariance[:, [0, 1, 2, 0, 2], [0, 1, 2, 2, 0]] = place[:, None]
@@ -68,7 +68,7 @@ def identified(
 def _coefficients(
     residuals: Float[np.ndarray, "n k"], freedom: Float[np.ndarray, "n k"], size: Float[np.ndarray, " n"]
 ) -> tuple[float, float]:
-    """Of a variance a + b size^2, from the mean square of groups of like size."""
+    """Coefficients of a variance a + b size^2, from groups of like size."""
     groups = np.array_split(np.argsort(size), max(1, min(8, len(size) // FEWEST)))
     variance = np.array([np.sum(residuals[g] ** 2) / np.maximum(np.sum(freedom[g]), 1e-9) for g in groups])
     square = np.array([np.mean(size[g] ** 2) for g in groups])

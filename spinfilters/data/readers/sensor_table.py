@@ -47,7 +47,7 @@ def _read_file(path: Path) -> Dataset:
 
 
 def _readable() -> str:
-    """What can be given, as a list."""
+    """List of the formats that can be read."""
     singles = [form.suffix_words for form in sensor_formats().values() if form.suffixes]
     *others, last = [*(reader.words for reader in dataset_readers() if reader.words), *singles]
     return f"{', '.join(others)} or {last}"

@@ -25,7 +25,7 @@ LOG_2_PI = float(np.log(2 * np.pi))
 
 
 class FilterpyFilter(Estimator):
-    """What both baselines share: the chart, and the choice of usable values.
+    """Common part of both baselines: the chart, and the choice of usable values.
 
     A value is left out where it is not finite or the sensor is not valid at the mean.
     """

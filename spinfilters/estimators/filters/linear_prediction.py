@@ -93,7 +93,7 @@ def linear_rows(measurement: Measurement, x: Float[np.ndarray, " m"]) -> Lineari
 
 
 def usable(values: Float[np.ndarray, "k r"], valid: Bool[np.ndarray, " k"]) -> Bool[np.ndarray, " k"]:
-    """Where an innovation is valid and finite."""
+    """Mask of valid and finite innovations."""
     if np.count_nonzero(np.isfinite(values)) == values.size:  # the usual case, in a third of the time
         return valid
     return valid & np.isfinite(values).all(axis=-1)

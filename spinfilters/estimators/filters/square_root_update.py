@@ -105,7 +105,7 @@ def square_root_update(prediction: MeasurementPrediction) -> Correction:
 
 
 def last_nonzero(columns: Float[np.ndarray, "k r"]) -> int:
-    """How many leading columns hold everything but zeros, at least 1."""
+    """Number of leading columns that hold all non-zeros, at least 1."""
     filled = columns.T.nonzero()[0]
     return int(filled[-1]) + 1 if filled.size else 1
 

@@ -64,7 +64,7 @@ class LandmarkBelief:
 
     @property
     def joint(self) -> "LandmarkBelief":
-        """Itself: state and landmarks together."""
+        """The belief itself: state and landmarks together."""
         return self
 
     @property

@@ -67,7 +67,7 @@ class MapObservations:
 
 
 class ChosenObservations(NamedTuple):
-    """Which of k observations count, and their weights."""
+    """Choice of k observations, and their weights."""
 
     which: Int[np.ndarray, " u"]
     weights: Float[np.ndarray, " u"]

@@ -275,7 +275,7 @@ class _NotFiniteError(Exception):
 
 
 def _copied(measurement: Measurement) -> Measurement:
-    """With arrays of its own: on line, buffers are used again."""
+    """Copy of a measurement with arrays of its own: on line, buffers are used again."""
     ids = None if measurement.ids is None else measurement.ids.copy()
     return Measurement(measurement.model, measurement.values.copy(), measurement.parameters.copy(), ids)
 

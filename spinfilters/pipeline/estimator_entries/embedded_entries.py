@@ -62,7 +62,7 @@ class EmbeddedEntry(EstimatorEntry["EmbeddedFilter"]):
 
 
 def _substeps(setup: Setup, tolerance: float) -> int:
-    """As many as the Python filter begins with in the longest step at the initialisation's rate."""
+    """Substeps of the Python filter's longest step at the initialisation's rate."""
     longest = np.diff(times_of(setup.timeline)).max(initial=0.0)
     rates = setup.initial.mean[:, setup.process.layout.mean_slice("w")]
     turn = float(np.nanmax(turns(rates, np.array(longest)), initial=0.0))

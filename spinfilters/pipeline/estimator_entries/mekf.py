@@ -34,7 +34,7 @@ class MultiplicativeEntry(EstimatorEntry[MultiplicativeFilter]):
     def points(
         self, estimator: MultiplicativeFilter, history: EstimateHistory, setup: Setup
     ) -> Float[np.ndarray, "k 3"] | None:
-        """Those of the initialisation where it failed or the map was known."""
+        """Landmarks of the filter; those of the setup after a failure or without estimated ones."""
         if history.status.verdict is Verdict.FAILED or not setup.initial.has_landmarks:
             return setup.map_points
         return estimator.landmark_belief.points_in_g

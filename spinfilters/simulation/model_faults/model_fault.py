@@ -27,7 +27,7 @@ class FaultyRates:
 
 @dataclass(frozen=True)
 class FaultyView:
-    """What a pair of cameras sees, and the size of the error.
+    """Observations of a pair of cameras, and the size of the error.
 
     Attributes
     ----------

@@ -43,7 +43,7 @@ class SurfaceTexture:
         return DARKEST + (BRIGHTEST - DARKEST) * steep
 
     def is_foil(self, points: Float[np.ndarray, "k 3"]) -> Bool[np.ndarray, " k"]:
-        """Where the surface is foil."""
+        """Mask of points where the surface is foil."""
         if not self.foil:
             return np.zeros(len(points), dtype=bool)
         patches = self._noise(0, points + 0.5, 0.05)

@@ -14,7 +14,7 @@ PAIRS_AT_ONCE = 2_000_000
 
 @dataclass(frozen=True)
 class VisibleSurface:
-    """What is seen at each of h x w samples.
+    """Visible triangle at each of h x w samples.
 
     Attributes
     ----------

@@ -160,7 +160,7 @@ class EpochFactors:
         trajectory: Float[np.ndarray, "k m"],
         pose_only_loss: RobustLoss | None = None,
     ) -> Bool[np.ndarray, " r"]:
-        """Which of a sensor's measurements have a weight."""
+        """Mask of a sensor's measurements with a weight."""
         result = np.empty(len(sensor.epoch), dtype=bool)
         for first in range(0, len(result), STRETCH):
             rows = slice(first, first + STRETCH)

@@ -53,7 +53,7 @@ class SensorRows:
         return SensorRows(self.model, epoch, self.values[rows], self.parameters[rows], self.scale)
 
     def chosen(self, which: Bool[np.ndarray, " r"]) -> "SensorRows":
-        """Those of the measurements that are true in ``which``."""
+        """The measurements that are true in ``which``."""
         return replace(
             self, epoch=self.epoch[which], values=self.values[which], parameters=self.parameters[which]
         )
@@ -74,7 +74,7 @@ def collect_sensors(epochs: Timeline) -> tuple[SensorRows, ...]:
 
 
 def _collected(epochs: Timeline, begin: int) -> list[SensorRows]:
-    """Those of a stretch whose first epoch has the number ``begin``."""
+    """Sensors' measurements of a stretch whose first epoch has the number ``begin``."""
     found: dict[int, list[SensorRows]] = {}
     for k, epoch in enumerate(epochs, start=begin):
         for m in epoch.measurements:

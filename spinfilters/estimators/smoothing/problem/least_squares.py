@@ -146,7 +146,7 @@ class NormalEquations:
 
     @property
     def predicted_reduction(self) -> float:
-        """By how much the linear problem's cost falls; infinite without a solution."""
+        """Predicted fall of the linear problem's cost; infinite without a solution."""
         if self.solution is None:
             return np.inf
         e = self.eliminated
@@ -194,7 +194,7 @@ class Problem:
         points: Float[np.ndarray, "L 3"],
         pose_only_loss: RobustLoss | None = None,
     ) -> LinearizationPoint:
-        """Everything linearised about a trajectory, whose constants are the same in every epoch, and landmarks."""
+        """Problem linearised about landmarks and a trajectory of common constants."""
         if self.is_long:
             motion = self.motion if pose_only_loss is None else replace(self.motion, loss=pose_only_loss)
             sensors, dynamics, system = assembled_by_stretches(motion, trajectory)

@@ -74,7 +74,7 @@ def component_name(ordering: VariableOrdering, number: int) -> str:
 def _sentences(
     block: StateBlock, covariance: Float[np.ndarray, "b b"], axis: Float[np.ndarray, " 3"]
 ) -> list[str]:
-    """Of one block whose covariance is in units of the prior's."""
+    """Sentences on one block whose covariance is in units of the prior's."""
     values, vectors = np.linalg.eigh(covariance)
     left = values > LEFT**2
     count, size = int(left.sum()), len(values)

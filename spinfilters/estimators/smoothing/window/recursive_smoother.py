@@ -234,7 +234,7 @@ def window_of(layout: StateLayout, arrays: Snapshot, sensors: Sequence[Measureme
 
 
 def _epochs(arrays: Snapshot, sensors: Sequence[MeasurementModel]) -> tuple[Epoch, ...]:
-    """With what was measured beside landmarks."""
+    """Epochs with their landmark-free measurements."""
     measured: list[list[Measurement]] = [[] for _ in arrays["window_time"]]
     value = parameter = 0
     for epoch, number, count in arrays["measured"].tolist():

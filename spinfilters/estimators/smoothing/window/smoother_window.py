@@ -186,7 +186,7 @@ def _with_observations(
 
 
 def _numbers(known: Int[np.ndarray, " L"], ids: Int[np.ndarray, " k"]) -> Int[np.ndarray, " k"]:
-    """Which of the known ids each is, or -1."""
+    """Index of each id among the known ones, or -1."""
     if not len(known):
         return np.full(len(ids), -1)
     order = np.argsort(known, kind="stable")  # ids in runs that ascend, which a stable sort is quick with
