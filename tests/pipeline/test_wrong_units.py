@@ -1,11 +1,13 @@
 """Units that are others show by the size of things."""
 
+from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from spinfilters.data.dataset import Dataset
+from spinfilters.data.dataset import Dataset, read_dataset
 from spinfilters.pipeline.wrong_units import wrong_units
 from spinfilters.simulation.model_faults.faulty_recording import faulty_recording, model_faults
 from spinfilters.simulation.scenario import RICH_RPM, THESIS_RPM, Scenario, simulate
@@ -40,6 +42,11 @@ def test_a_disc_at_rates_near_the_largest_of_a_gyro_is_not_doubted() -> None:
     )
     assert np.linalg.norm(disc.log.stream("gyro").values, axis=1).max() > 60
     assert wrong_units(disc) == []
+
+
+def test_real_discs_are_not_told_another_unit(shared_data: Callable[[str], Path]) -> None:
+    for folder in sorted(shared_data("flatball_discs").glob("0*")):
+        assert wrong_units(read_dataset(folder)) == []
 
 
 @pytest.mark.parametrize(
