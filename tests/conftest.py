@@ -7,12 +7,16 @@ from pathlib import Path
 
 import matplotlib as mpl
 import pytest
+from hypothesis import HealthCheck, settings
 from pictures import unrendered_pictures
 from shape_checks import check_shapes_of
 
 check_shapes_of("spinfilters")
 check_shapes_of("observability")
 mpl.use("Agg")
+# a busy machine is no failure
+settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile("any machine")
 
 SHARED_DATA = Path(__file__).parents[2] / "shared" / "data"
 
