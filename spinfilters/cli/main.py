@@ -46,6 +46,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return _complain(
             "interrupted; what was finished before is kept, the same command with --resume goes on from it"
+            if hasattr(options, "resume")
+            else "interrupted; nothing unfinished is left behind, run the command again"
         )
     except BrokenPipeError:
         return EXIT_BAD_INPUT

@@ -15,7 +15,6 @@ from spinfilters.data.dataset_options import DatasetOptions, options_from_toml
 from spinfilters.data.input_file import path_text, printable
 from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.data.settings_files import read_toml
-from spinfilters.data.truth import read_truth
 from spinfilters.errors import InputError
 from spinfilters.vision.batch_tracks import batch_tracks, require_epochs
 from spinfilters.vision.epoch_observations import EpochObservations
@@ -24,14 +23,10 @@ from spinfilters.vision.image_folder import (
     CAMERAS,
     STAGE,
     PairReader,
-    StampedPair,
     read_pairs,
-    stamped_pairs,
 )
-from spinfilters.vision.inspector_poses import rectified_camera_poses
+from spinfilters.vision.image_source import ImageSource, read_image_source
 from spinfilters.vision.loss_count import LossCount
-from spinfilters.vision.raw_rig import read_raw_rig
-from spinfilters.vision.rectification import Rectification
 from spinfilters.vision.stereo_matching import TimedFeatures
 
 SYSTEMATIC_PX: Final = 0.01
@@ -87,18 +82,6 @@ def track_images(
     return TrackedImages(dataset, losses, document)
 
 
-class ImageSource(NamedTuple):
-    """A folder of images with its rectified cameras and stamped pairs.
-
-    ``inspector`` holds the poses of the rectified left camera in i; None of one at rest.
-    """
-
-    folder: Path
-    rectification: Rectification
-    pairs: list[StampedPair]
-    inspector: MeasurementStream | None
-
-
 class FolderPoints(NamedTuple):
     """Stereo points of a folder's usable pairs, their times (s) and number."""
 
@@ -114,7 +97,7 @@ def stereo_points(
 
     Errors: no images, no calibration.
     """
-    source = _source(folder, losses)
+    source = read_image_source(folder, losses)
     reader = PairReader(source.rectification.rig.size, losses)
     finder, points = StereoPoints(source.rectification, options, losses), []
     for number, pair in enumerate(read_pairs(source.pairs, reader), start=1):
@@ -139,7 +122,7 @@ def track_images_online(
     on_epoch: called with the observations of every epoch at once.   Errors: `track_images`.
     """
     losses = LossCount()
-    source = _source(folder, losses)
+    source = read_image_source(folder, losses)
     front_end = OnlineFrontEnd(source.rectification, options, losses)
     reader, epochs = PairReader(source.rectification.rig.size, losses), []
     for number, pair in enumerate(read_pairs(source.pairs, reader), start=1):
@@ -187,32 +170,21 @@ def _naming(folder: Path, losses: LossCount) -> Iterator[None]:
         raise InputError(f"{path_text(folder)}: {error}{lost}") from None
 
 
-def _source(folder: Path, losses: LossCount) -> ImageSource:
-    rectification = Rectification(read_raw_rig(folder))
-    try:
-        _ = rectification.stereo
-    except InputError as error:
-        raise InputError(f"{path_text(folder)}: {error}") from None
-    pairs = stamped_pairs(folder, losses)
-    return ImageSource(folder, rectification, pairs, rectified_camera_poses(folder, pairs, rectification))
-
-
 def _dataset(source: ImageSource, stream: MeasurementStream, inflation: float = 1.0) -> Dataset:
-    folder, rectification, _, inspector = source
+    folder = source.folder
     path, description, options = folder / DATASET_FILE, "", DatasetOptions()
     if os.path.lexists(path):
         document = read_toml(path)
         description = printable(str(document.get("description", "")))
         options = options_from_toml(path, {key: document[key] for key in ("calibration",) if key in document})
-    truth = read_truth(folder)
     return Dataset(
         kind="stereo-tracks",
         log=MeasurementLog((stream,)),
         path=folder,
         description=f"tracks of {description or printable(folder.name)}",
-        truth=truth if truth is None or inspector is not None else rectification.truth(truth),
-        rig=rectification.stereo,
-        inspector=inspector,
+        truth=source.truth,
+        rig=source.rectification.stereo,
+        inspector=source.inspector,
         options=_with_systematic_errors(
             replace(with_told_deviations(options, folder), covariance_inflation=inflation), stream
         ),

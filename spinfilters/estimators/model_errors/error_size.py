@@ -5,7 +5,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-LEAST_LEFT: Final = 1e-5
+LEAST_LEFT: Final = 5e-6
 """Share of a direction's information that states and landmarks must leave; with less it is consistent with any size."""
 
 LEAST_BESIDE_PRIOR: Final = 0.1
