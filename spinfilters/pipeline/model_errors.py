@@ -53,8 +53,8 @@ FALSE_ALARM: Final = 1e-2
 """Probability that a model error is named where all models are right: of all tests together (Bonferroni)."""
 LEAST_EFFECT, LEAST_EFFECT_BESIDE_SLOW_NOISE = Effect(2.0, 1.0), Effect(4.0, 2.0)
 """Deviations by which removing an error moves a state, at one epoch or over all. One that moves all by less, and does not
-contradict the stated noise, is left to the uncertainty: with the errors that noise makes it stays below four. Slow errors of a gyro
-look like small ones of many models."""
+contradict the stated noise, is left to the uncertainty: with the errors that noise makes it stays below four. Slow errors of a
+gyro, and such as tracks of images have in common, look like small ones of many models."""
 HARMFUL: Final = 4.0
 """Deviations by which removing an error moves a state at one epoch, from which it alone makes estimates wrong."""
 SINGLE_FALSE_ALARM: Final = 2e-3
@@ -231,7 +231,7 @@ def _tested(
     if identified is None:
         motion = SmoothedMotion(time, solved)
         found = beside_lower_densities(score_tests(motion, noise, every), motion, model, told)
-        slow = bool(told.correlation)
+        slow = bool(told.correlation) or told.counts_common_errors
         return TestedModels(tuple(found), contradicted, solved=near, beside_slow_noise=slow)
     found = score_tests(SmoothedMotion(time, identified), noise_of(model, identified), every)
     stated = among_inliers(problem, identified)
@@ -239,7 +239,7 @@ def _tested(
         beside = score_tests(SmoothedMotion(time, stated), noise_of(model, stated, told), every)
         advantage = minus_twice_log_likelihood(stated) - minus_twice_log_likelihood(identified)
         found = likelier(found, beside, max(advantage, 0.0))
-    return TestedModels(tuple(found), contradicted, solved=near)
+    return TestedModels(tuple(found), contradicted, solved=near, beside_slow_noise=told.counts_common_errors)
 
 
 def _correlation(setup: Setup) -> dict[str, float]:

@@ -105,6 +105,11 @@ class KnownLevels:
     correlation: Mapping[str, float] = field(default_factory=dict)
     inflation: Mapping[str, float] = field(default_factory=dict)
 
+    @property
+    def counts_common_errors(self) -> bool:
+        """Whether rows are told to have errors in common."""
+        return max(self.inflation.values(), default=1.0) > 1.0
+
 
 NOTHING_KNOWN: Final = KnownLevels()
 
