@@ -95,7 +95,10 @@ def rectified_camera_poses(
 
 
 def _truth(folder: Path, pairs: list[StampedPair]) -> Truth | None:
-    """The truth by times from the first pair. InputError: as `read_truth`, or of another time than the images."""
+    """The truth by times from the first pair.
+
+    InputError: as `read_truth`, or of another time than the images.
+    """
     truth = read_truth(folder)
     if truth is None:
         return None

@@ -8,7 +8,7 @@ from spinfilters.estimators.model_errors.error_size import ErrorSize
 
 @pytest.mark.parametrize(
     ("information", "prior", "told"),
-    [(2e-6, 0.0, True), (2e-6, 1e-5, True), (2e-6, 3e-5, False), (1e-7, 0.0, False)],
+    [(8e-6, 0.0, True), (8e-6, 4e-5, True), (8e-6, 1.2e-4, False), (2e-6, 0.0, False)],
 )
 def test_a_size_is_told_that_data_tell_better_than_what_is_plausible(
     information: float, prior: float, told: bool

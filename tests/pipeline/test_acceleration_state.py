@@ -18,7 +18,7 @@ from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import without_noise
 from spinfilters.state.blocks.acceleration import ACCELERATION
 
-MOST_SOLUTIONS = 16
+MOST_SOLUTIONS = 30
 """Of a steady spin of poses with nothing stated."""
 
 

@@ -192,7 +192,7 @@ def test_an_error_that_contradicts_correlated_noise_of_a_gyro_is_named() -> None
         noise=ProcessNoise(4e-8, 1e-6),
     )
     seeds = tuple(np.random.SeedSequence(0, spawn_key=(3,)).spawn(3))
-    models = compared(without_noise(faulty_recording(scenario, model_faults()["rotor"], 0.3, seeds))).models
+    models = compared(without_noise(faulty_recording(scenario, model_faults()["rotor"], 0.1, seeds))).models
     assert models.contradicted
     assert "rotor" in models.names[:2]
 

@@ -26,7 +26,7 @@ from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import Scenario, simulate
 
 NAMES = ("mekf", "ukf")
-SETTINGS = Settings(estimators=NAMES, initialisation=InitialisationOptions(epochs=20))
+SETTINGS = Settings(estimators=NAMES, initialisation=InitialisationOptions(epochs=20, share=0.45))
 EVERY_FRAME = CheckpointInterval(0.0, np.inf)
 UNBOUNDED = ComparisonExtent(bounding=without_bounds)
 SAME_FILES = ("trajectory.csv", "trajectory.tum", "map.ply")

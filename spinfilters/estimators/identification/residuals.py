@@ -110,7 +110,7 @@ def residuals_of(
 
 def deleted_residuals(
     problem: Problem, here: LinearizationPoint, marginals: Marginals
-) -> tuple[Float[np.ndarray, " r"], ...]:
+) -> tuple[Float[np.ndarray, " _"], ...]:
     """Probabilities of larger residuals about states of all others.
 
     Of each measurement, by sensor without landmarks.
