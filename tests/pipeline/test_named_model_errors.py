@@ -165,34 +165,30 @@ def test_a_contact_that_makes_the_noise_of_a_gyro_look_large_is_named() -> None:
     assert comparison.models.names[0] == "contact-at-end"
 
 
-@pytest.mark.parametrize(("name", "size"), [("gyro-bias", 0.03), ("gyro-scale", 0.5)])
-def test_what_passes_for_correlated_noise_of_a_gyro_is_named(name: str, size: float) -> None:
+def slow_gyro(noise: ProcessNoise, fault: str, size: float) -> Dataset:
+    """Rates at 2.5 Hz of a body with a fault, without their noise."""
     scenario = Scenario(
         kind="gyro",
         principal_moments=(1.0, 0.8, 0.55),
         rate_rpm=RICH_RPM,
         epochs=80,
         interval=0.4,
-        noise=ProcessNoise(1e-6, 4e-8),
+        noise=noise,
     )
     seeds = tuple(np.random.SeedSequence(0, spawn_key=(3,)).spawn(3))
-    dataset = without_noise(faulty_recording(scenario, model_faults()[name], size, seeds))
+    return without_noise(faulty_recording(scenario, model_faults()[fault], size, seeds))
+
+
+@pytest.mark.parametrize(("name", "size"), [("gyro-bias", 0.03), ("gyro-scale", 0.5)])
+def test_what_passes_for_correlated_noise_of_a_gyro_is_named(name: str, size: float) -> None:
+    dataset = slow_gyro(ProcessNoise(1e-6, 4e-8), name, size)
     comparison = compared(dataset)
     assert comparison.setup.gyro_noise is not None  # whose level is three times the white noise
     assert name in comparison.models.names[0].split("/")
 
 
 def test_an_error_that_contradicts_correlated_noise_of_a_gyro_is_named() -> None:
-    scenario = Scenario(
-        kind="gyro",
-        principal_moments=(1.0, 0.8, 0.55),
-        rate_rpm=RICH_RPM,
-        epochs=80,
-        interval=0.4,
-        noise=ProcessNoise(4e-8, 1e-6),
-    )
-    seeds = tuple(np.random.SeedSequence(0, spawn_key=(3,)).spawn(3))
-    models = compared(without_noise(faulty_recording(scenario, model_faults()["rotor"], 0.1, seeds))).models
+    models = compared(slow_gyro(ProcessNoise(4e-8, 1e-6), "rotor", 0.1)).models
     assert models.contradicted
     assert "rotor" in models.names[:2]
 
