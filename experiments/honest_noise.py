@@ -19,7 +19,7 @@ Below stand the doubts about determined runs that are not ``ok``, by the words b
 
 import argparse
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -52,15 +52,26 @@ HEAD = (
 
 def main() -> None:
     """Print the rows of all folders."""
+    print_tables(__doc__, HEAD, lambda table: (*rows_of(table), "", *doubts_of(table)))
+
+
+def print_tables(
+    description: str | None, head: Sequence[str], lines_of: Callable[[pd.DataFrame], Iterable[str]]
+) -> None:
+    """Print a table of Markdown of every campaign folder that the command line names.
+
+    Parameters
+    ----------
+    description: of the command.   head: of the columns.   lines_of: lines by a folder's rows.
+    """
     parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+        description=description, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("folders", type=Path, nargs="+")
     for folder in parser.parse_args().folders:
         study, _ = read_folder(folder)
-        print(f"{study.name}\n\n| {' | '.join(HEAD)} |\n|{'---|' * len(HEAD)}")
-        table = read_rows(folder, study.columns).to_pandas()
-        for line in (*rows_of(table), "", *doubts_of(table)):
+        print(f"{study.name}\n\n| {' | '.join(head)} |\n|{'---|' * len(head)}")
+        for line in lines_of(read_rows(folder, study.columns).to_pandas()):
             print(line)
 
 

@@ -8,17 +8,14 @@ multiple, verdicts that are ``ok``, verdicts that doubt a level of the sensor, t
 and the largest error of an ``ok`` estimate in its stated deviations.
 """
 
-import argparse
 import re
 from collections.abc import Iterator
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from spinfilters.campaigns.campaign_folder import read_folder
-from spinfilters.campaigns.rows_folder import read_rows
+from experiments.honest_noise import print_tables
 
 NEAR = 1.2
 """Of a named level to the true one."""
@@ -29,15 +26,7 @@ HEAD = ("estimator, times the true level", "ok", "doubted", "level within a fift
 
 def main() -> None:
     """Print the rows of all folders."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("folders", type=Path, nargs="+")
-    for folder in parser.parse_args().folders:
-        study, _ = read_folder(folder)
-        print(f"{study.name}\n\n| {' | '.join(HEAD)} |\n|{'---|' * len(HEAD)}")
-        for line in rows_of(read_rows(folder, study.columns).to_pandas()):
-            print(line)
+    print_tables(__doc__, HEAD, rows_of)
 
 
 def rows_of(table: pd.DataFrame) -> Iterator[str]:

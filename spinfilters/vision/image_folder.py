@@ -31,7 +31,8 @@ FIRST_AND_LAST: Final = ((PNG_BEGIN, b"IEND"), (b"\xff\xd8", b"\xff\xd9"))
 LONGEST_TRAILER: Final = 65536
 """Bytes that some programs write behind the end."""
 STAGE: Final = "image pairs"
-_NANOSECOND = 1e-9
+NANOSECOND: Final = 1e-9
+"""Of the stamps, s."""
 
 Grey = UInt8[np.ndarray, "h w"] | UInt16[np.ndarray, "h w"]
 
@@ -178,7 +179,7 @@ def stamped_pairs(folder: Path, losses: LossCount) -> list[StampedPair]:
             "give at least 2 pairs"
         )
     return [
-        StampedPair((stamp - common[0]) * _NANOSECOND, left[stamp], right[stamp], stamp) for stamp in common
+        StampedPair((stamp - common[0]) * NANOSECOND, left[stamp], right[stamp], stamp) for stamp in common
     ]
 
 

@@ -15,12 +15,11 @@ from spinfilters.data.pose_files import read_tum
 from spinfilters.data.truth import TRUTH_TABLE, Truth, read_truth
 from spinfilters.errors import InputError
 from spinfilters.geometry.camera_trajectory import CameraTrajectory
-from spinfilters.vision.image_folder import StampedPair, stamped_pairs
+from spinfilters.vision.image_folder import NANOSECOND, StampedPair, stamped_pairs
 from spinfilters.vision.loss_count import LossCount
 from spinfilters.vision.raw_rig import read_raw_rig
 from spinfilters.vision.rectification import Rectification
 
-NANOSECOND: Final = 1e-9
 SAME_TIME_S: Final = 1e-6
 """Times that differ by less are one: seconds since 1970 are told to a quarter of it."""
 SHORTEST_INTERVAL_S: Final = 1e-5

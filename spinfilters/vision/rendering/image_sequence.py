@@ -97,19 +97,16 @@ class RenderedScene:
         The number chooses the noise.
         """
         generator = np.random.default_rng([self.seed, 2, number])
-        first = self.rig.left
-        views = (
-            FramePose(
-                camera.rotation @ first.R_bc.T @ each.R_bc,
-                camera.place + camera.rotation @ first.R_bc.T @ (each.t_bc - first.t_bc),
-            )
-            for each in (first, self.rig.right)
-        )
         left, right = (
-            self._image(each, body, view, generator)
-            for each, view in zip((first, self.rig.right), views, strict=True)
+            self._image(each, body, self._view(each, camera), generator)
+            for each in (self.rig.left, self.rig.right)
         )
         return left, right
+
+    def _view(self, camera: RawCamera, left: FramePose) -> FramePose:
+        """Pose of a camera of the rig in i, by that of the left one."""
+        turn = left.rotation @ self.rig.left.R_bc.T
+        return FramePose(turn @ camera.R_bc, left.place + turn @ (camera.t_bc - self.rig.left.t_bc))
 
     def _image(
         self, camera: RawCamera, body: FramePose, view: FramePose, generator: np.random.Generator
