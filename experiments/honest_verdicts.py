@@ -111,7 +111,7 @@ def main() -> None:
 
 
 def outcomes_of(case: RecordingCase, extent: SweepExtent) -> Iterator[VerdictOutcome]:
-    """What every estimator says of a case's recordings, whose noise may be silent."""
+    """Verdicts of every estimator on a case's recordings, with noise stated or not."""
     settings = Settings(estimators=extent.estimators, process=ProcessSettings(drag=case.drag > 0))
     for seed, recording in enumerate(recordings(case, extent.seeds)[: extent.first]):
         dataset = without_noise(recording.dataset) if extent.silent else recording.dataset

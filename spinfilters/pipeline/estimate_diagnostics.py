@@ -101,7 +101,7 @@ class _TooConfident:
 
     @property
     def sentence(self) -> str:
-        """What is said of a filter beyond it."""
+        """Doubt about a filter that is over-confident."""
         where = "over its epochs" if self.mean >= self.last else "in the end"
         of = "" if self.part == WHOLE else f" of the {MASS_DISTRIBUTION.label}"
         return (

@@ -132,5 +132,5 @@ class _Solved:
 
 
 def _alike(left: Columns, right: Columns) -> Columns:
-    """What is left in the rows that right-hand sides have."""
+    """Residuals in the rows that right-hand sides have."""
     return left if right.is_measured else left.of_motion

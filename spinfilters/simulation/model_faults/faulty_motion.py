@@ -52,7 +52,7 @@ class Physics:
 
     @classmethod
     def of(cls, per_unit: Mapping[str, Float[np.ndarray, " n"] | float], size: float) -> "Physics":
-        """That of a fault of this size."""
+        """Physics of a fault of this size."""
         scaled: dict[str, Any] = {name: np.multiply(value, size) for name, value in per_unit.items()}
         return cls(**scaled)
 
