@@ -53,6 +53,24 @@ class SensorTimeline:
         ids = None if every.ids is None else every.ids[rows]
         return [Measurement(every.model, every.values[rows], every.parameters[rows], ids)]
 
+    def at_once(self) -> "SensorEpochs":
+        """The measurements of all its epochs."""
+        counts = self.end - self.first
+        epoch = np.repeat(np.arange(len(counts)), counts)
+        before = np.cumsum(counts) - counts
+        rows = np.repeat(self.first - before, counts) + np.arange(len(epoch))
+        every = self.every
+        ids = None if every.ids is None else every.ids[rows]
+        return SensorEpochs(Measurement(every.model, every.values[rows], every.parameters[rows], ids), epoch)
+
+
+@dataclass(frozen=True, eq=False)
+class SensorEpochs:
+    """All measurements of one sensor in some epochs, and the number of the epoch of each value."""
+
+    measurement: Measurement
+    epoch: Int[np.ndarray, " r"]
+
 
 @dataclass(frozen=True, eq=False)
 class LogTimeline(Sequence[Epoch]):
@@ -94,6 +112,35 @@ def times_of(epochs: Timeline) -> Float[np.ndarray, " k"]:
 def _(epochs: LogTimeline) -> Float[np.ndarray, " k"]:
     """Without making any epoch."""
     return epochs.time
+
+
+@singledispatch
+def by_sensor(epochs: Timeline) -> list[SensorEpochs]:
+    """Measurements of epochs by sensor, those with and without ids apart."""
+    parts: dict[tuple[int, bool], tuple[list[Measurement], list[int]]] = {}
+    for k, epoch in enumerate(epochs):
+        for m in epoch.measurements:
+            measurements, numbers = parts.setdefault((id(m.model), m.ids is None), ([], []))
+            measurements.append(m)
+            numbers.append(k)
+    return [_joined(*part) for part in parts.values()]
+
+
+@by_sensor.register
+def _(epochs: LogTimeline) -> list[SensorEpochs]:
+    """Without making any epoch."""
+    return [found for part in epochs.sensors if len((found := part.at_once()).epoch)]
+
+
+def _joined(measurements: Sequence[Measurement], numbers: Sequence[int]) -> SensorEpochs:
+    """One sensor's measurements, one epoch after the other."""
+    first, counts = measurements[0], [len(m.values) for m in measurements]
+    values, parameters = (
+        np.concatenate([getattr(m, name) for m in measurements]) for name in ("values", "parameters")
+    )
+    ids = [m.ids for m in measurements if m.ids is not None]
+    every = Measurement(first.model, values, parameters, np.concatenate(ids) if ids else None)
+    return SensorEpochs(every, np.repeat(numbers, counts))
 
 
 def distinct(time: Float[np.ndarray, " n"]) -> Float[np.ndarray, " k"]:

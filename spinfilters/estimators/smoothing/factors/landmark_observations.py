@@ -11,8 +11,9 @@ from jaxtyping import Bool, Float, Int
 
 from spinfilters.errors import InputError
 from spinfilters.estimators.robust.losses import RobustLoss
-from spinfilters.estimators.timeline import Epoch, Timeline
+from spinfilters.estimators.timeline import Timeline, by_sensor
 from spinfilters.models.landmark_sensor import LandmarkSensor
+from spinfilters.models.measurement import MeasurementModel
 from spinfilters.state.layout import POSE_BLOCKS
 
 ROWS = 3
@@ -142,8 +143,8 @@ def collect_observations(epochs: Timeline, ids: Int[np.ndarray, " L"], needed: i
 
 
 def seen_ids(epochs: Timeline) -> Int[np.ndarray, " s"]:
-    """Ids of all observations of some epochs, one after the other."""
-    found = [m.ids for epoch in epochs for m in epoch.measurements if m.ids is not None]
+    """Ids of all observations of some epochs, one sensor after the other."""
+    found = [each.measurement.ids for each in by_sensor(epochs) if each.measurement.ids is not None]
     return np.concatenate([np.zeros(0, dtype=int), *found])
 
 
@@ -159,40 +160,36 @@ def _chosen(group: SensorGroup, order: Int[np.ndarray, " N"], count: int) -> Sen
 
 
 def _seen(epochs: Timeline) -> _Seen:
-    epoch: list[np.ndarray] = [np.zeros(0, dtype=int)]
-    place, ids = [np.zeros(0, dtype=int)], [np.zeros(0, dtype=int)]
-    counts = np.zeros(len(epochs), dtype=int)
-    parts: dict[int, tuple[LandmarkSensor, list[np.ndarray], list[np.ndarray], list[np.ndarray]]] = {}
-    done = 0
-    for k, here in enumerate(epochs):
-        for model, values, parameters, of in _landmark_measurements(here):
-            count = len(of)
-            epoch.append(np.full(count, k))
-            place.append(counts[k] + np.arange(count))
-            ids.append(of)
-            counts[k] += count
-            group = parts.setdefault(id(model), (model, [], [], []))
-            group[1].append(np.arange(done, done + count))
-            group[2].append(values)
-            group[3].append(parameters[:, 3:])
-            done += count
-    groups = tuple(SensorGroup(model, *map(np.concatenate, lists)) for model, *lists in parts.values())
-    return _Seen(np.concatenate(epoch), np.concatenate(place), np.concatenate(ids), counts, groups)
+    """Observations in the order of epochs, those of one sensor after those of another."""
+    nothing = np.zeros(0, dtype=int)
+    parts = [found for found in by_sensor(epochs) if found.measurement.ids is not None]
+    every = np.concatenate([nothing, *(found.epoch for found in parts)])
+    order = np.argsort(every, kind="stable")
+    number = np.empty_like(order)
+    number[order] = np.arange(len(order))
+    ids = np.concatenate([nothing, *(found.measurement.ids for found in parts)])
+    counts = np.bincount(every, minlength=len(epochs))
+    epoch = every[order]
+    place = np.arange(len(order)) - (np.cumsum(counts) - counts)[epoch]
+    ends = np.cumsum([len(found.epoch) for found in parts])
+    groups = tuple(
+        SensorGroup(
+            _sensor_of_poses(m.model), number[end - len(m.values) : end], m.values, m.parameters[:, 3:]
+        )
+        for m, end in zip((found.measurement for found in parts), ends, strict=True)
+    )
+    return _Seen(epoch, place, ids[order], counts, groups)
 
 
-def _landmark_measurements(epoch: Epoch) -> list[tuple[LandmarkSensor, np.ndarray, np.ndarray, np.ndarray]]:
-    found = []
-    for m in epoch.measurements:
-        if m.ids is None:
-            continue
-        sensor = m.model.landmark_sensor
-        if sensor is None or sensor.needs != POSE_BLOCKS or sensor.dim > ROWS:
-            raise InputError(
-                f"sensor {m.model.name} sees {m.model.needs}; a smoother takes a LandmarkSensor of (t, a) with at most "
-                f"{ROWS} components"
-            )
-        found.append((sensor, m.values, m.parameters, m.ids))
-    return found
+def _sensor_of_poses(model: MeasurementModel) -> LandmarkSensor:
+    """A landmark sensor that a smoother takes."""
+    sensor = model.landmark_sensor
+    if sensor is None or sensor.needs != POSE_BLOCKS or sensor.dim > ROWS:
+        raise InputError(
+            f"sensor {model.name} sees {model.needs}; a smoother takes a LandmarkSensor of (t, a) with at most "
+            f"{ROWS} components"
+        )
+    return sensor
 
 
 def linearise_observations(

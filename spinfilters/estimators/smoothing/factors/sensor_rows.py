@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from spinfilters.estimators.timeline import Timeline
+from spinfilters.estimators.timeline import Timeline, by_sensor
 from spinfilters.models.measurement import MeasurementModel
 
 STRETCH = 2048
@@ -75,10 +75,8 @@ def collect_sensors(epochs: Timeline) -> tuple[SensorRows, ...]:
 
 def _collected(epochs: Timeline, begin: int) -> list[SensorRows]:
     """Sensors' measurements of a stretch whose first epoch has the number ``begin``."""
-    found: dict[int, list[SensorRows]] = {}
-    for k, epoch in enumerate(epochs, start=begin):
-        for m in epoch.measurements:
-            if m.ids is None and len(m.values):
-                rows = SensorRows(m.model, np.full(len(m.values), k), m.values, m.parameters)
-                found.setdefault(id(m.model), []).append(rows)
-    return [SensorRows.joined(rows) for rows in found.values()]
+    return [
+        SensorRows(m.model, found.epoch + begin, m.values, m.parameters)
+        for found in by_sensor(epochs)
+        if (m := found.measurement).ids is None and len(m.values)
+    ]

@@ -20,6 +20,7 @@ _SIGNATURES = {
     "add_information_blocks": Signature("iiiiii" + "ppppp", ctypes.c_int),
     "eliminate_velocities": Signature("iiiiii" + "d" + "pppp", ctypes.c_longlong),
     "solve_velocities": Signature("ii" + "ppp", None),
+    "chained_covariances": Signature("iii" + "ppppp", ctypes.c_int),
 }
 """Arguments of each loop (integers, numbers, addresses of contiguous arrays) and what it returns."""
 

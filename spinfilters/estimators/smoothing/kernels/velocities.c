@@ -194,3 +194,61 @@ void solve_velocities(integer K, integer v, const double* L, const double* F, do
     }
   }
 }
+
+/* Lower triangular root of I + below' below, below [v][v], by Householder's reflections of the rows [I; below]: products would lose
+ * what is small beside the rest. Column j of I is touched at its diagonal alone. */
+static void root_beside_unit(integer v, double* below, double* root) {
+  memset(root, 0, v * v * sizeof(double));
+  for (integer j = 0; j < v; ++j) root[j * v + j] = 1;
+  for (integer j = 0; j < v; ++j) {
+    double sum = 0;
+    for (integer i = 0; i < v; ++i) sum += below[i * v + j] * below[i * v + j];
+    double head = root[j * v + j], length = sqrt(head * head + sum), pivot = head + length;
+    root[j * v + j] = length;
+    if (sum > 0) /* the reflection takes (head, below) to (-length, 0); the sign of a row of the root is free */
+      for (integer c = j + 1; c < v; ++c) {
+        double along = pivot * root[c * v + j];
+        for (integer i = 0; i < v; ++i) along += below[i * v + j] * below[i * v + c];
+        along *= 2 / (pivot * pivot + sum);
+        root[c * v + j] = along * pivot - root[c * v + j];
+        for (integer i = 0; i < v; ++i) below[i * v + c] -= along * below[i * v + j];
+      }
+  }
+}
+
+/* x [v][w] becomes L^-T x, L [v][v] lower triangular. */
+static void solve_transposed(integer v, integer w, const double* L, double* x) {
+  for (integer a = v - 1; a >= 0; --a) {
+    for (integer b = a + 1; b < v; ++b)
+      for (integer j = 0; j < w; ++j) x[a * w + j] -= L[b * v + a] * x[b * w + j];
+    for (integer j = 0; j < w; ++j) x[a * w + j] /= L[a * v + a];
+  }
+}
+
+/* Covariances along an eliminated chain, backwards: how its errors follow what remains, follow [K][v][r] = -L_k^-T (X_k + F_k
+ * follow_k+1) of coupling X [K][v][r + 1], and roots own [K][v][v] of their own part, L_k^-T root(I + F_k own_k+1 own_k+1' F_k').
+ * Returns 1 where there is no memory. */
+int chained_covariances(integer K, integer v, integer r, const double* L, const double* F, const double* X, double* follow,
+                        double* own) {
+  double* below = (double*)malloc(v * v * sizeof(double) + 1);
+  if (below == 0) return 1;
+  for (integer k = K - 1; k >= 0; --k) {
+    const double *T = L + k * v * v, *f = F + k * v * v;
+    double *here = follow + k * v * r, *root = own + k * v * v;
+    const double *there = here + v * r, *after = root + v * v;
+    memset(below, 0, v * v * sizeof(double));
+    for (integer a = 0; a < v; ++a)
+      for (integer j = 0; j < r; ++j) here[a * r + j] = -X[(k * v + a) * (r + 1) + j];
+    if (k + 1 < K)
+      for (integer a = 0; a < v; ++a)
+        for (integer b = 0; b < v; ++b) {
+          for (integer j = 0; j < r; ++j) here[a * r + j] -= f[a * v + b] * there[b * r + j];
+          for (integer j = 0; j < v; ++j) below[j * v + a] += f[a * v + b] * after[b * v + j];
+        }
+    root_beside_unit(v, below, root);
+    solve_transposed(v, r, T, here);
+    solve_transposed(v, v, T, root);
+  }
+  free(below);
+  return 0;
+}

@@ -18,9 +18,11 @@ from scipy.sparse import bsr_array
 
 from spinfilters.estimators.filters.square_root_update import triangular_factor
 from spinfilters.estimators.smoothing.factors.sensor_rows import STRETCH
+from spinfilters.estimators.smoothing.kernels.compiled_kernels import kernels
 from spinfilters.estimators.smoothing.linear.landmark_elimination import Eliminated
 from spinfilters.estimators.smoothing.linear.schur_system import SchurSystem
 from spinfilters.linear_algebra.lapack import dtrtri
+from spinfilters.symbolic.compiled import address
 
 
 @dataclass(frozen=True)
@@ -153,16 +155,27 @@ class Marginals:
         tridiagonal = self.solution.tridiagonal
         K, v, width = tridiagonal.coupling.shape
         follow, own = np.empty((K, v, width - 1)), np.empty((K, v, v))
-        after, after_own, unit = np.zeros((v, width - 1)), np.zeros((v, v)), np.eye(v)
-        inverses = np.linalg.inv(tridiagonal.information_sqrts).swapaxes(1, 2)
-        for k in range(K - 1, -1, -1):
-            out, pull, noise = inverses[k], tridiagonal.coupling[k, :, :-1], unit
-            if k + 1 < K:
-                pull = pull + tridiagonal.next[k] @ after
-                noise = np.concatenate([unit, (tridiagonal.next[k] @ after_own).T])
-            after = follow[k] = -out @ pull
-            after_own = own[k] = out @ triangular_factor(noise)
+        chain = (tridiagonal.information_sqrts, tridiagonal.next, tridiagonal.coupling)
+        library = kernels()
+        if library is None:
+            _follow_chain(*chain, follow, own)
+        elif library.chained_covariances(K, v, width - 1, *map(address, (*chain, follow, own))):
+            raise MemoryError("no memory for the covariances of velocities")
         return (follow.reshape(K * v, -1) @ self.information_sqrt).reshape(K, v, -1), own
+
+
+def _follow_chain(L: np.ndarray, F: np.ndarray, X: np.ndarray, follow: np.ndarray, own: np.ndarray) -> None:
+    """Covariances along an eliminated chain, backwards, for machines without a compiler."""
+    K, v, _ = X.shape
+    after, after_own, unit = np.zeros_like(follow[0]), np.zeros((v, v)), np.eye(v)
+    inverses = np.linalg.inv(L).swapaxes(1, 2)
+    for k in range(K - 1, -1, -1):
+        out, pull, noise = inverses[k], X[k, :, :-1], unit
+        if k + 1 < K:
+            pull = pull + F[k] @ after
+            noise = np.concatenate([unit, (F[k] @ after_own).T])
+        after = follow[k] = -out @ pull
+        after_own = own[k] = out @ triangular_factor(noise)
 
 
 def _triangles(rows: Float[np.ndarray, "k n w"]) -> Float[np.ndarray, "k n n"]:
