@@ -15,7 +15,7 @@ from spinfilters.estimators.initialisation.initialiser import initialise, initia
 from spinfilters.estimators.initialisation.options import InitialisationOptions
 from spinfilters.estimators.timeline import CameraView, SensorNoise, Timeline, times_of
 from spinfilters.models.process import TorqueFreeProcess
-from spinfilters.pipeline.initialisation_length import long_enough_initialisation
+from spinfilters.pipeline.initialisation_length import beyond_share, long_enough_initialisation
 from spinfilters.sensors.registry import sensor_of
 from spinfilters.sensors.sensor import MotionSamples
 
@@ -76,6 +76,21 @@ class FirstEpochs:
         except NUMERICAL_ERRORS as error:
             return InitialEstimate.failed(
                 self.process.layout, options.count(self.timeline), reason(numerical(error))
+            )
+
+    def beyond_share(self, options: InitialisationOptions, start: InitialEstimate) -> InitialEstimate | None:
+        """Smoothed epochs beyond their share; None where filters need no more, or cannot go on from these either.
+
+        Parameters
+        ----------
+        start: `smoothed` with these options.
+        """
+        if start.has_failed:
+            return None
+        options = self._with_leading_epochs(options)
+        with np.errstate(all="ignore"):
+            return beyond_share(
+                self.process, self.timeline, lambda own: self._made(own, start), options, start
             )
 
     def near(

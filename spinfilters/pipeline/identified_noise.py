@@ -1,8 +1,8 @@
 """Noise that nobody states, identified on the initialisation's own epochs, or on a smoother's."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, Protocol
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from spinfilters.estimators.initialisation.initial_estimate import InitialEstima
 from spinfilters.estimators.smoothing.factors.landmark_observations import OBSERVATIONS_NEEDED
 from spinfilters.estimators.smoothing.problem.least_squares import Problem, problem_of
 from spinfilters.estimators.timeline import SensorNoise, Timeline
+from spinfilters.evaluation.consistency import normalised_square
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 
@@ -27,6 +28,10 @@ ROUNDS: Final[int] = 3
 """Initialisations at most: each linearises about what the noise of the one before made of the epochs."""
 ALIKE: Final[float] = 0.2
 """Change of every ln variance below which the initialisation just made is the last."""
+SAME_STATES: Final[float] = 0.3
+"""Standard deviations of an epoch's whole state, within which two solutions are one."""
+LONGER_ROUNDS: Final[int] = 2
+"""Initialisations at most of more epochs than the share."""
 
 
 @dataclass(frozen=True)
@@ -39,8 +44,18 @@ class NoisyModels:
     start: InitialEstimate
 
 
-Initialise = Callable[[TorqueFreeProcess, SensorNoise, InitialEstimate | None], NoisyModels]
-"""Binds a data set to noise and makes its initialisation, from that at other noise where there is one."""
+class Initialise(Protocol):
+    """Binds a data set to noise and makes its initialisation."""
+
+    def __call__(
+        self, process: TorqueFreeProcess, noise: SensorNoise, before: InitialEstimate | None
+    ) -> NoisyModels:
+        """The initialisation at this noise, from that at other noise where there is one."""
+        ...
+
+    def beyond_share(self, made: NoisyModels) -> NoisyModels | None:
+        """The models with a longer initialisation where filters need one and get on with it."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -85,21 +100,40 @@ def with_identified_noise(
     ----------
     rounds: initialisations at most; 2 where noise is nearly known before the first.
     """
-    made, found = make(process, noise, None), None
-    if not unstated:
-        return made, ()
-    for _ in range(rounds - 1):
+    made, found = _with_levels(make, make(process, noise, None), unstated, rounds)
+    longer = make.beyond_share(made)
+    if longer is not None:
+        made, found = _with_levels(make, longer, unstated, LONGER_ROUNDS)
+    return (
+        (made, ()) if found is None else (replace(made, start=_widened(made.start, found)), found.components)
+    )
+
+
+def _with_levels(
+    make: Initialise, made: NoisyModels, unstated: Unstated, rounds: int
+) -> tuple[NoisyModels, Identified | None]:
+    """An initialisation with the levels that its epochs identify, made again with them; None where they identify none."""
+    found = None
+    for _ in range(rounds - 1 if unstated else 0):
         identified = _identified(made, unstated, found is None)
         if identified is None:
             break
         before, found = _levels(made, unstated), identified
         made = make(*_expected(made, identified), made.start)
         after = _levels(made, unstated)
-        if all(abs(np.log(after[name] / before[name])) < ALIKE for name in after):
+        if _agree(made.start, found) or all(
+            abs(np.log(after[name] / before[name])) < ALIKE for name in after
+        ):
             break
-    if found is None:
-        return made, ()
-    return replace(made, start=_widened(made.start, found)), found.components
+    return made, found
+
+
+def _agree(start: InitialEstimate, found: Identified) -> bool:
+    """Whether an initialisation has kept the states with which its levels are the likeliest."""
+    if found.trajectory.shape != start.mean.shape or not np.isfinite(start.factor).all():
+        return False
+    away = start.layout.local(start.mean, found.trajectory)
+    return bool(normalised_square(away, start.factor).max() < SAME_STATES**2)
 
 
 def noise_model(problem: Problem, noise: SensorNoise, unstated: Unstated) -> NoiseModel | None:

@@ -60,8 +60,7 @@ def long_enough_initialisation(
 ) -> InitialEstimate:
     """An initialisation long enough for filters.
 
-    The number of epochs is doubled until they can go on from it, or it has its share of the recording; it is a third more than
-    that where they can go on from those and from no fewer.
+    The number of epochs is doubled until they can go on from it, or it has its share of the recording.
 
     Raises
     ------
@@ -71,13 +70,41 @@ def long_enough_initialisation(
     while not _is_enough(found):
         longer = _longer(options, timeline)
         if longer.count(timeline) == options.count(timeline):
-            return _beyond_share(process, timeline, make, longer) or found
+            break
         options = longer
         try:
             found = _checked(process, timeline, make, options)
         except NUMERICAL_ERRORS:  # more epochs lead nowhere; the fewer did
             break
     return found
+
+
+def beyond_share(
+    process: ProcessModel,
+    timeline: Timeline,
+    make: Make,
+    options: InitialisationOptions,
+    found: InitialEstimate,
+) -> InitialEstimate | None:
+    """An initialisation of a third more epochs than its share.
+
+    None where filters can go on from that of the share, or not from these either.
+
+    Parameters
+    ----------
+    found: the long enough initialisation with these options.
+    """
+    count = len(timeline)
+    wider = min(BEYOND_SHARE * options.share, LARGEST_SHARE)
+    if len(found.mean) < round(options.share * count) or wider <= options.share or _is_enough(found):
+        return None
+    span = timeline[-1].time - timeline[0].time
+    longer = replace(options, epochs=count, share=wider, duration=max(span, options.duration))
+    try:
+        found = _checked(process, timeline, make, longer)
+    except NUMERICAL_ERRORS:
+        return None
+    return found if _is_enough(found) else None
 
 
 def departure_of(
@@ -100,23 +127,6 @@ def departure_of(
 
 def _is_enough(found: InitialEstimate) -> bool:
     return moments_std_of(found) <= DETERMINED_STD and found.departure <= LARGEST_DEPARTURE
-
-
-def _beyond_share(
-    process: ProcessModel, timeline: Timeline, make: Make, options: InitialisationOptions
-) -> InitialEstimate | None:
-    """An initialisation of more epochs than its share.
-
-    None where these are no more, or not enough either.
-    """
-    wider = replace(options, share=max(options.share, min(BEYOND_SHARE * options.share, LARGEST_SHARE)))
-    if wider.count(timeline) == options.count(timeline):
-        return None
-    try:
-        found = _checked(process, timeline, make, wider)
-    except NUMERICAL_ERRORS:
-        return None
-    return found if _is_enough(found) else None
 
 
 def _longer(options: InitialisationOptions, timeline: Timeline) -> InitialisationOptions:

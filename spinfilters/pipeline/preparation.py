@@ -13,7 +13,7 @@ from spinfilters.errors import NUMERICAL_ERRORS, InputError, numerical
 from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
 from spinfilters.estimators.initialisation.initialiser import initialise
 from spinfilters.estimators.initialisation.options import InitialisationOptions
-from spinfilters.estimators.timeline import CameraView, SensorNoise, build_timeline
+from spinfilters.estimators.timeline import CameraView, SensorNoise, Timeline, build_timeline
 from spinfilters.geometry.camera_trajectory import CameraTrajectory
 from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.pipeline.acceleration_state import with_acceleration_if_told
@@ -162,11 +162,22 @@ class _Binding:
             raise InputError(f"{len(timeline)} epoch(s) are too few for a motion; give at least 5")
         if self.initial is not None:
             return NoisyModels(process, noise, timeline, self.initial(self.layout))
-        first = FirstEpochs(self.dataset, self.view, process, timeline, noise)
+        first = self._first(process, noise, timeline)
         options = self.settings.initialisation
         if self.likely is not None:
             return NoisyModels(process, noise, timeline, first.near(self.likely, options, before))
         return NoisyModels(process, noise, timeline, first.smoothed(options, before))
+
+    def beyond_share(self, made: NoisyModels) -> NoisyModels | None:
+        """The models with a longer initialisation where filters need one and get on with it."""
+        if self.likely is not None:
+            return None
+        first = self._first(made.process, made.noise, made.timeline)
+        start = first.beyond_share(self.settings.initialisation, made.start)
+        return None if start is None else replace(made, start=start)
+
+    def _first(self, process: TorqueFreeProcess, noise: SensorNoise, timeline: Timeline) -> FirstEpochs:
+        return FirstEpochs(self.dataset, self.view, process, timeline, noise)
 
 
 def _layout(log: MeasurementLog, settings: Settings) -> StateLayout:

@@ -82,6 +82,7 @@ class Identified:
     components: sensors' standard deviations, then densities.   converged: whether every component has settled, or nearly.
     log_variance: (c,) of the components, beside what the model states.   covariance: (c, c) of these.
     sensitivity: (c, k, n) error of every epoch by each ln variance, up to its sign.
+    trajectory: (k, m) likeliest states at these levels.
     """
 
     components: tuple[VarianceComponent, ...]
@@ -90,6 +91,7 @@ class Identified:
     log_variance: Float[np.ndarray, " c"]
     covariance: Float[np.ndarray, "c c"]
     sensitivity: Float[np.ndarray, "c k n"]
+    trajectory: Float[np.ndarray, "k m"]
 
     @property
     def expected(self) -> Float[np.ndarray, " c"]:
@@ -183,7 +185,7 @@ def _optimum(
             share = _shares(working, residuals)
             components = _components(model, theta, covariance, share)
             found = Identified(
-                components, iteration, away <= NEARLY_SETTLED, theta, covariance, working.errors
+                components, iteration, away <= NEARLY_SETTLED, theta, covariance, working.errors, trajectory
             )
             return _Optimum(found, problem, here, normal, residuals)
         there = advanced(problem, here, normal, rule, rule.first).point

@@ -16,7 +16,7 @@ from spinfilters.errors import InputError
 from spinfilters.estimators.initialisation.initial_motion import InitialMotion
 from spinfilters.estimators.initialisation.options import InitialisationOptions
 from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
-from spinfilters.estimators.timeline import Timeline
+from spinfilters.estimators.timeline import Timeline, times_of
 from spinfilters.models.gauge import GAUGE_STD
 from spinfilters.state.blocks.acceleration import ACCELERATION
 from spinfilters.state.blocks.drag import DRAG
@@ -69,7 +69,7 @@ def guessed_trajectory(
 ) -> Float[np.ndarray, "k m"]:
     """Guessed state per epoch: the nearest sample with the constants of the first state."""
     trajectory = np.tile(first, (len(epochs), 1))
-    nearest = [int(np.argmin(np.abs(evidence.time - epoch.time))) for epoch in epochs]
+    nearest = [int(np.argmin(np.abs(evidence.time - time))) for time in times_of(epochs)]
     trajectory[:, layout.mean_slice("a")] = evidence.attitude[nearest]
     trajectory[:, layout.mean_slice("w")] = evidence.rates[nearest]
     if evidence.positions is not None and layout.translates:

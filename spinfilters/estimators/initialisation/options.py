@@ -7,7 +7,7 @@ import numpy as np
 
 from spinfilters.data.number_range import NumberRange
 from spinfilters.errors import InputError
-from spinfilters.estimators.timeline import Timeline
+from spinfilters.estimators.timeline import Timeline, times_of
 from spinfilters.state.block import StateBlock
 from spinfilters.state.blocks.drag import DRAG
 from spinfilters.state.blocks.gyro_bias import GYRO_BIAS
@@ -66,6 +66,6 @@ class InitialisationOptions:
 
     def count(self, timeline: Timeline) -> int:
         """Number of epochs used for initialisation."""
-        end = timeline[0].time + self.duration
-        inside = sum(epoch.time <= end for epoch in timeline)
+        time = times_of(timeline)
+        inside = int(np.searchsorted(time, time[0] + self.duration, "right"))
         return max(4, min(self.epochs, inside, round(self.share * len(timeline))))
