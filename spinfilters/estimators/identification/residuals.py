@@ -272,7 +272,9 @@ def source_factors(
 ) -> list[Float[np.ndarray, "k d i"]]:
     """W = L^-1 G of disturbances, for every step."""
     motion, moving = problem.motion, problem.ordering.moving
-    _, _, noise = motion.process.linearise_steps(here.trajectory[:-1], here.trajectory[1:], motion.dt)
+    noise = here.dynamics.noise
+    if noise is None:
+        noise = motion.process.linearise_steps(here.trajectory[:-1], here.trajectory[1:], motion.dt)[2]
     G = noise[:, moving]
     Q = G @ np.swapaxes(G, 1, 2) + NOISE_FLOOR**2 * np.eye(len(moving))
     W = np.linalg.solve(np.linalg.cholesky(Q), G)

@@ -45,6 +45,7 @@ class InformationBlocks:
     cost: sum of (robust) squares.   rows: (k - 1, d, 2 d + c + 1) of the steps, whitened.
     mean_squares: (r,) squared length of each observation's whitened innovation over its dimension; infinite where the model does
         not apply.
+    sensor_rows: of each sensor.   noise: (k - 1, n, q) noise factors of the steps, None where they are not in memory.
     """
 
     epochs: Float[np.ndarray, "k n1 n1"]
@@ -52,6 +53,8 @@ class InformationBlocks:
     cost: float
     rows: Float[np.ndarray, "j d s1"]
     mean_squares: Float[np.ndarray, " r"] = field(default_factory=lambda: np.zeros(0))
+    sensor_rows: tuple[WeightedRows, ...] = ()
+    noise: Float[np.ndarray, "j n q"] | None = None
 
 
 @dataclass(frozen=True)
@@ -88,7 +91,8 @@ class EpochFactors:
         about = None if self.first is None else self._at_first_constants(trajectory[:-1])
         steps = self.process.linearise_steps(trajectory[:-1], trajectory[1:], self.dt, about)
         rows, blocks = whitened_steps(self.ordering, *map(np.ascontiguousarray, steps))
-        return InformationBlocks(NOTHING, blocks, float(blocks[:, -1, -1].sum()), rows)
+        cost = float(blocks[:, -1, -1].sum())
+        return InformationBlocks(NOTHING, blocks, cost, rows, noise=steps[2] if about is None else None)
 
     def _at_first_constants(self, trajectory: Float[np.ndarray, "k m"]) -> Float[np.ndarray, "k m"]:
         """Trajectory at the constants of the marginalization prior's first estimates.
@@ -109,21 +113,21 @@ class EpochFactors:
         ----------
         pose_only_loss: of each measurement in place of `loss`.
         """
-        squares = [np.zeros(0)]
-        n = self.process.layout.error_dim
+        n, made = self.process.layout.error_dim, []
         blocks, cost = np.zeros((len(trajectory), n + 1, n + 1)), 0.0
         if self.prior is not None:
             rows = prior_rows(self.ordering, trajectory[0], self.prior)
             blocks[0] += rows.T @ rows
             cost += float(rows[:, -1] @ rows[:, -1])
         for sensor in self.sensors:
-            rows, costs, square, _ = self.sensor_rows(sensor, trajectory, pose_only_loss)
-            squares.append(square / sensor.model.dim)
-            each, columns = EpochRows(rows, sensor.epoch), self.sensor_columns(sensor)
+            made.append(self.sensor_rows(sensor, trajectory, pose_only_loss))
+            each, columns = EpochRows(made[-1].rows, sensor.epoch), self.sensor_columns(sensor)
             epochs = sensor.epoch[each.first]
             blocks[epochs[:, None, None], columns[:, None], columns] += each.information
-            cost += float(costs.sum())
-        return InformationBlocks(blocks, NOTHING, cost, NOTHING, np.concatenate(squares))
+            cost += float(made[-1].costs.sum())
+        means = (own.squares / sensor.model.dim for sensor, own in zip(self.sensors, made, strict=True))
+        squares = np.concatenate([np.zeros(0), *means])
+        return InformationBlocks(blocks, NOTHING, cost, NOTHING, squares, tuple(made))
 
     def sensor_columns(self, sensor: SensorRows) -> Int[np.ndarray, " c1"]:
         """Places of `sensor_rows`' columns among the components in `VariableOrdering.order` and the right-hand side."""

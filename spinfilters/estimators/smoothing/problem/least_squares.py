@@ -206,7 +206,7 @@ class Problem:
             if self.observations is None
             else linearise_observations(self.observations, trajectory, points)
         )
-        return LinearizationPoint(
+        here = LinearizationPoint(
             trajectory,
             points,
             self.motion.measurements(trajectory, pose_only_loss),
@@ -215,6 +215,8 @@ class Problem:
             None if self.marginal_prior is None else self.marginal_prior.at(trajectory),
             pose_only_loss=pose_only_loss,
         )
+        here._rows.extend(zip(self.motion.sensors, here.sensors.sensor_rows, strict=True))
+        return here
 
     def staged(self, here: LinearizationPoint, stage: Stage) -> LinearizationPoint:
         """The point with the loss of a stage."""
