@@ -66,7 +66,7 @@ class SensorTimeline:
 
 @dataclass(frozen=True, eq=False)
 class SensorEpochs:
-    """All measurements of one sensor in some epochs, and the number of the epoch of each value."""
+    """All measurements of one sensor in some epochs, with the epoch of each value."""
 
     measurement: Measurement
     epoch: Int[np.ndarray, " r"]

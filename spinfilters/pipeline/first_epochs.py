@@ -79,7 +79,9 @@ class FirstEpochs:
             )
 
     def beyond_share(self, options: InitialisationOptions, start: InitialEstimate) -> InitialEstimate | None:
-        """Smoothed epochs beyond their share; None where filters need no more, or cannot go on from these either.
+        """Smoothed epochs beyond their share.
+
+        None where filters need no more, or cannot go on from these either.
 
         Parameters
         ----------

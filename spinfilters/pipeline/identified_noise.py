@@ -54,7 +54,7 @@ class Initialise(Protocol):
         ...
 
     def beyond_share(self, made: NoisyModels) -> NoisyModels | None:
-        """The models with a longer initialisation where filters need one and get on with it."""
+        """The models with a longer initialisation; None where filters need or get none."""
         ...
 
 
@@ -112,7 +112,10 @@ def with_identified_noise(
 def _with_levels(
     make: Initialise, made: NoisyModels, unstated: Unstated, rounds: int
 ) -> tuple[NoisyModels, Identified | None]:
-    """An initialisation with the levels that its epochs identify, made again with them; None where they identify none."""
+    """An initialisation made again with the levels that its epochs identify.
+
+    None beside it where they identify none.
+    """
     found = None
     for _ in range(rounds - 1 if unstated else 0):
         identified = _identified(made, unstated, found is None)

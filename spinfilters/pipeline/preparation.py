@@ -169,7 +169,7 @@ class _Binding:
         return NoisyModels(process, noise, timeline, first.smoothed(options, before))
 
     def beyond_share(self, made: NoisyModels) -> NoisyModels | None:
-        """The models with a longer initialisation where filters need one and get on with it."""
+        """The models with a longer initialisation; None where filters need or get none."""
         if self.likely is not None:
             return None
         first = self._first(made.process, made.noise, made.timeline)

@@ -14,6 +14,7 @@ from spinfilters.pipeline import initialisation_length
 from spinfilters.pipeline.diagnostics import filter_diagnostics
 from spinfilters.pipeline.initialisation_length import (
     LARGEST_DEPARTURE,
+    beyond_share,
     departure_of,
     long_enough_initialisation,
 )
@@ -71,5 +72,8 @@ def test_a_third_beyond_the_share_is_taken_where_that_and_no_fewer_is_enough(
         return InitialEstimate.failed(setup.process.layout, count, "for a test")
 
     monkeypatch.setattr(initialisation_length, "_checked", lambda *given: given[2](given[3]))
-    found = long_enough_initialisation(setup.process, setup.timeline, of_length, InitialisationOptions())
-    assert (len(setup.timeline), len(found.mean)) == (115, length)
+    models = (setup.process, setup.timeline, of_length, InitialisationOptions())
+    found = long_enough_initialisation(*models)
+    longer = beyond_share(*models, found)
+    assert (len(setup.timeline), len((longer or found).mean)) == (115, length)
+    assert (longer is None) == (length <= 69)

@@ -151,7 +151,7 @@ class _FirstProblem:
         return self._first([share * own for share in MASS_SHARES], _is_clear)
 
     def nearest(self, likely: InitialEstimate) -> InitialEstimate:
-        """The fit from the mass distribution of another estimate of the motion, or of one of its rivals."""
+        """The fit from the mass distribution of another estimate, or of one of its rivals."""
         mass = likely.layout.mean_slice(MASS_DISTRIBUTION.name)
         bodies = [each.mean[-1, mass] for each in (likely, *likely.rivals)]
         bodies = [body for body in bodies if np.isfinite(body).all()]
