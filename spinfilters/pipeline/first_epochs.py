@@ -91,9 +91,7 @@ class FirstEpochs:
             return None
         options = self._with_leading_epochs(options)
         with np.errstate(all="ignore"):
-            return beyond_share(
-                self.process, self.timeline, lambda own: self._made(own, start), options, start
-            )
+            return beyond_share(self.process, self.timeline, self._made, options, start)
 
     def near(
         self, likely: InitialEstimate, options: InitialisationOptions, before: InitialEstimate | None = None

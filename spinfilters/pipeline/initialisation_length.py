@@ -88,7 +88,7 @@ def beyond_share(
 ) -> InitialEstimate | None:
     """An initialisation of a third more epochs than its share.
 
-    None where filters can go on from that of the share, or not from these either.
+    None where filters can go on from that of the share, or these determine the moments no better.
 
     Parameters
     ----------
@@ -101,10 +101,17 @@ def beyond_share(
     span = timeline[-1].time - timeline[0].time
     longer = replace(options, epochs=count, share=wider, duration=max(span, options.duration))
     try:
-        found = _checked(process, timeline, make, longer)
+        beyond = _checked(process, timeline, make, longer)
     except NUMERICAL_ERRORS:
         return None
-    return found if _is_enough(found) else None
+    return beyond if _is_better(beyond, found) else None
+
+
+def _is_better(beyond: InitialEstimate, found: InitialEstimate) -> bool:
+    """Whether filters go on better from more epochs."""
+    if moments_std_of(beyond) > DETERMINED_STD:
+        return False
+    return moments_std_of(found) > DETERMINED_STD or beyond.departure < found.departure
 
 
 def departure_of(

@@ -151,12 +151,9 @@ class _FirstProblem:
         return self._first([share * own for share in MASS_SHARES], _is_clear)
 
     def nearest(self, likely: InitialEstimate) -> InitialEstimate:
-        """The fit from the mass distribution of another estimate, or of one of its rivals."""
-        mass = likely.layout.mean_slice(MASS_DISTRIBUTION.name)
-        bodies = [each.mean[-1, mass] for each in (likely, *likely.rivals)]
-        bodies = [body for body in bodies if np.isfinite(body).all()]
-        believed = _is_clear if len(bodies) > 1 else _has_settled
-        found = self._first(bodies, believed) if bodies else None
+        """The fit from the mass distribution of another estimate of the motion."""
+        body = likely.mean[-1, likely.layout.mean_slice(MASS_DISTRIBUTION.name)]
+        found = self._first([body], _has_settled) if np.isfinite(body).all() else None
         return found if found is not None and _has_settled(found) else self.likeliest()
 
     def _first(
