@@ -122,7 +122,7 @@ def _with_levels(
         if identified is None:
             break
         before, found = _levels(made, unstated), identified
-        made = make(*_expected(made, identified), made.start)
+        made = make(*_expected(made, identified), replace(made.start, mean=found.trajectory))
         after = _levels(made, unstated)
         if _agree(made.start, found) or all(
             abs(np.log(after[name] / before[name])) < ALIKE for name in after
