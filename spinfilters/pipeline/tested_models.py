@@ -66,7 +66,8 @@ class TestedModels:
 
         The likeliest beyond chance that matter to the estimates, with those that look alike.
         """
-        left, likely = [each for each in self._beyond_chance if not self._is_slow(each)], []
+        possible = [each for each in self._beyond_chance if each.is_possible]
+        left, likely = [each for each in possible if not self._is_slow(each)], []
         while left and len(likely) < NAMED:
             first, *others = left
             alike = [each for each in others if first.likeness(each) > ALIKE]
@@ -82,6 +83,17 @@ class TestedModels:
     @property
     def _beyond_chance(self) -> list[ScoreTest]:
         return [each for each in self.tests if self.is_beyond_chance(each)]
+
+    @property
+    def _unexplained(self) -> list[str]:
+        """What only an impossible error would explain."""
+        found = [each for each in self._beyond_chance if not each.is_possible and self._counts(each)]
+        if not found or self.classes or self.slow is not None:
+            return []
+        return [
+            f"the residuals are beyond chance (chi-square {found[0].statistic:.0f}), and no error that is looked for explains "
+            "them: look for jumps (a touch, a joint at its stop, wrong measurements)"
+        ]
 
     def _is_slow(self, test: ScoreTest) -> bool:
         """Whether slow changes explain as much, or what they leave is within chance."""
@@ -142,7 +154,7 @@ class TestedModels:
     def beside(self) -> list[str]:
         """For doubt beside named errors: correlated ones, wrong units, slow changes, and that no error could be looked for."""
         slow = [] if self.slow is None else [_slow_phrase(self.slow)]
-        units = [*self.correlated.doubts, *(each.reason for each in self.units), *slow]
+        units = [*self.correlated.doubts, *(each.reason for each in self.units), *slow, *self._unexplained]
         if not self.trouble:
             return units
         sentence = f"errors of the models could not be looked for ({self.trouble})"

@@ -43,6 +43,7 @@ class ScoreTest:
     beside_all: probability of a greater statistic beside what all residuals leave, at the level of a correlated error; else 1.
     slow: share of what it explains (squared) that slow changes explain as well, of a gyro in a spin about one axis; else 0.
     beside_slow: statistic of what it explains beside these; infinite where there are none.
+    is_possible: whether a recording can have an error of this size; one by epoch also whether it is in more than a few of these.
     """
 
     error: Alternative
@@ -59,6 +60,7 @@ class ScoreTest:
     beside_all: float = 1.0
     slow: float = 0.0
     beside_slow: float = np.inf
+    is_possible: bool = True
 
     def likeness(self, other: "ScoreTest") -> float:
         """Correlation of what two errors explain; 0 where it is not known."""

@@ -30,11 +30,14 @@ from spinfilters.estimators.model_errors.noise_components import NoiseComponents
 from spinfilters.estimators.model_errors.null_distributions import gain_tail, weighted_chi_square_tail
 from spinfilters.estimators.model_errors.score_test import ScoreTest
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
+from spinfilters.linear_algebra.chi_square import chi_square_tail
 
 MOST_EPOCHS: Final = 60
 """At which an error drawn by epoch is looked for; of a longer recording they are chosen evenly."""
 VARIANCES: Final = np.logspace(-2, 6, 65)
 """Of an error by epoch that are tried, in those that its most telling direction is known to."""
+UNEVEN: Final = 1e-3
+"""Probability of a larger error at some epoch among such, below which it is a jump there."""
 TESTED_VARIANCES: Final = (0.1, 1.0, 10.0, 100.0)
 """Of an error by epoch, likewise, for each of which there is a test: the most powerful one against it."""
 
@@ -134,7 +137,10 @@ def _tested(
     p_value, statistic = _probability(error, gained, dof, gain.dof), float(u @ size.value)
     found = ScoreTest(error, size.value / scale, std, statistic, dof, gained, p_value)
     beside_all = noise.beside_all(statistic, dof, every.left)
-    found = replace(found, level=gain.level, level_dof=gain.dof, beside_all=beside_all)
+    is_possible = error.is_possible(removed, motion)
+    found = replace(
+        found, level=gain.level, level_dof=gain.dof, beside_all=beside_all, is_possible=is_possible
+    )
     if not found.is_telling:
         return found
     right = columns.times(removed[:, None])
@@ -174,8 +180,18 @@ def _by_epoch(
     curvature = float(((values / (1 + variance * values)) ** 2).sum()) / 2
     std = np.sqrt(1 / curvature) / (2 * np.sqrt(variance)) if variance else curvature**-0.25
     p_value = _p_value(values, along, noise.sensor_dof)
-    found = ScoreTest(error, np.array([np.sqrt(variance)]), np.array([std]), likelihood, 1.0, gain, p_value)
+    size = np.array([np.sqrt(variance)])
+    found = ScoreTest(error, size, np.array([std]), likelihood, 1.0, gain, p_value)
+    spread = np.sqrt(vectors**2 @ (variance**2 * values / (1 + variance * values)))
+    is_even = _is_even(drawn, spread)
+    found = replace(found, is_possible=is_even and error.is_possible(size, motion))
     return found.removing(motion, right, explained) if found.is_telling else found
+
+
+def _is_even(drawn: Float[np.ndarray, " n"], spread: Float[np.ndarray, " n"]) -> bool:
+    """Whether the largest of drawn errors may be of the same normal distribution as the others (Bonferroni)."""
+    square = float(np.max((drawn / np.where(spread > 0, spread, np.inf)) ** 2))
+    return len(drawn) * float(chi_square_tail(square, 1.0)) >= UNEVEN
 
 
 def _p_value(values: Float[np.ndarray, " n"], along: Float[np.ndarray, " n"], dof: float) -> float:
