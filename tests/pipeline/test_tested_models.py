@@ -84,3 +84,27 @@ def test_errors_that_explain_the_same_residuals_are_named_as_one() -> None:
     assert models.names == ("drag/energy-loss", "torque/hinge")
     assert [each.error.name for each in models.named] == ["drag", "energy-loss", "torque", "hinge"]
     assert "or, which looks alike, a loss of energy" in models.reasons[0]
+
+
+def test_what_is_impossible_is_not_named_but_doubted() -> None:
+    one, std = np.ones(1), np.full((1, 1), 0.1)
+    jitter = ScoreTest(table()["clock-jitter"], one, one, 90.0, 1.0, 90.0, 1e-9, std, is_possible=False)
+    alone = tested_models.TestedModels((jitter,), std=std)
+    assert alone.names == ()
+    assert "no error that is looked for explains them" in alone.reasons[0]
+    touch = replace(jitter, error=table()["contact-at-end"], is_possible=True)
+    beside = tested_models.TestedModels((jitter, touch), std=std)
+    assert beside.names == ("contact-at-end",)
+    assert len(beside.reasons) == 1
+
+
+@pytest.mark.parametrize(
+    ("left", "names"), [(3.0, ("slow-change",)), (40.0, ("slow-change", "contact-at-end"))]
+)
+def test_beside_slow_changes_an_error_is_named_by_what_they_leave(
+    left: float, names: tuple[str, ...]
+) -> None:
+    one, std = np.ones(1), np.full((1, 1), 0.1)
+    drag = ScoreTest(table()["drag"], one, one, 90.0, 1.0, 90.0, 1e-9, std, slow=0.99, beside_slow=0.1)
+    touch = replace(drag, error=table()["contact-at-end"], slow=0.5, beside_slow=left)
+    assert tested_models.TestedModels((drag, touch), std=std).names == names
