@@ -152,7 +152,10 @@ class TestedModels:
 
     @property
     def beside(self) -> list[str]:
-        """For doubt beside named errors: correlated ones, wrong units, slow changes, and that no error could be looked for."""
+        """For doubt beside named errors.
+
+        Correlated ones, wrong units, slow changes, residuals that nothing explains, and that no error could be looked for.
+        """
         slow = [] if self.slow is None else [_slow_phrase(self.slow)]
         units = [*self.correlated.doubts, *(each.reason for each in self.units), *slow, *self._unexplained]
         if not self.trouble:

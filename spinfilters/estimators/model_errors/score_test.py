@@ -85,12 +85,14 @@ class ScoreTest:
         return self.p_value < TELLING
 
     def removing(self, motion: SmoothedMotion, right: Columns, explained: Columns) -> "ScoreTest":
-        """With what its removal does to states and residuals."""
+        """With what its removal does, and whether there can be so much of it."""
         shift = motion.rows.sensitivity(right).states[:, :, 0]
         own, left = (
             np.concatenate([p.ravel() for p in each.parts]) for each in (explained, motion.rows.left)
         )
-        found, changes = replace(self, shift=shift, explained=own), motion.slow_changes
+        is_possible = self.is_possible and self.error.is_possible(self.size, motion)
+        found = replace(self, shift=shift, explained=own, is_possible=is_possible)
+        changes = motion.slow_changes
         if changes is None:
             return found
         beside = own - changes @ (changes.T @ own)

@@ -137,10 +137,7 @@ def _tested(
     p_value, statistic = _probability(error, gained, dof, gain.dof), float(u @ size.value)
     found = ScoreTest(error, size.value / scale, std, statistic, dof, gained, p_value)
     beside_all = noise.beside_all(statistic, dof, every.left)
-    is_possible = error.is_possible(removed, motion)
-    found = replace(
-        found, level=gain.level, level_dof=gain.dof, beside_all=beside_all, is_possible=is_possible
-    )
+    found = replace(found, level=gain.level, level_dof=gain.dof, beside_all=beside_all)
     if not found.is_telling:
         return found
     right = columns.times(removed[:, None])
@@ -180,16 +177,14 @@ def _by_epoch(
     curvature = float(((values / (1 + variance * values)) ** 2).sum()) / 2
     std = np.sqrt(1 / curvature) / (2 * np.sqrt(variance)) if variance else curvature**-0.25
     p_value = _p_value(values, along, noise.sensor_dof)
-    size = np.array([np.sqrt(variance)])
-    found = ScoreTest(error, size, np.array([std]), likelihood, 1.0, gain, p_value)
+    found = ScoreTest(error, np.array([np.sqrt(variance)]), np.array([std]), likelihood, 1.0, gain, p_value)
     spread = np.sqrt(vectors**2 @ (variance**2 * values / (1 + variance * values)))
-    is_even = _is_even(drawn, spread)
-    found = replace(found, is_possible=is_even and error.is_possible(size, motion))
+    found = replace(found, is_possible=_is_even(drawn, spread))
     return found.removing(motion, right, explained) if found.is_telling else found
 
 
 def _is_even(drawn: Float[np.ndarray, " n"], spread: Float[np.ndarray, " n"]) -> bool:
-    """Whether the largest of drawn errors may be of the same normal distribution as the others (Bonferroni)."""
+    """Whether no drawn error is too large for the distribution of all."""
     square = float(np.max((drawn / np.where(spread > 0, spread, np.inf)) ** 2))
     return len(drawn) * float(chi_square_tail(square, 1.0)) >= UNEVEN
 
