@@ -13,11 +13,12 @@ from spinfilters.pipeline.estimate_diagnostics import (
     reference_smoother,
 )
 from spinfilters.pipeline.estimator_entry import AnyEntry, estimator_entries
-from spinfilters.pipeline.model_errors import NOT_TESTED, TestedModels, tested_models
+from spinfilters.pipeline.model_errors import tested_models
 from spinfilters.pipeline.noise_diagnostics import filter_noise_diagnostics
 from spinfilters.pipeline.setup import Setup
 from spinfilters.pipeline.smoother_run import NAME as SMOOTHER
 from spinfilters.pipeline.stated_levels import stated_level_diagnostics
+from spinfilters.pipeline.tested_models import NOT_TESTED, TestedModels
 from spinfilters.settings.run_settings import Settings
 
 

@@ -16,9 +16,9 @@ from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.pipeline.calibration_errors import CalibrationErrors
 from spinfilters.pipeline.doubts import doubts_of
 from spinfilters.pipeline.estimator_entry import AnyEntry, estimator_entries
-from spinfilters.pipeline.model_errors import NOT_TESTED, TestedModels
 from spinfilters.pipeline.recording_bound import Bounding, with_bounds
 from spinfilters.pipeline.setup import Setup
+from spinfilters.pipeline.tested_models import NOT_TESTED, TestedModels
 from spinfilters.pipeline.verdicts import evaluated, with_verdicts
 from spinfilters.runs.checkpoint_store import StoreOf, no_checkpoints
 from spinfilters.settings.run_settings import Settings

@@ -15,8 +15,8 @@ from spinfilters.estimators.model_errors.alternative import Alternative
 from spinfilters.estimators.model_errors.score_test import ScoreTest
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.pipeline.estimation import Comparison, compare_estimators
-from spinfilters.pipeline.model_errors import TestedModels
 from spinfilters.pipeline.preparation import prepare
+from spinfilters.pipeline.tested_models import TestedModels
 from spinfilters.runs.run_folder import EXPLANATIONS_FILE
 from spinfilters.settings.run_settings import Settings
 

@@ -4,9 +4,7 @@ Score tests about the smoothed motion, with reasons for the verdict.
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Final
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -30,10 +28,8 @@ from spinfilters.estimators.model_errors.hypotheses import (
     with_refused_in_a_row,
 )
 from spinfilters.estimators.model_errors.laplace_likelihood import minus_twice_log_likelihood
-from spinfilters.estimators.model_errors.linear_rows import LinearRows
 from spinfilters.estimators.model_errors.lower_densities import beside_lower_densities
 from spinfilters.estimators.model_errors.refused_ends import with_refused_ends
-from spinfilters.estimators.model_errors.score_test import TELLING, Effect, ScoreTest
 from spinfilters.estimators.model_errors.score_tests import likelier, score_tests
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
 from spinfilters.estimators.smoothing.factors.landmark_observations import OBSERVATIONS_NEEDED, seen_ids
@@ -42,139 +38,16 @@ from spinfilters.estimators.smoothing.problem.least_squares import Problem, prob
 from spinfilters.estimators.smoothing.solver.annealing import GATE
 from spinfilters.estimators.timeline import Timeline, times_of
 from spinfilters.evaluation.estimator_evaluation import Evaluation
-from spinfilters.pipeline.correlation_verdict import NO_CORRELATION, PossibleCorrelation, possible_correlation
+from spinfilters.pipeline.correlation_verdict import possible_correlation
 from spinfilters.pipeline.identified_noise import Unstated, noise_model
 from spinfilters.pipeline.setup import Setup
-from spinfilters.pipeline.wrong_units import WrongUnit, wrong_units
+from spinfilters.pipeline.tested_models import NOT_TESTED, TestedModels
+from spinfilters.pipeline.wrong_units import wrong_units
 from spinfilters.sensors.registry import sensor_of
 from spinfilters.state.status import Verdict
 
-FALSE_ALARM: Final = 1e-2
-"""Probability that a model error is named where all models are right: of all tests together (Bonferroni)."""
-LEAST_EFFECT, LEAST_EFFECT_BESIDE_SLOW_NOISE = Effect(2.0, 1.0), Effect(4.0, 2.0)
-"""Deviations by which removing an error moves a state, at one epoch or over all. One that moves all by less, and does not
-contradict the stated noise, is left to the uncertainty: with the errors that noise makes it stays below four. Slow errors of a
-gyro, and such as tracks of images have in common, look like small ones of many models."""
-HARMFUL: Final = 4.0
-"""Deviations by which removing an error moves a state at one epoch, from which it alone makes estimates wrong."""
-SINGLE_FALSE_ALARM: Final = 2e-3
-"""Probability that one is named where there is none: silence costs more than doubt. Not beside a correlated gyro's slow errors."""
-LEAST_LEVEL: Final = 0.2
-"""Fall of ln variance of an identified noise level by removing an error, from which that is not left to the uncertainty: the levels
-share the residuals, so that one with an error in it leaves others, and with them the deviations, too small."""
-NAMED: Final = 2
-"""Errors that a verdict names at most, each with those that look alike."""
-ALIKE: Final = 0.95
-"""Correlation of what two errors explain of the residuals, from which the data do not tell which of them it is."""
-MOST_ALIKE: Final = 3
-"""Errors named as one."""
 MOST_EPOCHS_WITH_MAP, MOST_EPOCHS = 300, 1024
 """Of a recording that are tested: those of landmarks tie all poses together."""
-
-
-@dataclass(frozen=True)
-class TestedModels:
-    """Score tests of a recording.
-
-    Attributes
-    ----------
-    tests: the most explaining first.   contradicted: whether residuals contradict the noise levels that the recording was told.
-    trouble: why there are no tests of a motion that was estimated; empty where there are.   units: that are probably others.
-    std: (k, n) stated deviations of the states that were tested, or None where they are unknown.
-    correlated: errors of the measurements that are, or may be, correlated in time.   solved: what was tested, while it is.
-    beside_slow_noise: whether a noise level stands for an error that is known to be correlated.
-    """
-
-    tests: tuple[ScoreTest, ...] = ()
-    contradicted: bool = False
-    trouble: str = ""
-    units: tuple[WrongUnit, ...] = ()
-    std: Float[np.ndarray, "k n"] | None = None
-    correlated: PossibleCorrelation = NO_CORRELATION
-    solved: LinearRows | None = None
-    beside_slow_noise: bool = False
-
-    @cached_property
-    def classes(self) -> tuple[tuple[ScoreTest, ...], ...]:
-        """Classes of alike model errors that a verdict names.
-
-        The likeliest beyond chance that matter to the estimates, with those that look alike.
-        """
-        left, likely = [each for each in self.tests if self.is_beyond_chance(each)], []
-        while left and len(likely) < NAMED:
-            first, *others = left
-            alike = [each for each in others if first.likeness(each) > ALIKE]
-            likely.append((first, *alike[: MOST_ALIKE - 1]))
-            left = [each for each in others if each not in alike]
-        named = (own for own in likely if self.contradicted or any(map(self._matters, own)))
-        return tuple(named)
-
-    @property
-    def largest_p_value(self) -> float:
-        """Largest p-value at which a test is beyond chance."""
-        return FALSE_ALARM / max(len(self.tests), 1)
-
-    def is_beyond_chance(self, test: ScoreTest) -> bool:
-        """Whether as much is too improbable without the error."""
-        is_harmful = self.std is not None and test.effect(self.std).largest >= HARMFUL
-        own = SINGLE_FALSE_ALARM if is_harmful and not self.beside_slow_noise else 0.0
-        return test.p_value < max(self.largest_p_value, own)
-
-    @property
-    def named(self) -> tuple[ScoreTest, ...]:
-        """Score tests in the verdict, the likeliest first."""
-        return tuple(each for own in self.classes for each in own)
-
-    def _matters(self, test: ScoreTest) -> bool:
-        """Whether an error moves estimates, or noise levels, and is beyond chance.
-
-        At the tested noise levels, too, less surely where these share the residuals: what only lets levels fall may be slow noise.
-        """
-        if self.std is None:
-            return True
-        effect = test.effect(self.std)
-        least = LEAST_EFFECT_BESIDE_SLOW_NOISE if self.beside_slow_noise else LEAST_EFFECT
-        moves = effect.largest >= least.largest or effect.rms >= least.rms
-        chance = self.largest_p_value if self.beside_slow_noise else TELLING
-        return (moves or test.level >= LEAST_LEVEL) and test.score_p_value < chance
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the model errors in the verdict, the likeliest first.
-
-        Those that look alike as one ("drag/torque").
-        """
-        found = ("/".join(each.error.name for each in own) for own in self.classes)
-        return (*(each.name for each in self.units), *found)
-
-    @property
-    def reasons(self) -> list[str]:
-        """For doubt: the errors that explain most, with what to do."""
-        shown = [f"the residuals show {'; or '.join(map(_phrases, self.classes))}"] if self.classes else []
-        return [*self.beside, *shown]
-
-    @property
-    def beside(self) -> list[str]:
-        """For doubt beside tests: correlated errors, wrong units, and that no error could be looked for."""
-        units = [*self.correlated.doubts, *(each.reason for each in self.units)]
-        if not self.trouble:
-            return units
-        sentence = f"errors of the models could not be looked for ({self.trouble})"
-        return [*units, f"{sentence}: check the data set and its noise"]
-
-
-NOT_TESTED: Final = TestedModels()
-
-
-def _phrases(alike: Sequence[ScoreTest]) -> str:
-    """Phrases for errors that the data do not tell apart."""
-    return " or, which looks alike, ".join(map(_phrase, alike))
-
-
-def _phrase(test: ScoreTest) -> str:
-    error, size = test.error, float(np.linalg.norm(test.size))
-    std = float(np.sqrt(test.std**2 @ test.size**2) / max(size, np.finfo(float).tiny))
-    return f"{error.phrase} ({size:.2g} +- {std:.1g} {error.unit}, chi-square {test.statistic:.0f}): {error.cure}"
 
 
 def tested_models(setup: Setup, evaluations: Sequence[Evaluation]) -> TestedModels:

@@ -7,7 +7,7 @@ import pytest
 
 from spinfilters.estimators.model_errors.alternative import table
 from spinfilters.estimators.model_errors.score_test import ScoreTest
-from spinfilters.pipeline import model_errors
+from spinfilters.pipeline import tested_models
 
 
 @pytest.mark.parametrize(
@@ -27,7 +27,7 @@ def test_an_error_beyond_chance_is_named_where_it_moves_a_state_or_a_noise_level
     shift = np.array([[0.0, 0.0], [0.01, -0.1 * size], [0.0, 0.02]])
     one = np.ones(1)
     test = ScoreTest(table()["torque"], one, one, 40.0, 1.0, 40.0, 1e-8, shift, level=level)
-    assert model_errors.TestedModels((test,), contradicted, std=std).names == names
+    assert tested_models.TestedModels((test,), contradicted, std=std).names == names
 
 
 @pytest.mark.parametrize(
@@ -39,7 +39,7 @@ def test_what_only_lets_noise_levels_fall_is_not_named(
     one, std = np.ones(1), np.full((1, 1), 0.1)
     test = ScoreTest(table()["torque"], one, one, statistic, 1.0, 40.0, 1e-8, 5 * std, level=0.1)
     tests = (test, replace(test, error=table()["drag"], p_value=1.0))
-    assert model_errors.TestedModels(tests, std=std, beside_slow_noise=slow).names == names
+    assert tested_models.TestedModels(tests, std=std, beside_slow_noise=slow).names == names
 
 
 @pytest.mark.parametrize(
@@ -57,7 +57,7 @@ def test_an_error_that_alone_makes_estimates_wrong_is_named_sooner(
     one, std = np.ones(1), np.full((1, 1), 0.1)
     test = ScoreTest(table()["torque"], one, one, 40.0, 1.0, 40.0, p_value, size * std, level=0.1)
     others = tuple(replace(test, error=error, p_value=1.0) for error in list(table().values())[:9])
-    assert bool(model_errors.TestedModels((test, *others), std=std, beside_slow_noise=slow).names) == named
+    assert bool(tested_models.TestedModels((test, *others), std=std, beside_slow_noise=slow).names) == named
 
 
 def test_beside_slow_noise_an_error_must_move_states_by_twice_as_much() -> None:
@@ -65,7 +65,7 @@ def test_beside_slow_noise_an_error_must_move_states_by_twice_as_much() -> None:
     test = ScoreTest(table()["torque"], one, one, 40.0, 1.0, 40.0, 1e-8)
     for effect, slow, names in ((1.5, False, ("torque",)), (1.5, True, ()), (2.5, True, ("torque",))):
         own = replace(test, shift=effect * std)
-        assert model_errors.TestedModels((own,), std=std, beside_slow_noise=slow).names == names
+        assert tested_models.TestedModels((own,), std=std, beside_slow_noise=slow).names == names
 
 
 def test_errors_that_explain_the_same_residuals_are_named_as_one() -> None:
@@ -80,7 +80,31 @@ def test_errors_that_explain_the_same_residuals_are_named_as_one() -> None:
             ("rotor", 40.0, np.array([0.0, 0.0, 1.0])),
         )
     )
-    models = model_errors.TestedModels(tests)
+    models = tested_models.TestedModels(tests)
     assert models.names == ("drag/energy-loss", "torque/hinge")
     assert [each.error.name for each in models.named] == ["drag", "energy-loss", "torque", "hinge"]
     assert "or, which looks alike, a loss of energy" in models.reasons[0]
+
+
+def test_what_is_impossible_is_not_named_but_doubted() -> None:
+    one, std = np.ones(1), np.full((1, 1), 0.1)
+    jitter = ScoreTest(table()["clock-jitter"], one, one, 90.0, 1.0, 90.0, 1e-9, std, is_possible=False)
+    alone = tested_models.TestedModels((jitter,), std=std)
+    assert alone.names == ()
+    assert "no error that is looked for explains them" in alone.reasons[0]
+    touch = replace(jitter, error=table()["contact-at-end"], is_possible=True)
+    beside = tested_models.TestedModels((jitter, touch), std=std)
+    assert beside.names == ("contact-at-end",)
+    assert len(beside.reasons) == 1
+
+
+@pytest.mark.parametrize(
+    ("left", "names"), [(3.0, ("slow-change",)), (40.0, ("slow-change", "contact-at-end"))]
+)
+def test_beside_slow_changes_an_error_is_named_by_what_they_leave(
+    left: float, names: tuple[str, ...]
+) -> None:
+    one, std = np.ones(1), np.full((1, 1), 0.1)
+    drag = ScoreTest(table()["drag"], one, one, 90.0, 1.0, 90.0, 1e-9, std, slow=0.99, beside_slow=0.1)
+    touch = replace(drag, error=table()["contact-at-end"], slow=0.5, beside_slow=left)
+    assert tested_models.TestedModels((drag, touch), std=std).names == names

@@ -10,6 +10,9 @@ from pkgutil import iter_modules
 from types import MappingProxyType
 from typing import ClassVar, Final
 
+import numpy as np
+from jaxtyping import Float
+
 from spinfilters.errors import InputError
 from spinfilters.estimators.model_errors.columns import Columns
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
@@ -46,6 +49,10 @@ class Alternative(ABC):
 
         None where a data set cannot have it.
         """
+
+    def is_possible(self, size: Float[np.ndarray, " m"], motion: SmoothedMotion) -> bool:
+        """Whether a recording can have an error of this size at all."""
+        return True
 
     def is_held(self, motion: SmoothedMotion) -> bool:
         """Whether the state has it already."""

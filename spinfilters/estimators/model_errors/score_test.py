@@ -14,6 +14,8 @@ from spinfilters.linear_algebra.chi_square import chi_square_tail
 TELLING: Final = 1e-2
 """Probability of a test below which its error is removed from the solution, to see what that changes."""
 
+TINY: Final = float(np.finfo(float).tiny)
+
 
 class Effect(NamedTuple):
     """Effect of an error on the state component it moves most.
@@ -39,6 +41,9 @@ class ScoreTest:
     level: by how much ln variance of an identified noise level falls with it removed, of the one that falls most.
     level_dof: degrees of freedom that tell the levels that fall; infinite of stated ones.
     beside_all: probability of a greater statistic beside what all residuals leave, at the level of a correlated error; else 1.
+    slow: share of what it explains (squared) that slow changes explain as well, of a gyro in a spin about one axis; else 0.
+    beside_slow: statistic of what it explains beside these; infinite where there are none.
+    is_possible: whether a recording can have an error of this size; one by epoch also whether it is in more than a few of these.
     """
 
     error: Alternative
@@ -53,13 +58,16 @@ class ScoreTest:
     level: float = 0.0
     level_dof: float = np.inf
     beside_all: float = 1.0
+    slow: float = 0.0
+    beside_slow: float = np.inf
+    is_possible: bool = True
 
     def likeness(self, other: "ScoreTest") -> float:
         """Correlation of what two errors explain; 0 where it is not known."""
         a, b = self.explained, other.explained
         if a is None or b is None or a.shape != b.shape:
             return 0.0
-        product = float(a @ b) / max(float(np.sqrt((a @ a) * (b @ b))), np.finfo(float).tiny)
+        product = float(a @ b) / max(float(np.sqrt((a @ a) * (b @ b))), TINY)
         return product if np.isfinite(product) else 0.0
 
     def effect(self, std: Float[np.ndarray, "k n"]) -> Effect:
@@ -77,14 +85,31 @@ class ScoreTest:
         return self.p_value < TELLING
 
     def removing(self, motion: SmoothedMotion, right: Columns, explained: Columns) -> "ScoreTest":
-        """With what its removal does to states and residuals."""
+        """With what its removal does, and whether there can be so much of it."""
         shift = motion.rows.sensitivity(right).states[:, :, 0]
-        return replace(self, shift=shift, explained=np.concatenate([p.ravel() for p in explained.parts]))
+        own, left = (
+            np.concatenate([p.ravel() for p in each.parts]) for each in (explained, motion.rows.left)
+        )
+        is_possible = self.is_possible and self.error.is_possible(self.size, motion)
+        found = replace(self, shift=shift, explained=own, is_possible=is_possible)
+        changes = motion.slow_changes
+        if changes is None:
+            return found
+        beside = own - changes @ (changes.T @ own)
+        square, every = float(beside @ beside), max(float(own @ own), TINY)
+        return replace(
+            found, slow=1 - square / every, beside_slow=float(beside @ left) ** 2 / max(square, TINY)
+        )
 
     @property
     def score_p_value(self) -> float:
         """Probability of a greater statistic at the noise levels of the estimates."""
         return min(float(chi_square_tail(self.statistic, self.dof)), self.beside_all)
+
+    @property
+    def p_value_beside_slow(self) -> float:
+        """Probability of a greater statistic beside slow changes."""
+        return float(chi_square_tail(self.beside_slow, self.dof))
 
     @property
     def merit(self) -> float:

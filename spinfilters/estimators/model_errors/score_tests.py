@@ -30,11 +30,14 @@ from spinfilters.estimators.model_errors.noise_components import NoiseComponents
 from spinfilters.estimators.model_errors.null_distributions import gain_tail, weighted_chi_square_tail
 from spinfilters.estimators.model_errors.score_test import ScoreTest
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
+from spinfilters.linear_algebra.chi_square import chi_square_tail
 
 MOST_EPOCHS: Final = 60
 """At which an error drawn by epoch is looked for; of a longer recording they are chosen evenly."""
 VARIANCES: Final = np.logspace(-2, 6, 65)
 """Of an error by epoch that are tried, in those that its most telling direction is known to."""
+UNEVEN: Final = 1e-3
+"""Probability of a larger error at some epoch among such, below which it is a jump there."""
 TESTED_VARIANCES: Final = (0.1, 1.0, 10.0, 100.0)
 """Of an error by epoch, likewise, for each of which there is a test: the most powerful one against it."""
 
@@ -175,7 +178,15 @@ def _by_epoch(
     std = np.sqrt(1 / curvature) / (2 * np.sqrt(variance)) if variance else curvature**-0.25
     p_value = _p_value(values, along, noise.sensor_dof)
     found = ScoreTest(error, np.array([np.sqrt(variance)]), np.array([std]), likelihood, 1.0, gain, p_value)
+    spread = np.sqrt(vectors**2 @ (variance**2 * values / (1 + variance * values)))
+    found = replace(found, is_possible=_is_even(drawn, spread))
     return found.removing(motion, right, explained) if found.is_telling else found
+
+
+def _is_even(drawn: Float[np.ndarray, " n"], spread: Float[np.ndarray, " n"]) -> bool:
+    """Whether no drawn error is too large for the distribution of all."""
+    square = float(np.max((drawn / np.where(spread > 0, spread, np.inf)) ** 2))
+    return len(drawn) * float(chi_square_tail(square, 1.0)) >= UNEVEN
 
 
 def _p_value(values: Float[np.ndarray, " n"], along: Float[np.ndarray, " n"], dof: float) -> float:

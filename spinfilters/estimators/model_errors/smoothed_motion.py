@@ -6,11 +6,12 @@ Disturbances of the motion, shifts of measurements.
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import casadi as ca
 import numpy as np
 from jaxtyping import Float, Int
+from numpy.polynomial.legendre import legvander
 
 from spinfilters.data.consider_parameter import ConsiderParameter
 from spinfilters.dynamics.mass_distribution import inertia_matrix
@@ -53,6 +54,13 @@ class MeasuredRows:
             return None
         return self.model.by_error(parameter.moved, parameter.size, self.states, self.parameters)
 
+
+STEADY: Final = 0.05
+"""Root mean square angle of the rates to their mean direction in the body, rad: below it they spin about one axis."""
+SLOW_TORQUE, SLOW_RATE = 2, 3
+"""Degrees in time of slow changes of a torque, and of the rates that a gyro reads."""
+LEAST_SLOW: Final = 1e-6
+"""Singular value of such changes relative to the largest, below which they are the same as others."""
 
 Shift = Callable[[MeasuredRows], Float[np.ndarray, "r i m"] | None]
 """Change of the innovations of measurements per unit of m errors; None of those that the error is not of."""
@@ -171,6 +179,32 @@ class SmoothedMotion:
             elif nothing.observations is not None:
                 nothing.observations[each.rows, : whitened.shape[1]] = whitened
         return nothing
+
+    @cached_property
+    def slow_changes(self) -> Float[np.ndarray, "r s"] | None:
+        """What slow changes of torque and gyro explain of a spin about one axis.
+
+        Orthonormal columns of whitened residuals; None of another motion, or without a gyro.
+        With constant rates every error of the motion is a slow torque, and a slow torque looks like a slow bias.
+        """
+        direction = self.rates / np.linalg.norm(self.rates, axis=1, keepdims=True)
+        mean = direction.mean(axis=0)
+        across = 1 - (direction @ mean) ** 2 / (mean @ mean)
+        read = self.shifted(lambda each: self._slow(SLOW_RATE)[each.epoch] if each.model.reads_rate else None)
+        if read is None or not across.mean() < STEADY**2:
+            return None
+        every = self.rows.residual(Columns.joined([read, self.disturbed(angular=self._slow(SLOW_TORQUE))]))
+        flattened = np.concatenate([part.reshape(-1, every.count) for part in every.parts])
+        size = np.linalg.norm(flattened, axis=0)
+        if not np.isfinite(flattened).all():
+            return None
+        basis, values, _ = np.linalg.svd(flattened / np.where(size > 0, size, 1.0), full_matrices=False)
+        return basis[:, values > LEAST_SLOW * values.max(initial=0.0)]
+
+    def _slow(self, degree: int) -> Float[np.ndarray, "k 3 s"]:
+        """Polynomials of time up to a degree, for every axis."""
+        t = 2 * (self.time - self.time[0]) / (self.time[-1] - self.time[0]) - 1
+        return np.kron(legvander(t, degree)[:, None], np.eye(3))
 
     @cached_property
     def measured(self) -> tuple[MeasuredRows, ...]:

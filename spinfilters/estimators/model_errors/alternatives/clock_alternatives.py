@@ -22,6 +22,10 @@ class ClockJitter(Alternative):
         """One column: every epoch late by a time of its own."""
         return motion.in_time(lambda each: np.ones((len(each.epoch), 1)))
 
+    def is_possible(self, size: Float[np.ndarray, " m"], motion: SmoothedMotion) -> bool:
+        """Whether stamps stay in order: less than an interval."""
+        return bool(size[0] < np.median(np.diff(motion.time)))
+
 
 class ClockDrift(Alternative):
     """Linear drift of the clock.
@@ -37,6 +41,10 @@ class ClockDrift(Alternative):
         span = motion.time[-1] - motion.time[0]
         late = 4 * ((motion.time - motion.time.mean()) / span) ** 2
         return motion.in_time(lambda each: late[each.epoch, None])
+
+    def is_possible(self, size: Float[np.ndarray, " m"], motion: SmoothedMotion) -> bool:
+        """Whether the clock runs forward at both ends."""
+        return bool(abs(size[0]) < (motion.time[-1] - motion.time[0]) / 4)
 
 
 class SensorDelay(Alternative):
