@@ -28,6 +28,7 @@ class InitialEstimate:
     cost: sum of squared whitened residuals about the mean, prior and dynamics included.
     dof: scalar observations that count, less three per landmark: what the least cost is expected to be.
     accepted, rejected: observations that count, and that do not.   used: per epoch, which of its landmark observations count.
+    refused: (r,) of each sensor without landmarks, the measurements that do not count; in the order of `collect_sensors`.
     ids: (L,) landmarks that at least two inliers observe; empty where a map is known or there is none.
     points: (L, 3) m, frame g.   counts: (L,) inliers of each.
     marginals: covariances of everything, or None where some direction is not determined.
@@ -50,6 +51,7 @@ class InitialEstimate:
     iterations: int
     converged: bool
     used: tuple[Bool[np.ndarray, " _"], ...] = ()
+    refused: tuple[Bool[np.ndarray, " _"], ...] = ()
     ids: Int[np.ndarray, " L"] = field(default_factory=lambda: np.zeros(0, dtype=int))
     points: Float[np.ndarray, "L 3"] = field(default_factory=lambda: np.zeros((0, 3)))
     counts: Int[np.ndarray, " L"] = field(default_factory=lambda: np.zeros(0, dtype=int))

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from spinfilters.estimators.timeline import Timeline
+from spinfilters.estimators.timeline import Epoch, Timeline
 from spinfilters.models.measurement import MeasurementModel
 
 STRETCH = 2048
@@ -82,3 +82,22 @@ def _collected(epochs: Timeline, begin: int) -> list[SensorRows]:
                 rows = SensorRows(m.model, np.full(len(m.values), k), m.values, m.parameters)
                 found.setdefault(id(m.model), []).append(rows)
     return [SensorRows.joined(rows) for rows in found.values()]
+
+
+def without_refused(epochs: Timeline, refused: Sequence[Bool[np.ndarray, " r"]]) -> Timeline:
+    """Epochs without the measurements of `collect_sensors` that are true in ``refused``, by sensor."""
+    if not any(each.any() for each in refused):
+        return epochs
+    numbers: dict[int, int] = {}
+    left = list(refused)
+    found: list[Epoch] = []
+    for epoch in epochs:
+        kept = []
+        for m in epoch.measurements:
+            if m.ids is None and len(m.values):
+                k = numbers.setdefault(id(m.model), len(numbers))
+                believed, left[k] = ~left[k][: len(m.values)], left[k][len(m.values) :]
+                m = replace(m, values=m.values[believed], parameters=m.parameters[believed])
+            kept.append(m)
+        found.append(replace(epoch, measurements=tuple(kept)))
+    return found
