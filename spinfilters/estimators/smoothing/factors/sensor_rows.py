@@ -1,13 +1,13 @@
 """Pose-only observations of a timeline, by sensor."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from spinfilters.estimators.timeline import Epoch, Timeline
+from spinfilters.estimators.timeline import Timeline
 from spinfilters.models.measurement import MeasurementModel
 
 STRETCH = 2048
@@ -64,6 +64,22 @@ class SensorRows:
         return self.part(slice(int(first), int(last)), begin)
 
 
+def without_refused(epochs: Timeline, refused: Mapping[MeasurementModel, Bool[np.ndarray, " r"]]) -> Timeline:
+    """Epochs without the measurements that are true in ``refused``, by sensor in the order of time."""
+    if not any(each.any() for each in refused.values()):
+        return epochs
+    left, found = dict(refused), []
+    for epoch in epochs:
+        kept = []
+        for m in epoch.measurements:
+            if m.model in left:
+                own, left[m.model] = np.split(left[m.model], [len(m.values)])
+                m = replace(m, values=m.values[~own], parameters=m.parameters[~own])
+            kept.append(m)
+        found.append(replace(epoch, measurements=tuple(kept)))
+    return found
+
+
 def collect_sensors(epochs: Timeline) -> tuple[SensorRows, ...]:
     """Measurements without ids, by sensor; of a long timeline one stretch after the other."""
     parts: dict[int, list[SensorRows]] = {}
@@ -82,22 +98,3 @@ def _collected(epochs: Timeline, begin: int) -> list[SensorRows]:
                 rows = SensorRows(m.model, np.full(len(m.values), k), m.values, m.parameters)
                 found.setdefault(id(m.model), []).append(rows)
     return [SensorRows.joined(rows) for rows in found.values()]
-
-
-def without_refused(epochs: Timeline, refused: Sequence[Bool[np.ndarray, " r"]]) -> Timeline:
-    """Epochs without the measurements of `collect_sensors` that are true in ``refused``, by sensor."""
-    if not any(each.any() for each in refused):
-        return epochs
-    numbers: dict[int, int] = {}
-    left = list(refused)
-    found: list[Epoch] = []
-    for epoch in epochs:
-        kept = []
-        for m in epoch.measurements:
-            if m.ids is None and len(m.values):
-                k = numbers.setdefault(id(m.model), len(numbers))
-                believed, left[k] = ~left[k][: len(m.values)], left[k][len(m.values) :]
-                m = replace(m, values=m.values[believed], parameters=m.parameters[believed])
-            kept.append(m)
-        found.append(replace(epoch, measurements=tuple(kept)))
-    return found
