@@ -20,6 +20,7 @@ from spinfilters.estimators.initialisation.initial_estimate import InitialEstima
 from spinfilters.estimators.initialisation.options import InitialisationOptions
 from spinfilters.estimators.robust.outlier_rejection import RobustOptions
 from spinfilters.estimators.run import run
+from spinfilters.estimators.smoothing.factors.sensor_rows import without_refused
 from spinfilters.estimators.timeline import Timeline
 from spinfilters.evaluation.body import body_estimate
 from spinfilters.evaluation.consistency import normalised_square
@@ -119,6 +120,8 @@ def departure_of(
 ) -> float:
     """Distance of a filter from the smoother in the smoother's standard deviations.
 
+    The filter has no gate: it takes in what the smoother does. A gross error that the smoother refuses is no linearisation's.
+
     Parameters
     ----------
     later: of more epochs; the filter goes on from ``start`` to its last. Infinite where the filter fails.
@@ -126,7 +129,8 @@ def departure_of(
     first, last = len(start.mean), len(later.mean)
     ungated = MultiplicativeEkf(process, RobustOptions(gate_probability=1.0))
     ungated.start(start.belief)
-    history = run(ungated, timeline[first - 1].time, timeline[first:last])
+    taken_in = without_refused(timeline[:last], later.refused)
+    history = run(ungated, timeline[first - 1].time, taken_in[first:])
     if history.status.verdict is Verdict.FAILED:
         return np.inf
     return _length(later.belief, history.mean[-1])

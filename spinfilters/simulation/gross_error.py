@@ -1,4 +1,4 @@
-"""One gross error: a single measurement of one epoch that is wrong altogether."""
+"""One gross error: a single measurement of one epoch that is wrong altogether, or missing."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -13,9 +13,11 @@ from spinfilters.data.dataset import Dataset
 from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.errors import InputError
 from spinfilters.sensors.registry import sensor_of
-from spinfilters.simulation.faults import Fault, epoch_rows, landmark_stream, with_stream
+from spinfilters.simulation.faults import Fault, epoch_rows, landmark_stream, stream_rows, with_stream
 
-KINDS: Final = ("outlier", "flipped", "turned", "identity")
+MISSING: Final = "missing"
+"""Kind that leaves out the measurement that the others spoil: what is left if an error is refused perfectly."""
+KINDS: Final = ("outlier", "flipped", "turned", "identity", MISSING)
 TURNED: Final = (0.3, np.pi)
 """Least and largest angle of a pose that is turned, rad."""
 FLIPPED: Final[Mapping[str, Callable[[Float[np.ndarray, " v"]], Float[np.ndarray, " v"]]]] = MappingProxyType(
@@ -46,7 +48,8 @@ class GrossError(Fault):
 
     Attributes
     ----------
-    kind: "outlier" (of the sensor's own distribution), "flipped" (a sign), "turned" (a pose), "identity" (two exchanged).
+    kind: "outlier" (of the sensor's own distribution), "flipped" (a sign), "turned" (a pose), "identity" (two exchanged),
+        "missing" (the measurement that these are of is left out; an epoch that has no other goes too).
     epoch: its number; negative ones count from the last.
     """
 
@@ -72,6 +75,8 @@ class GrossError(Fault):
         if self.kind == "identity":
             return with_stream(dataset, _exchanged(stream, rows, generator))
         values, row = stream.values.copy(), int(generator.choice(rows))
+        if self.kind == MISSING:
+            return with_stream(dataset, stream_rows(stream, np.delete(np.arange(len(stream)), row)))
         values[row] = self._wrong(dataset, stream, row, generator)
         return with_stream(dataset, replace(stream, values=values))
 

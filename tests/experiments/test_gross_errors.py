@@ -34,12 +34,20 @@ def test_a_quantile_is_of_ratios_of_the_same_seed() -> None:
 
 
 def test_lines_mark_what_is_beyond_a_tenth_and_count_what_is_ok_and_wrong() -> None:
-    wrong = [row("late", 0, 0.36, worst=4.5), row("late", 1, 0.48, verdict="degraded")]
+    wrong = [row("outlier-late", 0, 0.36, worst=4.5), row("outlier-late", 1, 0.48, verdict="degraded")]
     first, epoch, last = lines_of("gyro", [*RIGHT, *wrong])
     assert "a 1.200* (1.20), w 1.200* (1.20), moments 1.200*;" in first
-    assert first.endswith("ok 1 and 2 of 2, of these wrong 1 and 0")
+    assert first.endswith("ok 1 of 2 and 2 of 2, of these wrong 1 and 0")
     assert "any, late" in epoch
-    assert last == "gyro: largest ratio 1.200"
+    assert last.startswith("gyro: 1.1 not met; largest joined ratio 1.200 (mekf, late, a;")
+
+
+def test_a_missing_measurement_stands_beside_errors_and_is_none() -> None:
+    missing = [row("missing-late", 0, 0.6), row("missing-late", 1, 0.8)]
+    wrong = [row("outlier-late", 0, 0.309), row("outlier-late", 1, 0.412)]
+    *_, epoch, last = lines_of("gyro", [*RIGHT, *missing, *wrong])
+    assert "a 1.030 (1.03)" in epoch
+    assert last == "gyro: 1.1 met; largest joined ratio 1.030 (mekf, late, a; without the measurement 2.000)"
 
 
 @pytest.mark.parametrize("sensor", ["pose", "gyro", "tracks"])

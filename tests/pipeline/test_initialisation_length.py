@@ -20,6 +20,8 @@ from spinfilters.pipeline.initialisation_length import (
 )
 from spinfilters.pipeline.preparation import prepare
 from spinfilters.settings.run_settings import Settings
+from spinfilters.simulation.faults import with_faults
+from spinfilters.simulation.gross_error import GrossError
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 from spinfilters.state.status import Verdict
 
@@ -57,6 +59,18 @@ def test_a_filter_from_a_well_known_motion_lies_at_the_smoother() -> None:
     )
     away = departure_of(short.process, short.timeline, short.initial, long.initial)
     assert 0 < away < LARGEST_DEPARTURE
+
+
+def test_a_gross_error_behind_the_start_is_no_linearisation_that_a_filter_fails_on() -> None:
+    right = simulate(Scenario(kind="gyro", rate_rpm=RICH_RPM))
+    short, long = (
+        replace(FILTERS, initialisation=replace(FILTERS.initialisation, epochs=epochs)) for epochs in (30, 60)
+    )
+    start, away = prepare(right, short), []
+    for dataset in (right, with_faults(right, [GrossError("flipped", 45)], 0)):
+        later = prepare(dataset, long)
+        away.append(departure_of(start.process, later.timeline, start.initial, later.initial))
+    assert away[1] < max(2 * away[0], 0.1)
 
 
 @pytest.mark.parametrize(("enough", "length"), [(30, 60), (61, 69), (80, 92), (100, 69)])

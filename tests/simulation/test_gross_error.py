@@ -78,3 +78,13 @@ def test_an_error_that_a_recording_cannot_have_is_refused(
 def test_a_kind_that_is_not_known_is_refused_with_all_that_are() -> None:
     with pytest.raises(InputError, match="give one of outlier, flipped, turned, identity"):
         GrossError("odd", 0)
+
+
+@pytest.mark.parametrize("kind", ["gyro", "pose", "stereo-tracks"])
+@pytest.mark.parametrize("epoch", [0, 5, -1])
+def test_the_measurement_that_is_missing_is_the_one_that_an_outlier_spoils(kind: str, epoch: int) -> None:
+    (row,), _ = changed(DATASETS[kind], GrossError("outlier", epoch))
+    (old,) = DATASETS[kind].log.streams
+    (new,) = with_faults(DATASETS[kind], [GrossError("missing", epoch)], 1).log.streams
+    assert np.array_equal(new.values, np.delete(old.values, row, axis=0))
+    assert np.array_equal(new.time, np.delete(old.time, row))

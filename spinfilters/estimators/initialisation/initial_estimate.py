@@ -1,5 +1,6 @@
 """Result of an initialisation: the smoothed first epochs, with a map where landmarks were unknown."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,6 +13,7 @@ from spinfilters.estimators.smoothing.linear.marginals import Marginals
 from spinfilters.estimators.smoothing.problem.least_squares import InitialGuess
 from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
 from spinfilters.models.gauge import GAUGE_DIM
+from spinfilters.models.measurement import MeasurementModel
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import StateLayout
 from spinfilters.state.status import EstimatorStatus, Verdict
@@ -28,6 +30,7 @@ class InitialEstimate:
     cost: sum of squared whitened residuals about the mean, prior and dynamics included.
     dof: scalar observations that count, less three per landmark: what the least cost is expected to be.
     accepted, rejected: observations that count, and that do not.   used: per epoch, which of its landmark observations count.
+    refused: (r,) of each sensor without landmarks, in the order of time, which of its measurements do not count.
     ids: (L,) landmarks that at least two inliers observe; empty where a map is known or there is none.
     points: (L, 3) m, frame g.   counts: (L,) inliers of each.
     marginals: covariances of everything, or None where some direction is not determined.
@@ -50,6 +53,7 @@ class InitialEstimate:
     iterations: int
     converged: bool
     used: tuple[Bool[np.ndarray, " _"], ...] = ()
+    refused: Mapping[MeasurementModel, Bool[np.ndarray, " _"]] = field(default_factory=dict)
     ids: Int[np.ndarray, " L"] = field(default_factory=lambda: np.zeros(0, dtype=int))
     points: Float[np.ndarray, "L 3"] = field(default_factory=lambda: np.zeros((0, 3)))
     counts: Int[np.ndarray, " L"] = field(default_factory=lambda: np.zeros(0, dtype=int))

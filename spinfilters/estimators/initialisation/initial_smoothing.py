@@ -127,14 +127,14 @@ def _estimate(problem: Problem, solved: Solved, prior: FirstStatePrior) -> Initi
     here, solution, n = solved.point, solved.normal.solution, problem.layout.error_dim
     marginals = None if solution is None else Marginals(solution, solved.normal.eliminated)
     nothing = np.full((len(here.trajectory), n, n), np.nan)
-    cost, dof, accepted, rejected = here.sensors.cost + here.dynamics.cost, 0, 0, 0
+    cost, dof, accepted, refused = here.sensors.cost + here.dynamics.cost, 0, 0, {}
     for k, sensor in enumerate(problem.motion.sensors):
         _, costs, square, _ = here.sensor_rows(problem.motion, k)
         inliers = (here.pose_only_loss or LeastSquares()).weight(square) > 0
         cost += float(square[inliers].sum() - costs.sum())
         accepted += int(np.count_nonzero(inliers))
         dof += int(np.count_nonzero(inliers)) * sensor.model.dim
-        rejected += int(np.count_nonzero(~inliers))
+        refused[sensor.model] = ~inliers
     return InitialEstimate(
         layout=problem.layout,
         prior=prior,
@@ -143,9 +143,10 @@ def _estimate(problem: Problem, solved: Solved, prior: FirstStatePrior) -> Initi
         cost=cost,
         dof=dof,
         accepted=accepted,
-        rejected=rejected,
+        rejected=sum(int(np.count_nonzero(each)) for each in refused.values()),
         iterations=solved.iterations,
         converged=solved.converged,
+        refused=refused,
         marginals=marginals,
     )
 

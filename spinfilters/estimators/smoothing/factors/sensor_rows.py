@@ -1,6 +1,6 @@
 """Pose-only observations of a timeline, by sensor."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -62,6 +62,22 @@ class SensorRows:
         """The measurements of the epochs from ``begin`` to before ``end``, counted from ``begin`` on."""
         first, last = np.searchsorted(self.epoch, (begin, end))
         return self.part(slice(int(first), int(last)), begin)
+
+
+def without_refused(epochs: Timeline, refused: Mapping[MeasurementModel, Bool[np.ndarray, " r"]]) -> Timeline:
+    """Epochs without the measurements that are true in ``refused``, by sensor in the order of time."""
+    if not any(each.any() for each in refused.values()):
+        return epochs
+    left, found = dict(refused), []
+    for epoch in epochs:
+        kept = []
+        for m in epoch.measurements:
+            if m.model in left:
+                own, left[m.model] = np.split(left[m.model], [len(m.values)])
+                m = replace(m, values=m.values[~own], parameters=m.parameters[~own])
+            kept.append(m)
+        found.append(replace(epoch, measurements=tuple(kept)))
+    return found
 
 
 def collect_sensors(epochs: Timeline) -> tuple[SensorRows, ...]:
