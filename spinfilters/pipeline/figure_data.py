@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_reading import read_dataset
+from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate
 from spinfilters.evaluation.rates import BodyRates, measured_rates, true_rates
 from spinfilters.evaluation.trajectory import read_map_ply

@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from spinfilters.attitude.conversions import matrix_from_quaternion
 from spinfilters.data.atomic_write import make_folder, write_bytes, write_json
-from spinfilters.data.dataset_reading import has_images
+from spinfilters.data.dataset_reader import has_images
 from spinfilters.data.input_file import path_text
 from spinfilters.errors import InputError
 from spinfilters.evaluation.estimator_evaluation import Evaluation

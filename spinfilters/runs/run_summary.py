@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from spinfilters.data.dataset_reading import has_images
+from spinfilters.data.dataset_reader import has_images
 from spinfilters.data.input_file import reason
 from spinfilters.errors import InputError
 from spinfilters.estimators.history import EstimateHistory

@@ -11,7 +11,7 @@ from matplotlib.text import Text
 from spinfilters.attitude.conversions import multiply, quaternion_from_rotation_vector, rotate
 from spinfilters.cli.main import main
 from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_reading import read_dataset
+from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.data.dataset_writing import write_dataset
 from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.errors import InputError

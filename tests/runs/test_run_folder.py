@@ -10,7 +10,7 @@ from pictures import unrendered_pictures
 
 from spinfilters.cli.main import main
 from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_reading import read_dataset
+from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.data.dataset_writing import write_dataset
 from spinfilters.data.pose_files import read_tum
 from spinfilters.data.table_files import read_csv
