@@ -19,7 +19,7 @@ from spinfilters.errors import InputError
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.geometry.camera_trajectory import CameraTrajectory, in_camera
 from spinfilters.lidar.ply_files import write_ply
-from spinfilters.pipeline.figure_data import FigureData
+from spinfilters.pipeline.figures import FigureData
 from spinfilters.runs.run_folder import (
     ANIMATION_FILE,
     MODEL_FILE,

@@ -14,8 +14,7 @@ from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.evaluation.metrics import numbers, use_numbers
 from spinfilters.evaluation.reported_constants import constant_numbers
-from spinfilters.evaluation.span import shared_begin
-from spinfilters.evaluation.usage import on_identical_measurements
+from spinfilters.evaluation.span import on_identical_measurements, shared_begin
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.pipeline.conditions import StatedNoise, conditions_of
 from spinfilters.pipeline.estimation import Comparison

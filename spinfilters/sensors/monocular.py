@@ -12,7 +12,7 @@ from spinfilters.data.number_range import PIXEL
 from spinfilters.data.sensor_format import CalibrationFiles, SensorFormat, SensorNoise
 from spinfilters.errors import InputError
 from spinfilters.geometry.cameras import monocular_camera
-from spinfilters.models.camera_pose import camera_pose_model, with_camera_poses
+from spinfilters.models.sensor_models.camera_landmark import camera_pose_model, with_camera_poses
 from spinfilters.models.sensor_models.monocular_landmark import MonocularLandmark, monocular_parameters
 from spinfilters.models.sensor_noise import noise_model, noise_of_rows
 from spinfilters.sensors.feature_tracks import RIG, TrackCamera, feature_tracks

@@ -18,8 +18,8 @@ from spinfilters.data.sensor_format import SensorNoise, StoredSensor
 from spinfilters.errors import InputError
 from spinfilters.geometry.camera_trajectory import CameraTrajectory
 from spinfilters.geometry.cameras import Camera
-from spinfilters.models.camera_pose import CameraPoseModel
 from spinfilters.models.measurement import MeasurementModel
+from spinfilters.models.sensor_models.camera_landmark import CameraPoseModel
 from spinfilters.models.sensor_noise import NoiseLevel, SensorNoiseModel
 from spinfilters.sensors.simulated_scene import Scene, SimulatedStream
 from spinfilters.state.block import StateBlock

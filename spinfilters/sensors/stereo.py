@@ -12,7 +12,7 @@ from spinfilters.data.number_range import PIXEL
 from spinfilters.data.sensor_format import CalibrationFiles, SensorFormat, SensorNoise
 from spinfilters.data.table_files import Table
 from spinfilters.geometry.cameras import stereo_pair
-from spinfilters.models.camera_pose import camera_pose_model, with_camera_poses
+from spinfilters.models.sensor_models.camera_landmark import camera_pose_model, with_camera_poses
 from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark, stereo_parameters
 from spinfilters.models.sensor_noise import noise_model, noise_of_rows
 from spinfilters.sensors.feature_tracks import (

@@ -43,7 +43,8 @@ def test_the_documentation_tells_the_order_of_the_readers() -> None:
     ]
     page = (DOCS / "add-a-reader.md").read_text().replace("\n", " ")
     assert (
-        "folders with a `dataset.toml` at 0, phyphox exports at 10, other phone exports at 20, archives at 30, ROS bags at 40, yours at 50"
+        "folders with a `dataset.toml` at 0, "
+        "phyphox exports at 10, other phone exports at 20, archives at 30, ROS bags at 40, yours at 50"
         in page
     )
     assert "other folders at 90, tables with named columns at 95, other files at 100" in page

@@ -27,8 +27,7 @@ from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.pipeline.comparison_run import compare_dataset
 from spinfilters.pipeline.estimation import Comparison
-from spinfilters.pipeline.figure_data import FigureData
-from spinfilters.pipeline.figures import drawn_figure
+from spinfilters.pipeline.figures import FigureData, drawn_figure
 from spinfilters.pipeline.first_epochs import initial_samples
 from spinfilters.pipeline.preparation import camera_view
 from spinfilters.runs.run_folder import DECISIVE
