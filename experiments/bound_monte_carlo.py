@@ -21,7 +21,7 @@ from rich.table import Table
 
 from experiments.benchmarks.smoother_workload import MOTIONS
 from spinfilters.data.dataset import Dataset
-from spinfilters.data.track_files import KnownMap
+from spinfilters.data.known_map import KnownMap
 from spinfilters.estimators.robust.losses import LeastSquares
 from spinfilters.estimators.smoothing.factors.landmark_observations import OBSERVATIONS_NEEDED
 from spinfilters.estimators.smoothing.linear.marginals import Marginals

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from spinfilters.data.dataset_reading import read_dataset, read_segments, read_whole
+from spinfilters.data.dataset_reader import read_dataset, read_segments, read_whole
 from spinfilters.flight.free_flight import find_flights
 from spinfilters.flight.gyro_flights import gyro_flights
 from spinfilters.flight.parabola import PoseLog, acceleration_of, pose_flights

@@ -15,7 +15,7 @@ import numpy as np
 
 from spinfilters.data.atomic_write import make_folder
 from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_reading import read_dataset
+from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.pipeline.estimation import compare_estimators
 from spinfilters.pipeline.preparation import prepare

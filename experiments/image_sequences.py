@@ -21,7 +21,7 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.api.image_recordings import ImageScenario, render
-from spinfilters.data.dataset_reading import has_images
+from spinfilters.data.dataset_reader import has_images
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.pipeline.comparison_run import compare_dataset
 from spinfilters.settings.run_settings import Settings

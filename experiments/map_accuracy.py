@@ -27,7 +27,7 @@ from spinfilters.errors import InputError
 from spinfilters.geometry.cameras import stereo_pair
 from spinfilters.lidar.mesh import TriangleMesh
 from spinfilters.lidar.ply_files import read_ply
-from spinfilters.pipeline.figure_data import FigureData
+from spinfilters.pipeline.figures import FigureData
 from spinfilters.runs.run_folder import MODEL_FILE, RECONSTRUCTION_FILE, RECONSTRUCTION_FOLDER
 from spinfilters.vision.rendering.triangle_mesh import POLYHEDRA, named_mesh
 from spinfilters.vision.stereo_geometry import pixels_of

@@ -18,8 +18,8 @@ from scipy.spatial.transform import Rotation
 
 from spinfilters.data.camera import PinholeCamera
 from spinfilters.data.dataset import Dataset
+from spinfilters.data.known_map import KnownMap
 from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
-from spinfilters.data.track_files import KnownMap
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.pipeline.comparison_run import compare_dataset
 from spinfilters.settings.run_settings import ProcessSettings, Settings

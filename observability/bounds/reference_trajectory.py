@@ -10,9 +10,9 @@ from jaxtyping import Bool, Float
 
 from observability.bounds.known_inputs import DrivenMotion
 from spinfilters.errors import InputError, ShapeError
-from spinfilters.models.camera_pose import MOVING, with_camera_poses
 from spinfilters.models.measurement import MeasurementModel, row_by_row
 from spinfilters.models.process import TorqueFreeProcess
+from spinfilters.models.sensor_models.camera_landmark import MOVING, with_camera_poses
 from spinfilters.symbolic import Compiled
 
 
@@ -89,7 +89,7 @@ class SensorSchedule:
     unknown: leading parameters of every item that are unknown constants (3 for landmarks to be mapped).
     seen: (frames, items) which item is measured when.
     camera_poses: (frames, 7) t_ic m and q_ic of a camera that moves on a known trajectory, for a model with
-        `spinfilters.models.camera_pose.MOVING`; None for other models.
+        `spinfilters.models.sensor_models.camera_landmark.MOVING`; None for other models.
     """
 
     model: MeasurementModel

@@ -15,7 +15,7 @@ from spinfilters.api.argument_ranges import (
 )
 from spinfilters.api.blas_threads import on_one_blas_thread
 from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_reading import has_images, read_dataset
+from spinfilters.data.dataset_reader import has_images, read_dataset
 from spinfilters.data.input_file import value_text
 from spinfilters.data.reading_options import ReadingOptions
 from spinfilters.data.sensor_format import dataset_kinds

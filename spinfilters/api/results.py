@@ -132,7 +132,7 @@ class Run(Mapping[str, EstimatorResult]):
     @classmethod
     def from_folder(cls, folder: Path, settings: Settings) -> "Run":
         """Run of a complete run folder. InputError: a damaged one."""
-        from spinfilters.pipeline.figure_data import FigureData
+        from spinfilters.pipeline.figures import FigureData
 
         shown_run = FigureData.from_folder(folder)
         maps = {e.name: folder / e.name / MAP_FILE for e in shown_run.evaluations}
@@ -169,8 +169,7 @@ class Run(Mapping[str, EstimatorResult]):
         ------
         InputError: no such figure, or one that needs what the run does not have.
         """
-        from spinfilters.pipeline.figure_data import FigureData
-        from spinfilters.pipeline.figures import drawn_figure
+        from spinfilters.pipeline.figures import FigureData, drawn_figure
 
         landmarks = next(iter(self.values())).landmarks
         return drawn_figure(FigureData(self.dataset, self._evaluations, landmarks, self.conditions), name)

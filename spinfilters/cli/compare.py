@@ -12,7 +12,7 @@ from spinfilters.api.recording_comparison import estimator_names
 from spinfilters.cli.arguments import reading_options
 from spinfilters.cli.console import progress_bars, wide_console
 from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_reading import has_images, read_dataset
+from spinfilters.data.dataset_reader import has_images, read_dataset
 from spinfilters.data.input_file import value_text
 from spinfilters.data.reading_options import ReadingOptions
 from spinfilters.errors import InputError

@@ -8,7 +8,7 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from spinfilters.data.atomic_write import write_json
-from spinfilters.data.dataset_reading import read_dataset
+from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.live.answer import Answer, AnswerWriter
 from spinfilters.live.course import CourseRecorder
 from spinfilters.live.executive import Executive

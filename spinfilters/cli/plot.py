@@ -4,8 +4,7 @@ import argparse
 from pathlib import Path
 
 from spinfilters.cli.console import progress_bars, wide_console
-from spinfilters.pipeline.figure_data import FigureData
-from spinfilters.pipeline.figures import draw_run
+from spinfilters.pipeline.figures import FigureData, draw_run
 from spinfilters.pipeline.optional_outputs import draw_optional_outputs
 from spinfilters.pipeline.run_report import write_run_report
 from spinfilters.runs.run_lock import locked_run

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from spinfilters.cli.console import progress_bars, wide_console
-from spinfilters.pipeline.figure_data import FigureData
+from spinfilters.pipeline.figures import FigureData
 from spinfilters.pipeline.run_reconstruction import Reconstruction
 from spinfilters.pipeline.run_reconstruction import reconstruct as reconstruct_run
 from spinfilters.pipeline.run_report import write_run_report

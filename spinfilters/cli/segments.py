@@ -8,7 +8,7 @@ from rich.table import Table
 
 from spinfilters.cli.arguments import reading_options
 from spinfilters.cli.console import progress_bars, wide_console
-from spinfilters.data.dataset_reading import read_whole
+from spinfilters.data.dataset_reader import read_whole
 from spinfilters.data.reading_options import ReadingOptions
 from spinfilters.errors import InputError
 from spinfilters.flight.free_flight import find_flights

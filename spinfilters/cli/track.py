@@ -9,7 +9,7 @@ import numpy as np
 
 from spinfilters.cli.console import progress_bars, wide_console
 from spinfilters.data.atomic_write import write_json
-from spinfilters.data.dataset_reading import has_images
+from spinfilters.data.dataset_reader import has_images
 from spinfilters.data.dataset_writing import write_dataset
 from spinfilters.data.input_file import path_text
 from spinfilters.data.output_folder import output_folder, refuse_foreign

@@ -11,24 +11,27 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
+import numpy as np
+
 from spinfilters.data.accelerometer import Acceleration
 from spinfilters.data.camera import Rig
 from spinfilters.data.dataset_options import DatasetOptions
 from spinfilters.data.gyro_files import Segment
 from spinfilters.data.input_file import path_text, printable, value_text
-from spinfilters.data.inspector_files import require_cover
+from spinfilters.data.known_map import KnownMap
 from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.data.sensor_format import (
     CalibrationFiles,
     dataset_kinds,
     sensor_format,
 )
-from spinfilters.data.track_files import KnownMap
 from spinfilters.data.truth import Truth
 from spinfilters.errors import InputError
 
 DATASET_FILE: Final[str] = "dataset.toml"
 LANDMARK_FILE: Final[str] = "landmarks.csv"
+INSPECTOR_FILE: Final[str] = "inspector.tum"
+"""Known trajectory of the inspector: poses of cam0 in i, beside the measurements of a camera."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -117,3 +120,21 @@ def calibrations_of(log: MeasurementLog) -> tuple[CalibrationFiles, ...]:
     """Calibrations of the cameras in a log."""
     formats = [sensor_format(sensor) for sensor in log.sensors]
     return tuple(form.calibration for form in formats if form.calibration is not None)
+
+
+def require_cover(inspector: MeasurementStream, log: MeasurementLog) -> None:
+    """Require that the inspector's poses cover all observations of a camera.
+
+    InputError: a log without a camera, or observations of one before the first or after the last pose.
+    """
+    seen = [stream.time for stream in log.streams if sensor_format(stream.sensor).calibration is not None]
+    if not seen:
+        raise InputError(
+            f"an inspector's trajectory is of a camera, and only {', '.join(log.sensors)} measured; leave it out, or give tracks"
+        )
+    first, last = np.min([time[0] for time in seen]), np.max([time[-1] for time in seen])
+    if first < inspector.time[0] or last > inspector.time[-1]:
+        raise InputError(
+            f"the inspector's poses from {inspector.time[0]:.6f} s to {inspector.time[-1]:.6f} s do not cover the observations "
+            f"from {first:.6f} s to {last:.6f} s; give those that are missing"
+        )

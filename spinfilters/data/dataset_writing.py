@@ -5,13 +5,13 @@ from pathlib import Path
 
 from spinfilters.data.atomic_write import make_folder, write_toml
 from spinfilters.data.covariance_files import write_covariance
-from spinfilters.data.dataset import DATASET_FILE, LANDMARK_FILE, Dataset
+from spinfilters.data.dataset import DATASET_FILE, INSPECTOR_FILE, LANDMARK_FILE, Dataset
 from spinfilters.data.gyro_files import PHYPHOX_TABLE
 from spinfilters.data.input_file import path_text, reason
-from spinfilters.data.inspector_files import INSPECTOR_FILE, write_inspector
+from spinfilters.data.known_map import write_landmarks
+from spinfilters.data.pose_files import write_tum
 from spinfilters.data.sensor_files import write_sensor_file
 from spinfilters.data.sensor_format import sensor_format, sensor_formats
-from spinfilters.data.track_files import write_landmarks
 from spinfilters.data.truth import TRUTH_BODY, TRUTH_TABLE, write_truth
 from spinfilters.errors import InputError
 
@@ -57,7 +57,7 @@ def write_dataset(dataset: Dataset, folder: Path) -> None:
     if dataset.known_map is not None:
         write_landmarks(folder / LANDMARK_FILE, dataset.known_map)
     if dataset.inspector is not None:
-        write_inspector(folder, dataset.inspector)
+        write_tum(folder / INSPECTOR_FILE, dataset.inspector)
     write_toml(path, {"kind": dataset.kind, "description": dataset.description} | dataset.options.document)
 
 

@@ -3,7 +3,6 @@
 import os
 from pathlib import Path
 
-from spinfilters.data.dataset import DATASET_FILE
 from spinfilters.data.dataset_reader import dataset_readers, reader_of
 from spinfilters.data.sensor_format import sensor_formats
 
@@ -27,7 +26,7 @@ def _is_recording(path: Path) -> bool:
     """Whether a path, by its name or its files, looks like a recording."""
     reader, anything = reader_of(path), dataset_readers()[-1]
     if os.path.isdir(path):
-        return reader.order < _FOLDERS or os.path.isfile(path / DATASET_FILE)
+        return reader.order < _FOLDERS
     suffixes = [suffix for form in sensor_formats().values() for suffix in form.suffixes]
     return reader.name != anything.name or path.suffix.lower() in suffixes
 

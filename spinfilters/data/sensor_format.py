@@ -7,7 +7,10 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
 
+import numpy as np
+
 from spinfilters.data.number_range import NumberRange
+from spinfilters.data.table_files import Table
 from spinfilters.errors import InputError
 from spinfilters.plugins import PluginGroup
 
@@ -65,6 +68,7 @@ class SensorFormat:
     repeats: whether time stamps repeat without landmarks: many rows of one epoch.
     quaternion: first of four columns that hold a unit quaternion, scalar last.
     calibration: of the camera.
+    check: refuses rows that no such sensor measures.
     read, write: where the table is not a CSV of these columns.   suffixes: of single files that are read as this sensor's.
     suffix_words: what such files are called.
     """
@@ -80,6 +84,7 @@ class SensorFormat:
     repeats: bool = False
     quaternion: int | None = None
     calibration: CalibrationFiles | None = None
+    check: Callable[[Table], None] | None = None
     read: "Callable[[Path], MeasurementStream] | None" = None
     write: "Callable[[Path, MeasurementStream], None] | None" = None
     suffixes: tuple[str, ...] = ()
@@ -147,3 +152,35 @@ def _by_name(sensors: tuple[StoredSensor, ...]) -> Mapping[str, SensorFormat]:
         if twice is not None:
             raise InputError(f"{what} {twice!r} is registered twice; uninstall one of the plug-ins")
     return MappingProxyType({each.name: each for each in formats})
+
+
+@dataclass(frozen=True, init=False)
+class SensorNoise:
+    """Standard deviations of sensors whose rows have no covariances.
+
+    See each sensor for its model.
+    Every option of the registry has a value, its default where none is given, and is an attribute: ``noise.pixel_std``.
+
+    Raises
+    ------
+    InputError: an unknown option, a value that is not positive (or zero where the option allows it) and finite.
+    """
+
+    values: Mapping[str, float]
+
+    def __init__(self, values: Mapping[str, float] | None = None, **changes: float) -> None:
+        options = noise_options()
+        given = {**(values or {}), **changes}
+        for name, value in given.items():
+            if name not in options:
+                raise InputError(f"sensor noise {name} is unknown; use {', '.join(options)}")
+            smallest = 0.0 if options[name].allowed.zero else np.finfo(float).tiny
+            if not (np.isfinite(value) and value >= smallest):
+                raise InputError(f"{name} is {value}; give a positive, finite standard deviation")
+        defaults = {name: option.default for name, option in options.items()}
+        object.__setattr__(self, "values", {**defaults, **given})
+
+    def __getattr__(self, name: str) -> float:
+        if name == "values" or name.startswith("__") or name not in self.values:
+            raise AttributeError(f"sensor noise has no {name}")
+        return self.values[name]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from spinfilters.data.atomic_write import atomic_file
 from spinfilters.data.input_file import path_text, reason, require_text_table, value_text
@@ -44,6 +44,7 @@ class TableFormat:
 
 TUM_FORMAT = TableFormat(delimiter=None, comment="#", header=False)
 """Blank-separated numbers without a header; '#' starts a comment."""
+_LARGEST_ID = 2.0**53  # above it float64 does not tell whole numbers apart
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,6 +84,16 @@ class Table:
                 row,
                 f"{value_text(name)} is {float(chosen[row, column])!r}; correct or delete the line, give {allowed}",
             )
+
+    def landmark_ids(self, column: int) -> Int[np.ndarray, " n"]:
+        """Landmark ids of a column. InputError: one that is no whole number."""
+        ids = self.values[:, column]
+        bad = np.flatnonzero((ids != np.round(ids)) | (np.abs(ids) > _LARGEST_ID))
+        if bad.size:
+            raise self.error(
+                int(bad[0]), f"landmark_id {float(ids[bad[0]])!r} is not a whole number; renumber it"
+            )
+        return ids.astype(np.int64)
 
 
 def read_header(path: Path) -> tuple[str, ...]:

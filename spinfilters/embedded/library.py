@@ -17,7 +17,7 @@ from spinfilters.embedded.model_functions import (
 )
 from spinfilters.estimators.landmarks.landmark_map import CONFIRMED, WRONG_IN_A_ROW
 from spinfilters.estimators.robust.outlier_rejection import RobustOptions
-from spinfilters.models.step_count import boole_weights
+from spinfilters.models.rotation_substeps import boole_weights
 from spinfilters.symbolic.c_library import FLAGS, load_text
 
 HEADERS = (

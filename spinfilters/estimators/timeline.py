@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from spinfilters.data.measurement_log import MeasurementLog
-from spinfilters.data.noise_levels import SensorNoise
+from spinfilters.data.sensor_format import SensorNoise
 from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Measurement
 from spinfilters.sensors.registry import sensor_of

@@ -11,10 +11,17 @@ from rich.text import Text
 from spinfilters.evaluation.deviation_rows import LATEST_ROWS, PARTS_CAPTION, parts_row
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.evaluation.formatting import numbers, with_uncertainty
-from spinfilters.evaluation.span import ALWAYS, SpanErrors, shared_begin, span_errors
+from spinfilters.evaluation.span import (
+    ALWAYS,
+    ObservationUse,
+    SpanErrors,
+    observation_use,
+    shared_begin,
+    span_errors,
+    title_sentences,
+)
 from spinfilters.evaluation.table_row import DEGREE, Cell, Column, TableRow
 from spinfilters.evaluation.trajectory_errors import BodyErrors, RmsErrors
-from spinfilters.evaluation.usage import ObservationUse, observation_use, title_sentences
 from spinfilters.state.block import StateBlock
 from spinfilters.state.blocks import BLOCKS
 

@@ -7,9 +7,15 @@ import numpy as np
 from spinfilters.evaluation.error_bound import ErrorBound
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.evaluation.reported_constants import constant_numbers
-from spinfilters.evaluation.span import ALWAYS, SpanErrors, middle, span_errors
+from spinfilters.evaluation.span import (
+    ALWAYS,
+    ObservationUse,
+    SpanErrors,
+    middle,
+    observation_use,
+    span_errors,
+)
 from spinfilters.evaluation.trajectory_errors import BodyErrors, RmsErrors
-from spinfilters.evaluation.usage import ObservationUse, observation_use
 
 
 def numbers(evaluation: Evaluation, shared: float = ALWAYS) -> dict[str, Any]:

@@ -7,8 +7,7 @@ from typing import Final
 import numpy as np
 
 from spinfilters.evaluation.estimator_evaluation import Evaluation
-from spinfilters.evaluation.span import SpanErrors
-from spinfilters.evaluation.usage import ObservationUse
+from spinfilters.evaluation.span import ObservationUse, SpanErrors
 
 DEGREE: Final = float(np.deg2rad(1.0))
 

@@ -21,9 +21,8 @@ from spinfilters.attitude.expressions import (
 )
 from spinfilters.errors import InputError
 from spinfilters.models.linearised_step import LinearisedSteps
-from spinfilters.models.rotation_integrator import IntegrationError, RotationIntegrator, rotation_difference
-from spinfilters.models.rotation_parameters import rotation_parameters
-from spinfilters.models.step_count import FEWEST, boole_weights
+from spinfilters.models.rotation_integrator import FEWEST, IntegrationError, RotationIntegrator
+from spinfilters.models.rotation_substeps import boole_weights, rotation_difference, rotation_parameters
 from spinfilters.state.layout import StateLayout
 from spinfilters.symbolic import VectorisedScan, building
 
@@ -109,7 +108,7 @@ class BatchedLinearisation:
         """
         inputs = self._inputs()
         begin = ca.Function("begin_steps", inputs, [*self._begin(inputs[0], inputs[2]), inputs[4]])
-        state = ca.SX.sym("state", 2 * ROTATION + self._integrator.linear_substep().numel_in(0))
+        state = ca.SX.sym("state", 2 * ROTATION + self._integrator.expressions.linear_substep().numel_in(0))
         end = ca.Function("end_steps", [*inputs, state], self._end(inputs, state))
         return VectorisedScan(begin, self._turn(state), end)
 
@@ -126,7 +125,10 @@ class BatchedLinearisation:
         return [first, p, rotation_parameters(self._layout, slopes)]
 
     def _turn(self, state: Expression) -> ca.Function:
-        substep, linear = self._integrator.substep(), self._integrator.linear_substep()
+        substep, linear = (
+            self._integrator.expressions.substep(),
+            self._integrator.expressions.linear_substep(),
+        )
         p, slopes = ca.SX.sym("p", substep.numel_in(1)), ca.SX.sym("slopes", substep.numel_in(1))
         h, numbers = ca.SX.sym("h"), ca.SX.sym("numbers", 2)
         fine, coarse, sums = ca.vertsplit(state, [0, ROTATION, 2 * ROTATION, state.numel()])
@@ -141,9 +143,9 @@ class BatchedLinearisation:
         layout, n = self._layout, state.numel()
         fine, coarse, sums, noise = ca.vertsplit(state, [0, ROTATION, 2 * ROTATION, n - 36, n])
         error = rotation_difference(coarse, fine) / 15
-        after = self._integrator.translated(layout.unpack(here), fine[:4], fine[4:], dt)
+        after = self._integrator.expressions.translated(layout.unpack(here), fine[:4], fine[4:], dt)
         last = ca.diagcat(ca.SX.zeros(3, 3), ca.SX.eye(3)) * h * boole_weights(FEWEST)[-1]
-        _, transition, factor = self._integrator.assemble()(
+        _, transition, factor = self._integrator.expressions.assemble()(
             about, dt, psd, sums, ca.reshape(noise, 6, 6) + last
         )
         turn, a = _turn_between(layout.unpack(there)["q"], layout.unpack(after)["q"]), layout.slice("a")

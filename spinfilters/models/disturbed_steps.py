@@ -92,7 +92,7 @@ class DisturbedSteps:
         x, h = ca.MX.sym("x", self._layout.mean_dim), ca.MX.sym("h")
         kick = ca.MX.sym("kick", 2 * len(self.kicked))
         before, behind = ca.vertsplit(kick, len(self.kicked))
-        moved, error = self._integrator.step_function(count)(x + into @ before, h)
+        moved, error = self._integrator.expressions.step(count)(x + into @ before, h)
         one = ca.Function("disturbed_step", [x, h, kick], [moved + into @ behind, error])
         kicks = ca.MX.sym("kicks", 2 * len(self.kicked), steps)
         every, errors = one.mapaccum("disturbed", steps)(x, ca.repmat(h, 1, steps), kicks)

@@ -23,8 +23,7 @@ from spinfilters.errors import InputError
 from spinfilters.models.batched_linearisation import BatchedLinearisation
 from spinfilters.models.disturbed_steps import DisturbedSteps
 from spinfilters.models.linearised_step import LinearisedStep, LinearisedSteps
-from spinfilters.models.rotation_integrator import RotationIntegrator
-from spinfilters.models.step_count import MAX_SUBSTEPS, substeps, turns
+from spinfilters.models.rotation_integrator import MAX_SUBSTEPS, RotationIntegrator, substeps, turns
 from spinfilters.state.blocks.acceleration import ACCELERATION
 from spinfilters.state.layout import StateLayout
 

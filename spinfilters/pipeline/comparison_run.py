@@ -145,8 +145,7 @@ def _write_and_draw(folder: Path, comparison: Comparison, settings: Settings, re
     write_run(folder, comparison, settings)
     if comparison.interrupted:
         return
-    from spinfilters.pipeline.figure_data import FigureData
-    from spinfilters.pipeline.figures import draw_run
+    from spinfilters.pipeline.figures import FigureData, draw_run
 
     draw_run(
         FigureData.from_comparison(comparison), folder, lambda done, total: report("figures", done, total)
@@ -154,7 +153,7 @@ def _write_and_draw(folder: Path, comparison: Comparison, settings: Settings, re
 
 
 def _write_report(folder: Path, comparison: Comparison) -> None:
-    from spinfilters.pipeline.figure_data import FigureData
+    from spinfilters.pipeline.figures import FigureData
     from spinfilters.pipeline.run_report import write_run_report
 
     write_run_report(FigureData.from_comparison(comparison), folder)
@@ -168,7 +167,7 @@ def _complete(dataset: Dataset, settings: Settings, output: RunOutput, report: P
             output.folder, dataset, settings, lambda done, total: report("convergence", done, total)
         )
     if made or not (output.folder / REPORT_FILE).exists():
-        from spinfilters.pipeline.figure_data import FigureData
+        from spinfilters.pipeline.figures import FigureData
         from spinfilters.pipeline.run_report import write_run_report
 
         write_run_report(FigureData.from_folder(output.folder), output.folder)
@@ -184,8 +183,7 @@ def _draw_missing(folder: Path, settings: Settings, report: Progress) -> list[st
     missing = [name for name in picture_files(settings.estimators) if not (folder / name).exists()]
     if not missing:
         return []
-    from spinfilters.pipeline.figure_data import FigureData
-    from spinfilters.pipeline.figures import draw_run
+    from spinfilters.pipeline.figures import FigureData, draw_run
 
     figure_data = FigureData.from_folder(folder)
     return draw_run(figure_data, folder, lambda done, total: report("figures", done, total), missing)

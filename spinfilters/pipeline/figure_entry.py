@@ -9,7 +9,7 @@ from spinfilters.plugins import PluginGroup, by_name
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from spinfilters.pipeline.figure_data import FigureData
+    from spinfilters.pipeline.figures import FigureData
 
 
 class FigureEntry(ABC):

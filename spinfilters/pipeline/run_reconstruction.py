@@ -13,13 +13,13 @@ from jaxtyping import Float
 
 from spinfilters.attitude.conversions import matrix_from_quaternion
 from spinfilters.data.atomic_write import make_folder, write_bytes, write_json
-from spinfilters.data.dataset_reading import has_images
+from spinfilters.data.dataset_reader import has_images
 from spinfilters.data.input_file import path_text
 from spinfilters.errors import InputError
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.geometry.camera_trajectory import CameraTrajectory, in_camera
 from spinfilters.lidar.ply_files import write_ply
-from spinfilters.pipeline.figure_data import FigureData
+from spinfilters.pipeline.figures import FigureData
 from spinfilters.runs.run_folder import (
     ANIMATION_FILE,
     MODEL_FILE,

@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import Final
 
 from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_reader import OnRefused, reader_of
-from spinfilters.data.dataset_reading import read_dataset, read_segments, read_whole
+from spinfilters.data.dataset_reader import OnRefused, read_dataset, read_segments, read_whole, reader_of
 from spinfilters.data.gyro_files import Segment
 from spinfilters.data.input_file import path_text, value_text
 from spinfilters.data.reading_options import NOTHING_STATED, ReadingOptions

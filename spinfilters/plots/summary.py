@@ -10,11 +10,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from spinfilters.evaluation.estimator_evaluation import Evaluation
-from spinfilters.evaluation.flips import count_flips, knows_intermediate_axis
 from spinfilters.evaluation.formatting import with_uncertainty
-from spinfilters.evaluation.rates import BodyRates, estimated_rates
-from spinfilters.evaluation.span import initialisation_end, shared_begin
-from spinfilters.evaluation.usage import ObservationUse, observation_use, title_sentences
+from spinfilters.evaluation.rates import BodyRates, count_flips, estimated_rates, knows_intermediate_axis
+from spinfilters.evaluation.span import (
+    ObservationUse,
+    initialisation_end,
+    observation_use,
+    shared_begin,
+    title_sentences,
+)
 from spinfilters.plots.inertia import RATIO_LABELS
 from spinfilters.plots.style import (
     AXIS_COLOURS,

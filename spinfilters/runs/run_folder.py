@@ -13,7 +13,7 @@ import numpy as np
 from spinfilters.data.atomic_write import make_folder, write_json, write_toml
 from spinfilters.data.camera import RIG_FILES
 from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_reading import read_dataset
+from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.data.dataset_writing import dataset_files, write_dataset
 from spinfilters.data.input_file import path_text, value_text
 from spinfilters.data.measurement_log import MeasurementStream

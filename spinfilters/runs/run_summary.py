@@ -7,15 +7,14 @@ from typing import Any
 
 import numpy as np
 
-from spinfilters.data.dataset_reading import has_images
+from spinfilters.data.dataset_reader import has_images
 from spinfilters.data.input_file import reason
 from spinfilters.errors import InputError
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.evaluation.metrics import numbers, use_numbers
 from spinfilters.evaluation.reported_constants import constant_numbers
-from spinfilters.evaluation.span import shared_begin
-from spinfilters.evaluation.usage import on_identical_measurements
+from spinfilters.evaluation.span import on_identical_measurements, shared_begin
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.pipeline.conditions import StatedNoise, conditions_of
 from spinfilters.pipeline.estimation import Comparison

@@ -4,7 +4,7 @@ No data set holds it yet.
 """
 
 from spinfilters.data.measurement_log import MeasurementStream
-from spinfilters.data.noise_levels import SensorNoise
+from spinfilters.data.sensor_format import SensorNoise
 from spinfilters.errors import InputError
 from spinfilters.models.sensor_models.lidar_landmark import LidarLandmark
 from spinfilters.sensors.sensor import AnalysedSensor, BoundStream, CameraView, Sensor

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from spinfilters.data.measurement_log import MeasurementStream
-from spinfilters.data.noise_levels import SensorNoise
+from spinfilters.data.sensor_format import SensorNoise
 from spinfilters.models.sensor_models.pose_model import LidarPose
 from spinfilters.sensors.pose import PoseSensor, pose_format
 from spinfilters.sensors.sensor import CameraView, MotionSamples

@@ -8,12 +8,11 @@ from jaxtyping import Float
 
 from spinfilters.data.camera import RIG_FILES, PinholeCamera, Rig, read_camera, write_camera
 from spinfilters.data.measurement_log import MeasurementStream
-from spinfilters.data.noise_levels import SensorNoise
 from spinfilters.data.number_range import PIXEL
-from spinfilters.data.sensor_format import CalibrationFiles, SensorFormat
+from spinfilters.data.sensor_format import CalibrationFiles, SensorFormat, SensorNoise
 from spinfilters.errors import InputError
 from spinfilters.geometry.cameras import monocular_camera
-from spinfilters.models.camera_pose import camera_pose_model, with_camera_poses
+from spinfilters.models.sensor_models.camera_landmark import camera_pose_model, with_camera_poses
 from spinfilters.models.sensor_models.monocular_landmark import MonocularLandmark, monocular_parameters
 from spinfilters.models.sensor_noise import noise_model, noise_of_rows
 from spinfilters.sensors.feature_tracks import RIG, TrackCamera, feature_tracks
@@ -25,9 +24,10 @@ from spinfilters.sensors.sensor import (
     Sensor,
     model_over,
     noise_level,
+    required_view,
 )
 from spinfilters.sensors.simulated_scene import Scene, SimulatedStream
-from spinfilters.sensors.track_rows import CALIBRATION, PIXEL_STD, mapped_rows, posed_samples, required_view
+from spinfilters.sensors.track_rows import CALIBRATION, PIXEL_STD, mapped_rows, posed_samples
 from spinfilters.state.layout import StateLayout
 from spinfilters.tracks.perspective_poses import perspective_pose
 from spinfilters.tracks.track_poses import track_epochs

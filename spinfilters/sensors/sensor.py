@@ -12,15 +12,14 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from spinfilters.data.camera import Rig
+from spinfilters.data.known_map import KnownMap
 from spinfilters.data.measurement_log import MeasurementStream
-from spinfilters.data.noise_levels import SensorNoise
-from spinfilters.data.sensor_format import StoredSensor
-from spinfilters.data.track_files import KnownMap
+from spinfilters.data.sensor_format import SensorNoise, StoredSensor
 from spinfilters.errors import InputError
 from spinfilters.geometry.camera_trajectory import CameraTrajectory
 from spinfilters.geometry.cameras import Camera
-from spinfilters.models.camera_pose import CameraPoseModel
 from spinfilters.models.measurement import MeasurementModel
+from spinfilters.models.sensor_models.camera_landmark import CameraPoseModel
 from spinfilters.models.sensor_noise import NoiseLevel, SensorNoiseModel
 from spinfilters.sensors.simulated_scene import Scene, SimulatedStream
 from spinfilters.state.block import StateBlock
@@ -49,6 +48,13 @@ class CameraView:
         None where frame i is the camera's. InputError: times that are not covered.
         """
         return None if self.inspector is None else self.inspector.at(time)
+
+
+def required_view(sensor: str, view: CameraView | None) -> CameraView:
+    """The camera view. InputError: None given."""
+    if view is None:
+        raise InputError(f"{sensor} tracks need a calibration here; give the view they were taken with")
+    return view
 
 
 @dataclass(frozen=True, eq=False)

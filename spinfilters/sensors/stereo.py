@@ -8,12 +8,11 @@ from jaxtyping import Float, Int
 
 from spinfilters.data.camera import RIG_FILES, Rig, StereoRig, read_stereo_rig, write_stereo_rig
 from spinfilters.data.measurement_log import MeasurementStream
-from spinfilters.data.noise_levels import SensorNoise
 from spinfilters.data.number_range import PIXEL
-from spinfilters.data.sensor_format import CalibrationFiles, SensorFormat
-from spinfilters.data.track_files import SMALLEST_DISPARITY_PX, TRACK_COLUMNS, read_tracks, write_tracks
+from spinfilters.data.sensor_format import CalibrationFiles, SensorFormat, SensorNoise
+from spinfilters.data.table_files import Table
 from spinfilters.geometry.cameras import stereo_pair
-from spinfilters.models.camera_pose import camera_pose_model, with_camera_poses
+from spinfilters.models.sensor_models.camera_landmark import camera_pose_model, with_camera_poses
 from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark, stereo_parameters
 from spinfilters.models.sensor_noise import noise_model, noise_of_rows
 from spinfilters.sensors.feature_tracks import (
@@ -31,15 +30,34 @@ from spinfilters.sensors.sensor import (
     Sensor,
     model_over,
     noise_level,
+    required_view,
 )
 from spinfilters.sensors.simulated_scene import Scene, SimulatedStream
-from spinfilters.sensors.track_rows import CALIBRATION, PIXEL_STD, mapped_rows, posed_samples, required_view
+from spinfilters.sensors.track_rows import CALIBRATION, PIXEL_STD, mapped_rows, posed_samples
 from spinfilters.sensors.visibility import Surface
 from spinfilters.state.layout import StateLayout
 from spinfilters.tracks.map_building import poses_without_map
 from spinfilters.tracks.track_poses import poses_with_map
 
+SMALLEST_DISPARITY_PX: Final[float] = -3.0
+"""A far point has disparity zero, with noise a little less; below this, columns or cameras are swapped."""
 _ROUNDING_PX: Final = 1e-9  # keeps a difference of two coordinates on the right side of a bound
+
+
+def require_before_cameras(table: Table) -> None:
+    """Require all points of a table of tracks before the cameras.
+
+    Disparities from `SMALLEST_DISPARITY_PX` to zero are kept: to reject them is the filter's task. InputError: one below.
+    """
+    u_left, u_right = table.values[:, 2], table.values[:, 4]
+    behind = np.flatnonzero(u_left - u_right < SMALLEST_DISPARITY_PX)
+    if behind.size:
+        row = int(behind[0])
+        raise table.error(
+            row,
+            f"u_left_px {float(u_left[row])} - u_right_px {float(u_right[row])} is below {SMALLEST_DISPARITY_PX} px, "
+            "a point behind the cameras; swap left and right, or delete the line",
+        )
 
 
 class StereoSensor(Sensor):
@@ -53,14 +71,13 @@ class StereoSensor(Sensor):
         name="stereo",
         kind="stereo-tracks",
         file="tracks.csv",
-        columns=TRACK_COLUMNS[2:],
+        columns=("u_left_px", "v_left_px", "u_right_px"),
         dimension=3,
         noise=(PIXEL_STD,),
         allowed=PIXEL,
         has_landmarks=True,
         calibration=CalibrationFiles(StereoRig, RIG_FILES, read_stereo_rig, write_stereo_rig),
-        read=read_tracks,
-        write=write_tracks,
+        check=require_before_cameras,
     )
     sees_place = True
     analysis = AnalysedSensor(

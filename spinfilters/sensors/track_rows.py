@@ -5,11 +5,10 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float
 
+from spinfilters.data.known_map import KnownMap
 from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.data.number_range import NumberRange
 from spinfilters.data.sensor_format import NoiseOption
-from spinfilters.data.track_files import KnownMap
-from spinfilters.errors import InputError
 from spinfilters.geometry.camera_trajectory import in_inertial
 from spinfilters.sensors.sensor import CameraView, MotionSamples
 
@@ -17,13 +16,6 @@ PIXEL_STD: Final = NoiseOption("pixel_std", "pixels", NumberRange(1e-12, 1e6, "p
 """Of each pixel coordinate: an option that cameras share."""
 CALIBRATION: Final = (466.7, 470.0, 320.0, 240.0)
 """fx, fy, cx, cy of the analyser's cameras, px."""
-
-
-def required_view(sensor: str, view: CameraView | None) -> CameraView:
-    """The camera view. InputError: None given."""
-    if view is None:
-        raise InputError(f"{sensor} tracks need a calibration here; give the view they were taken with")
-    return view
 
 
 def mapped_rows(

@@ -12,9 +12,9 @@ from spinfilters.conventions import RPM
 from spinfilters.data.consider_parameter import exact_calibration
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.dataset_options import DatasetOptions
+from spinfilters.data.known_map import KnownMap
 from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.data.sensor_format import dataset_kinds
-from spinfilters.data.track_files import KnownMap
 from spinfilters.data.truth import Truth
 from spinfilters.dynamics.mass_distribution import from_inertia
 from spinfilters.errors import InputError

@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from spinfilters.attitude.conversions import matrix_from_quaternion
+from spinfilters.data.known_map import KnownMap
 from spinfilters.data.measurement_log import MeasurementStream
-from spinfilters.data.track_files import KnownMap
 from spinfilters.errors import InputError
 from spinfilters.geometry.cameras import stereo_pair
 from spinfilters.models.sensor_noise import NoiseLevel, noise_of_rows

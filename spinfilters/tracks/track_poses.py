@@ -5,8 +5,8 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Float
 
+from spinfilters.data.known_map import KnownMap
 from spinfilters.data.measurement_log import MeasurementStream
-from spinfilters.data.track_files import KnownMap
 from spinfilters.errors import InputError
 from spinfilters.models.sensor_noise import NoiseLevel, noise_of_rows
 from spinfilters.tracks.matches import Matches

@@ -8,8 +8,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from spinfilters.data.dataset import INSPECTOR_FILE
 from spinfilters.data.input_file import path_text
-from spinfilters.data.inspector_files import INSPECTOR_FILE
 from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.data.pose_files import read_tum
 from spinfilters.data.truth import TRUTH_TABLE, Truth, read_truth

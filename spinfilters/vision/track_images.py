@@ -9,7 +9,7 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from spinfilters.data.calibration_deviations import with_told_deviations
+from spinfilters.data.camera import with_told_deviations
 from spinfilters.data.dataset import DATASET_FILE, Dataset
 from spinfilters.data.dataset_options import DatasetOptions, options_from_toml
 from spinfilters.data.input_file import path_text, printable

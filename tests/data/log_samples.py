@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 from spinfilters.data.camera import PinholeCamera, StereoRig
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.dataset_options import DatasetOptions
+from spinfilters.data.known_map import KnownMap
 from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
-from spinfilters.data.track_files import KnownMap
 from spinfilters.data.truth import Truth
 
 REAL_DATA = Path(__file__).parents[3] / "shared" / "data"

@@ -8,7 +8,7 @@ import pytest
 from spinfilters.data.camera import StereoRig
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.dataset_options import DatasetOptions
-from spinfilters.data.dataset_reading import read_dataset
+from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.data.dataset_writing import write_dataset
 from spinfilters.data.sensor_yaml import deviations_text
 from spinfilters.errors import InputError

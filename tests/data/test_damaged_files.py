@@ -10,17 +10,22 @@ from hypothesis import strategies as st
 from log_samples import DATASET, GYRO, PHYPHOX, SEGMENTS, TRACKS, TUM, sensor_yaml, written
 
 from spinfilters.data.camera import read_stereo_rig
-from spinfilters.data.dataset_reading import read_dataset
+from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.data.gyro_files import read_gyro_csv, read_phyphox
 from spinfilters.data.pose_files import read_tum
-from spinfilters.data.track_files import read_tracks
+from spinfilters.data.sensor_files import read_sensor_file
+from spinfilters.data.sensor_format import sensor_format
 from spinfilters.errors import InputError
 
 Reader = Callable[[Path], object]
 READERS: dict[str, tuple[str, str, Reader]] = {
     "gyro": ("gyro.csv", GYRO, lambda folder: read_gyro_csv(folder / "gyro.csv")),
     "pose": ("poses.tum", TUM, lambda folder: read_tum(folder / "poses.tum")),
-    "tracks": ("tracks.csv", TRACKS, lambda folder: read_tracks(folder / "tracks.csv")),
+    "tracks": (
+        "tracks.csv",
+        TRACKS,
+        lambda folder: read_sensor_file(sensor_format("stereo"), folder / "tracks.csv"),
+    ),
     "options": ("dataset.toml", DATASET, read_dataset),
     "rig": ("cam1/sensor.yaml", sensor_yaml(0.09), read_stereo_rig),
     "phyphox": ("Raw Data.csv", PHYPHOX[:300], read_phyphox),

@@ -8,7 +8,7 @@ import pytest
 from log_samples import PHYPHOX, SEGMENTS
 
 import spinfilters
-from spinfilters.data.dataset_reading import read_dataset, read_segments, read_whole
+from spinfilters.data.dataset_reader import read_dataset, read_segments, read_whole
 from spinfilters.data.reading_options import ReadingOptions
 from spinfilters.errors import InputError
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from log_samples import random_gyro, random_pose, random_stereo, random_truth
 
+from spinfilters.data.known_map import KnownMap
 from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
-from spinfilters.data.track_files import KnownMap
 from spinfilters.errors import InputError, ShapeError
 
 TIME = np.array([0.0, 1.0, 2.0])

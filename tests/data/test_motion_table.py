@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_reading import read_dataset
+from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.data.reading_options import NOTHING_STATED, ReadingOptions
 from spinfilters.errors import InputError
 

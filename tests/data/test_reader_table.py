@@ -8,8 +8,7 @@ import pytest
 from contracts.plugin import installed_plugin, program_of
 
 import spinfilters
-from spinfilters.data.dataset_reader import TABLE, dataset_readers
-from spinfilters.data.dataset_reading import read_dataset
+from spinfilters.data.dataset_reader import TABLE, dataset_readers, read_dataset
 from spinfilters.errors import InputError
 
 DOCS = Path(__file__).parents[2] / "docs" / "how-to"
@@ -33,16 +32,18 @@ def recording(tmp_path: Path) -> Path:
 
 def test_the_documentation_tells_the_order_of_the_readers() -> None:
     assert [(reader.name, reader.order) for reader in dataset_readers()] == [
+        ("folder", 0),
         ("phyphox", 10),
         ("phone-export", 20),
         ("zip", 30),
         ("ros-bag", 40),
-        ("folder", 90),
+        ("other-folder", 90),
         ("motion-table", 95),
         ("sensor-table", 100),
     ]
     page = (DOCS / "add-a-reader.md").read_text().replace("\n", " ")
     assert (
+        "folders with a `dataset.toml` at 0, "
         "phyphox exports at 10, other phone exports at 20, archives at 30, ROS bags at 40, yours at 50"
         in page
     )
@@ -50,7 +51,7 @@ def test_the_documentation_tells_the_order_of_the_readers() -> None:
 
 
 def test_a_file_that_no_reader_recognises_is_refused_with_what_can_be_given(recording: Path) -> None:
-    with pytest.raises(InputError, match=r"give a phyphox export, .*, a gyro \.csv or a TUM"):
+    with pytest.raises(InputError, match=r"give a folder, a phyphox export, .*, a gyro \.csv or a TUM"):
         spinfilters.load(recording)
 
 

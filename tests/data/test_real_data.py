@@ -7,7 +7,7 @@ import pytest
 from log_samples import REAL_DATA
 from scipy.spatial.transform import Rotation
 
-from spinfilters.data.dataset_reading import read_dataset, read_segments
+from spinfilters.data.dataset_reader import read_dataset, read_segments
 from spinfilters.data.dataset_writing import write_dataset
 from spinfilters.data.gyro_files import read_phyphox, saturated
 from spinfilters.errors import InputError

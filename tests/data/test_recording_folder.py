@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from spinfilters.data.dataset_reading import read_dataset
+from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.data.recording_folder import recordings_in
 from spinfilters.errors import InputError
 

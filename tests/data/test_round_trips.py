@@ -26,12 +26,13 @@ from log_samples import (
 
 from spinfilters.data.camera import read_stereo_rig, write_stereo_rig
 from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_reading import read_dataset, read_segments
+from spinfilters.data.dataset_reader import read_dataset, read_segments
 from spinfilters.data.dataset_writing import write_dataset
 from spinfilters.data.gyro_files import read_phyphox, saturated
 from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.data.pose_files import read_tum, write_tum
-from spinfilters.data.track_files import read_tracks
+from spinfilters.data.sensor_files import read_sensor_file
+from spinfilters.data.sensor_format import sensor_format
 from spinfilters.data.truth import Truth
 from spinfilters.errors import InputError
 
@@ -144,7 +145,10 @@ def test_the_baseline_does_not_depend_on_the_body_frame_of_the_calibration(tmp_p
 
 def test_a_far_point_with_a_disparity_a_little_below_zero_is_kept(tmp_path: Path) -> None:
     text = "time_s,landmark_id,u_left_px,v_left_px,u_right_px\n0,1,300,200,302.5\n1,1,300,200,299\n"
-    assert len(read_tracks(written(tmp_path, {"tracks.csv": text}) / "tracks.csv")) == 2
+    assert (
+        len(read_sensor_file(sensor_format("stereo"), written(tmp_path, {"tracks.csv": text}) / "tracks.csv"))
+        == 2
+    )
 
 
 @pytest.mark.parametrize(("delimiter", "decimal"), [(";", "."), ("\t", "."), (";", ","), ("\t", ",")])

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from log_samples import sensor_yaml, written
 
-from spinfilters.data.dataset_reading import read_dataset
+from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.errors import InputError
 
 ATTITUDES = "time_s,qx,qy,qz,qw\n0,0,0,0,1\n0.5,0,0,0.6,0.8\n"

@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Float
 from swapped_ids import swapped
 
+from spinfilters.data.known_map import KnownMap
 from spinfilters.data.measurement_log import MeasurementLog
-from spinfilters.data.track_files import KnownMap
 from spinfilters.estimators.robust.losses import LeastSquares, RobustLoss
 from spinfilters.estimators.smoothing.problem.least_squares import InitialGuess, Problem, Stage, problem_of
 from spinfilters.estimators.smoothing.solver.iterations import ConstantSchedule, Solved, SolverOptions, solve

@@ -11,7 +11,7 @@ from scipy.special import chdtri
 from smoothing_samples import LAYOUT, PROCESS, Sample
 from smoothing_samples import sample as recorded
 
-from spinfilters.data.track_files import KnownMap
+from spinfilters.data.known_map import KnownMap
 from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Measurement
 from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate

@@ -12,8 +12,12 @@ from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.comparison import comparison_table
 from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate
 from spinfilters.evaluation.metrics import numbers, use_numbers
-from spinfilters.evaluation.span import initialisation_end, shared_begin
-from spinfilters.evaluation.usage import on_identical_measurements, title_sentences
+from spinfilters.evaluation.span import (
+    initialisation_end,
+    on_identical_measurements,
+    shared_begin,
+    title_sentences,
+)
 
 EPOCHS, INITIALISATION = 40, 15
 TRUTH = sample_truth(np.random.default_rng(0), EPOCHS)

@@ -11,7 +11,7 @@ from throws import FLIGHTS, INTERVAL, carried
 
 import spinfilters
 from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_reading import read_dataset
+from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.flight.free_flight import find_flights, flying_unit
 from spinfilters.flight.parabola import PoseLog, acceleration_of, pose_flights

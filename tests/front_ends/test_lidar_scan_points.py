@@ -9,8 +9,8 @@ from scipy.spatial import ConvexHull
 
 from spinfilters.api.recordings import simulate
 from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_reading import read_dataset
-from spinfilters.data.noise_levels import SensorNoise
+from spinfilters.data.dataset_reader import read_dataset
+from spinfilters.data.sensor_format import SensorNoise
 from spinfilters.errors import InputError
 from spinfilters.evaluation.consistency import true_states
 from spinfilters.lidar.mesh import TriangleMesh, box

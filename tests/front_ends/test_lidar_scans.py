@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from spinfilters.attitude.conversions import angle_between
 from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_reading import read_dataset
+from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.errors import InputError
 from spinfilters.front_ends.lidar_scans import in_frame_of
 from spinfilters.lidar.mesh import box

@@ -13,7 +13,7 @@ from spinfilters.attitude.conversions import (
 from spinfilters.errors import InputError, ShapeError
 from spinfilters.geometry.camera_trajectory import CameraTrajectory, in_inertial
 from spinfilters.geometry.cameras import Camera, monocular_camera, stereo_pair
-from spinfilters.models.camera_pose import MOVING, with_camera_poses
+from spinfilters.models.sensor_models.camera_landmark import MOVING, with_camera_poses
 from spinfilters.models.sensor_models.monocular_landmark import MonocularLandmark, monocular_parameters
 from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark, stereo_parameters
 from spinfilters.models.sensor_noise import IsotropicNoise

@@ -11,9 +11,9 @@ from observability.canonical_motions import CANONICAL_MOTIONS, landmarks
 from observability.rational import as_floats
 from spinfilters.errors import ShapeError
 from spinfilters.geometry.cameras import monocular_camera, stereo_pair
-from spinfilters.models.camera_pose import MOVING
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.process import ProcessNoise
+from spinfilters.models.sensor_models.camera_landmark import MOVING
 from spinfilters.models.sensor_models.monocular_landmark import MonocularLandmark, monocular_parameters
 from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark, stereo_parameters
 from spinfilters.models.sensor_noise import IsotropicNoise

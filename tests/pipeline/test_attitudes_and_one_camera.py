@@ -10,9 +10,9 @@ from plain_comparison import plain_comparison
 from spinfilters.attitude.conversions import inverse, multiply, rotation_vector_from_quaternion
 from spinfilters.cli.main import main
 from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_reading import read_dataset
+from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.data.measurement_log import MeasurementLog
-from spinfilters.data.noise_levels import SensorNoise
+from spinfilters.data.sensor_format import SensorNoise
 from spinfilters.errors import InputError
 from spinfilters.evaluation.consistency import chi_square_band
 from spinfilters.evaluation.estimator_evaluation import Evaluation

@@ -9,7 +9,7 @@ import pytest
 
 from spinfilters.data.camera import StereoRig
 from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_reading import read_dataset
+from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.data.dataset_writing import write_dataset
 from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.evaluation.estimator_evaluation import Evaluation

@@ -10,7 +10,7 @@ from plain_comparison import plain_comparison
 
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.dataset_options import DatasetOptions
-from spinfilters.data.dataset_reading import read_dataset
+from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.data.dataset_writing import write_dataset
 from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.errors import InputError

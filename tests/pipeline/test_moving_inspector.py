@@ -11,7 +11,7 @@ from matplotlib.text import Text
 from spinfilters.attitude.conversions import multiply, quaternion_from_rotation_vector, rotate
 from spinfilters.cli.main import main
 from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_reading import read_dataset
+from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.data.dataset_writing import write_dataset
 from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.errors import InputError
@@ -27,8 +27,7 @@ from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.pipeline.comparison_run import compare_dataset
 from spinfilters.pipeline.estimation import Comparison
-from spinfilters.pipeline.figure_data import FigureData
-from spinfilters.pipeline.figures import drawn_figure
+from spinfilters.pipeline.figures import FigureData, drawn_figure
 from spinfilters.pipeline.first_epochs import initial_samples
 from spinfilters.pipeline.preparation import camera_view
 from spinfilters.runs.run_folder import DECISIVE

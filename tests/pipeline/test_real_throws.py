@@ -10,7 +10,7 @@ from jaxtyping import Float
 from plain_comparison import plain_comparison
 
 from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_reading import read_dataset
+from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.pipeline.estimation import Comparison
 from spinfilters.pipeline.preparation import prepare

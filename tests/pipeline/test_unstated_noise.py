@@ -10,7 +10,7 @@ import pytest
 from plain_comparison import plain_comparison
 
 from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_reading import read_dataset
+from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.models.process import ProcessNoise
 from spinfilters.pipeline.estimation import Comparison

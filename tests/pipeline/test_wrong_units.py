@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_reading import read_dataset
+from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.pipeline.wrong_units import wrong_units
 from spinfilters.simulation.model_faults.faulty_recording import faulty_recording, model_faults
 from spinfilters.simulation.scenario import RICH_RPM, THESIS_RPM, Scenario, simulate

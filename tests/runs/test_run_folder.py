@@ -10,7 +10,7 @@ from pictures import unrendered_pictures
 
 from spinfilters.cli.main import main
 from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_reading import read_dataset
+from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.data.dataset_writing import write_dataset
 from spinfilters.data.pose_files import read_tum
 from spinfilters.data.table_files import read_csv
@@ -19,9 +19,8 @@ from spinfilters.errors import InputError
 from spinfilters.evaluation.trajectory import STD_COLUMNS, read_map_ply
 from spinfilters.pipeline import figures
 from spinfilters.pipeline.estimation import Comparison, compare_estimators
-from spinfilters.pipeline.figure_data import FigureData
 from spinfilters.pipeline.figure_entry import picture_files
-from spinfilters.pipeline.figures import draw_run
+from spinfilters.pipeline.figures import FigureData, draw_run
 from spinfilters.pipeline.preparation import prepare
 from spinfilters.pipeline.segment_runs import run_segments
 from spinfilters.runs.history_file import read_history, write_history

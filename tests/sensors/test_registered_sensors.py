@@ -13,8 +13,7 @@ from contracts.sensor import check_sensor
 from spinfilters.cli.main import main
 from spinfilters.data.dataset_writing import write_dataset
 from spinfilters.data.measurement_log import MeasurementLog
-from spinfilters.data.noise_levels import SensorNoise
-from spinfilters.data.sensor_format import SENSORS, dataset_kinds, noise_options
+from spinfilters.data.sensor_format import SENSORS, SensorNoise, dataset_kinds, noise_options
 from spinfilters.errors import InputError
 from spinfilters.runs.run_summary import read_summary
 from spinfilters.sensors.registry import all_sensors, sensor_of

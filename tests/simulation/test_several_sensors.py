@@ -9,7 +9,7 @@ from plain_comparison import plainly_compared
 from spinfilters.api.recordings import simulate
 from spinfilters.cli.main import main
 from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_reading import read_dataset
+from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.data.dataset_writing import write_dataset
 from spinfilters.errors import InputError
 from spinfilters.pipeline.first_epochs import LEADING_EPOCHS

@@ -14,7 +14,7 @@ from spinfilters.attitude.conversions import (
     rotate,
 )
 from spinfilters.data.dataset import Dataset
-from spinfilters.data.track_files import KnownMap
+from spinfilters.data.known_map import KnownMap
 from spinfilters.errors import InputError
 from spinfilters.geometry.absolute_orientation import absolute_orientation, rigid_motions
 from spinfilters.geometry.cameras import StereoPair

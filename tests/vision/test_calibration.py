@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from spinfilters.api.image_recordings import example_rig
 from spinfilters.cli.calibrate import stated_deviations
 from spinfilters.cli.main import main
-from spinfilters.data.calibration_deviations import told_deviations
+from spinfilters.data.camera import told_deviations
 from spinfilters.data.sensor_yaml import read_sensor_file
 from spinfilters.errors import InputError
 from spinfilters.vision.calibration_check import checks, measured_board

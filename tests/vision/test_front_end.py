@@ -11,7 +11,7 @@ import pytest
 from spinfilters.attitude.conversions import matrix_from_quaternion
 from spinfilters.cli.main import main
 from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_reading import read_dataset
+from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.errors import InputError
 from spinfilters.geometry.cameras import stereo_pair
 from spinfilters.vision.features import DETECTORS

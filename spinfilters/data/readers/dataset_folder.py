@@ -1,26 +1,32 @@
 """Folder with dataset.toml and a table per sensor."""
 
 import os
-from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from spinfilters.data.calibration_deviations import with_told_deviations
+from spinfilters.data.camera import with_told_deviations
 from spinfilters.data.covariance_files import with_covariance
-from spinfilters.data.dataset import DATASET_FILE, LANDMARK_FILE, Dataset, calibrations_of
+from spinfilters.data.dataset import (
+    DATASET_FILE,
+    INSPECTOR_FILE,
+    LANDMARK_FILE,
+    Dataset,
+    calibrations_of,
+    require_cover,
+)
 from spinfilters.data.dataset_options import DatasetOptions, options_from_toml
 from spinfilters.data.dataset_reader import DatasetReader
 from spinfilters.data.input_file import path_text, printable, require_folder, value_text
-from spinfilters.data.inspector_files import read_inspector
+from spinfilters.data.known_map import read_landmarks
 from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
+from spinfilters.data.pose_files import read_tum
 from spinfilters.data.raw_data import RawDataReader, raw_data_reader
 from spinfilters.data.recording_folder import recordings_in
 from spinfilters.data.sensor_files import read_sensor_file
 from spinfilters.data.sensor_format import SensorFormat, dataset_kinds, sensor_formats
 from spinfilters.data.settings_files import read_toml
 from spinfilters.data.table_files import read_header
-from spinfilters.data.track_files import read_landmarks
 from spinfilters.data.truth import read_truth
 from spinfilters.errors import InputError
 
@@ -31,25 +37,40 @@ _FRONT_ENDS = {
 
 
 class DatasetFolderReader(DatasetReader):
-    """Any folder that no other reader recognises."""
+    """Folders with a dataset.toml, asked first: whatever else lies there is part of the data set."""
 
-    name, order = "folder", 90
+    name, order = "folder", 0
     words = "a folder"
 
     def recognises(self, path: Path) -> bool:
-        """Whether a path is a folder."""
-        return os.path.isdir(path)
+        """Whether a path is a folder with a dataset.toml."""
+        return os.path.lexists(path / DATASET_FILE)
 
     def read(self, path: Path, segment: int | None) -> Dataset:
         """Data set of the folder."""
         return _read_folder(path)
 
 
+class OtherFolderReader(DatasetReader):
+    """Any folder that no other reader recognises: refused with what it lacks."""
+
+    name, order = "other-folder", 90
+    words = ""
+
+    def recognises(self, path: Path) -> bool:
+        """Whether a path is a folder."""
+        return os.path.isdir(path)
+
+    def read(self, path: Path, segment: int | None) -> Dataset:
+        """InputError: always."""
+        require_folder(path)
+        raise _undescribed(path)
+
+
 def _read_folder(folder: Path) -> Dataset:
     require_folder(folder)
     kinds = dataset_kinds()
     path = folder / DATASET_FILE
-    _require_description(path, kinds)
     document = read_toml(path)
     kind, description = _text(path, document, "kind"), _text(path, document, "description", "")
     reader = None if kind in kinds else raw_data_reader(kind)
@@ -71,25 +92,23 @@ def _read_folder(folder: Path) -> Dataset:
         truth=read_truth(folder),
         rig=cameras[0].read(folder) if cameras else None,
         known_map=read_landmarks(landmarks) if os.path.lexists(landmarks) else None,
-        inspector=read_inspector(folder, log),
+        inspector=_read_inspector(folder, log),
         options=with_told_deviations(options, folder) if cameras else options,
     )
 
 
-def _require_description(path: Path, kinds: Iterable[str]) -> None:
-    """Require dataset.toml, which images without tracks need not have."""
-    if os.path.lexists(path):
-        return
-    if os.path.isfile(path.parent / "cam0" / "data.csv"):
-        raise _no_front_end(path.parent, "stereo-images")
-    if recordings := recordings_in(path.parent):
+def _undescribed(folder: Path) -> InputError:
+    """Error of a folder without dataset.toml, by what lies there instead."""
+    if os.path.isfile(folder / "cam0" / "data.csv"):
+        return _no_front_end(folder, "stereo-images")
+    if recordings := recordings_in(folder):
         such = f"{len(recordings)} recordings, such as {printable(recordings[0].name)}"
-        raise InputError(
-            f"{path_text(path.parent)}: holds {such}; give one of them, or take the free flights in all with --segment auto"
+        return InputError(
+            f"{path_text(folder)}: holds {such}; give one of them, or take the free flights in all with --segment auto"
         )
-    raise InputError(
-        f"{path_text(path)}: no such file; write it with a line kind = '...' ({', '.join(kinds)}), or check "
-        "the path"
+    return InputError(
+        f"{path_text(folder / DATASET_FILE)}: no such file; write it with a line kind = '...' "
+        f"({', '.join(dataset_kinds())}), or check the path"
     )
 
 
@@ -107,10 +126,23 @@ def _read_raw(folder: Path, reader: RawDataReader, description: str, options: Da
         description="; ".join(words for words in (description, *made.remarks) if words),
         truth=made.truth,
         rig=cameras[0].read(folder) if cameras else None,
-        inspector=read_inspector(folder, log) if cameras else None,
+        inspector=_read_inspector(folder, log) if cameras else None,
         options=with_told_deviations(options, folder) if cameras else options,
         doubts=made.doubts,
     )
+
+
+def _read_inspector(folder: Path, log: MeasurementLog) -> MeasurementStream | None:
+    """Poses (t_ic m, q_ic) of the folder's inspector, None without a file. InputError: `read_tum`, `require_cover`."""
+    path = folder / INSPECTOR_FILE
+    if not os.path.lexists(path):
+        return None
+    stream = read_tum(path)
+    try:
+        require_cover(stream, log)
+    except InputError as error:
+        raise InputError(f"{path_text(path)}: {error}") from None
+    return stream
 
 
 def _read_log(folder: Path, required: SensorFormat) -> MeasurementLog:
@@ -160,4 +192,4 @@ def _text(path: Path, document: dict[str, Any], key: str, default: str | None = 
     return value
 
 
-READER = DatasetFolderReader()
+READER = (DatasetFolderReader(), OtherFolderReader())

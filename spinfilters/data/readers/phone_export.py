@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
-from spinfilters.data.dataset import DATASET_FILE, Dataset
+from spinfilters.data.dataset import Dataset
 from spinfilters.data.dataset_reader import DatasetReader
 from spinfilters.data.motion_table import read_acceleration, read_motion_table
 from spinfilters.data.readers.motion_file import motion_dataset
@@ -31,7 +31,7 @@ class PhoneExportReader(DatasetReader):
 
     def recognises(self, path: Path) -> bool:
         """Whether a folder holds a phone's table of rates."""
-        return _table(path, GYRO_TABLES) is not None and not os.path.isfile(path / DATASET_FILE)
+        return _table(path, GYRO_TABLES) is not None
 
     def read(self, path: Path, segment: int | None) -> Dataset:
         """Rates of the phone, and its accelerometer where there is one."""

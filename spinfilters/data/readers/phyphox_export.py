@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from spinfilters.data.dataset import DATASET_FILE, Dataset
+from spinfilters.data.dataset import Dataset
 from spinfilters.data.dataset_reader import DatasetReader, OnRefused
 from spinfilters.data.gyro_files import PHYPHOX_TABLE, PhyphoxRecording, Segment, read_phyphox
 from spinfilters.data.input_file import path_text, printable, value_text
@@ -60,8 +60,7 @@ class PhyphoxReader(DatasetReader):
 def _phyphox_folder(path: Path) -> Path | None:
     if path.name == PHYPHOX_TABLE and os.path.isfile(path):
         return path.parent
-    is_phyphox = os.path.isfile(path / PHYPHOX_TABLE) and not os.path.isfile(path / DATASET_FILE)
-    return path if is_phyphox else None
+    return path if os.path.isfile(path / PHYPHOX_TABLE) else None
 
 
 def _dataset(folder: Path, recording: PhyphoxRecording) -> Dataset:

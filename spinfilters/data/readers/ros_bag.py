@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.data.accelerometer import Acceleration
-from spinfilters.data.dataset import DATASET_FILE, Dataset
+from spinfilters.data.dataset import Dataset
 from spinfilters.data.dataset_reader import DatasetReader
 from spinfilters.data.input_file import MAX_TABLE_ROWS, path_text, printable, reason, require_file, value_text
 from spinfilters.data.measurement_log import MeasurementStream
@@ -67,7 +67,7 @@ class RosBagReader(DatasetReader):
     def recognises(self, path: Path) -> bool:
         """Whether a path is named as a bag of ROS 1 or 2, or MCAP."""
         if os.path.isdir(path):
-            return os.path.isfile(path / "metadata.yaml") and not os.path.isfile(path / DATASET_FILE)
+            return os.path.isfile(path / "metadata.yaml")
         return path.suffix.lower() in _SUFFIXES
 
     def read(self, path: Path, segment: int | None) -> Dataset:

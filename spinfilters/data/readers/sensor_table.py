@@ -2,10 +2,9 @@
 
 from pathlib import Path
 
-from spinfilters.data.dataset import DATASET_FILE, LANDMARK_FILE, Dataset
+from spinfilters.data.dataset import DATASET_FILE, INSPECTOR_FILE, LANDMARK_FILE, Dataset
 from spinfilters.data.dataset_reader import DatasetReader, dataset_readers
 from spinfilters.data.input_file import path_text, printable, require_file, value_text
-from spinfilters.data.inspector_files import INSPECTOR_FILE
 from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.data.sensor_files import read_sensor_file
 from spinfilters.data.sensor_format import sensor_formats

@@ -1,8 +1,7 @@
 """A landmark seen by one camera: a direction without a distance."""
 
 from spinfilters.geometry.cameras import Monocular
-from spinfilters.models.camera_pose import RESTING, CameraPoseModel
-from spinfilters.models.sensor_models.camera_landmark import CameraLandmark
+from spinfilters.models.sensor_models.camera_landmark import RESTING, CameraLandmark, CameraPoseModel
 from spinfilters.models.sensor_models.camera_landmark import camera_parameters as monocular_parameters
 from spinfilters.models.sensor_noise import SensorNoiseModel
 from spinfilters.state.layout import StateLayout

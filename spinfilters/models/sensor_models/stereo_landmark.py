@@ -2,9 +2,8 @@
 
 from spinfilters.attitude.expressions import Expression, conjugate, rotate
 from spinfilters.geometry.cameras import StereoPair
-from spinfilters.models.camera_pose import RESTING, CameraPoseModel
 from spinfilters.models.landmark_sensor import LandmarkSensor
-from spinfilters.models.sensor_models.camera_landmark import CameraLandmark
+from spinfilters.models.sensor_models.camera_landmark import RESTING, CameraLandmark, CameraPoseModel
 from spinfilters.models.sensor_models.camera_landmark import camera_parameters as stereo_parameters
 from spinfilters.models.sensor_noise import SensorNoiseModel
 from spinfilters.state.layout import StateLayout

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from spinfilters.errors import InputError
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.estimators.timeline import times_of
-from spinfilters.models.step_count import substeps, turns
+from spinfilters.models.rotation_integrator import substeps, turns
 from spinfilters.pipeline.estimator_entry import EstimatorEntry
 from spinfilters.pipeline.setup import Setup
 from spinfilters.settings.run_settings import Settings

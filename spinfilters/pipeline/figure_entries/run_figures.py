@@ -10,7 +10,7 @@ from spinfilters.pipeline.figure_entry import FigureEntry
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from spinfilters.pipeline.figure_data import FigureData
+    from spinfilters.pipeline.figures import FigureData
 
 # matplotlib is slow to import: every figure imports its module when it is drawn
 

@@ -14,8 +14,9 @@ from jaxtyping import Float, UInt8
 from spinfilters.attitude.conversions import matrix_from_quaternion
 from spinfilters.data.atomic_write import make_folder, write_bytes, write_text, write_toml
 from spinfilters.data.consider_parameter import exact_calibration
-from spinfilters.data.inspector_files import write_inspector
+from spinfilters.data.dataset import INSPECTOR_FILE
 from spinfilters.data.measurement_log import MeasurementStream
+from spinfilters.data.pose_files import write_tum
 from spinfilters.data.truth import Truth, write_truth
 from spinfilters.geometry.camera_trajectory import CameraTrajectory
 from spinfilters.vision.raw_rig import RawCamera, RawRig, write_raw_rig
@@ -154,7 +155,9 @@ def write_sequence(
     write_raw_rig(stage.rig, folder)
     write_truth(motion.truth, folder)
     if motion.inspector is not None:
-        write_inspector(folder, MeasurementStream("pose", motion.inspector.time, motion.inspector.poses))
+        write_tum(
+            folder / INSPECTOR_FILE, MeasurementStream("pose", motion.inspector.time, motion.inspector.poses)
+        )
     document = {
         "kind": "stereo-images",
         "description": description,

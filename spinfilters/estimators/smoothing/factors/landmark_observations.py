@@ -154,8 +154,9 @@ def _chosen(group: SensorGroup, order: Int[np.ndarray, " N"], count: int) -> Sen
     inside[group.rows] = np.arange(len(group.rows))
     taken = inside[order]
     rows = np.flatnonzero(taken >= 0)
+    own = taken[rows]
     return replace(
-        group, rows=rows, values=group.values[taken[rows]], parameters=group.parameters[taken[rows]]
+        group, rows=rows, values=group.values.take(own, axis=0), parameters=group.parameters.take(own, axis=0)
     )
 
 

@@ -110,7 +110,7 @@ def eliminate(
     L, N = observations.landmarks, len(observations)
     is_constrained, gradient = np.empty(L, dtype=bool), np.empty((L, 3))
     information_sqrt = np.empty((L, 3, 3))
-    coupling, slope = np.empty((N, 3, POSE)), np.zeros(kept)
+    coupling, slope = pooled_array(N, 3, POSE), np.zeros(kept)
     blocks, information = pooled_array(epochs * (epochs + 1) // 2 * POSE * WIDE), pooled_zeros(kept + 1, kept)
     weight, rows = np.ascontiguousarray(weight), np.ascontiguousarray(linear.rows)
     failed = library.eliminate_landmarks(

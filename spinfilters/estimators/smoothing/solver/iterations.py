@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -83,16 +84,29 @@ class Solved:
 
     Attributes
     ----------
-    normal: the linear problem there, which holds the covariance.
-    linearisations: how often everything was linearised.   costs: before each step, and at the end.
+    problem, stage: whose solution it is.
+    linearisations: how often everything was linearised.   before: costs before each step.
+    last: the linear problem about the point, where the iterations have made it.
     """
 
     point: LinearizationPoint
-    normal: NormalEquations
+    problem: Problem
+    stage: Stage
     iterations: int
     linearisations: int
     converged: bool
-    costs: tuple[float, ...]
+    before: tuple[float, ...]
+    last: NormalEquations | None
+
+    @cached_property
+    def normal(self) -> NormalEquations:
+        """The linear problem there, which holds the covariance: solved when it is first asked for."""
+        return self.last or self.problem.normal(self.point, self.stage)
+
+    @cached_property
+    def costs(self) -> tuple[float, ...]:
+        """Costs before each step, and at the end."""
+        return *self.before, self.point.cost(self.normal.used, self.normal.stage)
 
 
 OnIteration = Callable[[LinearizationPoint, NormalEquations], None]
@@ -114,23 +128,24 @@ def solve(
     number, used, evaluated, converged = options.rule.first, 0, 1, False
     stage = plan.stage(0, here, None)
     here = problem.staged(here, stage)
-    normal = problem.normal(here, stage)
-    costs = [here.cost(normal.used, normal.stage)]
+    before: list[float] = []
+    normal: NormalEquations | None = None
     while used < options.iterations and not converged:
+        normal = problem.normal(here, stage)
         if on_iteration is not None:
             on_iteration(here, normal)
         there, number, tries = advanced(problem, here, normal, options.rule, number)
         used, evaluated = used + 1, evaluated + tries
         if there is None:
             break
+        before.append(here.cost(normal.used, normal.stage))
         converged = normal.predicted_reduction <= options.settled and plan.last(used - 1, normal.stage)
         stage = plan.stage(used, there, normal)
-        here = problem.staged(plan.repaired(there, stage), stage)
-        normal = problem.normal(here, stage)
-        costs.append(here.cost(normal.used, stage))
+        here, normal = problem.staged(plan.repaired(there, stage), stage), None
+    solved = Solved(here, problem, stage, used, evaluated, converged, tuple(before), normal)
     if on_iteration is not None:
-        on_iteration(here, normal)
-    return Solved(here, normal, used, evaluated, converged, tuple(costs))
+        on_iteration(here, solved.normal)
+    return solved
 
 
 class Advanced(NamedTuple):
