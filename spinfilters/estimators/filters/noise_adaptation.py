@@ -39,7 +39,8 @@ SMALLEST_FACTOR = 0.1
 """By which one step multiplies a scale."""
 BLOCK, CYCLE = 16, 512
 """Predictions of every cycle from which an identified level is learned further, its last. An epoch that is learned from costs an
-EKF up to 3.8 times one that is not (a gyro's), so that all together cost a tenth; what is lost is little beside what was identified."""
+EKF up to 3.8 times one that is not (a gyro's), so that all together cost a tenth; what is lost is little beside what was
+identified."""
 
 
 HORIZON = NumberRange(1, 1e9, "updates", zero=True)

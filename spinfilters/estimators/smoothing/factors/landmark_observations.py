@@ -163,21 +163,21 @@ def _chosen(group: SensorGroup, order: Int[np.ndarray, " N"], count: int) -> Sen
 def _seen(epochs: Timeline) -> _Seen:
     """Observations in the order of epochs, those of one sensor after those of another."""
     nothing = np.zeros(0, dtype=int)
-    parts = [found for found in by_sensor(epochs) if found.measurement.ids is not None]
-    every = np.concatenate([nothing, *(found.epoch for found in parts)])
+    parts = [(found, ids) for found in by_sensor(epochs) if (ids := found.measurement.ids) is not None]
+    every = np.concatenate([nothing, *(found.epoch for found, _ in parts)])
     order = np.argsort(every, kind="stable")
     number = np.empty_like(order)
     number[order] = np.arange(len(order))
-    ids = np.concatenate([nothing, *(found.measurement.ids for found in parts)])
+    ids = np.concatenate([nothing, *(own for _, own in parts)])
     counts = np.bincount(every, minlength=len(epochs))
     epoch = every[order]
     place = np.arange(len(order)) - (np.cumsum(counts) - counts)[epoch]
-    ends = np.cumsum([len(found.epoch) for found in parts])
+    ends = np.cumsum([len(own) for _, own in parts])
     groups = tuple(
         SensorGroup(
             _sensor_of_poses(m.model), number[end - len(m.values) : end], m.values, m.parameters[:, 3:]
         )
-        for m, end in zip((found.measurement for found in parts), ends, strict=True)
+        for m, end in zip((found.measurement for found, _ in parts), ends, strict=True)
     )
     return _Seen(epoch, place, ids[order], counts, groups)
 
