@@ -32,6 +32,8 @@ per degree of freedom of a state with a place, 3.0 of a mass distribution. Of 70
 below had a NEES of up to 1.9 and errors of up to 3.0 deviations, those beyond it of up to 14 and 58."""
 LEAST_EVIDENCE = 30.0
 """Of moments that a motion determines (`inertia_evidence`)."""
+FEWEST_EPOCHS = 10
+"""With less the evidence, at three numbers an epoch, says nothing of the motion."""
 
 
 def reference_smoother(
@@ -115,7 +117,8 @@ def motion_diagnostics(setup: Setup, settings: Settings) -> list[str]:
     evidence = inertia_evidence(setup, settings)
     if evidence is None or evidence.total >= LEAST_EVIDENCE:
         return []
+    why = "they are too few" if evidence.epochs < FEWEST_EPOCHS else "a steady spin tells its axis alone"
     return [
         f"the motion does not determine the moments of inertia: of {evidence.epochs} epochs behind the initialisation a sphere "
-        f"predicts as much (evidence {evidence.total:.0f}, {LEAST_EVIDENCE:.0f} wanted); a steady spin tells its axis alone"
+        f"predicts as much (evidence {evidence.total:.0f}, {LEAST_EVIDENCE:.0f} wanted); {why}"
     ]

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from experiments.honest_cases import RecordingCase, recordings
+from spinfilters.pipeline import estimate_diagnostics
 from spinfilters.pipeline.estimate_diagnostics import (
     LEAST_EVIDENCE,
     agreement_diagnostics,
@@ -14,7 +15,7 @@ from spinfilters.pipeline.estimate_diagnostics import (
     reference_smoother,
 )
 from spinfilters.pipeline.estimation import Comparison, compare_estimators
-from spinfilters.pipeline.inertia_evidence import inertia_evidence
+from spinfilters.pipeline.inertia_evidence import InertiaEvidence, inertia_evidence
 from spinfilters.pipeline.preparation import prepare
 from spinfilters.settings.run_settings import ProcessSettings, Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
@@ -105,6 +106,13 @@ def test_a_steady_spin_does_not_determine_moments(seed: int) -> None:
     assert "a steady spin tells its axis alone" in reason
     assert len(reason) < 300
     assert all(evaluation.history.status.verdict != "ok" for evaluation in run.evaluations)
+
+
+def test_few_epochs_are_no_steady_spin(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = InertiaEvidence(0.0, 3)
+    monkeypatch.setattr(estimate_diagnostics, "inertia_evidence", lambda *_: found)
+    (reason,) = motion_diagnostics(compared(RICH).setup, SETTINGS)
+    assert reason.endswith("they are too few")
 
 
 def test_the_lack_of_wobble_under_a_disturbance_that_is_not_there_is_no_evidence() -> None:
