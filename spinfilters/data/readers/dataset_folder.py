@@ -55,7 +55,7 @@ class OtherFolderReader(DatasetReader):
     """Any folder that no other reader recognises: refused with what it lacks."""
 
     name, order = "other-folder", 90
-    words = ""
+    words = DatasetFolderReader.words
 
     def recognises(self, path: Path) -> bool:
         """Whether a path is a folder."""

@@ -48,7 +48,7 @@ def _read_file(path: Path) -> Dataset:
 def _readable() -> str:
     """List of the formats that can be read."""
     singles = [form.suffix_words for form in sensor_formats().values() if form.suffixes]
-    *others, last = [*(reader.words for reader in dataset_readers() if reader.words), *singles]
+    *others, last = [*dict.fromkeys(reader.words for reader in dataset_readers() if reader.words), *singles]
     return f"{', '.join(others)} or {last}"
 
 
