@@ -1,10 +1,14 @@
 """Measurements that are refused at the ends of a recording: contact where it explains them, else gross errors."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from spinfilters.data.dataset import Dataset
+from spinfilters.estimators.model_errors.hypotheses import among_inliers, solved_near
 from spinfilters.pipeline.estimation import Comparison, compare_estimators
+from spinfilters.pipeline.model_errors import linear_problem
 from spinfilters.pipeline.preparation import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.faults import with_faults
@@ -37,3 +41,20 @@ def test_a_contact_whose_last_epoch_alone_is_refused_is_named(name: str) -> None
 def test_a_gross_error_at_an_end_is_no_contact(epoch: int) -> None:
     models = compared(with_faults(simulate(SCENARIO), [GrossError("turned", epoch)], 0)).models
     assert models.names == ()
+
+
+def test_measurements_that_count_are_known_again_in_the_whole_recording() -> None:
+    dataset = with_faults(simulate(replace(SCENARIO, kind="gyro")), [GrossError("flipped", 30)], 0)
+    setup = prepare(dataset, SETTINGS)
+    problem = linear_problem(setup, setup.timeline)
+    comparison = compare_estimators(setup, SETTINGS, lambda *_: None)
+    solved = solved_near(problem, comparison.evaluations[0].history.mean, np.zeros((0, 3)))
+    assert solved is not None
+    (counted,) = solved.counted
+    assert list(np.flatnonzero(~counted)) == [30]
+    some = among_inliers(problem, solved)
+    assert some is not None
+    again = among_inliers(problem, some)  # of a problem with one row less than the recording
+    assert again is not None
+    assert [len(rows) for rows in (*some.sensor_rows, *again.sensor_rows)] == [59, 59]
+    assert np.allclose(again.here.trajectory, some.here.trajectory, atol=1e-9)

@@ -235,10 +235,13 @@ def among_inliers(
 ) -> LinearRows | None:
     """A problem with other noise levels, solved with exactly the measurements that count in ``inliers``.
 
-    And with all measurements without landmarks of the epochs ``beside`` these.
+    These may be of some of its measurements alone, as this makes them. And with all measurements without landmarks of the epochs
+    ``beside`` these.
     """
     sensors = []
-    for sensor, counted in zip(problem.motion.sensors, inliers.counted, strict=True):
+    every = zip(problem.motion.sensors, inliers.problem.motion.sensors, inliers.counted, strict=True)
+    for sensor, some, own in every:
+        counted = sensor.counted_among(some, own)
         good = counted if beside is None else counted | np.isin(sensor.epoch, beside)
         sensors.append(sensor.chosen(good))
     motion = replace(problem.motion, sensors=tuple(sensors), loss=LeastSquares())

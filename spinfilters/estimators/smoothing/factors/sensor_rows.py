@@ -58,6 +58,17 @@ class SensorRows:
             self, epoch=self.epoch[which], values=self.values[which], parameters=self.parameters[which]
         )
 
+    def counted_among(self, some: "SensorRows", counted: Bool[np.ndarray, " s"]) -> Bool[np.ndarray, " r"]:
+        """Which of these measurements count among ``some`` of them."""
+        if len(some.epoch) == len(self.epoch):
+            return counted
+        chosen = {key for key, own in zip(some._keys(), counted, strict=True) if own}
+        return np.array([key in chosen for key in self._keys()], dtype=bool)
+
+    def _keys(self) -> list[bytes]:
+        """What tells one measurement from another."""
+        return [row.tobytes() for row in np.column_stack([self.epoch, self.values, self.parameters])]
+
     def within(self, begin: int, end: int) -> "SensorRows":
         """The measurements of the epochs from ``begin`` to before ``end``, counted from ``begin`` on."""
         first, last = np.searchsorted(self.epoch, (begin, end))
