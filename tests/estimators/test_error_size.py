@@ -25,3 +25,12 @@ def test_only_directions_that_are_told_count() -> None:
     assert size is not None
     assert size.dof == 1
     np.testing.assert_allclose(size.value, [2.0, 0.0], atol=1e-12)
+
+
+@pytest.mark.parametrize(("information", "told"), [(7.8e-6, False), (7.8e-3, True)])
+def test_what_states_follow_nearly_has_no_size_far_beyond_what_is_plausible(
+    information: float, told: bool
+) -> None:
+    away = -5600.0  # of a baseline, 26 times what is plausible of it
+    size = ErrorSize.of(np.array([[information]]), np.array([away * information]), np.array([2.1e-5]))
+    assert (size is not None) == told

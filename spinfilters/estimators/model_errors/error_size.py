@@ -11,6 +11,11 @@ LEAST_LEFT: Final = 5e-6
 LEAST_BESIDE_PRIOR: Final = 0.1
 """Likewise, relative to that of what is plausible: what data tell to three times that at best is what linearising errs by."""
 
+HARDLY_LEFT, FARTHEST = 1e-3, 10.0
+"""Share of a direction's information below which a size beyond so many plausible deviations is no size: the states follow such an
+error nearly, and what they leave of it is second order. A baseline larger by e makes a motion larger by e with all that disturbs
+it, so that residuals are least at e = -1 whatever the baseline is."""
+
 
 class ErrorSize(NamedTuple):
     """Size of q numbers by their score and information.
@@ -40,6 +45,8 @@ class ErrorSize(NamedTuple):
         values, vectors = np.linalg.eigh((F + F.T) / 2)
         plausible = np.einsum("ij,i,ij->j", vectors, prior, vectors)
         told = values > np.maximum(LEAST_LEFT, LEAST_BESIDE_PRIOR * plausible)
+        beyond = np.abs(vectors.T @ u) * np.sqrt(plausible) > FARTHEST * values
+        told &= ~(beyond & (values < HARDLY_LEFT))
         if not told.any():
             return None
         along = vectors[:, told]
