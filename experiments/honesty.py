@@ -248,7 +248,7 @@ def figure(studies: Sequence[SensorStudy]) -> Figure:
     bar = drawn.colorbar(COLOURS, ax=panels, location="bottom", shrink=0.5, extend="both", aspect=40)
     bar.set_ticks(list(TICKS), labels=[f"{each:g}" for each in TICKS])
     bar.set_label(
-        "largest error of the runs called ok\n[stated standard deviations]; grey: none is ok, *: nothing could tell"
+        "largest error of the runs called ok\n[stated standard deviations]\ngrey: none is ok, *: nothing could tell"
     )
     return drawn
 
