@@ -86,7 +86,7 @@ class TestedModels:
 
     @property
     def _unexplained(self) -> list[str]:
-        """What only an impossible error would explain."""
+        """Doubt where only an impossible error would explain the residuals."""
         found = [each for each in self._beyond_chance if not each.is_possible and self._counts(each)]
         if not found or self.classes or self.slow is not None:
             return []

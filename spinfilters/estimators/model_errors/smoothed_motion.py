@@ -182,7 +182,7 @@ class SmoothedMotion:
 
     @cached_property
     def slow_changes(self) -> Float[np.ndarray, "r s"] | None:
-        """What slow changes of torque and gyro explain of a spin about one axis.
+        """Residuals that slow changes of torque and gyro explain in a spin about one axis.
 
         Orthonormal columns of whitened residuals; None of another motion, or without a gyro.
         With constant rates every error of the motion is a slow torque, and a slow torque looks like a slow bias.

@@ -66,7 +66,7 @@ class SensorRows:
         return np.array([key in chosen for key in self._keys()], dtype=bool)
 
     def _keys(self) -> list[bytes]:
-        """What tells one measurement from another."""
+        """Keys by which measurements differ."""
         return [row.tobytes() for row in np.column_stack([self.epoch, self.values, self.parameters])]
 
     def within(self, begin: int, end: int) -> "SensorRows":
