@@ -11,8 +11,13 @@ from spinfilters.data.dataset import Dataset
 from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
 from spinfilters.estimators.initialisation.initial_motion import consistent_samples
+from spinfilters.estimators.initialisation.initial_smoothing import SmoothingOptions, smooth_first_epochs
+from spinfilters.estimators.smoothing.problem.least_squares import InitialGuess
+from spinfilters.estimators.smoothing.solver.batch_smoother import NO_LANDMARKS, NO_POINTS
 from spinfilters.evaluation.consistency import true_states
+from spinfilters.models.process import ProcessNoise
 from spinfilters.pipeline.preparation import prepare
+from spinfilters.pipeline.setup import Setup
 from spinfilters.sensors.sensor import MotionSamples
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.faults import WrongAssociations, with_faults
@@ -110,3 +115,24 @@ def test_tracks_without_a_map_are_initialised_at_any_pixel_noise(pixel_std: floa
     assert found.noise_ratio == pytest.approx(1.0, abs=0.03)
     rates = found.mean[:, found.layout.mean_slice("w")]
     assert np.linalg.norm(rates, axis=1) == pytest.approx(np.linalg.norm(RICH_RPM) * np.pi / 30, abs=0.1)
+
+
+@pytest.mark.parametrize("kind", list(CASES))
+def test_a_strict_smoothing_knows_whether_annealing_would_have_changed_it(kind: str) -> None:
+    dataset = simulate(CASES[kind])
+    right, wrong = (prepare(each, Settings()) for each in (dataset, _spoilt(dataset, 20)))
+    strict, annealed = (_smoothed(right, SmoothingOptions(annealed=annealed)) for annealed in (0, 40))
+    assert strict.is_annealed_too
+    assert np.array_equal(strict.mean, annealed.mean)
+    assert np.array_equal(strict.factor, annealed.factor)
+    assert not annealed.is_annealed_too
+    assert not _smoothed(wrong, SmoothingOptions(annealed=0)).is_annealed_too
+
+
+def _smoothed(setup: Setup, options: SmoothingOptions) -> InitialEstimate:
+    """From a body a little off, as disturbances allow it that are large enough."""
+    start, process = setup.initial, setup.process.with_noise(ProcessNoise(1e-3, 1e-3))
+    trajectory = start.mean.copy()
+    trajectory[:, start.layout.mean_slice("s")] += 0.1
+    guess = InitialGuess(trajectory, NO_LANDMARKS, NO_POINTS)
+    return smooth_first_epochs(process, setup.timeline[: len(trajectory)], guess, start.prior, options)

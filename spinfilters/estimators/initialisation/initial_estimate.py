@@ -39,6 +39,7 @@ class InitialEstimate:
     departure: of a filter from the smoother of the same measurements, in standard deviations; zero where none was tried.
     status: whether it can be trusted, with reasons.
     guess: that it was smoothed from, whose landmarks are all that the first epochs show; None where it is not known.
+    is_annealed_too: whether an annealed smoothing would have taken the same steps.
     rivals: other optima of the same epochs, less likely at this noise; () where there are none or none was looked for.
     """
 
@@ -63,6 +64,7 @@ class InitialEstimate:
     departure: float = 0.0
     status: EstimatorStatus = field(default_factory=EstimatorStatus)
     guess: InitialGuess | None = None
+    is_annealed_too: bool = False
     rivals: tuple["InitialEstimate", ...] = ()
 
     @classmethod

@@ -18,7 +18,7 @@ from spinfilters.estimators.smoothing.problem.least_squares import (
     problem_of,
     with_common_constants,
 )
-from spinfilters.estimators.smoothing.solver.annealing import GATE, AnnealedSchedule
+from spinfilters.estimators.smoothing.solver.annealing import GATE, AnnealedSchedule, IdleAnnealing
 from spinfilters.estimators.smoothing.solver.iterations import Solved, SolverOptions, solve
 from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
 from spinfilters.estimators.timeline import Timeline
@@ -74,11 +74,12 @@ def smooth_first_epochs(
         raise InputError(NOTHING_TWICE)
     here = problem.at(with_common_constants(process.layout, guess.trajectory), points)
     schedule = AnnealedSchedule(problem, min(options.annealed, options.iterations), options.gate)
-    solved = solve(problem, here, SolverOptions(options.iterations), schedule)
+    strict = IdleAnnealing(problem) if problem.observations is None and not options.annealed else None
+    solved = solve(problem, here, SolverOptions(options.iterations), schedule, strict)
     if problem.observations is None and options.iterations:
         solved = _with_masked_refused(problem, solved, options)
     found = _with_map(_estimate(problem, solved, prior), problem, solved, options.gate)
-    return replace(found, ids=ids[found.ids])
+    return replace(found, ids=ids[found.ids], is_annealed_too=strict is not None and strict.is_idle)
 
 
 def _with_masked_refused(problem: Problem, solved: Solved, options: SmoothingOptions) -> Solved:

@@ -166,6 +166,8 @@ class _FirstProblem:
             (self.options,) if len(self.guess.ids) else (strict, self.options)
         )  # strict would lose landmarks
         for mass, own in product(masses, every):
+            if own is not every[0] and tries[-1].is_annealed_too:
+                continue
             trajectory = self.guess.trajectory.copy()
             trajectory[:, self._mass] = mass
             guess = replace(self.guess, trajectory=trajectory)

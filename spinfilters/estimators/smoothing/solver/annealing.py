@@ -128,3 +128,37 @@ class AnnealedSchedule:
         """
         wide = self.gate is not None and iteration < len(WIDER_GATES) < self.iterations
         return WIDER_GATES[iteration] if wide else 1.0
+
+
+@dataclass
+class IdleAnnealing:
+    """Whether a strict solution took the steps that an annealed one would take.
+
+    It did where its first guess obeys the dynamics, and nothing was beyond its gate while an annealed one is wide. Called with
+    every linear problem of the strict solution.
+    """
+
+    problem: Problem
+    seen: int = 0
+    same: bool = True
+
+    def __call__(self, here: LinearizationPoint, normal: NormalEquations) -> None:
+        if self.seen == 0:
+            annealed = AnnealedSchedule(self.problem, 1)
+            self.same = not self.problem.is_long and annealed.stage(0, here, None).inflation == 1.0
+        if self.same and self.seen < len(WIDER_GATES):
+            self.same = self._all_count(here, normal.stage)
+        self.seen += 1
+
+    @property
+    def is_idle(self) -> bool:
+        """Whether it was solved for long enough to tell."""
+        return self.same and self.seen > len(WIDER_GATES) + 1
+
+    def _all_count(self, here: LinearizationPoint, stage: Stage) -> bool:
+        """Whether no measurement is beyond the gate's quadratic part."""
+        loss, motion = stage.pose_only_loss, self.problem.motion
+        if loss is None:
+            return False
+        squares = (here.sensor_rows(motion, k)[2] for k in range(len(motion.sensors)))
+        return all(bool((loss.weight(each) == 1.0).all()) for each in squares)
