@@ -9,9 +9,8 @@ from jaxtyping import Float
 from spinfilters.attitude.conversions import inverse, rotate
 from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.data.truth import Truth
-from spinfilters.estimators.history import EstimateHistory
+from spinfilters.estimators.history import EstimateHistory, by_stretches
 from spinfilters.evaluation.body import BodyEstimate
-from spinfilters.evaluation.error_propagation import by_stretches
 from spinfilters.sensors.registry import sensor_of
 
 PLATEAU: Final = 0.5**0.5

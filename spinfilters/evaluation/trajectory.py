@@ -16,10 +16,9 @@ from spinfilters.data.pose_files import write_poses
 from spinfilters.data.table_files import write_csv
 from spinfilters.data.truth import TRUTH_COLUMNS
 from spinfilters.errors import InputError, ShapeError
-from spinfilters.estimators.history import EstimateHistory
-from spinfilters.evaluation.error_propagation import by_stretches, with_error_jacobian
+from spinfilters.estimators.history import EstimateHistory, by_stretches
 from spinfilters.lidar.ply_files import read_ply, write_ply
-from spinfilters.state.layout import StateLayout
+from spinfilters.state.layout import StateLayout, with_error_jacobian
 from spinfilters.symbolic import Compiled
 
 STD_COLUMNS: Final[tuple[str, ...]] = tuple(

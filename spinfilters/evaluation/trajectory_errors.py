@@ -10,8 +10,8 @@ from jaxtyping import Float, Int
 from spinfilters.attitude.conversions import inverse, multiply, rotate, rotation_vector_from_quaternion
 from spinfilters.data.truth import Truth
 from spinfilters.errors import InputError
+from spinfilters.estimators.history import STRETCH, by_stretches
 from spinfilters.evaluation.body import BodyEstimate
-from spinfilters.evaluation.error_propagation import STRETCH, by_stretches
 from spinfilters.evaluation.trajectory import Trajectory
 
 TIME_TOLERANCE: Final[float] = 1e-6

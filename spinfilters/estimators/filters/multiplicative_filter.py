@@ -27,7 +27,7 @@ from spinfilters.estimators.filters.noise_adaptation import (
     PredictedMotion,
 )
 from spinfilters.estimators.filters.square_root_update import triangular_factor
-from spinfilters.estimators.landmarks.belief import Belief, LandmarkBelief, state_in_g
+from spinfilters.estimators.landmarks.belief import Belief, LandmarkBelief
 from spinfilters.estimators.landmarks.held_map import HeldMap
 from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
 from spinfilters.estimators.landmarks.observations import MapObservations, SolvedObservations
@@ -37,7 +37,7 @@ from spinfilters.estimators.robust.outlier_rejection import (
     RobustOptions,
     SensorOutlierRejection,
 )
-from spinfilters.models.gauge import GAUGE_DIM
+from spinfilters.models.gauge import GAUGE_DIM, state_in_g
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import StateLayout
 
