@@ -21,7 +21,7 @@ from spinfilters.data.reading_options import ReadingOptions
 from spinfilters.data.sensor_format import dataset_kinds
 from spinfilters.errors import InputError
 from spinfilters.pipeline.segment_choice import read_chosen, segment_choice
-from spinfilters.sensors.registry import has_error
+from spinfilters.sensors.sensor import has_error
 from spinfilters.simulation.inspector import STATIC
 from spinfilters.simulation.motion import Progress, silent
 from spinfilters.simulation.scenario import Scenario, without_map

@@ -11,7 +11,7 @@ from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.data.truth import Truth
 from spinfilters.estimators.history import EstimateHistory, by_stretches
 from spinfilters.evaluation.body import BodyEstimate
-from spinfilters.sensors.registry import sensor_of
+from spinfilters.sensors.sensor import sensor_of
 
 PLATEAU: Final = 0.5**0.5
 """Share of the rate that is along the intermediate axis on a plateau: at 45 degrees from it a body turns about another axis."""
