@@ -9,13 +9,11 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.data.atomic_write import write_toml
-from spinfilters.data.input_file import path_text, require_folder, value_text
+from spinfilters.data.input_file import path_text, read_toml, require_folder, value_text
 from spinfilters.data.measurement_log import first_disorder, first_not_unit, freeze_arrays, normalised
-from spinfilters.data.number_range import LENGTH, RATE, SPEED, NumberRange
-from spinfilters.data.pose_files import require_unit_quaternions
-from spinfilters.data.settings_files import numbers, read_toml
-from spinfilters.data.table_files import read_csv, write_csv
-from spinfilters.data.time_stamps import require_times
+from spinfilters.data.sensor_files import require_times, require_unit_quaternions
+from spinfilters.data.stated_values import LENGTH, RATE, SPEED, NumberRange
+from spinfilters.data.table_files import numbers, read_csv, write_csv
 from spinfilters.errors import InputError, ShapeError
 
 TRUTH_COLUMNS: Final[tuple[str, ...]] = (

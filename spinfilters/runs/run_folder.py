@@ -15,10 +15,9 @@ from spinfilters.data.camera import RIG_FILES
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.data.dataset_writing import dataset_files, write_dataset
-from spinfilters.data.input_file import path_text, value_text
+from spinfilters.data.input_file import path_text, read_toml, value_text
 from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.data.pose_files import write_tum
-from spinfilters.data.settings_files import read_toml
 from spinfilters.errors import InputError
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.trajectory import write_map_ply, write_trajectory_csv, write_trajectory_tum

@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal
 
 from spinfilters.data.consider_parameter import consider_parameters
 from spinfilters.data.dataset_options import DENSITIES
-from spinfilters.data.input_file import path_text, value_text
-from spinfilters.data.number_range import NumberRange
+from spinfilters.data.input_file import path_text, read_toml, value_text
 from spinfilters.data.sensor_format import noise_options
-from spinfilters.data.settings_files import read_toml
+from spinfilters.data.stated_values import NumberRange
 from spinfilters.errors import InputError
 from spinfilters.estimators.filters.iterated_update import IterationOptions
 from spinfilters.estimators.filters.noise_adaptation import AdaptationOptions

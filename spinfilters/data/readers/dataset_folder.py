@@ -17,7 +17,7 @@ from spinfilters.data.dataset import (
 )
 from spinfilters.data.dataset_options import DatasetOptions, options_from_toml
 from spinfilters.data.dataset_reader import DatasetReader
-from spinfilters.data.input_file import path_text, printable, require_folder, value_text
+from spinfilters.data.input_file import path_text, printable, read_toml, require_folder, value_text
 from spinfilters.data.known_map import read_landmarks
 from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.data.pose_files import read_tum
@@ -25,7 +25,6 @@ from spinfilters.data.raw_data import RawDataReader, raw_data_reader
 from spinfilters.data.recording_folder import recordings_in
 from spinfilters.data.sensor_files import read_sensor_file
 from spinfilters.data.sensor_format import SensorFormat, dataset_kinds, sensor_formats
-from spinfilters.data.settings_files import read_toml
 from spinfilters.data.table_files import read_header
 from spinfilters.data.truth import read_truth
 from spinfilters.errors import InputError

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.special import chdtri
 
-from spinfilters.data.number_range import NumberRange
+from spinfilters.data.stated_values import NumberRange
 from spinfilters.errors import InputError
 
 Deviations = Callable[[Bool[np.ndarray, " k"]], Float[np.ndarray, "s d r"]]
