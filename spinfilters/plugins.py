@@ -50,7 +50,12 @@ class PluginGroup(Generic[Entry]):
         return (*self._own(), *map(self._foreign, metadata.entry_points(group=self._group)))
 
     def entries_of(self, kind: type[Narrower]) -> tuple[Narrower, ...]:
-        """All entries as the kind that a layer above knows them by. InputError: one is not of it; as `entries`."""
+        """All entries, as the kind that a layer above knows them by.
+
+        Raises
+        ------
+        InputError: as `entries`; one that is not of that kind.
+        """
         found = []
         for entry in self.entries:
             if not isinstance(entry, kind):
