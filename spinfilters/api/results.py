@@ -21,8 +21,13 @@ from spinfilters.data.input_file import value_text
 from spinfilters.errors import InputError
 from spinfilters.evaluation.body import BodyEstimate
 from spinfilters.evaluation.comparison import ComparisonCells, comparison_cells, comparison_table
+from spinfilters.evaluation.estimated_motion import (
+    TRAJECTORY_COLUMNS,
+    Trajectory,
+    read_map_ply,
+    trajectory_columns,
+)
 from spinfilters.evaluation.estimator_evaluation import Evaluation
-from spinfilters.evaluation.trajectory import TRAJECTORY_COLUMNS, Trajectory, read_map_ply, trajectory_columns
 from spinfilters.pipeline.comparison_run import write_comparison
 from spinfilters.pipeline.conditions import conditions_of
 from spinfilters.pipeline.estimation import Comparison

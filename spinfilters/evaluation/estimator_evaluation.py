@@ -21,8 +21,8 @@ from spinfilters.evaluation.consistency import (
 )
 from spinfilters.evaluation.deviation_parts import DeviationPart, deviation_parts, without_calibration
 from spinfilters.evaluation.error_bound import ErrorBound
+from spinfilters.evaluation.estimated_motion import Trajectory, trajectory_of
 from spinfilters.evaluation.reported_constants import ConstantEstimate, constant_estimates
-from spinfilters.evaluation.trajectory import Trajectory, trajectory_of
 from spinfilters.evaluation.trajectory_errors import (
     Alignment,
     BodyErrors,

@@ -14,8 +14,8 @@ from jaxtyping import Float
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.input_file import value_text
 from spinfilters.errors import InputError
+from spinfilters.evaluation.estimated_motion import BodyRates, measured_rates, true_rates
 from spinfilters.evaluation.estimator_evaluation import Evaluation
-from spinfilters.evaluation.rates import BodyRates, measured_rates, true_rates
 from spinfilters.geometry.camera_trajectory import CameraTrajectory
 from spinfilters.pipeline.conditions import conditions_of
 from spinfilters.pipeline.estimation import Comparison

@@ -9,8 +9,13 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from spinfilters.evaluation.estimated_motion import (
+    BodyRates,
+    count_flips,
+    estimated_rates,
+    knows_intermediate_axis,
+)
 from spinfilters.evaluation.estimator_evaluation import Evaluation
-from spinfilters.evaluation.rates import BodyRates, count_flips, estimated_rates, knows_intermediate_axis
 from spinfilters.evaluation.span import (
     ObservationUse,
     initialisation_end,

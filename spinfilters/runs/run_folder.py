@@ -20,13 +20,13 @@ from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.data.pose_files import write_tum
 from spinfilters.errors import InputError
 from spinfilters.estimators.history import EstimateHistory
-from spinfilters.evaluation.estimator_evaluation import evaluate
-from spinfilters.evaluation.trajectory import (
+from spinfilters.evaluation.estimated_motion import (
     read_map_ply,
     write_map_ply,
     write_trajectory_csv,
     write_trajectory_tum,
 )
+from spinfilters.evaluation.estimator_evaluation import evaluate
 from spinfilters.evaluation.trajectory_errors import Alignment
 from spinfilters.pipeline.conditions import told_sentences
 from spinfilters.pipeline.estimation import Comparison

@@ -16,7 +16,7 @@ from spinfilters.data.pose_files import read_tum
 from spinfilters.data.table_files import read_csv
 from spinfilters.data.truth import TRUTH_COLUMNS
 from spinfilters.errors import InputError
-from spinfilters.evaluation.trajectory import STD_COLUMNS, read_map_ply
+from spinfilters.evaluation.estimated_motion import STD_COLUMNS, read_map_ply
 from spinfilters.pipeline import figures
 from spinfilters.pipeline.estimation import Comparison, compare_estimators
 from spinfilters.pipeline.figures import FigureData, draw_run, picture_files

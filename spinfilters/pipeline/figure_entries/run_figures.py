@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from spinfilters.evaluation.rates import estimated_rates
+from spinfilters.evaluation.estimated_motion import estimated_rates
 from spinfilters.evaluation.span import initialisation_end
 from spinfilters.pipeline.figures import FigureData, FigureEntry
 
