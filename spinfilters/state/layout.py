@@ -1,4 +1,4 @@
-"""State layout: blocks in order, and the retraction of errors."""
+"""State layout: blocks in order, the retraction of errors, and derivatives by them."""
 
 import builtins
 from collections.abc import Callable
