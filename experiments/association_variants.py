@@ -26,7 +26,6 @@ from scipy.spatial.transform import Rotation
 from spinfilters.attitude.conversions import matrix_from_quaternion, quaternion_from_matrix
 from spinfilters.data.camera import StereoRig
 from spinfilters.data.truth import Truth, read_truth
-from spinfilters.errors import InputError
 from spinfilters.geometry.cameras import stereo_pair
 from spinfilters.tracks.matches import Matches
 from spinfilters.tracks.pose_fit import fit_pose
@@ -73,8 +72,6 @@ def main() -> None:
     options = parser.parse_args()
     found = stereo_points(options.folder, FrontEndOptions(), LossCount())
     truth, rig = read_truth(options.folder), found.source.rectification.stereo
-    if truth is None:
-        raise InputError(f"{options.folder}: has no truth; render images with 'spinfilters simulate'")
     points = found.points[:: options.step]
     truth = found.source.rectification.truth(truth)
     _compare_consensus(list(_pairs(points, rig, truth)), rig)

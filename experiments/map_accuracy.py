@@ -28,7 +28,12 @@ from spinfilters.geometry.cameras import stereo_pair
 from spinfilters.lidar.mesh import TriangleMesh
 from spinfilters.lidar.ply_files import read_ply
 from spinfilters.pipeline.figures import FigureData
-from spinfilters.runs.run_folder import MODEL_FILE, RECONSTRUCTION_FILE, RECONSTRUCTION_FOLDER
+from spinfilters.runs.run_folder import (
+    MODEL_FILE,
+    RECONSTRUCTION_FILE,
+    RECONSTRUCTION_FOLDER,
+    read_figure_data,
+)
 from spinfilters.vision.rendering.triangle_mesh import POLYHEDRA, named_mesh
 from spinfilters.vision.stereo_geometry import pixels_of
 
@@ -92,7 +97,7 @@ def map_accuracy(run: Path, mesh: TriangleMesh) -> MapAccuracy:
 
     InputError: a run without truth, map, stereo camera or model.
     """
-    data = FigureData.from_folder(run)
+    data = read_figure_data(run)
     body, truth = _body_in_truth(data, run), data.dataset.truth
     assert truth is not None  # looked at with the body
     place = run / RECONSTRUCTION_FOLDER
@@ -114,7 +119,7 @@ def map_accuracy(run: Path, mesh: TriangleMesh) -> MapAccuracy:
 
 def landmarks_on(run: Path, mesh: TriangleMesh) -> Float[np.ndarray, "k 3"]:
     """Map of a run folder laid onto the true body, m. InputError: as `map_accuracy`."""
-    return laid_onto(_body_in_truth(FigureData.from_folder(run), run).landmarks, mesh)
+    return laid_onto(_body_in_truth(read_figure_data(run), run).landmarks, mesh)
 
 
 @dataclass(frozen=True)

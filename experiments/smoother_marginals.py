@@ -15,7 +15,7 @@ from spinfilters.data.truth import Truth
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.body import BodyHistory, body_history
 from spinfilters.evaluation.consistency import true_states
-from spinfilters.evaluation.trajectory import trajectory_of
+from spinfilters.evaluation.estimated_motion import trajectory_of
 
 MAJOR_FIRST: Final = [2, 1, 0]
 """Order of principal axes: ours ascend."""

@@ -31,8 +31,8 @@ from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
 from spinfilters.estimators.timeline import Timeline
 from spinfilters.evaluation.body import body_history
 from spinfilters.evaluation.consistency import normalised_square, true_states
+from spinfilters.evaluation.estimated_motion import trajectory_of
 from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate
-from spinfilters.evaluation.trajectory import trajectory_of
 from spinfilters.evaluation.trajectory_errors import Alignment
 from spinfilters.evaluation.truth_frames import truth_in_first_frame
 from spinfilters.models.process import TorqueFreeProcess

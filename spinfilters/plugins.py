@@ -20,6 +20,7 @@ class OrderedEntry(Protocol):
 
 
 Entry = TypeVar("Entry")
+Narrower = TypeVar("Narrower")
 Ordered = TypeVar("Ordered", bound=OrderedEntry)
 
 
@@ -47,6 +48,22 @@ class PluginGroup(Generic[Entry]):
         InputError: an entry point that cannot be imported, or is not of the kind; the text names it.
         """
         return (*self._own(), *map(self._foreign, metadata.entry_points(group=self._group)))
+
+    def entries_of(self, kind: type[Narrower]) -> tuple[Narrower, ...]:
+        """All entries, as the kind that a layer above knows them by.
+
+        Raises
+        ------
+        InputError: as `entries`; one that is not of that kind.
+        """
+        found = []
+        for entry in self.entries:
+            if not isinstance(entry, kind):
+                raise InputError(
+                    f"the registered {type(entry).__name__} is no {kind.__name__}; mend or uninstall it"
+                )
+            found.append(entry)
+        return tuple(found)
 
     @property
     def _group(self) -> str:

@@ -19,7 +19,6 @@ FOREIGN_VALUES = {
     "live": "errors of sockets",
     "plugins.py": "plug-ins",
     "runs": "files of a run, fields of a data set",
-    "sensors/registry.py": "plug-ins",
     "settings": "files",
     "symbolic": "arrays or numbers for buffers, errors of a compiler",
 }

@@ -16,7 +16,7 @@ from spinfilters.campaigns.engine import Processes, run_campaign
 from spinfilters.campaigns.rows_folder import read_rows
 from spinfilters.campaigns.schema import TIMES
 from spinfilters.campaigns.study import Study, study_from
-from spinfilters.data.settings_files import read_toml
+from spinfilters.data.input_file import read_toml
 
 
 def main() -> None:

@@ -3,7 +3,7 @@
 from typing import Final
 
 from spinfilters.data.input_file import value_text
-from spinfilters.data.number_range import NumberRange
+from spinfilters.data.stated_values import NumberRange
 from spinfilters.errors import InputError
 
 SEED: Final = NumberRange(0, 10**18, whole=True)

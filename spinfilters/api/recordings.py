@@ -17,11 +17,11 @@ from spinfilters.api.blas_threads import on_one_blas_thread
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.dataset_reader import has_images, read_dataset
 from spinfilters.data.input_file import value_text
-from spinfilters.data.reading_options import ReadingOptions
 from spinfilters.data.sensor_format import dataset_kinds
+from spinfilters.data.stated_values import ReadingOptions
 from spinfilters.errors import InputError
 from spinfilters.pipeline.segment_choice import read_chosen, segment_choice
-from spinfilters.sensors.registry import has_error
+from spinfilters.sensors.sensor import has_error
 from spinfilters.simulation.inspector import STATIC
 from spinfilters.simulation.motion import Progress, silent
 from spinfilters.simulation.scenario import Scenario, without_map

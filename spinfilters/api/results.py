@@ -21,12 +21,17 @@ from spinfilters.data.input_file import value_text
 from spinfilters.errors import InputError
 from spinfilters.evaluation.body import BodyEstimate
 from spinfilters.evaluation.comparison import ComparisonCells, comparison_cells, comparison_table
+from spinfilters.evaluation.estimated_motion import (
+    TRAJECTORY_COLUMNS,
+    Trajectory,
+    read_map_ply,
+    trajectory_columns,
+)
 from spinfilters.evaluation.estimator_evaluation import Evaluation
-from spinfilters.evaluation.trajectory import TRAJECTORY_COLUMNS, Trajectory, read_map_ply, trajectory_columns
 from spinfilters.pipeline.comparison_run import write_comparison
 from spinfilters.pipeline.conditions import conditions_of
 from spinfilters.pipeline.estimation import Comparison
-from spinfilters.runs.run_folder import MAP_FILE
+from spinfilters.runs.run_folder import MAP_FILE, read_figure_data
 from spinfilters.runs.run_summary import read_summary, summary
 from spinfilters.settings.run_settings import Settings
 from spinfilters.state.status import verdict_sentences
@@ -132,9 +137,7 @@ class Run(Mapping[str, EstimatorResult]):
     @classmethod
     def from_folder(cls, folder: Path, settings: Settings) -> "Run":
         """Run of a complete run folder. InputError: a damaged one."""
-        from spinfilters.pipeline.figures import FigureData
-
-        shown_run = FigureData.from_folder(folder)
+        shown_run = read_figure_data(folder)
         maps = {e.name: folder / e.name / MAP_FILE for e in shown_run.evaluations}
         landmarks = {name: read_map_ply(path) for name, path in maps.items() if path.exists()}
         results = {e.name: EstimatorResult(e, landmarks.get(e.name)) for e in shown_run.evaluations}

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Annotated, Final
 
 from spinfilters.data.input_file import value_text
-from spinfilters.data.number_range import LENGTH, RATE, SPEED, NumberRange
+from spinfilters.data.stated_values import LENGTH, RATE, SPEED, NumberRange
 from spinfilters.errors import InputError
 from spinfilters.models.process import THESIS_NOISE, ProcessNoise
 from spinfilters.sensors.feature_tracks import EveryAppearance, Recognition, SomeAppearances

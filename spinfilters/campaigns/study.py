@@ -11,8 +11,7 @@ from typing import Any
 from spinfilters.campaigns.factor_table import Cell, cells_of, check_tables, study_options
 from spinfilters.campaigns.initial_belief import require_frames
 from spinfilters.campaigns.study_options import MOST_RUNS, OPEN_KEYS, StudyOptions
-from spinfilters.data.input_file import path_text
-from spinfilters.data.settings_files import read_toml
+from spinfilters.data.input_file import path_text, read_toml
 from spinfilters.errors import InputError
 
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated, Final, Literal
 
-from spinfilters.data.number_range import NumberRange
+from spinfilters.data.stated_values import NumberRange
 
 MOST_RUNS: Final = 10_000_000
 OPEN_KEYS: Final = ("seeds", "description", "time_limit_s")

@@ -11,8 +11,7 @@ from spinfilters.api.argument_ranges import (
     MOMENT,
     RATE_RPM,
 )
-from spinfilters.data.number_range import NumberRange
-from spinfilters.data.reading_options import CLOCK_UNITS, RATE_UNITS, SAMPLING_RATE, ReadingOptions
+from spinfilters.data.stated_values import CLOCK_UNITS, RATE_UNITS, SAMPLING_RATE, NumberRange, ReadingOptions
 
 
 def add_motion(parser: argparse.ArgumentParser) -> None:

@@ -14,7 +14,7 @@ from spinfilters.cli.console import progress_bars, wide_console
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.dataset_reader import has_images, read_dataset
 from spinfilters.data.input_file import value_text
-from spinfilters.data.reading_options import ReadingOptions
+from spinfilters.data.stated_values import ReadingOptions
 from spinfilters.errors import InputError
 from spinfilters.evaluation.comparison import comparison_table
 from spinfilters.flight.free_flight import flights_within

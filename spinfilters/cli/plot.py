@@ -4,16 +4,17 @@ import argparse
 from pathlib import Path
 
 from spinfilters.cli.console import progress_bars, wide_console
-from spinfilters.pipeline.figures import FigureData, draw_run
+from spinfilters.pipeline.figures import draw_run
 from spinfilters.pipeline.optional_outputs import draw_optional_outputs
 from spinfilters.pipeline.run_report import write_run_report
+from spinfilters.runs.run_folder import read_figure_data
 from spinfilters.runs.run_lock import locked_run
 
 
 def plot(options: argparse.Namespace) -> int:
     """Draw the figures of a run folder again, and write its report."""
     folder = Path(options.run)
-    figure_data = FigureData.from_folder(folder)
+    figure_data = read_figure_data(folder)
     histories = [evaluation.history for evaluation in figure_data.evaluations]
     with locked_run(folder), progress_bars() as report:
         drawn = draw_run(figure_data, folder, lambda done, total: report("figures", done, total))

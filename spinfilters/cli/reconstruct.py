@@ -4,11 +4,10 @@ import argparse
 from pathlib import Path
 
 from spinfilters.cli.console import progress_bars, wide_console
-from spinfilters.pipeline.figures import FigureData
 from spinfilters.pipeline.run_reconstruction import Reconstruction
 from spinfilters.pipeline.run_reconstruction import reconstruct as reconstruct_run
 from spinfilters.pipeline.run_report import write_run_report
-from spinfilters.runs.run_folder import REPORT_FILE, refuse_foreign_run
+from spinfilters.runs.run_folder import REPORT_FILE, read_figure_data, refuse_foreign_run
 from spinfilters.runs.run_lock import locked_run
 from spinfilters.runs.run_summary import read_summary
 
@@ -21,7 +20,7 @@ def reconstruct(options: argparse.Namespace) -> int:
     refuse_foreign_run(folder)
     with locked_run(folder), progress_bars() as report:
         made = reconstruct_run(folder, images, options.voxels, report)
-        write_run_report(FigureData.from_folder(folder), folder)
+        write_run_report(read_figure_data(folder), folder)
     _print(made, folder)
     return 0
 

@@ -9,7 +9,7 @@ from rich.table import Table
 from spinfilters.cli.arguments import reading_options
 from spinfilters.cli.console import progress_bars, wide_console
 from spinfilters.data.dataset_reader import read_whole
-from spinfilters.data.reading_options import ReadingOptions
+from spinfilters.data.stated_values import ReadingOptions
 from spinfilters.errors import InputError
 from spinfilters.flight.free_flight import find_flights
 from spinfilters.pipeline.segment_choice import has_marks, no_flight, read_several

@@ -12,7 +12,7 @@ from spinfilters.data.dataset_writing import write_dataset
 from spinfilters.data.input_file import value_text
 from spinfilters.data.output_folder import output_folder, refuse_foreign
 from spinfilters.errors import InputError
-from spinfilters.evaluation.rates import true_rates
+from spinfilters.evaluation.estimated_motion import true_rates
 from spinfilters.plots.body_rates import rates_figure
 from spinfilters.plots.style import save_figure
 

@@ -14,7 +14,6 @@ from spinfilters.data.atomic_write import make_folder, write_text
 from spinfilters.data.consider_parameter import consider_parameters
 from spinfilters.data.dataset_options import DatasetOptions
 from spinfilters.data.input_file import path_text, value_text
-from spinfilters.data.number_range import NumberRange
 from spinfilters.data.sensor_yaml import (
     DISTORTION_KEY,
     DISTORTION_MODELS,
@@ -23,6 +22,7 @@ from spinfilters.data.sensor_yaml import (
     read_sensor_file,
     sensor_text,
 )
+from spinfilters.data.stated_values import NumberRange
 from spinfilters.errors import InputError
 
 RIG_FILES: Final[tuple[Path, Path]] = (Path("cam0/sensor.yaml"), Path("cam1/sensor.yaml"))

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.data.input_file import path_text
-from spinfilters.data.reading_options import CLOCK_UNITS
+from spinfilters.data.stated_values import CLOCK_UNITS
 from spinfilters.errors import InputError
 
 SLOWEST: Final = 1.0

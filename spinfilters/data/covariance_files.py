@@ -8,8 +8,8 @@ from jaxtyping import Float
 
 from spinfilters.data.input_file import path_text
 from spinfilters.data.measurement_log import MeasurementStream, first_not_definite
-from spinfilters.data.number_range import NumberRange
 from spinfilters.data.sensor_format import sensor_format
+from spinfilters.data.stated_values import NumberRange
 from spinfilters.data.table_files import Table, read_csv, write_csv
 from spinfilters.errors import InputError
 

@@ -16,7 +16,6 @@ import numpy as np
 from spinfilters.data.accelerometer import Acceleration
 from spinfilters.data.camera import Rig
 from spinfilters.data.dataset_options import DatasetOptions
-from spinfilters.data.gyro_files import Segment
 from spinfilters.data.input_file import path_text, printable, value_text
 from spinfilters.data.known_map import KnownMap
 from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
@@ -32,6 +31,31 @@ DATASET_FILE: Final[str] = "dataset.toml"
 LANDMARK_FILE: Final[str] = "landmarks.csv"
 INSPECTOR_FILE: Final[str] = "inspector.tum"
 """Known trajectory of the inspector: poses of cam0 in i, beside the measurements of a camera."""
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A stretch of a recording, s on its clock.
+
+    Attributes
+    ----------
+    number: as marked or as found; None of one that its user states.   start, end: None for the ends of the recording.
+    keep: whether it is a trial.   comment: on it, or what says that it is a flight.
+    """
+
+    number: int | None
+    start: float | None
+    end: float | None
+    keep: bool
+    comment: str
+
+    @property
+    def label(self) -> str:
+        """Label of the segment: its number, or its times."""
+        if self.number is not None:
+            return f"segment {self.number}"
+        start, end = ("" if each is None else f"{each:.9g}" for each in (self.start, self.end))
+        return f"segment {start}:{end}"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

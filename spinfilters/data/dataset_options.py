@@ -7,8 +7,8 @@ from typing import Any, Final
 
 from spinfilters.data.consider_parameter import consider_parameters
 from spinfilters.data.input_file import path_text, value_text
-from spinfilters.data.number_range import NumberRange
 from spinfilters.data.sensor_format import noise_options
+from spinfilters.data.stated_values import NumberRange
 from spinfilters.errors import InputError
 
 Note = str | int | float | bool

@@ -8,7 +8,7 @@ from typing import Final
 
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.input_file import path_text
-from spinfilters.data.reading_options import NOTHING_STATED, ReadingOptions
+from spinfilters.data.stated_values import NOTHING_STATED, ReadingOptions
 from spinfilters.errors import InputError
 from spinfilters.plugins import PluginGroup, by_name
 

@@ -13,13 +13,13 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.special import bdtrc
 
+from spinfilters.data.dataset import Segment
 from spinfilters.data.input_file import path_text, read_settings_text, value_text
 from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.data.motion_table import MotionTable, read_motion_table
-from spinfilters.data.number_range import RATE
-from spinfilters.data.reading_options import NOTHING_STATED, ReadingOptions
+from spinfilters.data.sensor_files import require_times, require_turns
+from spinfilters.data.stated_values import NOTHING_STATED, RATE, ReadingOptions
 from spinfilters.data.table_files import read_csv, read_header, write_csv
-from spinfilters.data.time_stamps import require_times, require_turns
 from spinfilters.errors import InputError
 
 GYRO_COLUMNS: Final[tuple[str, ...]] = ("time_s", "wx", "wy", "wz")
@@ -43,31 +43,6 @@ _SEGMENT_COLUMNS = ["segment", "start", "end", "keep", "comment"]
 _DEGREES = re.compile(r"(?<![a-z])(deg(ree)?s?|dps|degps)(?![a-z])|°(?!\s*[CF])", re.IGNORECASE)
 """Degrees as a whole word: deg/s, deg_s, dps, but neither radps nor degC."""
 _KEEP = {"": True, "true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
-
-
-@dataclass(frozen=True)
-class Segment:
-    """A stretch of a recording, s on its clock.
-
-    Attributes
-    ----------
-    number: as marked or as found; None of one that its user states.   start, end: None for the ends of the recording.
-    keep: whether it is a trial.   comment: on it, or what says that it is a flight.
-    """
-
-    number: int | None
-    start: float | None
-    end: float | None
-    keep: bool
-    comment: str
-
-    @property
-    def label(self) -> str:
-        """Label of the segment: its number, or its times."""
-        if self.number is not None:
-            return f"segment {self.number}"
-        start, end = ("" if each is None else f"{each:.9g}" for each in (self.start, self.end))
-        return f"segment {start}:{end}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,14 +1,14 @@
-"""Validated reading of untrusted files.
+"""Validated reading of untrusted files: texts, bounds of tables, and TOML.
 
-Every error of the readers is one line that names the file, the line or value, and the cure; `named` and
-`shown` keep it one printable line whatever a file name or a cell contains.
+Every error of the readers is one line that names the file, the line or value, and the cure; `path_text` and
+`value_text` keep it one printable line whatever a file name or a cell contains.
 """
 
 import os
 import reprlib
 import stat
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from spinfilters.errors import InputError
 
@@ -20,6 +20,8 @@ MAX_SETTINGS_BYTES: Final[int] = 1024**2
 """Largest TOML, YAML or segment file that is read (1 MiB)."""
 MAX_LINE_BYTES: Final[int] = 1024**2
 """A table whose line is longer is no table of measurements."""
+
+_MOST_DOTS = 64  # on a TOML line: tomllib takes memory as the square of the parts of a dotted key
 
 _REPR = reprlib.Repr()
 _REPR.maxstring = _REPR.maxother = _REPR.maxlong = 60
@@ -42,6 +44,15 @@ def value_text(value: object) -> str:
         return "".join(c if c.isprintable() else " " for c in _REPR.repr(value))
     except ValueError:  # an integer of more digits than Python prints
         return "a number too long to show"
+
+
+def reason(error: Exception) -> str:
+    """One-line message of a system's or parser's error.
+
+    Such as 'Permission denied', at most 200 characters.
+    """
+    text = (error.strerror if isinstance(error, OSError) else None) or str(error)
+    return "".join(c if c.isprintable() else " " for c in " ".join(text.split())[:200])
 
 
 def require_file(path: Path, max_bytes: int) -> int:
@@ -83,26 +94,6 @@ def require_folder(path: Path) -> None:
         raise InputError(f"{path_text(path)}: permission denied; make the folder readable (chmod u+rx)")
 
 
-def read_settings_text(path: Path) -> str:
-    """Text of a small settings file (TOML, YAML, segments), UTF-8 with or without byte order mark.
-
-    Raises
-    ------
-    InputError: as `require_file` with 1 MiB, or a file that is not UTF-8 text.
-    """
-    require_file(path, MAX_SETTINGS_BYTES)
-    try:
-        raw = path.read_bytes()
-        return raw.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        byte, line = error.object[error.start], error.object.count(b"\n", 0, error.start) + 1
-        raise InputError(
-            f"{path_text(path)}: line {line}: byte 0x{byte:02x} is not UTF-8; save it as UTF-8 text"
-        ) from None
-    except OSError as error:
-        raise InputError(f"{path_text(path)}: cannot be read ({reason(error)}); copy it again") from None
-
-
 def require_text_table(path: Path) -> None:
     """Raise InputError unless it can be a table: `require_file`, no NUL byte, rows and lines bounded."""
     require_file(path, MAX_TABLE_BYTES)
@@ -130,10 +121,40 @@ def _check_chunk(path: Path, chunk: bytes, breaks: int, rows: int) -> None:
         raise InputError(f"{path_text(path)}: has more than {MAX_TABLE_ROWS} rows; cut it into smaller files")
 
 
-def reason(error: Exception) -> str:
-    """One-line message of a system's or parser's error.
+def read_settings_text(path: Path) -> str:
+    """Text of a small settings file (TOML, YAML, segments), UTF-8 with or without byte order mark.
 
-    Such as 'Permission denied', at most 200 characters.
+    Raises
+    ------
+    InputError: as `require_file` with 1 MiB, or a file that is not UTF-8 text.
     """
-    text = (error.strerror if isinstance(error, OSError) else None) or str(error)
-    return "".join(c if c.isprintable() else " " for c in " ".join(text.split())[:200])
+    require_file(path, MAX_SETTINGS_BYTES)
+    try:
+        raw = path.read_bytes()
+        return raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        byte, line = error.object[error.start], error.object.count(b"\n", 0, error.start) + 1
+        raise InputError(
+            f"{path_text(path)}: line {line}: byte 0x{byte:02x} is not UTF-8; save it as UTF-8 text"
+        ) from None
+    except OSError as error:
+        raise InputError(f"{path_text(path)}: cannot be read ({reason(error)}); copy it again") from None
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Document of a TOML file of at most 1 MiB.
+
+    InputError: unreadable file, or text that is not TOML.
+    """
+    import tomllib  # slow to import, and every command has this module
+
+    text = read_settings_text(path)
+    for number, line in enumerate(text.split("\n"), start=1):
+        if line.count(".") > _MOST_DOTS:
+            raise InputError(
+                f"{path_text(path)}: line {number}: has more than {_MOST_DOTS} dots; shorten that line"
+            )
+    try:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{path_text(path)}: is not TOML ({reason(error)}); correct that line") from None

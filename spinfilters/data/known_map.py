@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from spinfilters.data.measurement_log import first_repeated_landmark, freeze_arrays
-from spinfilters.data.number_range import LENGTH
+from spinfilters.data.stated_values import LENGTH
 from spinfilters.data.table_files import read_csv, write_csv
 from spinfilters.errors import InputError, ShapeError
 

@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 
 from spinfilters.data.headings import FOREIGN, Heading, Quantity, heading_of
 from spinfilters.data.input_file import path_text, value_text
-from spinfilters.data.reading_options import RATE_UNITS, ReadingOptions
+from spinfilters.data.stated_values import RATE_UNITS, ReadingOptions
 from spinfilters.errors import InputError
 
 EXAMPLE: Final = "time_s,wx,wy,wz"

@@ -19,11 +19,9 @@ from spinfilters.data.motion_columns import (
     VectorColumns,
     motion_columns,
 )
-from spinfilters.data.number_range import LENGTH, RATE, NumberRange
-from spinfilters.data.pose_files import require_unit_quaternions
-from spinfilters.data.reading_options import CLOCK_UNITS, RATE_UNITS, ReadingOptions
+from spinfilters.data.sensor_files import require_times, require_turns, require_unit_quaternions
+from spinfilters.data.stated_values import CLOCK_UNITS, LENGTH, RATE, RATE_UNITS, NumberRange, ReadingOptions
 from spinfilters.data.text_table import TextLayout, TextTable, read_columns, read_layout
-from spinfilters.data.time_stamps import require_times, require_turns
 from spinfilters.errors import InputError
 
 FASTEST: Final[float] = 75.0

@@ -10,10 +10,10 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.data.atomic_write import atomic_file
-from spinfilters.data.measurement_log import MeasurementStream, first_not_unit
-from spinfilters.data.number_range import LENGTH
+from spinfilters.data.measurement_log import MeasurementStream
+from spinfilters.data.sensor_files import require_times, require_unit_quaternions
+from spinfilters.data.stated_values import LENGTH
 from spinfilters.data.table_files import read_blank_separated
-from spinfilters.data.time_stamps import RowsOfFile, require_times
 
 TUM_COLUMNS: Final[tuple[str, ...]] = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 """s, m (origin of g in i), unit quaternion q_ig, scalar last."""
@@ -53,19 +53,6 @@ def write_poses(
         file.write(f"# {' '.join(TUM_COLUMNS)}\n".encode())
         for row in zip(time, position, quaternion, strict=True):
             file.write((" ".join(map(_decimal, np.hstack(row))) + "\n").encode())
-
-
-def require_unit_quaternions(table: RowsOfFile, column: int) -> None:
-    """Raise InputError unless the four columns from `column` on are unit quaternions (scalar last)."""
-    quaternion: Float[np.ndarray, "n 4"] = table.values[:, column : column + 4]
-    row = first_not_unit(quaternion)
-    if row is not None:
-        with np.errstate(over="ignore"):
-            norm = float(np.linalg.norm(quaternion[row]))
-        raise table.error(
-            row,
-            f"quaternion {quaternion[row].tolist()} has norm {norm:.6g}, not 1; correct or delete the line",
-        )
 
 
 def _decimal(number: float) -> str:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from spinfilters.data.number_range import NumberRange
+from spinfilters.data.stated_values import NumberRange
 from spinfilters.data.table_files import Table
 from spinfilters.errors import InputError
 from spinfilters.plugins import PluginGroup

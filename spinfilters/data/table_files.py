@@ -1,4 +1,4 @@
-"""Tables of numbers in text files."""
+"""Numbers in text files: tables, and arrays of keys."""
 
 import csv
 import math
@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 
 from spinfilters.data.atomic_write import atomic_file
 from spinfilters.data.input_file import path_text, reason, require_text_table, value_text
-from spinfilters.data.number_range import NumberRange
+from spinfilters.data.stated_values import NumberRange
 from spinfilters.errors import InputError
 
 _WRITE_ROWS = 4096  # rows turned into text at a time, which bounds the memory of a writer
@@ -145,6 +145,27 @@ def write_csv(path: Path, names: Sequence[str], columns: Sequence[np.ndarray]) -
             stream.write("".join(lines).encode())
 
 
+def numbers(path: Path, key: str, value: object, shape: tuple[int, ...]) -> Float[np.ndarray, "..."]:
+    """Finite numbers of a key as an array of this shape.
+
+    Text such as '1e-3', no number in YAML, counts.
+
+    Raises
+    ------
+    InputError: another shape, a cell that is no finite number; the text names the file, the key and the
+    value.
+    """
+    items = value if isinstance(value, list) else [value]
+    if len(shape) == 2:
+        if len(items) != shape[0]:
+            raise _wrong_shape(path, key, value, shape)
+        rows = [numbers(path, key, row, shape[1:]) for row in items]
+        return np.array(rows)
+    if (len(items),) != (shape or (1,)) or (isinstance(value, list) != bool(shape)):
+        raise _wrong_shape(path, key, value, shape)
+    return np.array([_number(path, key, item) for item in items]).reshape(shape)
+
+
 def _table(path: Path, names: tuple[str, ...], layout: TableFormat) -> Table:
     try:
         values = _load(path, layout)
@@ -240,3 +261,22 @@ def _is_number(cell: str) -> bool:
     except ValueError:
         return False
     return cell.isascii() and "_" not in cell  # Python reads more than a file format should
+
+
+def _number(path: Path, key: str, item: object) -> float:
+    number = math.nan
+    if isinstance(item, int | float | str) and not isinstance(item, bool):
+        try:
+            number = float(item)
+        except (ValueError, OverflowError):
+            number = math.nan
+    if not math.isfinite(number):
+        raise InputError(
+            f"{path_text(path)}: {key} holds {value_text(item)}, not a finite number; correct it"
+        )
+    return number
+
+
+def _wrong_shape(path: Path, key: str, value: object, shape: tuple[int, ...]) -> InputError:
+    expected = "x".join(map(str, shape)) + " numbers" if shape else "a number"
+    return InputError(f"{path_text(path)}: {key} is {value_text(value)}, expected {expected}; correct it")

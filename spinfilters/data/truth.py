@@ -9,13 +9,11 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.data.atomic_write import write_toml
-from spinfilters.data.input_file import path_text, require_folder, value_text
+from spinfilters.data.input_file import path_text, read_toml, require_folder, value_text
 from spinfilters.data.measurement_log import first_disorder, first_not_unit, freeze_arrays, normalised
-from spinfilters.data.number_range import LENGTH, RATE, SPEED, NumberRange
-from spinfilters.data.pose_files import require_unit_quaternions
-from spinfilters.data.settings_files import numbers, read_toml
-from spinfilters.data.table_files import read_csv, write_csv
-from spinfilters.data.time_stamps import require_times
+from spinfilters.data.sensor_files import require_times, require_unit_quaternions
+from spinfilters.data.stated_values import LENGTH, RATE, SPEED, NumberRange
+from spinfilters.data.table_files import numbers, read_csv, write_csv
 from spinfilters.errors import InputError, ShapeError
 
 TRUTH_COLUMNS: Final[tuple[str, ...]] = (
@@ -25,6 +23,8 @@ TRUTH_COLUMNS: Final[tuple[str, ...]] = (
 """s; centre of mass in i, m; q_ig; its velocity in i, m/s; rate in i axes, rad/s."""
 TRUTH_TABLE: Final[str] = "truth.csv"
 TRUTH_BODY: Final[str] = "truth.toml"
+TRUTH_FILES: Final = (TRUTH_TABLE, TRUTH_BODY)
+"""A folder with one of them tells the truth."""
 
 _TRAJECTORY_SHAPES = {"center_of_mass": 3, "q_ig": 4, "velocity": 3, "rate_i": 3}
 _BODY_RANGES = {
@@ -91,8 +91,8 @@ class Truth:
         return {name: value for name, value in known.items() if value is not None}
 
 
-def read_truth(folder: Path) -> Truth | None:
-    """Truth of a folder, None without any.
+def read_truth(folder: Path) -> Truth:
+    """Truth of a folder that has one of `TRUTH_FILES`.
 
     `truth.csv`, and `truth.toml` where there is one.
 
@@ -103,8 +103,6 @@ def read_truth(folder: Path) -> Truth | None:
     """
     require_folder(folder)
     path, settings = folder / TRUTH_TABLE, folder / TRUTH_BODY
-    if not os.path.lexists(path) and not os.path.lexists(settings):
-        return None
     table = read_csv(path, TRUTH_COLUMNS)
     require_times(table, repeats=False)
     for columns, allowed in ((slice(1, 4), LENGTH), (slice(8, 11), SPEED), (slice(11, 14), RATE)):

@@ -13,8 +13,8 @@ from spinfilters.embedded.structures import NEW, USED, filter_type, landmark_typ
 from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Estimator, MapChange, Measurement, Snapshot, UpdateReport
 from spinfilters.estimators.filters.square_root_update import triangular_factor
-from spinfilters.estimators.landmarks.belief import Belief, LandmarkBelief, moved_points, state_in_g
-from spinfilters.models.gauge import GAUGE_DIM
+from spinfilters.estimators.landmarks.belief import Belief, LandmarkBelief
+from spinfilters.models.gauge import GAUGE_DIM, moved_points, state_in_g
 from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.status import EstimatorStatus

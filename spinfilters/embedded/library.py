@@ -16,7 +16,7 @@ from spinfilters.embedded.model_functions import (
     transition_pattern,
 )
 from spinfilters.estimators.landmarks.landmark_map import CONFIRMED, WRONG_IN_A_ROW
-from spinfilters.estimators.robust.outlier_rejection import RobustOptions
+from spinfilters.estimators.robust.gate_weights import RobustOptions
 from spinfilters.models.rotation_substeps import boole_weights
 from spinfilters.symbolic.c_library import FLAGS, load_text
 

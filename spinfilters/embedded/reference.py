@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from spinfilters.estimators.landmarks.landmark_map import CONFIRMED, WRONG_IN_A_ROW
-from spinfilters.estimators.robust.outlier_rejection import RobustOptions, gate
+from spinfilters.estimators.robust.gate_weights import RobustOptions, gate
 from spinfilters.models.landmark_sensor import LandmarkSensor
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.process import TorqueFreeProcess

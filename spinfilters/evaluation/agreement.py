@@ -17,9 +17,8 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.estimators.history import EstimateHistory
+from spinfilters.estimators.history import EstimateHistory, by_stretches
 from spinfilters.evaluation.consistency import finite_epochs, normalised_trace
-from spinfilters.evaluation.error_propagation import by_stretches
 from spinfilters.state.blocks.rigid_body import MASS_DISTRIBUTION
 from spinfilters.state.layout import StateLayout
 

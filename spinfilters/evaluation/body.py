@@ -18,16 +18,15 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from spinfilters.dynamics.mass_distribution import inertia
-from spinfilters.estimators.history import EstimateHistory
+from spinfilters.estimators.history import EstimateHistory, by_stretches
 from spinfilters.evaluation.body_spread import body_spread, principal_steps
-from spinfilters.evaluation.error_propagation import by_stretches, with_error_jacobian
 from spinfilters.evaluation.moment_intervals import widest_departures
 from spinfilters.linear_algebra.signs import with_largest_positive
 from spinfilters.state.block import StateBlock
 from spinfilters.state.blocks.drag import DRAG
 from spinfilters.state.blocks.rigid_body import CENTRE_OF_MASS
 from spinfilters.state.gaussian import Gaussian
-from spinfilters.state.layout import StateLayout
+from spinfilters.state.layout import StateLayout, with_error_jacobian
 from spinfilters.symbolic import Compiled
 
 UNDETERMINED_STD: Final[float] = np.pi / np.sqrt(12.0)

@@ -10,7 +10,7 @@ from rich.text import Text
 
 from spinfilters.evaluation.deviation_rows import LATEST_ROWS, PARTS_CAPTION, parts_row
 from spinfilters.evaluation.estimator_evaluation import Evaluation
-from spinfilters.evaluation.formatting import numbers, with_uncertainty
+from spinfilters.evaluation.reported_constants import numbers_text
 from spinfilters.evaluation.span import (
     ALWAYS,
     ObservationUse,
@@ -129,8 +129,7 @@ def _moment(index: int, part: int) -> Cell:
 
     def cell(column: Column) -> str:
         """A cell of the row."""
-        body = column.evaluation.body
-        pair = with_uncertainty(body.principal_moments[index], body.principal_moments_std[index])
+        pair = column.evaluation.moment_texts[index]
         return pair.split(" ± ")[part] if " ± " in pair else pair
 
     return cell
@@ -216,12 +215,12 @@ def _constant_rows(block: StateBlock) -> tuple[TableRow, ...]:
     def value(column: Column) -> str | None:
         """The constant's value."""
         found = column.evaluation.constants.get(block.name)
-        return None if found is None else numbers(found.value, reported.value_format)
+        return None if found is None else numbers_text(found.value, reported.value_format)
 
     def std(column: Column) -> str | None:
         """The constant's standard deviation."""
         found = column.evaluation.constants.get(block.name)
-        return None if found is None else numbers(found.std, reported.std_format)
+        return None if found is None else numbers_text(found.std, reported.std_format)
 
     return TableRow(f"{block.label} [{block.unit}]", value), TableRow("  standard deviation", std)
 

@@ -15,8 +15,7 @@ from spinfilters.attitude.conversions import (
 from spinfilters.data.truth import BODY_KEYS, Truth
 from spinfilters.dynamics.mass_distribution import from_inertia
 from spinfilters.errors import InputError
-from spinfilters.estimators.history import EstimateHistory
-from spinfilters.evaluation.error_propagation import by_stretches
+from spinfilters.estimators.history import EstimateHistory, by_stretches
 from spinfilters.evaluation.trajectory_errors import common_stamps
 from spinfilters.geometry.truth_frame import truth_in_moved_frame
 from spinfilters.state.blocks import BLOCKS

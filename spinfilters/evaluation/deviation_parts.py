@@ -11,8 +11,8 @@ from jaxtyping import Float
 
 from spinfilters.estimators.history import EPOCH_ARRAYS, EstimateHistory
 from spinfilters.evaluation.body import body_estimate
+from spinfilters.evaluation.estimated_motion import trajectory_of
 from spinfilters.evaluation.reported_constants import REPORTED, constant_estimates
-from spinfilters.evaluation.trajectory import trajectory_of
 
 Deviations = dict[str, Float[np.ndarray, " q"]]
 

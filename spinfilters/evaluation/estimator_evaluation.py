@@ -1,8 +1,9 @@
 """Evaluation of one estimator's run, for tables, files and figures."""
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -20,8 +21,8 @@ from spinfilters.evaluation.consistency import (
 )
 from spinfilters.evaluation.deviation_parts import DeviationPart, deviation_parts, without_calibration
 from spinfilters.evaluation.error_bound import ErrorBound
+from spinfilters.evaluation.estimated_motion import Trajectory, trajectory_of
 from spinfilters.evaluation.reported_constants import ConstantEstimate, constant_estimates
-from spinfilters.evaluation.trajectory import Trajectory, trajectory_of
 from spinfilters.evaluation.trajectory_errors import (
     Alignment,
     BodyErrors,
@@ -35,6 +36,8 @@ from spinfilters.evaluation.truth_frames import (
     truth_in_inertial_frame,
 )
 from spinfilters.state.status import EstimatorStatus, Verdict
+
+_MOST_DECIMALS: Final = 9
 
 
 @dataclass(frozen=True)
@@ -78,6 +81,12 @@ class Evaluation:
     def body(self) -> BodyEstimate:
         """The body after the last epoch."""
         return body_estimate(self.history.belief(-1))
+
+    @property
+    def moment_texts(self) -> list[str]:
+        """The principal moments after the last epoch that are not 1 by definition, ``value ± std``."""
+        moments, std = self.body.principal_moments[:2], self.body.principal_moments_std[:2]
+        return [with_uncertainty(*pair) for pair in zip(moments.tolist(), std.tolist(), strict=True)]
 
     @cached_property
     def constants(self) -> dict[str, ConstantEstimate]:
@@ -123,6 +132,19 @@ class Evaluation:
         """Median over the epochs that took any time; None when none did."""
         runtime = self.history.runtime[self.history.runtime > 0]
         return 1e3 * float(np.median(runtime)) if runtime.size else None
+
+
+def with_uncertainty(value: float, std: float) -> str:
+    """``value ± std`` to two significant digits of the standard deviation.
+
+    Between 2 and 9 decimals; "unknown" of no number.
+    """
+    if not math.isfinite(value):
+        return "unknown"
+    decimals = 1 - math.floor(math.log10(std)) if math.isfinite(std) and std > 0 else 4
+    decimals = max(2, min(decimals, _MOST_DECIMALS))
+    spread = f"{std:.{decimals}f}" if math.isfinite(std) else "unknown"
+    return f"{value:.{decimals}f} ± {spread}"
 
 
 def evaluate(

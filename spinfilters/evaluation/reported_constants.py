@@ -3,7 +3,8 @@
 Values, standard deviations, names in files.
 """
 
-from collections.abc import Iterator, Mapping
+import math
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -58,3 +59,9 @@ def _numbers(estimates: Mapping[str, ConstantEstimate]) -> Iterator[tuple[str, A
 
 def _plain(values: Float[np.ndarray, " k"]) -> float | list[float]:
     return float(values[0]) if len(values) == 1 else values.tolist()
+
+
+def numbers_text(values: Iterable[float], form: str) -> str:
+    """Numbers side by side in one format; "unknown" where one is none."""
+    listed = list(values)
+    return " ".join(format(value, form) for value in listed) if all(map(math.isfinite, listed)) else "unknown"

@@ -8,8 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.data.accelerometer import Acceleration
-from spinfilters.data.dataset import Dataset
-from spinfilters.data.gyro_files import Segment
+from spinfilters.data.dataset import Dataset, Segment
 from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.errors import InputError
 from spinfilters.flight.gyro_flights import gyro_flights

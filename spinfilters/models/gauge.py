@@ -69,6 +69,26 @@ def gauge_of_points(points: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "l 6"
     return np.concatenate([turn, shift], axis=2).reshape(-1, GAUGE_DIM)
 
 
+def state_in_g(
+    layout: StateLayout,
+    mean: Float[np.ndarray, " m"],
+    factor: Float[np.ndarray, "N N"],
+    move: Float[np.ndarray, " 6"],
+) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "n N"]]:
+    """State and factor rows in frame g, from the map's frame.
+
+    The gauge move stands last in the factor.
+    The move is small: the derivative of the moved state by the state is taken for one.
+    """
+    there = _moved_state(layout)(mean, move)[0]
+    return there, factor[: layout.error_dim] + gauge_directions(layout, there) @ factor[-GAUGE_DIM:]
+
+
+def moved_points(points: Float[np.ndarray, "k 3"], move: Float[np.ndarray, " 6"]) -> Float[np.ndarray, "k 3"]:
+    """R(theta) p + rho."""
+    return _moved_point()(points, move)[0]
+
+
 @cache
 @building()
 def _directions(layout: StateLayout) -> Compiled:
@@ -76,3 +96,17 @@ def _directions(layout: StateLayout) -> Compiled:
     error = layout.near_local_expression(x, gauge_move(layout, x, move))
     slope = ca.substitute(ca.jacobian(error, move), move, ca.SX.zeros(GAUGE_DIM))
     return Compiled(ca.Function("gauge_directions", [x], [slope], ["x"], ["N"]))
+
+
+@cache
+def _moved_state(layout: StateLayout) -> Compiled:
+    x, move = ca.SX.sym("x", layout.mean_dim), ca.SX.sym("move", GAUGE_DIM)
+    return Compiled(ca.Function("moved_state", [x, move], [gauge_move(layout, x, move)]))
+
+
+@cache
+def _moved_point() -> Compiled:
+    p, move = ca.SX.sym("p", 3), ca.SX.sym("move", GAUGE_DIM)
+    return Compiled(
+        ca.Function("moved_point", [p, move], [rotate(quaternion_from_mrp(move[:3]), p) + move[3:]])
+    )

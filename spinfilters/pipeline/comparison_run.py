@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from spinfilters.data.dataset import Dataset
 from spinfilters.pipeline.estimation import Comparison, Progress, compare_estimators
-from spinfilters.pipeline.figure_entry import picture_files
+from spinfilters.pipeline.figures import FigureData, draw_run, picture_files
 from spinfilters.pipeline.preparation import prepare
 from spinfilters.pipeline.setup import Setup
 from spinfilters.runs.checkpoint_store import StoreOf, checkpoint_stores, no_checkpoints, remove_checkpoints
@@ -18,6 +18,7 @@ from spinfilters.runs.run_folder import (
     finished_run,
     mark_run_folder,
     open_run_folder,
+    read_figure_data,
     refuse_source_within,
     write_run,
 )
@@ -145,15 +146,12 @@ def _write_and_draw(folder: Path, comparison: Comparison, settings: Settings, re
     write_run(folder, comparison, settings)
     if comparison.interrupted:
         return
-    from spinfilters.pipeline.figures import FigureData, draw_run
-
     draw_run(
         FigureData.from_comparison(comparison), folder, lambda done, total: report("figures", done, total)
     )
 
 
 def _write_report(folder: Path, comparison: Comparison) -> None:
-    from spinfilters.pipeline.figures import FigureData
     from spinfilters.pipeline.run_report import write_run_report
 
     write_run_report(FigureData.from_comparison(comparison), folder)
@@ -167,10 +165,9 @@ def _complete(dataset: Dataset, settings: Settings, output: RunOutput, report: P
             output.folder, dataset, settings, lambda done, total: report("convergence", done, total)
         )
     if made or not (output.folder / REPORT_FILE).exists():
-        from spinfilters.pipeline.figures import FigureData
         from spinfilters.pipeline.run_report import write_run_report
 
-        write_run_report(FigureData.from_folder(output.folder), output.folder)
+        write_run_report(read_figure_data(output.folder), output.folder)
         made.append(REPORT_FILE)
     return made
 
@@ -183,7 +180,5 @@ def _draw_missing(folder: Path, settings: Settings, report: Progress) -> list[st
     missing = [name for name in picture_files(settings.estimators) if not (folder / name).exists()]
     if not missing:
         return []
-    from spinfilters.pipeline.figures import FigureData, draw_run
-
-    figure_data = FigureData.from_folder(folder)
+    figure_data = read_figure_data(folder)
     return draw_run(figure_data, folder, lambda done, total: report("figures", done, total), missing)

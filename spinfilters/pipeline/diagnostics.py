@@ -9,7 +9,7 @@ from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.pipeline.initialisation_length import DETERMINED_STD, moments_std_of
 from spinfilters.pipeline.setup import Setup
-from spinfilters.sensors.registry import sensor_of
+from spinfilters.sensors.sensor import sensor_of
 from spinfilters.state.status import EstimatorStatus, Verdict
 
 RICHER = "give a longer recording, a richer motion or a larger initialisation.share"

@@ -1,33 +1,33 @@
-"""The figures of a run: data of all, and their drawing."""
+"""The figures of a run: interface, the table of all, their data, and their drawing."""
 
 import gc
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Container, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from jaxtyping import Float
-from matplotlib.figure import Figure
 
 from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.data.input_file import value_text
 from spinfilters.errors import InputError
-from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate
-from spinfilters.evaluation.rates import BodyRates, measured_rates, true_rates
-from spinfilters.evaluation.trajectory import read_map_ply
-from spinfilters.evaluation.trajectory_errors import Alignment
+from spinfilters.evaluation.estimated_motion import BodyRates, measured_rates, true_rates
+from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.geometry.camera_trajectory import CameraTrajectory
-from spinfilters.pipeline.conditions import conditions_of, told_sentences
+from spinfilters.pipeline.conditions import conditions_of
 from spinfilters.pipeline.estimation import Comparison
-from spinfilters.pipeline.figure_entry import figure_entries
-from spinfilters.pipeline.setup import knows_frames
-from spinfilters.plots.scene import DrawnCamera
-from spinfilters.plots.style import draw_figure, drawn
-from spinfilters.runs.run_folder import DATASET_FOLDER, MAP_FILE, read_histories
-from spinfilters.runs.run_summary import not_whole, read_summary
+from spinfilters.plugins import PluginGroup, by_name
 from spinfilters.state.status import Verdict
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from spinfilters.plots.scene import DrawnCamera
+
+# matplotlib is slow to import: what draws is imported when it draws
 
 
 @dataclass(frozen=True)
@@ -62,8 +62,10 @@ class FigureData:
         return min(usable, key=lambda each: each.name != "smoother", default=None)
 
     @property
-    def camera(self) -> DrawnCamera | None:
+    def camera(self) -> "DrawnCamera | None":
         """Camera of the data set, None without one."""
+        from spinfilters.plots.scene import DrawnCamera
+
         rig = self.dataset.rig
         return None if rig is None else DrawnCamera(rig, CameraTrajectory.of(self.dataset.inspector))
 
@@ -74,26 +76,57 @@ class FigureData:
         conditions = conditions_of(setup).sentences
         return cls(setup.dataset, comparison.evaluations, comparison.maps.get(first), conditions)
 
-    @classmethod
-    def from_folder(cls, folder: Path) -> "FigureData":
-        """Figure data of a run folder.
 
-        Raises
-        ------
-        InputError: a folder that is no run, or a damaged one.
+class FigureEntry(ABC):
+    """A figure of the table.
+
+    A subclass states its attributes and writes `draw`; what else it does differently it overrides.
+
+    Attributes
+    ----------
+    name: as in ``run.figure(name)``, and of its PNG file.   caption: what it shows, a sentence.   order: of the table.
+    """
+
+    name: str
+    caption: str
+    order: int = 100
+
+    def names(self, estimators: Sequence[str]) -> tuple[str, ...]:
+        """Names of the figures in a run of these estimators.
+
+        One, unless it draws each estimator by itself.
         """
-        document = read_summary(folder)
-        dataset = read_dataset(folder / DATASET_FOLDER)
-        alignment = Alignment.NONE if knows_frames(dataset) else Alignment.FIRST_FRAME
-        try:
-            names = [str(name) for name in document["estimators"]]
-            map_path = folder / names[0] / MAP_FILE
-        except (KeyError, IndexError, TypeError, ValueError) as error:
-            raise not_whole(folder, error) from None
-        histories = read_histories(folder, names)
-        evaluations = [evaluate(history, dataset.truth, alignment) for history in histories]
-        points = read_map_ply(map_path) if map_path.exists() else None
-        return cls(dataset, evaluations, points, told_sentences(document))
+        return (self.name,)
+
+    def lacks(self, shown: FigureData) -> str | None:
+        """Noun for what the figure needs and a run lacks.
+
+        None where it can be drawn.
+        """
+        return None
+
+    @abstractmethod
+    def draw(self, shown: FigureData, name: str) -> "Figure":
+        """The figure of one of its names."""
+
+
+TABLE: Final = PluginGroup(
+    "spinfilters.pipeline.figure_entries", "FIGURE", FigureEntry, group="spinfilters.figures"
+)
+"""All figures: those of the modules of that package, and those of the entry points ``spinfilters.figures``."""
+
+
+def figure_entries() -> list[FigureEntry]:
+    """All figures, in their order.
+
+    InputError: a plug-in that cannot be loaded, a name that stands twice.
+    """
+    return list(by_name(TABLE, "figure").values())
+
+
+def picture_files(estimators: Sequence[str]) -> list[str]:
+    """Files of the figures of a run of these estimators."""
+    return [f"{name}.png" for entry in figure_entries() for name in entry.names(estimators)]
 
 
 def draw_run(
@@ -103,6 +136,8 @@ def draw_run(
     wanted: Container[str] | None = None,
 ) -> list[str]:
     """Draw all or the wanted figures of a run as PNG files; returns names."""
+    from spinfilters.plots.style import draw_figure
+
     every = {f"{name}.png": draw for name, draw in _figures(figure_data)}
     figures = {name: draw for name, draw in every.items() if wanted is None or name in wanted}
     for index, (name, draw) in enumerate(figures.items()):
@@ -113,13 +148,15 @@ def draw_run(
     return list(figures)
 
 
-def drawn_figure(figure_data: FigureData, name: str) -> Figure:
+def drawn_figure(figure_data: FigureData, name: str) -> "Figure":
     """One figure of a run; a note where its numbers cannot be drawn.
 
     Raises
     ------
     InputError: no such figure, or one that needs what the run does not have.
     """
+    from spinfilters.plots.style import drawn
+
     figures = dict(_figures(figure_data))
     if name not in figures:
         missing = {entry.name: entry.lacks(figure_data) for entry in figure_entries()}.get(name)
@@ -128,7 +165,7 @@ def drawn_figure(figure_data: FigureData, name: str) -> Figure:
     return drawn(figures[name], name)
 
 
-def _figures(figure_data: FigureData) -> Iterator[tuple[str, Callable[[], Figure]]]:
+def _figures(figure_data: FigureData) -> Iterator[tuple[str, Callable[[], "Figure"]]]:
     """Every figure of the table that the run has what it needs for."""
     estimators = [evaluation.name for evaluation in figure_data.evaluations]
     for entry in figure_entries():

@@ -16,8 +16,7 @@ from spinfilters.estimators.initialisation.options import InitialisationOptions
 from spinfilters.estimators.timeline import CameraView, SensorNoise, Timeline, times_of
 from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.pipeline.initialisation_length import beyond_share, long_enough_initialisation
-from spinfilters.sensors.registry import sensor_of
-from spinfilters.sensors.sensor import MotionSamples
+from spinfilters.sensors.sensor import MotionSamples, sensor_of
 
 LEADING_EPOCHS = 16
 """Of the sensor that tells most of a motion, in an initialisation, where faster sensors stand beside it."""

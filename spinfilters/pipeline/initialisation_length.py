@@ -18,7 +18,7 @@ from spinfilters.estimators.estimator import ProcessModel
 from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
 from spinfilters.estimators.initialisation.options import InitialisationOptions
-from spinfilters.estimators.robust.outlier_rejection import RobustOptions
+from spinfilters.estimators.robust.gate_weights import RobustOptions
 from spinfilters.estimators.run import run
 from spinfilters.estimators.smoothing.factors.sensor_rows import without_refused
 from spinfilters.estimators.timeline import Timeline

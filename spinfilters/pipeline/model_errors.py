@@ -43,7 +43,7 @@ from spinfilters.pipeline.identified_noise import Unstated, noise_model
 from spinfilters.pipeline.setup import Setup
 from spinfilters.pipeline.tested_models import NOT_TESTED, TestedModels
 from spinfilters.pipeline.wrong_units import wrong_units
-from spinfilters.sensors.registry import sensor_of
+from spinfilters.sensors.sensor import sensor_of
 from spinfilters.state.status import Verdict
 
 MOST_EPOCHS_WITH_MAP, MOST_EPOCHS = 300, 1024

@@ -7,8 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.data.truth import Truth
-from spinfilters.evaluation.rates import BodyRates, true_rates
-from spinfilters.evaluation.trajectory import Trajectory
+from spinfilters.evaluation.estimated_motion import BodyRates, Trajectory, true_rates
 
 ATTITUDE = "attitude"
 """The one of `QUANTITIES` whose values are quaternions q_ig."""

@@ -11,8 +11,7 @@ from spinfilters.errors import NUMERICAL_ERRORS, InputError, numerical
 from spinfilters.estimators.filters.belief_prediction import predict_ahead
 from spinfilters.estimators.history import EstimateHistory, GrowingHistory
 from spinfilters.evaluation.body import body_estimate
-from spinfilters.evaluation.rates import estimated_rates
-from spinfilters.evaluation.trajectory import trajectory_of, write_trajectory_csv
+from spinfilters.evaluation.estimated_motion import estimated_rates, trajectory_of, write_trajectory_csv
 from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.plots.prediction import PAST, PredictionCurves, prediction_figure
 from spinfilters.plots.style import draw_figure

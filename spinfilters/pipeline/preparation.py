@@ -35,8 +35,7 @@ from spinfilters.pipeline.stated_noise import (
     unstated_names,
     unstated_noise,
 )
-from spinfilters.sensors.registry import sensor_of, sensors_in
-from spinfilters.sensors.sensor import MotionSamples, Sensor
+from spinfilters.sensors.sensor import MotionSamples, Sensor, sensor_of, sensors_in
 from spinfilters.settings.run_settings import AUTO, Settings
 from spinfilters.state.blocks.acceleration import ACCELERATION
 from spinfilters.state.blocks.drag import DRAG

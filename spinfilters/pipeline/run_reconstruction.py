@@ -25,6 +25,7 @@ from spinfilters.runs.run_folder import (
     MODEL_FILE,
     RECONSTRUCTION_FILE,
     RECONSTRUCTION_FOLDER,
+    read_figure_data,
 )
 from spinfilters.runs.run_summary import read_summary
 from spinfilters.vision.image_folder import ImagePair, PairReader, read_pairs, stamped_pairs
@@ -99,7 +100,7 @@ def reconstruct(
     ------
     InputError: no run, no images, no estimator with a map, images of other times than the run's, no surface.
     """
-    figure_data = FigureData.from_folder(folder)
+    figure_data = read_figure_data(folder)
     source = images_of(folder, images)
     motion = body_motion(folder, figure_data)
     sequence = _Images(source, motion)

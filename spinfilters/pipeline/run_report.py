@@ -20,8 +20,7 @@ from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.lidar.ply_files import read_ply
 from spinfilters.pages.model_view import ShownModel, ShownMotion, model_script, model_view
 from spinfilters.pages.page import details, facts, image, note, page, table
-from spinfilters.pipeline.figure_entry import figure_entries
-from spinfilters.pipeline.figures import FigureData
+from spinfilters.pipeline.figures import FigureData, figure_entries
 from spinfilters.runs.run_folder import (
     ANIMATION_FILE,
     CONFIG_FILE,

@@ -10,7 +10,7 @@ from spinfilters.estimators.timeline import SensorNoise
 from spinfilters.models.process import THESIS_NOISE, ProcessNoise
 from spinfilters.pipeline.gyro_noise import disturbance_psd
 from spinfilters.pipeline.identified_noise import Unstated
-from spinfilters.sensors.registry import sensor_of
+from spinfilters.sensors.sensor import sensor_of
 from spinfilters.settings.run_settings import AUTO, Settings
 
 

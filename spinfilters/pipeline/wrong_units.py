@@ -12,7 +12,7 @@ import numpy as np
 
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.measurement_log import MeasurementStream
-from spinfilters.sensors.registry import sensor_of
+from spinfilters.sensors.sensor import sensor_of
 
 SHORTEST_INTERVAL: Final = 2e-5
 """Between epochs of the fastest gyros, s."""

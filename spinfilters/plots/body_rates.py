@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from spinfilters.evaluation.rates import BodyRates
+from spinfilters.evaluation.estimated_motion import BodyRates
 from spinfilters.plots.style import (
     BLACK,
     GREY,

@@ -8,8 +8,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from spinfilters.evaluation.estimated_motion import Trajectory
 from spinfilters.evaluation.estimator_evaluation import Evaluation
-from spinfilters.evaluation.trajectory import Trajectory
 from spinfilters.plots.style import (
     SIGMAS,
     EstimatorLine,

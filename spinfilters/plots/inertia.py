@@ -14,7 +14,6 @@ from matplotlib.patches import Patch
 from spinfilters.evaluation.body import BodyHistory, body_history
 from spinfilters.evaluation.deviation_parts import without_calibration
 from spinfilters.evaluation.estimator_evaluation import Evaluation
-from spinfilters.evaluation.formatting import with_uncertainty
 from spinfilters.evaluation.span import initialisation_end
 from spinfilters.plots.style import (
     GREY,
@@ -99,6 +98,5 @@ def _quantile(bodies: BodyHistory, index: int, sigmas: float, share: float, othe
 
 
 def _ending(evaluation: Evaluation) -> str:
-    body = evaluation.body
-    values = [with_uncertainty(body.principal_moments[k], body.principal_moments_std[k]) for k in range(2)]
-    return f"{values[0]} : {values[1]} : 1  ({evaluation.name.upper()} at the end, 1 σ)"
+    moments = " : ".join(evaluation.moment_texts)
+    return f"{moments} : 1  ({evaluation.name.upper()} at the end, 1 σ)"

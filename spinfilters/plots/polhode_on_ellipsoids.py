@@ -10,7 +10,7 @@ from mpl_toolkits.mplot3d import Axes3D
 
 from spinfilters.dynamics.polhode import polhode
 from spinfilters.evaluation.body import BodyEstimate
-from spinfilters.evaluation.rates import BodyRates
+from spinfilters.evaluation.estimated_motion import BodyRates
 from spinfilters.plots.space import draw_ellipsoid, draw_wires, equal_scales, space_figure
 from spinfilters.plots.style import (
     BLACK,

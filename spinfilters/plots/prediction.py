@@ -11,8 +11,7 @@ from matplotlib.figure import Figure, FigureBase
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from spinfilters.evaluation.rates import BodyRates
-from spinfilters.evaluation.trajectory import Trajectory
+from spinfilters.evaluation.estimated_motion import BodyRates, Trajectory
 from spinfilters.plots.body_rates import PRINCIPAL_AXES
 from spinfilters.plots.style import BLACK, GREY, EstimatorLine, estimator_lines, legend_below, tidy
 

@@ -12,7 +12,7 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection
 from spinfilters.attitude.conversions import matrix_from_quaternion
 from spinfilters.data.camera import Rig
 from spinfilters.evaluation.body import BodyEstimate
-from spinfilters.evaluation.trajectory import Trajectory
+from spinfilters.evaluation.estimated_motion import Trajectory
 from spinfilters.geometry.camera_trajectory import CameraTrajectory
 from spinfilters.plots.space import equal_scales, frustum_edges, space_figure
 from spinfilters.plots.style import (

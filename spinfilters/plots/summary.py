@@ -9,9 +9,13 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from spinfilters.evaluation.estimated_motion import (
+    BodyRates,
+    count_flips,
+    estimated_rates,
+    knows_intermediate_axis,
+)
 from spinfilters.evaluation.estimator_evaluation import Evaluation
-from spinfilters.evaluation.formatting import with_uncertainty
-from spinfilters.evaluation.rates import BodyRates, count_flips, estimated_rates, knows_intermediate_axis
 from spinfilters.evaluation.span import (
     ObservationUse,
     initialisation_end,
@@ -89,10 +93,7 @@ def headline(evaluations: Sequence[Evaluation]) -> str:
     speed = np.linalg.norm(rates.rate, axis=1) * 30.0 / np.pi
     if not np.isfinite([*speed, *body.principal_moments]).all():
         return f"The estimate of {evaluation.name.upper()} is not finite"
-    moments = " : ".join(
-        with_uncertainty(value, std)
-        for value, std in zip(body.principal_moments[:2], body.principal_moments_std[:2], strict=True)
-    )
+    moments = " : ".join(evaluation.moment_texts)
     duration = rates.time[-1] - rates.time[0]
     doubt = (
         "" if evaluation.history.status.verdict is Verdict.OK else f" ({evaluation.name.upper()}, degraded)"

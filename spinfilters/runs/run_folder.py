@@ -15,22 +15,29 @@ from spinfilters.data.camera import RIG_FILES
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.data.dataset_writing import dataset_files, write_dataset
-from spinfilters.data.input_file import path_text, value_text
+from spinfilters.data.input_file import path_text, read_toml, value_text
 from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.data.pose_files import write_tum
-from spinfilters.data.settings_files import read_toml
 from spinfilters.errors import InputError
 from spinfilters.estimators.history import EstimateHistory
-from spinfilters.evaluation.trajectory import write_map_ply, write_trajectory_csv, write_trajectory_tum
+from spinfilters.evaluation.estimated_motion import (
+    read_map_ply,
+    write_map_ply,
+    write_trajectory_csv,
+    write_trajectory_tum,
+)
+from spinfilters.evaluation.estimator_evaluation import evaluate
+from spinfilters.evaluation.trajectory_errors import Alignment
+from spinfilters.pipeline.conditions import told_sentences
 from spinfilters.pipeline.estimation import Comparison
 from spinfilters.pipeline.estimator_entry import estimator_names
-from spinfilters.pipeline.figure_entry import picture_files
-from spinfilters.pipeline.setup import Setup
+from spinfilters.pipeline.figures import FigureData, picture_files
+from spinfilters.pipeline.setup import Setup, knows_frames
 from spinfilters.runs.checkpoint_store import remove_checkpoints
 from spinfilters.runs.history_file import read_history, write_history
 from spinfilters.runs.provenance import provenance
 from spinfilters.runs.run_lock import LOCK_FILE
-from spinfilters.runs.run_summary import SUMMARY_FILE, read_summary, summary
+from spinfilters.runs.run_summary import SUMMARY_FILE, not_whole, read_summary, summary
 from spinfilters.settings.run_settings import Settings
 from spinfilters.state.status import Verdict
 
@@ -161,6 +168,27 @@ def read_histories(folder: Path, names: Sequence[str]) -> list[EstimateHistory]:
                 f"{path_text(path)}: is of {value_text(history.name)}, not of {name}; make the run again"
             )
     return histories
+
+
+def read_figure_data(folder: Path) -> FigureData:
+    """Data of the figures of a run folder.
+
+    Raises
+    ------
+    InputError: a folder that is no run, or a damaged one.
+    """
+    document = read_summary(folder)
+    dataset = read_dataset(folder / DATASET_FOLDER)
+    alignment = Alignment.NONE if knows_frames(dataset) else Alignment.FIRST_FRAME
+    try:
+        names = [str(name) for name in document["estimators"]]
+        map_path = folder / names[0] / MAP_FILE
+    except (KeyError, IndexError, TypeError, ValueError) as error:
+        raise not_whole(folder, error) from None
+    histories = read_histories(folder, names)
+    evaluations = [evaluate(history, dataset.truth, alignment) for history in histories]
+    points = read_map_ply(map_path) if map_path.exists() else None
+    return FigureData(dataset, evaluations, points, told_sentences(document))
 
 
 def finished_run(folder: Path, dataset: Dataset, settings: Settings) -> dict[str, Any] | None:

@@ -1,1 +1,1 @@
-"""Sensors: one file each, and the registry that finds them."""
+"""Sensors: one file each, found by the registry, and their interface."""

@@ -5,8 +5,8 @@ from jaxtyping import Float
 
 from spinfilters.data.camera import Rig
 from spinfilters.data.measurement_log import MeasurementStream
-from spinfilters.data.number_range import NumberRange
 from spinfilters.data.sensor_format import NoiseOption, SensorFormat, SensorNoise
+from spinfilters.data.stated_values import NumberRange
 from spinfilters.models.sensor_models.attitude_model import Attitude, attitude_parameters
 from spinfilters.sensors.sensor import (
     AnalysedSensor,

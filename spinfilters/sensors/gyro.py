@@ -9,8 +9,8 @@ from jaxtyping import Float
 from spinfilters.data.camera import Rig
 from spinfilters.data.gyro_files import read_gyro_csv, saturated, write_gyro_csv
 from spinfilters.data.measurement_log import MeasurementStream
-from spinfilters.data.number_range import RATE, NumberRange
 from spinfilters.data.sensor_format import NoiseOption, SensorFormat, SensorNoise
+from spinfilters.data.stated_values import RATE, NumberRange
 from spinfilters.models.sensor_models.gyro_model import Gyro, gyro_parameters
 from spinfilters.models.sensor_noise import noise_model
 from spinfilters.sensors.sensor import (

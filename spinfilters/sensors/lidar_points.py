@@ -9,8 +9,8 @@ from jaxtyping import Float
 from spinfilters.attitude.conversions import continuous_quaternions, quaternion_from_matrix
 from spinfilters.data.camera import Rig
 from spinfilters.data.measurement_log import MeasurementStream
-from spinfilters.data.number_range import NumberRange
 from spinfilters.data.sensor_format import NoiseOption, SensorFormat, SensorNoise
+from spinfilters.data.stated_values import NumberRange
 from spinfilters.errors import InputError
 from spinfilters.lidar.point_poses import PlanePoints, plane_poses
 from spinfilters.lidar.ray_pattern import angles_of, unit_vectors

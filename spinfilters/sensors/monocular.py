@@ -8,8 +8,8 @@ from jaxtyping import Float
 
 from spinfilters.data.camera import RIG_FILES, PinholeCamera, Rig, read_camera, write_camera
 from spinfilters.data.measurement_log import MeasurementStream
-from spinfilters.data.number_range import PIXEL
 from spinfilters.data.sensor_format import CalibrationFiles, SensorFormat, SensorNoise
+from spinfilters.data.stated_values import PIXEL
 from spinfilters.errors import InputError
 from spinfilters.geometry.cameras import monocular_camera
 from spinfilters.models.sensor_models.camera_landmark import camera_pose_model, with_camera_poses

@@ -11,9 +11,9 @@ from jaxtyping import Float
 
 from spinfilters.data.camera import Rig
 from spinfilters.data.measurement_log import MeasurementStream
-from spinfilters.data.number_range import NumberRange
 from spinfilters.data.pose_files import read_tum, write_tum
 from spinfilters.data.sensor_format import NoiseOption, SensorFormat, SensorNoise, sensor_format
+from spinfilters.data.stated_values import NumberRange
 from spinfilters.models.sensor_models.pose_model import Pose, pose_parameters
 from spinfilters.sensors.sensor import (
     AnalysedSensor,

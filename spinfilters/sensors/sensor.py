@@ -1,10 +1,10 @@
-"""Interface of a sensor.
+"""Interface of a sensor, and the registered sensors by name.
 
 Format, model, what it tells of a motion, simulator, faults.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -13,8 +13,8 @@ from jaxtyping import Float, Int
 
 from spinfilters.data.camera import Rig
 from spinfilters.data.known_map import KnownMap
-from spinfilters.data.measurement_log import MeasurementStream
-from spinfilters.data.sensor_format import SensorNoise, StoredSensor
+from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
+from spinfilters.data.sensor_format import SENSORS, SensorNoise, StoredSensor
 from spinfilters.errors import InputError
 from spinfilters.geometry.camera_trajectory import CameraTrajectory
 from spinfilters.geometry.cameras import Camera
@@ -195,6 +195,35 @@ class Sensor(StoredSensor, ABC):
     def storable(self, values: Float[np.ndarray, "n v"]) -> Float[np.ndarray, "n v"]:
         """Values as its files may hold them."""
         return values
+
+
+def all_sensors() -> tuple[Sensor, ...]:
+    """Every sensor of the registry `SENSORS`, those without data sets too.
+
+    Raises
+    ------
+    InputError: a plug-in that cannot be loaded, or is no sensor.
+    """
+    return SENSORS.entries_of(Sensor)
+
+
+def sensor_of(name: str) -> Sensor:
+    """The sensor of that name. InputError: an unknown one."""
+    sensors = {sensor.name: sensor for sensor in all_sensors()}
+    if name not in sensors:
+        raise InputError(f"sensor {name!r} is unknown; use one of {', '.join(sensors)}")
+    return sensors[name]
+
+
+def has_error(kinds: Iterable[str], block: StateBlock) -> bool:
+    """Whether the sensor of one of these kinds of data sets has this constant error."""
+    having = {each.format.kind for each in all_sensors() if each.format and block in each.error_blocks}
+    return not having.isdisjoint(kinds)
+
+
+def sensors_in(log: MeasurementLog) -> tuple[Sensor, ...]:
+    """The sensors of a log, in the order of its streams."""
+    return tuple(sensor_of(name) for name in log.sensors)
 
 
 def pose_samples(poses: MeasurementStream) -> MotionSamples:

@@ -8,8 +8,8 @@ from jaxtyping import Float, Int
 
 from spinfilters.data.camera import RIG_FILES, Rig, StereoRig, read_stereo_rig, write_stereo_rig
 from spinfilters.data.measurement_log import MeasurementStream
-from spinfilters.data.number_range import PIXEL
 from spinfilters.data.sensor_format import CalibrationFiles, SensorFormat, SensorNoise
+from spinfilters.data.stated_values import PIXEL
 from spinfilters.data.table_files import Table
 from spinfilters.geometry.cameras import stereo_pair
 from spinfilters.models.sensor_models.camera_landmark import camera_pose_model, with_camera_poses

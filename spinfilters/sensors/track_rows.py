@@ -7,8 +7,8 @@ from jaxtyping import Bool, Float
 
 from spinfilters.data.known_map import KnownMap
 from spinfilters.data.measurement_log import MeasurementStream
-from spinfilters.data.number_range import NumberRange
 from spinfilters.data.sensor_format import NoiseOption
+from spinfilters.data.stated_values import NumberRange
 from spinfilters.geometry.camera_trajectory import in_inertial
 from spinfilters.sensors.sensor import CameraView, MotionSamples
 

@@ -7,17 +7,16 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal
 
 from spinfilters.data.consider_parameter import consider_parameters
 from spinfilters.data.dataset_options import DENSITIES
-from spinfilters.data.input_file import path_text, value_text
-from spinfilters.data.number_range import NumberRange
+from spinfilters.data.input_file import path_text, read_toml, value_text
 from spinfilters.data.sensor_format import noise_options
-from spinfilters.data.settings_files import read_toml
+from spinfilters.data.stated_values import NumberRange
 from spinfilters.errors import InputError
 from spinfilters.estimators.filters.iterated_update import IterationOptions
 from spinfilters.estimators.filters.noise_adaptation import AdaptationOptions
 from spinfilters.estimators.filters.sigma_points import SigmaPointOptions
 from spinfilters.estimators.initialisation.options import InitialisationOptions
 from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
-from spinfilters.estimators.robust.outlier_rejection import RobustOptions
+from spinfilters.estimators.robust.gate_weights import RobustOptions
 from spinfilters.models.process import ProcessNoise
 from spinfilters.pipeline.estimator_entry import estimator_names
 from spinfilters.settings.smoother_settings import SmootherSettings

@@ -1,6 +1,7 @@
-"""State layout: blocks in order, and the retraction of errors."""
+"""State layout: blocks in order, the retraction of errors, and derivatives by them."""
 
 import builtins
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property
 from itertools import pairwise
@@ -22,6 +23,8 @@ ROTATION_BLOCKS = tuple(block.name for block in RIGID_BODY if not block.translat
 """What a gyro alone can see."""
 POSE_BLOCKS = ("t", "a")
 """What an observation of a landmark depends on; the pose of the first epoch defines frame g."""
+Quantity = Callable[[dict[str, Expression]], Expression]
+"""A column vector or matrix of the blocks of a state (as `StateLayout.unpack`)."""
 
 
 @dataclass(frozen=True)
@@ -194,6 +197,21 @@ class StateLayout:
     def origin(self) -> Float[np.ndarray, " m"]:
         """The point with identity attitude and zeros elsewhere."""
         return np.array([number for block in self.members for number in block.origin])
+
+
+def with_error_jacobian(layout: StateLayout, name: str, quantity: Quantity) -> Compiled:
+    """x -> (y, dy/dd at d = 0) with y = quantity(x [+] d).
+
+    Over any leading axes of x.
+    The derivative goes through the layout's own retraction, so it is right for every error chart. A matrix y
+    comes as the column of its columns. Interpreted: it is called once per history, which no compiler repays.
+    """
+    x, d = ca.SX.sym("x", layout.mean_dim), ca.SX.sym("d", layout.error_dim)
+    moved = ca.vec(quantity(layout.unpack(layout.retract_expression(x, d))))
+    value, jacobian = (
+        ca.substitute(y, d, ca.DM.zeros(layout.error_dim)) for y in (moved, ca.jacobian(moved, d))
+    )
+    return Compiled.interpreted(ca.Function(name, [x], [value, jacobian], ["x"], ["y", "Y"]))
 
 
 @cache

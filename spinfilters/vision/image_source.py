@@ -12,7 +12,7 @@ from spinfilters.data.dataset import INSPECTOR_FILE
 from spinfilters.data.input_file import path_text
 from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.data.pose_files import read_tum
-from spinfilters.data.truth import TRUTH_TABLE, Truth, read_truth
+from spinfilters.data.truth import TRUTH_FILES, TRUTH_TABLE, Truth, read_truth
 from spinfilters.errors import InputError
 from spinfilters.geometry.camera_trajectory import CameraTrajectory
 from spinfilters.vision.image_folder import NANOSECOND, StampedPair, stamped_pairs
@@ -98,9 +98,9 @@ def _truth(folder: Path, pairs: list[StampedPair]) -> Truth | None:
 
     InputError: as `read_truth`, or of another time than the images.
     """
-    truth = read_truth(folder)
-    if truth is None:
+    if not any(os.path.lexists(folder / name) for name in TRUTH_FILES):
         return None
+    truth = read_truth(folder)
     time = _from_first(pairs, truth.time)
     if time[-1] < 0 or time[0] > pairs[-1].time:
         raise InputError(

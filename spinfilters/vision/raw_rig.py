@@ -14,17 +14,18 @@ from jaxtyping import Float
 from spinfilters.data.atomic_write import make_folder, write_text
 from spinfilters.data.camera import CAMERA_RANGES, RIG_FILES
 from spinfilters.data.input_file import path_text, value_text
-from spinfilters.data.number_range import LENGTH, NumberRange
 from spinfilters.data.sensor_yaml import (
     DISTORTION_KEY,
     SensorFile,
     image_size,
     is_rotation,
     read_sensor_file,
+    read_yaml,
     sensor_text,
 )
 from spinfilters.data.sensor_yaml import DISTORTION_MODELS as NAMED_MODELS
-from spinfilters.data.settings_files import numbers, read_yaml
+from spinfilters.data.stated_values import LENGTH, NumberRange
+from spinfilters.data.table_files import numbers
 from spinfilters.errors import InputError
 
 DISTORTION_MODELS: Final = (*NAMED_MODELS, "none")

@@ -12,9 +12,8 @@ import numpy as np
 from spinfilters.data.camera import with_told_deviations
 from spinfilters.data.dataset import DATASET_FILE, Dataset
 from spinfilters.data.dataset_options import DatasetOptions, options_from_toml
-from spinfilters.data.input_file import path_text, printable
+from spinfilters.data.input_file import path_text, printable, read_toml
 from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
-from spinfilters.data.settings_files import read_toml
 from spinfilters.errors import InputError
 from spinfilters.vision.batch_tracks import batch_tracks, require_epochs
 from spinfilters.vision.epoch_observations import EpochObservations

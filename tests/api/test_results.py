@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 import spinfilters
 from spinfilters.api.results import flattened, html_table
 from spinfilters.evaluation.comparison import ComparisonCells
-from spinfilters.evaluation.trajectory import TRAJECTORY_COLUMNS
+from spinfilters.evaluation.estimated_motion import TRAJECTORY_COLUMNS
 
 
 def test_a_run_is_a_mapping_from_names_to_results(run: spinfilters.Run) -> None:

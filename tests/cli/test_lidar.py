@@ -49,7 +49,6 @@ def test_a_tumbling_body_is_scanned_into_a_data_set(tmp_path: Path) -> None:
     assert main(["lidar", "scan", "spacecraft", "-o", str(tmp_path / "out"), *body]) == 0
     assert len(list((tmp_path / "out" / "scans").iterdir())) == 4
     truth = read_truth(tmp_path / "out")
-    assert truth is not None
     assert truth.time.tolist() == [0.25, 1.25, 2.25, 3.25]
 
 

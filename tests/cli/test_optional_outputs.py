@@ -11,7 +11,7 @@ from spinfilters.cli.main import main
 from spinfilters.data.table_files import read_csv
 from spinfilters.estimators.estimator import Measurement, UpdateReport
 from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
-from spinfilters.evaluation.trajectory import TRAJECTORY_COLUMNS
+from spinfilters.evaluation.estimated_motion import TRAJECTORY_COLUMNS
 from spinfilters.pipeline.estimator_entries import mekf
 from spinfilters.runs.npz_file import read_arrays
 

@@ -14,7 +14,7 @@ from pictures import unrendered_pictures
 from spinfilters.cli.main import main
 from spinfilters.data.dataset_writing import write_dataset
 from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
-from spinfilters.pipeline import comparison_run, figures
+from spinfilters.pipeline import comparison_run
 from spinfilters.pipeline.estimation import Comparison, compare_estimators
 from spinfilters.pipeline.estimator_entries import mekf
 from spinfilters.pipeline.setup import Setup
@@ -36,7 +36,7 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(autouse=True)
 def few_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Figures take most of a run's time and have their own tests."""
-    monkeypatch.setattr(figures, "draw_run", lambda *_: [])
+    monkeypatch.setattr(comparison_run, "draw_run", lambda *_: [])
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ from log_samples import PHYPHOX, SEGMENTS
 
 import spinfilters
 from spinfilters.data.dataset_reader import read_dataset, read_segments, read_whole
-from spinfilters.data.reading_options import ReadingOptions
+from spinfilters.data.stated_values import ReadingOptions
 from spinfilters.errors import InputError
 
 SENSOR_LOGGER = "time,seconds_elapsed,z,y,x\n" + "".join(

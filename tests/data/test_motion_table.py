@@ -7,7 +7,7 @@ import pytest
 
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.dataset_reader import read_dataset
-from spinfilters.data.reading_options import NOTHING_STATED, ReadingOptions
+from spinfilters.data.stated_values import NOTHING_STATED, ReadingOptions
 from spinfilters.errors import InputError
 
 ROWS = np.array([[0.0, 0.1, 0.2, 0.3], [0.01, 0.4, 0.5, 0.6], [0.02, 0.7, 0.8, 0.9]])

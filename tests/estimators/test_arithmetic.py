@@ -13,7 +13,7 @@ from experiments.arithmetic_sweep import RATIO, check, inspect, noise_error
 from spinfilters.estimators.estimator import Measurement
 from spinfilters.estimators.filters.iterated_update import IterationOptions
 from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
-from spinfilters.estimators.robust.outlier_rejection import RobustOptions
+from spinfilters.estimators.robust.gate_weights import RobustOptions
 from spinfilters.state.gaussian import Gaussian
 
 RUNS = 150

@@ -12,7 +12,7 @@ from spinfilters.estimators.filters.compiled_update import compiled_propagation,
 from spinfilters.estimators.filters.iterated_update import IterationOptions
 from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.estimators.filters.multiplicative_filter import propagated
-from spinfilters.estimators.robust.outlier_rejection import RobustOptions
+from spinfilters.estimators.robust.gate_weights import RobustOptions
 from spinfilters.state.gaussian import Gaussian
 
 STD = np.repeat([0.005, 0.02, 0.005, 0.02, 0.005, 0.05], [3, 3, 3, 3, 3, 5])

@@ -14,7 +14,7 @@ from spinfilters.estimators.estimator import Estimator, Measurement, ProcessMode
 from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.estimators.filters.multiplicative_ukf import MultiplicativeUkf
 from spinfilters.estimators.filters.sigma_points import SigmaPointOptions
-from spinfilters.estimators.robust.outlier_rejection import RobustOptions
+from spinfilters.estimators.robust.gate_weights import RobustOptions
 from spinfilters.estimators.run import run
 from spinfilters.estimators.timeline import Epoch
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess

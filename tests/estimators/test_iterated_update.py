@@ -12,7 +12,7 @@ from spinfilters.estimators.estimator import Measurement
 from spinfilters.estimators.filters.iterated_update import IterationOptions
 from spinfilters.estimators.filters.linear_prediction import linear_rows
 from spinfilters.estimators.filters.multiplicative_ekf import IteratedUpdate, MultiplicativeEkf
-from spinfilters.estimators.robust.outlier_rejection import RobustOptions
+from spinfilters.estimators.robust.gate_weights import RobustOptions
 from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark, stereo_parameters
 from spinfilters.sensors.feature_tracks import RIG
 from spinfilters.state.gaussian import Gaussian

@@ -14,11 +14,10 @@ from landmark_samples import (
     timeline_of,
 )
 
-from spinfilters.estimators.landmarks.belief import state_in_g
 from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
 from spinfilters.estimators.landmarks.shared_modes import anchored_at_pose
 from spinfilters.evaluation.consistency import chi_square_band
-from spinfilters.models.gauge import GAUGE_STD
+from spinfilters.models.gauge import GAUGE_STD, state_in_g
 from spinfilters.simulation.faults import (
     Dropout,
     FrozenFrames,

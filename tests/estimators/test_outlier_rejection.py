@@ -13,15 +13,14 @@ from spinfilters.estimators.estimator import Measurement
 from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.estimators.filters.multiplicative_filter import MultiplicativeFilter
 from spinfilters.estimators.filters.multiplicative_ukf import MultiplicativeUkf
-from spinfilters.estimators.robust.outlier_rejection import (
-    RECOVERY_COUNT,
+from spinfilters.estimators.robust.gate_weights import (
     RobustOptions,
-    SensorOutlierRejection,
     innovation_covariance,
     sparing_weights,
     squared_distances,
     weights,
 )
+from spinfilters.estimators.robust.outlier_rejection import RECOVERY_COUNT, SensorOutlierRejection
 from spinfilters.state.gaussian import Gaussian
 
 OURS = (MultiplicativeEkf, MultiplicativeUkf)

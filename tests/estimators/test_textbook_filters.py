@@ -13,7 +13,7 @@ from spinfilters.estimators.estimator import Estimator, ProcessModel
 from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.estimators.filters.multiplicative_filter import MultiplicativeFilter
 from spinfilters.estimators.filters.multiplicative_ukf import MultiplicativeUkf
-from spinfilters.estimators.robust.outlier_rejection import RobustOptions
+from spinfilters.estimators.robust.gate_weights import RobustOptions
 from spinfilters.state.gaussian import Gaussian
 
 UNGATED = RobustOptions(gate_probability=1.0)

@@ -12,10 +12,9 @@ from rich.console import Console
 from spinfilters.attitude.conversions import quaternion_from_rotation_vector, rotate
 from spinfilters.errors import InputError
 from spinfilters.evaluation.comparison import comparison_table
-from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate
-from spinfilters.evaluation.formatting import with_uncertainty
+from spinfilters.evaluation.estimated_motion import estimated_rates, true_rates
+from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate, with_uncertainty
 from spinfilters.evaluation.metrics import numbers
-from spinfilters.evaluation.rates import estimated_rates, true_rates
 from spinfilters.evaluation.trajectory_errors import Alignment
 
 TRUTH = sample_truth(np.random.default_rng(0), 40)

@@ -16,7 +16,7 @@ from spinfilters.evaluation.consistency import (
     normalised_square,
     true_states,
 )
-from spinfilters.evaluation.trajectory import trajectory_of
+from spinfilters.evaluation.estimated_motion import trajectory_of
 from spinfilters.state.blocks import BLOCKS
 from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
 

@@ -10,7 +10,7 @@ from spinfilters.attitude.conversions import matrix_from_quaternion
 from spinfilters.data.pose_files import read_tum
 from spinfilters.data.table_files import read_csv
 from spinfilters.errors import InputError, ShapeError
-from spinfilters.evaluation.trajectory import (
+from spinfilters.evaluation.estimated_motion import (
     TRAJECTORY_COLUMNS,
     Trajectory,
     trajectory_of,

@@ -18,9 +18,9 @@ from spinfilters.dynamics.mass_distribution import from_inertia, inertia_matrix
 from spinfilters.errors import InputError
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.consistency import chi_square_band, true_states
+from spinfilters.evaluation.estimated_motion import estimated_rates, true_rates
 from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate
 from spinfilters.evaluation.metrics import numbers
-from spinfilters.evaluation.rates import estimated_rates, true_rates
 from spinfilters.evaluation.trajectory_errors import Alignment
 from spinfilters.evaluation.truth_frames import tells_first_frame, truth_in_first_frame
 from spinfilters.state.blocks import BLOCKS

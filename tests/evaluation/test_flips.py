@@ -8,7 +8,7 @@ from estimate_samples import FULL, sample_factor, sample_point
 
 from spinfilters.dynamics.torque_free import torque_free_motion
 from spinfilters.evaluation.body import body_estimate
-from spinfilters.evaluation.rates import count_flips, knows_intermediate_axis
+from spinfilters.evaluation.estimated_motion import count_flips, knows_intermediate_axis
 from spinfilters.state.gaussian import Gaussian
 
 MOMENTS = np.array([0.6, 0.85, 1.0])

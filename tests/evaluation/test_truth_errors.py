@@ -17,7 +17,7 @@ from spinfilters.data.truth import Truth
 from spinfilters.errors import InputError
 from spinfilters.evaluation.body import body_estimate
 from spinfilters.evaluation.consistency import true_states
-from spinfilters.evaluation.trajectory import Trajectory, trajectory_of
+from spinfilters.evaluation.estimated_motion import Trajectory, trajectory_of
 from spinfilters.evaluation.trajectory_errors import (
     Alignment,
     attitude_alignment,

@@ -9,7 +9,7 @@ from jaxtyping import Bool
 from plain_comparison import plain_comparison
 
 from spinfilters.estimators.history import EstimateHistory
-from spinfilters.estimators.robust.outlier_rejection import RobustOptions
+from spinfilters.estimators.robust.gate_weights import RobustOptions
 from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate
 from spinfilters.pipeline.diagnostics import with_verdict
 from spinfilters.settings.run_settings import Settings

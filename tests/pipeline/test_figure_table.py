@@ -10,8 +10,7 @@ from contracts.plugin import installed_plugin, program_of
 import spinfilters
 from spinfilters.api.recording_comparison import Run
 from spinfilters.errors import InputError
-from spinfilters.pipeline.figure_entry import TABLE, figure_entries, picture_files
-from spinfilters.pipeline.figures import FigureData, draw_run
+from spinfilters.pipeline.figures import TABLE, FigureData, draw_run, figure_entries, picture_files
 
 DOCS = Path(__file__).parents[2] / "docs"
 PROGRAM = program_of(DOCS / "how-to" / "add-a-figure.md")

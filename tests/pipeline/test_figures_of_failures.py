@@ -10,8 +10,7 @@ import pytest
 
 from spinfilters.errors import InputError
 from spinfilters.pipeline.estimation import Comparison, compare_estimators
-from spinfilters.pipeline.figure_entry import picture_files
-from spinfilters.pipeline.figures import FigureData, draw_run
+from spinfilters.pipeline.figures import FigureData, draw_run, picture_files
 from spinfilters.pipeline.preparation import prepare
 from spinfilters.plots import style
 from spinfilters.settings.run_settings import Settings

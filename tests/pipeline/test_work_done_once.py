@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from spinfilters.pipeline import doubts, figures, predictions, run_report
+from spinfilters.pipeline import comparison_run, doubts, predictions, run_report
 from spinfilters.pipeline.comparison_run import RunOutput, compare_into
 from spinfilters.pipeline.optional_outputs import OptionalOutputs
 from spinfilters.settings.run_settings import Settings
@@ -43,7 +43,7 @@ def test_the_page_of_a_run_with_a_prediction_is_written_once(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     pages = counted(monkeypatch, run_report, "write_run_report", None)
-    counted(monkeypatch, figures, "draw_run", [])
+    counted(monkeypatch, comparison_run, "draw_run", [])
     predicted = counted(monkeypatch, predictions, "write_predictions", True)
     dataset = simulate(Scenario(kind="gyro", rate_rpm=RICH_RPM, epochs=60))
     settings = Settings(estimators=("mekf",))

@@ -26,8 +26,8 @@ from run_samples import (
 
 from spinfilters.data.camera import PinholeCamera, StereoRig
 from spinfilters.errors import InputError
+from spinfilters.evaluation.estimated_motion import BodyRates, count_flips, estimated_rates, true_rates
 from spinfilters.evaluation.estimator_evaluation import evaluate
-from spinfilters.evaluation.rates import BodyRates, count_flips, estimated_rates, true_rates
 from spinfilters.plots.body_rates import rates_figure
 from spinfilters.plots.consistency_bands import consistency_figure
 from spinfilters.plots.error_bands import error_bands_figure

@@ -7,8 +7,7 @@ import pytest
 from matplotlib.figure import Figure
 from run_samples import SampleRuns, full_runs, rotation_runs
 
-from spinfilters.evaluation.rates import BodyRates, estimated_rates
-from spinfilters.evaluation.trajectory import Trajectory
+from spinfilters.evaluation.estimated_motion import BodyRates, Trajectory, estimated_rates
 from spinfilters.plots.prediction import PredictionCurves, prediction_figure
 
 LAST = 40

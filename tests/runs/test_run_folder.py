@@ -16,15 +16,14 @@ from spinfilters.data.pose_files import read_tum
 from spinfilters.data.table_files import read_csv
 from spinfilters.data.truth import TRUTH_COLUMNS
 from spinfilters.errors import InputError
-from spinfilters.evaluation.trajectory import STD_COLUMNS, read_map_ply
+from spinfilters.evaluation.estimated_motion import STD_COLUMNS, read_map_ply
 from spinfilters.pipeline import figures
 from spinfilters.pipeline.estimation import Comparison, compare_estimators
-from spinfilters.pipeline.figure_entry import picture_files
-from spinfilters.pipeline.figures import FigureData, draw_run
+from spinfilters.pipeline.figures import FigureData, draw_run, picture_files
 from spinfilters.pipeline.preparation import prepare
 from spinfilters.pipeline.segment_runs import run_segments
 from spinfilters.runs.history_file import read_history, write_history
-from spinfilters.runs.run_folder import write_run
+from spinfilters.runs.run_folder import read_figure_data, write_run
 from spinfilters.settings.run_settings import Settings, read_settings
 from spinfilters.simulation.scenario import Scenario, simulate
 from spinfilters.state.status import Verdict
@@ -160,7 +159,7 @@ def test_plot_draws_what_was_deleted(run: Run, monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_a_picture_drawn_again_says_what_the_first_said(run: Run) -> None:
-    again, first = FigureData.from_folder(run.folder), FigureData.from_comparison(run.comparison)
+    again, first = read_figure_data(run.folder), FigureData.from_comparison(run.comparison)
     assert again.conditions == first.conditions
     assert [e.history.initialisation for e in again.evaluations] == [24, 24]
 
@@ -170,7 +169,7 @@ def test_map_found_from_tracks_alone_is_drawn_again(tmp_path: Path) -> None:
     dataset = read_unmapped(tmp_path / "data")
     comparison = compare_estimators(prepare(dataset, settings), settings, silent)
     write_run(tmp_path / "run", comparison, settings)
-    points = FigureData.from_folder(tmp_path / "run").map_points
+    points = read_figure_data(tmp_path / "run").map_points
     assert points is not None
     np.testing.assert_array_equal(points, comparison.maps["mekf"])
     assert not (tmp_path / "run" / "truth.tum").exists()

@@ -16,8 +16,7 @@ from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.data.sensor_format import SENSORS, SensorNoise, dataset_kinds, noise_options
 from spinfilters.errors import InputError
 from spinfilters.runs.run_summary import read_summary
-from spinfilters.sensors.registry import all_sensors, sensor_of
-from spinfilters.sensors.sensor import Sensor
+from spinfilters.sensors.sensor import Sensor, all_sensors, sensor_of
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 
 HOW_TO = Path(__file__).parents[2] / "docs" / "how-to" / "add-a-sensor.md"
@@ -116,6 +115,15 @@ def test_a_plug_in_that_cannot_be_used_is_named_in_one_line(
     assert "uninstall" in str(raised.value)
     assert "\n" not in str(raised.value)
     assert len(str(raised.value)) < 300
+
+
+def test_a_plug_in_with_a_format_alone_is_no_sensor(distribution: Path) -> None:
+    """The data layer can store its rows; nobody can estimate from them."""
+    installed(
+        distribution, "from spinfilters.data.sensor_format import StoredSensor\nSENSOR = StoredSensor()"
+    )
+    with pytest.raises(InputError, match="the registered StoredSensor is no Sensor; mend or uninstall it"):
+        all_sensors()
 
 
 def test_a_noise_option_from_outside_has_its_default(distribution: Path) -> None:

@@ -8,7 +8,7 @@ import pytest
 
 from spinfilters.data.atomic_write import write_toml
 from spinfilters.data.consider_parameter import consider_parameters
-from spinfilters.data.number_range import NumberRange
+from spinfilters.data.stated_values import NumberRange
 from spinfilters.errors import InputError
 from spinfilters.estimators.initialisation.options import InitialisationOptions
 from spinfilters.settings.run_settings import (

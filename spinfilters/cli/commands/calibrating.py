@@ -4,7 +4,7 @@ import argparse
 
 from spinfilters.cli.arguments import number
 from spinfilters.cli.command import Command, Subparsers
-from spinfilters.data.number_range import NumberRange
+from spinfilters.data.stated_values import NumberRange
 
 SQUARE = NumberRange(1e-4, 10, "m")
 WINDOW = NumberRange(2, 50, "px", whole=True)

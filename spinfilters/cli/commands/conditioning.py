@@ -5,7 +5,7 @@ import argparse
 from spinfilters.api.argument_ranges import RATE_RPM
 from spinfilters.cli.arguments import number
 from spinfilters.cli.command import Command, Subparsers
-from spinfilters.data.number_range import NumberRange
+from spinfilters.data.stated_values import NumberRange
 
 
 def add_condition(commands: Subparsers) -> argparse.ArgumentParser:

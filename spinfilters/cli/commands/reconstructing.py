@@ -4,7 +4,7 @@ import argparse
 
 from spinfilters.cli.arguments import number
 from spinfilters.cli.command import Command, Subparsers
-from spinfilters.data.number_range import NumberRange
+from spinfilters.data.stated_values import NumberRange
 
 VOXELS = NumberRange(16, 256, whole=True)
 

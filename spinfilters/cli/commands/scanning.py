@@ -6,7 +6,7 @@ from typing import Final
 from spinfilters.api.argument_ranges import FRAMES, INTERVAL, RATE_RPM, SEED
 from spinfilters.cli.arguments import number
 from spinfilters.cli.command import Command, Subparsers
-from spinfilters.data.number_range import LENGTH, NumberRange
+from spinfilters.data.stated_values import LENGTH, NumberRange
 
 ANGLE: Final = NumberRange(-3600.0, 3600.0, "deg")
 FIELD: Final = NumberRange(1e-6, 179.0, "deg")

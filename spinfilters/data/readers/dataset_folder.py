@@ -17,7 +17,7 @@ from spinfilters.data.dataset import (
 )
 from spinfilters.data.dataset_options import DatasetOptions, options_from_toml
 from spinfilters.data.dataset_reader import DatasetReader
-from spinfilters.data.input_file import path_text, printable, require_folder, value_text
+from spinfilters.data.input_file import path_text, printable, read_toml, require_folder, value_text
 from spinfilters.data.known_map import read_landmarks
 from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.data.pose_files import read_tum
@@ -25,9 +25,8 @@ from spinfilters.data.raw_data import RawDataReader, raw_data_reader
 from spinfilters.data.recording_folder import recordings_in
 from spinfilters.data.sensor_files import read_sensor_file
 from spinfilters.data.sensor_format import SensorFormat, dataset_kinds, sensor_formats
-from spinfilters.data.settings_files import read_toml
 from spinfilters.data.table_files import read_header
-from spinfilters.data.truth import read_truth
+from spinfilters.data.truth import TRUTH_FILES, Truth, read_truth
 from spinfilters.errors import InputError
 
 _FRONT_ENDS = {
@@ -89,7 +88,7 @@ def _read_folder(folder: Path) -> Dataset:
         log=log,
         path=folder,
         description=description,
-        truth=read_truth(folder),
+        truth=_told_truth(folder),
         rig=cameras[0].read(folder) if cameras else None,
         known_map=read_landmarks(landmarks) if os.path.lexists(landmarks) else None,
         inspector=_read_inspector(folder, log),
@@ -114,7 +113,7 @@ def _undescribed(folder: Path) -> InputError:
 
 def _read_raw(folder: Path, reader: RawDataReader, description: str, options: DatasetOptions) -> Dataset:
     """Measurements made from raw data, with those of other sensors in the folder."""
-    made = reader.read(folder, read_truth(folder))
+    made = reader.read(folder, _told_truth(folder))
     read = [_with_own_covariance(form, folder) for form in _stored(folder, None)]
     log = MeasurementLog((made.stream, *read))
     options = replace(options, covariance_inflation=made.inflation)
@@ -130,6 +129,11 @@ def _read_raw(folder: Path, reader: RawDataReader, description: str, options: Da
         options=with_told_deviations(options, folder) if cameras else options,
         doubts=made.doubts,
     )
+
+
+def _told_truth(folder: Path) -> Truth | None:
+    """Truth that a folder tells, None without its files. InputError: `read_truth`."""
+    return read_truth(folder) if any(os.path.lexists(folder / name) for name in TRUTH_FILES) else None
 
 
 def _read_inspector(folder: Path, log: MeasurementLog) -> MeasurementStream | None:

@@ -10,8 +10,8 @@ from spinfilters.data.headings import Quantity
 from spinfilters.data.input_file import printable
 from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.data.motion_table import MotionTable, read_motion_table
-from spinfilters.data.reading_options import NOTHING_STATED, ReadingOptions
 from spinfilters.data.sensor_format import sensor_format, sensor_formats
+from spinfilters.data.stated_values import NOTHING_STATED, ReadingOptions
 from spinfilters.data.truth import TRUTH_TABLE
 
 _SUFFIXES = (".csv", ".tsv")

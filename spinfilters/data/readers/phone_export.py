@@ -9,7 +9,7 @@ from spinfilters.data.dataset import Dataset
 from spinfilters.data.dataset_reader import DatasetReader
 from spinfilters.data.motion_table import read_acceleration, read_motion_table
 from spinfilters.data.readers.motion_file import motion_dataset
-from spinfilters.data.reading_options import NOTHING_STATED, ReadingOptions
+from spinfilters.data.stated_values import NOTHING_STATED, ReadingOptions
 
 GYRO_TABLES: Final = ("Gyroscope.csv", "GyroscopeUncalibrated.csv")
 ACCELEROMETER_TABLES: Final = ("TotalAcceleration.csv", "Accelerometer.csv", "Acceleration.csv")

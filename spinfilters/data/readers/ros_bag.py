@@ -19,7 +19,7 @@ from spinfilters.data.input_file import MAX_TABLE_ROWS, path_text, printable, re
 from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.data.motion_table import MotionTable
 from spinfilters.data.readers.motion_file import motion_dataset
-from spinfilters.data.reading_options import NOTHING_STATED, ReadingOptions
+from spinfilters.data.stated_values import NOTHING_STATED, ReadingOptions
 from spinfilters.errors import InputError
 
 LARGEST_BAG: Final = 64 * 1024**3

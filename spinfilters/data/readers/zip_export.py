@@ -11,7 +11,7 @@ from typing import Final
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.dataset_reader import DatasetReader, OnRefused, reader_of
 from spinfilters.data.input_file import MAX_TABLE_BYTES, path_text, reason, require_file
-from spinfilters.data.reading_options import NOTHING_STATED, ReadingOptions
+from spinfilters.data.stated_values import NOTHING_STATED, ReadingOptions
 from spinfilters.errors import InputError
 
 MOST_MEMBERS: Final = 1000

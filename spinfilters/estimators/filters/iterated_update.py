@@ -17,7 +17,7 @@ from typing import Annotated, Protocol, TypeVar
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.data.number_range import NumberRange
+from spinfilters.data.stated_values import NumberRange
 from spinfilters.errors import InputError
 
 HALVINGS = 6

@@ -21,7 +21,8 @@ from spinfilters.estimators.filters.square_root_update import Correction, square
 from spinfilters.estimators.landmarks.iterated_observations import IteratedObservations
 from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
 from spinfilters.estimators.landmarks.observations import MapObservations, SolvedObservations, solve_at
-from spinfilters.estimators.robust.outlier_rejection import RobustOptions, SensorOutlierRejection
+from spinfilters.estimators.robust.gate_weights import RobustOptions
+from spinfilters.estimators.robust.outlier_rejection import SensorOutlierRejection
 from spinfilters.state.blocks.rigid_body import ATTITUDE
 from spinfilters.state.layout import StateLayout
 

@@ -27,7 +27,8 @@ from spinfilters.estimators.filters.square_root_update import (
 from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
 from spinfilters.estimators.landmarks.observations import MapObservations, SolvedObservations, solve
 from spinfilters.estimators.landmarks.regression import Regression
-from spinfilters.estimators.robust.outlier_rejection import RobustOptions, SensorOutlierRejection
+from spinfilters.estimators.robust.gate_weights import RobustOptions
+from spinfilters.estimators.robust.outlier_rejection import SensorOutlierRejection
 
 
 class MultiplicativeUkf(MultiplicativeFilter):

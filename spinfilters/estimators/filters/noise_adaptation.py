@@ -23,7 +23,7 @@ from typing import Annotated, NamedTuple, Protocol
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.data.number_range import NumberRange
+from spinfilters.data.stated_values import NumberRange
 from spinfilters.errors import InputError
 from spinfilters.estimators.filters.density_mean import raised_logarithm
 from spinfilters.linear_algebra.lapack import dtrtri, dtrtrs

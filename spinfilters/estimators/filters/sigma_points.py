@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.data.number_range import NumberRange
+from spinfilters.data.stated_values import NumberRange
 from spinfilters.errors import InputError
 
 if TYPE_CHECKING:

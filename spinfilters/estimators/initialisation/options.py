@@ -5,7 +5,7 @@ from typing import Annotated
 
 import numpy as np
 
-from spinfilters.data.number_range import NumberRange
+from spinfilters.data.stated_values import NumberRange
 from spinfilters.errors import InputError
 from spinfilters.estimators.timeline import Timeline, times_of
 from spinfilters.state.block import StateBlock

@@ -1,19 +1,15 @@
 """A belief about a state and the landmarks of the body together."""
 
 from dataclasses import dataclass, replace
-from functools import cache
 
-import casadi as ca
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinfilters.attitude.expressions import quaternion_from_mrp, rotate
 from spinfilters.errors import InputError, ShapeError
 from spinfilters.estimators.filters.square_root_update import triangular_factor
-from spinfilters.models.gauge import GAUGE_DIM, gauge_directions, gauge_move, gauge_of_points
+from spinfilters.models.gauge import GAUGE_DIM, gauge_of_points, moved_points, state_in_g
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import StateLayout
-from spinfilters.symbolic import Compiled
 
 
 @dataclass(frozen=True)
@@ -104,37 +100,3 @@ class LandmarkBelief:
 
 Belief = Gaussian | LandmarkBelief
 """Of a state, alone or with landmarks: `state` is the one, `joint` the other or None."""
-
-
-def state_in_g(
-    layout: StateLayout,
-    mean: Float[np.ndarray, " m"],
-    factor: Float[np.ndarray, "N N"],
-    move: Float[np.ndarray, " 6"],
-) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "n N"]]:
-    """State and factor rows in frame g, from the map's frame.
-
-    The gauge move stands last in the factor.
-    The move is small: the derivative of the moved state by the state is taken for one.
-    """
-    there = _moved_state(layout)(mean, move)[0]
-    return there, factor[: layout.error_dim] + gauge_directions(layout, there) @ factor[-GAUGE_DIM:]
-
-
-def moved_points(points: Float[np.ndarray, "k 3"], move: Float[np.ndarray, " 6"]) -> Float[np.ndarray, "k 3"]:
-    """R(theta) p + rho."""
-    return _moved_point()(points, move)[0]
-
-
-@cache
-def _moved_state(layout: StateLayout) -> Compiled:
-    x, move = ca.SX.sym("x", layout.mean_dim), ca.SX.sym("move", GAUGE_DIM)
-    return Compiled(ca.Function("moved_state", [x, move], [gauge_move(layout, x, move)]))
-
-
-@cache
-def _moved_point() -> Compiled:
-    p, move = ca.SX.sym("p", 3), ca.SX.sym("move", GAUGE_DIM)
-    return Compiled(
-        ca.Function("moved_point", [p, move], [rotate(quaternion_from_mrp(move[:3]), p) + move[3:]])
-    )

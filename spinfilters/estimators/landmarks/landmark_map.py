@@ -16,7 +16,7 @@ from typing import Annotated
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinfilters.data.number_range import NumberRange
+from spinfilters.data.stated_values import NumberRange
 from spinfilters.errors import InputError
 from spinfilters.estimators.landmarks.compiled_steps import steps_of
 from spinfilters.estimators.landmarks.numpy_steps import next_epoch

@@ -3,14 +3,12 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from spinfilters.evaluation.rates import estimated_rates
+from spinfilters.evaluation.estimated_motion import estimated_rates
 from spinfilters.evaluation.span import initialisation_end
-from spinfilters.pipeline.figure_entry import FigureEntry
+from spinfilters.pipeline.figures import FigureData, FigureEntry
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-    from spinfilters.pipeline.figures import FigureData
 
 # matplotlib is slow to import: every figure imports its module when it is drawn
 
@@ -23,7 +21,7 @@ class SummaryFigure(FigureEntry):
         "Rates, inertia ratios, errors with their standard deviations, observations and times, on one page."
     )
 
-    def draw(self, shown: "FigureData", name: str) -> "Figure":
+    def draw(self, shown: FigureData, name: str) -> "Figure":
         """Rates, inertia, errors and used measurements in one figure."""
         from spinfilters.plots.summary import summary_figure
 
@@ -36,7 +34,7 @@ class RatesFigure(FigureEntry):
     name, order = "rates", 1
     caption = "Body rates of every estimator over time, beside the true or measured ones."
 
-    def draw(self, shown: "FigureData", name: str) -> "Figure":
+    def draw(self, shown: FigureData, name: str) -> "Figure":
         """Body rates of all estimators and of the truth."""
         from spinfilters.plots.body_rates import rates_figure
 
@@ -52,7 +50,7 @@ class InertiaFigure(FigureEntry):
     name, order = "inertia", 2
     caption = "Principal moments of inertia of every estimator over time."
 
-    def draw(self, shown: "FigureData", name: str) -> "Figure":
+    def draw(self, shown: FigureData, name: str) -> "Figure":
         """Ratios of the principal moments over time."""
         from spinfilters.plots.inertia import inertia_figure
 
@@ -65,7 +63,7 @@ class PolhodeFigure(FigureEntry):
     name, order = "polhode", 3
     caption = "Path of the body rate of the first estimator on its inertia ellipsoid."
 
-    def draw(self, shown: "FigureData", name: str) -> "Figure":
+    def draw(self, shown: FigureData, name: str) -> "Figure":
         """Polhode of the first estimator's rates."""
         from spinfilters.plots.polhode_on_ellipsoids import (
             estimated_polhode_figure,
@@ -83,7 +81,7 @@ class SceneFigure(FigureEntry):
     name, order = "scene", 4
     caption = "Path, principal axes and landmarks of the body before the camera, of the first estimator."
 
-    def draw(self, shown: "FigureData", name: str) -> "Figure":
+    def draw(self, shown: FigureData, name: str) -> "Figure":
         """Path, principal axes and landmarks of the first estimator."""
         from spinfilters.plots.scene import scene_figure
 
@@ -98,7 +96,7 @@ class ConsistencyFigure(FigureEntry):
     name, order = "consistency", 5
     caption = "NEES and NIS of every estimator with their chi-square bands."
 
-    def draw(self, shown: "FigureData", name: str) -> "Figure":
+    def draw(self, shown: FigureData, name: str) -> "Figure":
         """NEES, NIS and their bands over time."""
         from spinfilters.plots.consistency_bands import consistency_figure
 
@@ -115,7 +113,7 @@ class ErrorsFigure(FigureEntry):
         """One file for each estimator."""
         return tuple(f"{self.name}-{each}" for each in estimators)
 
-    def draw(self, shown: "FigureData", name: str) -> "Figure":
+    def draw(self, shown: FigureData, name: str) -> "Figure":
         """Errors of one estimator with bands of its standard deviations."""
         from spinfilters.plots.error_bands import error_bands_figure
 

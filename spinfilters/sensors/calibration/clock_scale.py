@@ -6,7 +6,7 @@ It scales all durations, and with them velocities and rates.
 from typing import Final
 
 from spinfilters.data.consider_parameter import ConsiderParameter
-from spinfilters.data.number_range import NumberRange
+from spinfilters.data.stated_values import NumberRange
 
 PARAMETER: Final = ConsiderParameter(
     name="clock_scale_std",

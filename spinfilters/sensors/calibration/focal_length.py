@@ -9,7 +9,7 @@ import casadi as ca
 
 from spinfilters.attitude.expressions import Expression
 from spinfilters.data.consider_parameter import ConsiderParameter
-from spinfilters.data.number_range import NumberRange
+from spinfilters.data.stated_values import NumberRange
 
 
 def _moved(values: Expression, parameters: Expression, error: Expression) -> tuple[Expression, Expression]:

@@ -7,7 +7,7 @@ from typing import Final
 
 from spinfilters.attitude.expressions import Expression
 from spinfilters.data.consider_parameter import ConsiderParameter
-from spinfilters.data.number_range import NumberRange
+from spinfilters.data.stated_values import NumberRange
 from spinfilters.state.blocks.gyro_scale import GYRO_SCALE
 
 

@@ -68,7 +68,6 @@ def test_a_folder_holds_images_calibration_and_truth(tmp_path: Path) -> None:
             assert image.shape == (72, 96)
     assert 'kind = "stereo-images"' in (tmp_path / "dataset.toml").read_text()
     truth, rig = read_truth(tmp_path), read_raw_rig(tmp_path)
-    assert truth is not None
     assert truth.time.tolist() == [0.0, 0.5]
     np.testing.assert_allclose(rig.relative_position, SMALL.stage().rig.relative_position, atol=1e-12)
 
@@ -89,7 +88,6 @@ def test_an_image_from_a_moved_camera_is_that_of_the_body_as_it_lies_before_it()
 def test_a_circling_inspector_is_written_and_keeps_the_body_in_view(tmp_path: Path) -> None:
     render(replace(SMALL, inspector="circle", interval=15.0), tmp_path)
     inspector, truth = read_tum(tmp_path / "inspector.tum"), read_truth(tmp_path)
-    assert truth is not None
     np.testing.assert_array_equal(inspector.time, truth.time)
     assert np.linalg.norm(inspector.values[1, :3]) > 0.5  # a quarter of a circle about a body 0.6 m away
     images = [cv2.imread(str(path)) for path in sorted((tmp_path / "cam0/data").iterdir())]

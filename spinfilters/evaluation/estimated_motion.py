@@ -1,4 +1,4 @@
-"""The estimated motion in inertial axes with its uncertainty, and the files that hold it."""
+"""Estimated motion with its uncertainty: trajectory in inertial axes, body rates, flips, files."""
 
 from dataclasses import dataclass, fields, replace
 from functools import cache
@@ -9,17 +9,20 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from spinfilters.attitude.expressions import Expression, rotate
+from spinfilters.attitude.conversions import inverse, rotate
+from spinfilters.attitude.expressions import Expression
+from spinfilters.attitude.expressions import rotate as rotate_expression
 from spinfilters.data.input_file import path_text
-from spinfilters.data.measurement_log import normalised
+from spinfilters.data.measurement_log import MeasurementLog, normalised
 from spinfilters.data.pose_files import write_poses
 from spinfilters.data.table_files import write_csv
-from spinfilters.data.truth import TRUTH_COLUMNS
+from spinfilters.data.truth import TRUTH_COLUMNS, Truth
 from spinfilters.errors import InputError, ShapeError
-from spinfilters.estimators.history import EstimateHistory
-from spinfilters.evaluation.error_propagation import by_stretches, with_error_jacobian
+from spinfilters.estimators.history import EstimateHistory, by_stretches
+from spinfilters.evaluation.body import BodyEstimate
 from spinfilters.lidar.ply_files import read_ply, write_ply
-from spinfilters.state.layout import StateLayout
+from spinfilters.sensors.sensor import sensor_of
+from spinfilters.state.layout import StateLayout, with_error_jacobian
 from spinfilters.symbolic import Compiled
 
 STD_COLUMNS: Final[tuple[str, ...]] = tuple(
@@ -29,6 +32,10 @@ STD_COLUMNS: Final[tuple[str, ...]] = tuple(
 TRAJECTORY_COLUMNS: Final[tuple[str, ...]] = (*TRUTH_COLUMNS, *STD_COLUMNS)
 MAP_COMMENTS: Final = ("landmarks in frame g, m",)
 """Of a map's PLY."""
+PLATEAU: Final = 0.5**0.5
+"""Share of the rate that is along the intermediate axis on a plateau: at 45 degrees from it a body turns about another axis."""
+CLEAR: Final = 3.0
+"""Standard deviations between two moments, below which it is open which axis is the intermediate one."""
 
 
 @dataclass(frozen=True)
@@ -68,6 +75,38 @@ class Trajectory:
         return replace(self, **{name: getattr(self, name)[rows] for name in arrays})
 
 
+@dataclass(frozen=True)
+class BodyRates:
+    """Rates over time.
+
+    Attributes
+    ----------
+    label: whose they are.   time: (n,) s.   rate: (n, 3) rad/s in axes fixed to the body (g unless turned).
+    covariance: (n, 3, 3) (rad/s)^2, None where there is none.
+    """
+
+    label: str
+    time: Float[np.ndarray, " n"]
+    rate: Float[np.ndarray, "n 3"]
+    covariance: Float[np.ndarray, "n 3 3"] | None = None
+
+    @property
+    def std(self) -> Float[np.ndarray, "n 3"] | None:
+        """Standard deviations along the axes, rad/s."""
+        return None if self.covariance is None else np.sqrt(np.einsum("nii->ni", self.covariance))
+
+    def in_axes(self, axes: Float[np.ndarray, "3 3"]) -> "BodyRates":
+        """The same rates along other axes.
+
+        Given as rows in the present ones (R_bg for principal axes b).
+        """
+        own, rate = self.covariance, self.rate @ axes.T
+        if own is None:
+            return BodyRates(self.label, self.time, rate)
+        turned = by_stretches(len(own), lambda rows: {"P": axes @ own[rows] @ axes.T})
+        return BodyRates(self.label, self.time, rate, turned["P"])
+
+
 def trajectory_of(history: EstimateHistory) -> Trajectory:
     """Motion of a history with covariances.
 
@@ -94,6 +133,61 @@ def trajectory_of(history: EstimateHistory) -> Trajectory:
         nothing = np.broadcast_to(0.0, (len(history.time), 3))
         motion |= {name: nothing for place in places for name in (place, f"std_{place}")}
     return Trajectory(time=history.time, sees_position=sees_position, **motion)
+
+
+def estimated_rates(history: EstimateHistory) -> BodyRates:
+    """Block w of a history, axes g, labelled with the estimator's name."""
+    factor = history.factor[:, history.layout.slice("w")]
+    rate = history.mean[:, history.layout.mean_slice("w")]
+    squares = by_stretches(len(rate), lambda rows: {"P": factor[rows] @ np.swapaxes(factor[rows], 1, 2)})
+    return BodyRates(history.name, history.time, rate, squares["P"])
+
+
+def true_rates(truth: Truth, frame: Float[np.ndarray, "4"] | None = None) -> BodyRates:
+    """True rates in the g of the truth or of an estimate.
+
+    The estimate's with ``frame`` = `TruthErrors.frame`.
+    """
+    rate = rotate(inverse(truth.q_ig), truth.rate_i)
+    return BodyRates("truth", truth.time, rate if frame is None else rotate(inverse(frame), rate))
+
+
+def measured_rates(log: MeasurementLog) -> BodyRates | None:
+    """Rates of the first rate sensor of a log, or None.
+
+    Axes g.
+    """
+    for stream in log.streams:
+        rates = sensor_of(stream.sensor).measured_rates(stream)
+        if rates is not None:
+            return BodyRates(stream.sensor, stream.time, rates)
+    return None
+
+
+def count_flips(rate: Float[np.ndarray, "n 3"], intermediate: int = 1) -> int:
+    """Reversals of the rotation about the intermediate axis.
+
+    From within 45 degrees of the axis to within 45 degrees of its opposite.
+    A rate that only crosses zero, as in every nutation about another axis, is none, nor is a reversal that is not complete.
+
+    Parameters
+    ----------
+    rate: along the principal axes, rad/s.
+    """
+    along, length = rate[:, intermediate], np.linalg.norm(rate, axis=1)
+    plateau = np.sign(along[np.abs(along) > PLATEAU * length])
+    return int(np.count_nonzero(np.diff(plateau)))
+
+
+def knows_intermediate_axis(body: BodyEstimate) -> bool:
+    """Whether the moments are distinct, so that axes are known.
+
+    The axes of two equal moments are no axes, and no flip is about them.
+    """
+    moments, covariance = body.principal_moments, body.principal_moments_cov
+    variance = np.diag(covariance)
+    apart = variance[1:] + variance[:-1] - 2 * np.diag(covariance, 1)
+    return bool(np.all(np.diff(moments) > CLEAR * np.sqrt(np.maximum(apart, 0.0))))
 
 
 def write_trajectory_csv(path: Path, trajectory: Trajectory) -> None:
@@ -148,9 +242,9 @@ def _motion(layout: StateLayout) -> Compiled:
 
 
 def _rotation_alone(state: dict[str, Expression]) -> Expression:
-    return ca.vertcat(ca.SX.zeros(6), rotate(state["q"], state["w"]))
+    return ca.vertcat(ca.SX.zeros(6), rotate_expression(state["q"], state["w"]))
 
 
 def _motion_of_centre(state: dict[str, Expression]) -> Expression:
-    centre = state["t"] + rotate(state["q"], state["c"])
-    return ca.vertcat(centre, state["v"], rotate(state["q"], state["w"]))
+    centre = state["t"] + rotate_expression(state["q"], state["c"])
+    return ca.vertcat(centre, state["v"], rotate_expression(state["q"], state["w"]))
