@@ -159,7 +159,7 @@ def _asks(setup: Setup) -> bool:
         return True
     if not start.fit < CLEAR_FIT or start.rejected > start.accepted:
         return True
-    return bool(tested_about(setup, start.mean, [ConstantAcceleration()]).named)
+    return bool(tested_about(setup, start.mean, [ConstantAcceleration()], lambda motion: ()).named)
 
 
 def _tells(belief: Gaussian) -> bool:

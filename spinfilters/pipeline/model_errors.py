@@ -3,7 +3,7 @@
 Score tests about the smoothed motion, with reasons for the verdict.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -27,7 +27,9 @@ from spinfilters.estimators.model_errors.hypotheses import (
     with_identified,
     with_refused_in_a_row,
 )
+from spinfilters.estimators.model_errors.jumps import jumps
 from spinfilters.estimators.model_errors.laplace_likelihood import minus_twice_log_likelihood
+from spinfilters.estimators.model_errors.linear_rows import LinearRows
 from spinfilters.estimators.model_errors.lower_densities import beside_lower_densities
 from spinfilters.estimators.model_errors.refused_ends import with_refused_ends
 from spinfilters.estimators.model_errors.score_tests import likelier, score_tests
@@ -46,6 +48,7 @@ from spinfilters.pipeline.wrong_units import wrong_units
 from spinfilters.sensors.sensor import sensor_of
 from spinfilters.state.status import Verdict
 
+Placed = Callable[[SmoothedMotion], Iterable[Alternative]]
 MOST_EPOCHS_WITH_MAP, MOST_EPOCHS = 300, 1024
 """Of a recording that are tested: those of landmarks tie all poses together."""
 
@@ -60,27 +63,34 @@ def tested_models(setup: Setup, evaluations: Sequence[Evaluation]) -> TestedMode
         return replace(NOT_TESTED, units=units)
     most = MOST_EPOCHS_WITH_MAP if setup.initial.has_landmarks else MOST_EPOCHS
     std = np.linalg.norm(best.factor[:most], axis=2)
-    found = tested_about(setup, best.mean[:most], table().values())
+    found = tested_about(setup, best.mean[:most], table().values(), jumps)
     correlated = possible_correlation(setup, found.solved, stated_levels(setup))
     return replace(found, units=units, std=std, correlated=correlated, solved=None)
 
 
 def tested_about(
-    setup: Setup, trajectory: Float[np.ndarray, "k m"], errors: Iterable[Alternative]
+    setup: Setup,
+    trajectory: Float[np.ndarray, "k m"],
+    errors: Iterable[Alternative],
+    placed: Placed,
 ) -> TestedModels:
     """Score tests of the first epochs about a nearly most probable trajectory.
 
     Where there are none, why.
+
+    Parameters
+    ----------
+    placed: errors at the places where a motion shows them most.
     """
     try:
         with np.errstate(all="ignore"):
-            return _tested(setup, trajectory, errors)
+            return _tested(setup, trajectory, errors, placed)
     except NUMERICAL_ERRORS as error:
         return TestedModels(trouble=reason(numerical(error)))
 
 
 def _tested(
-    setup: Setup, trajectory: Float[np.ndarray, "k m"], errors: Iterable[Alternative]
+    setup: Setup, trajectory: Float[np.ndarray, "k m"], errors: Iterable[Alternative], placed: Placed
 ) -> TestedModels:
     """Score tests at the noise levels of the setup.
 
@@ -92,27 +102,32 @@ def _tested(
     solved = None if near is None else with_refused_in_a_row(near)
     if solved is None:
         return TestedModels(trouble="the smoothed motion cannot be linearised")
-    levels = Unstated.of_all(setup.log, setup.process.noise)
-    model = noise_model(problem, setup.noise, levels) or NoiseModel(problem, (), ())
+    unknown = Unstated.of_all(setup.log, setup.process.noise)
+    model = noise_model(problem, setup.noise, unknown) or NoiseModel(problem, (), ())
     every, told = tuple(errors), KnownLevels(stated_levels(setup), _correlation(setup), setup.inflation)
     solved = with_refused_ends(solved, time, lambda rows: noise_of(model, rows, told))
-    noise = noise_of(model, solved, told)
+    noise, taken_in = noise_of(model, solved, told), solved is not near
     contradicted = is_contradicted(noise, solved)
-    taken_in = solved is not near
     settled = not is_doubtful(noise, solved) or (not contradicted and (taken_in or bool(told.correlation)))
     identified = None if settled else with_identified(model, solved, gated=not taken_in)
     if identified is None:
-        motion = SmoothedMotion(time, solved)
+        motion, slow = SmoothedMotion(time, solved), bool(told.correlation) or told.counts_common_errors
+        every = (*every, *placed(motion))
         found = beside_lower_densities(score_tests(motion, noise, every), motion, model, told)
-        slow = bool(told.correlation) or told.counts_common_errors
         return TestedModels(tuple(found), contradicted, solved=near, beside_slow_noise=slow)
-    found = score_tests(SmoothedMotion(time, identified), noise_of(model, identified), every)
+    motion = SmoothedMotion(time, identified)
+    every = (*every, *placed(motion))
+    found = score_tests(motion, noise_of(model, identified), every)
     stated = among_inliers(problem, identified)
     if stated is not None and is_settled(stated):
         beside = score_tests(SmoothedMotion(time, stated), noise_of(model, stated, told), every)
-        advantage = minus_twice_log_likelihood(stated) - minus_twice_log_likelihood(identified)
-        found = likelier(found, beside, max(advantage, 0.0))
+        found = likelier(found, beside, _advantage(identified, stated))
     return TestedModels(tuple(found), contradicted, solved=near, beside_slow_noise=told.counts_common_errors)
+
+
+def _advantage(one: LinearRows, other: LinearRows) -> float:
+    """By how much -2 ln likelihood is less of one solved problem, at least 0."""
+    return max(minus_twice_log_likelihood(other) - minus_twice_log_likelihood(one), 0.0)
 
 
 def _correlation(setup: Setup) -> dict[str, float]:

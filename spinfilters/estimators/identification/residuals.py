@@ -84,7 +84,7 @@ def residuals_of(
     densities: names of the disturbances wanted.   normal: solved, its rows in memory (`Problem.is_long` is false).
     """
     marginals = Marginals(normal.system, normal.eliminated)
-    steps = _steps_after(problem, here, marginals)
+    steps = steps_after(problem, here, marginals)
     sensors = [_sensor_after(problem, here, marginals, k) for k in range(len(problem.motion.sensors))]
     nothing = _zeros(here, steps, sensors)
     spent = steps.leverage + sum(each.leverage for each in sensors)
@@ -120,7 +120,7 @@ def deleted_residuals(
 
 
 @dataclass(frozen=True)
-class _StepsAfter:
+class StepsAfter:
     """Whitened residuals (k - 1, d) of the steps, and their states' covariance.
 
     A factor (k - 1, d, w) of the share J P J'.
@@ -199,13 +199,14 @@ def _explained_observations(here: LinearizationPoint, normal: NormalEquations) -
     return np.where(fit.used[:, None], moved, 0.0)
 
 
-def _steps_after(problem: Problem, here: LinearizationPoint, marginals: Marginals) -> _StepsAfter:
+def steps_after(problem: Problem, here: LinearizationPoint, marginals: Marginals) -> StepsAfter:
+    """Whitened residuals of the steps, and what their states' covariance leaves of them."""
     J, y = here.dynamics.rows[:, :, :-1], here.dynamics.rows[:, :, -1]
     explained = _explained_steps(problem, here, marginals.solution.errors)
-    return _StepsAfter(y - explained, J @ marginals.step_rows())
+    return StepsAfter(y - explained, J @ marginals.step_rows())
 
 
-def _zeros(here: LinearizationPoint, steps: _StepsAfter, sensors: Sequence[_SensorAfter]) -> WhitenedRows:
+def _zeros(here: LinearizationPoint, steps: StepsAfter, sensors: Sequence[_SensorAfter]) -> WhitenedRows:
     """A right-hand side of nothing."""
     seen = None if here.linear is None else np.zeros_like(here.linear.innovation)
     return WhitenedRows(tuple(np.zeros_like(each.rest) for each in sensors), np.zeros_like(steps.rest), seen)

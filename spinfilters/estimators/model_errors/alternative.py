@@ -27,16 +27,18 @@ class Alternative(ABC):
     Attributes
     ----------
     name: of the error.   phrase: in a sentence, with its article.   unit: of its size.   cure: what to do about it.
+    trials: places in a recording among which it was sought where it is likeliest.
     by_epoch: whether it is drawn anew at every epoch; if not, it is the same in all.
     plausible: standard deviation of what its size is before anything is measured; infinite where nothing is known.
     only_positive: whether its one size is of one sign: what brakes does not drive.
     block: of a state that holds it, None where none does.   held_by: settings that put it there, by table and key.
     """
 
-    name: ClassVar[str]
-    phrase: ClassVar[str]
-    unit: ClassVar[str]
-    cure: ClassVar[str]
+    name: str
+    phrase: str
+    unit: str
+    cure: str
+    trials: int = 1
     by_epoch: ClassVar[bool] = False
     plausible: ClassVar[float] = float("inf")
     only_positive: ClassVar[bool] = False

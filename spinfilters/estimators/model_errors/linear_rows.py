@@ -222,6 +222,17 @@ class LinearRows:
         )
         return replace(self.explained_beside_sensors(e), sensors=sensors)
 
+    def seen(self, states: Float[np.ndarray, "k n m"]) -> Columns:
+        """Measured rows of errors of the states, components as in `VariableOrdering.order`."""
+        nothing = self.nothing(states.shape[2])
+        for number, (sensor, rows) in enumerate(zip(self.problem.motion.sensors, self.by_epoch, strict=True)):
+            nothing.sensors[number][:] = rows.products(states[:, self.columns_of(sensor)])
+        fit = self.normal.eliminated
+        if nothing.observations is not None and self.observation_rows is not None and fit is not None:
+            poses = states[fit.observations.epoch, :6]
+            nothing.observations[:] = self.observation_rows[:, :, :6] @ poses
+        return nothing
+
     def explained_beside_sensors(self, e: Gradient) -> Columns:
         """J e of all rows but those of the sensors that see no landmark."""
         states, seen, fit = self.states(e), None, self.normal.eliminated

@@ -104,7 +104,8 @@ class ScoreTest:
     @property
     def score_p_value(self) -> float:
         """Probability of a greater statistic at the noise levels of the estimates."""
-        return min(float(chi_square_tail(self.statistic, self.dof)), self.beside_all)
+        once = float(chi_square_tail(self.statistic, self.dof))
+        return min(self.error.trials * once, self.beside_all)
 
     @property
     def p_value_beside_slow(self) -> float:

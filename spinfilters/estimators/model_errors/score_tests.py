@@ -147,9 +147,10 @@ def _tested(
 def _probability(error: Alternative, gained: float, dof: float, level_dof: float) -> float:
     """Probability of a greater gain without the error.
 
-    Of an error that has one sign half that of either.
+    Of an error that has one sign half that of either, of one that was sought in many places that of the largest of all.
     """
-    return gain_tail(gained, dof, level_dof) / (2.0 if error.only_positive else 1.0)
+    once = gain_tail(gained, dof, level_dof) / (2.0 if error.only_positive else 1.0)
+    return min(1.0, error.trials * once)
 
 
 def _by_epoch(

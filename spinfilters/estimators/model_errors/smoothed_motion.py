@@ -156,6 +156,27 @@ class SmoothedMotion:
         nothing = self.rows.nothing(count, is_measured=False)
         return replace(nothing, steps=steps)
 
+    def kicks_of_steps(self, kicks: Float[np.ndarray, "k n m"]) -> Float[np.ndarray, "j d m"]:
+        """Whitened rows of every step by kicks of the state at its end.
+
+        Components in the order of the layout.
+        """
+        ordering, rows = self.rows.problem.ordering, self.rows.here.dynamics.rows
+        d = len(ordering.moving)
+        return -rows[:, :, d : 2 * d] @ kicks[1:, ordering.moving]
+
+    def kicked(self, kick: Float[np.ndarray, "n m"], step: int) -> Columns:
+        """Right-hand sides of a kick at the end of a step, as later measurements see it.
+
+        For the solution the same as the kick itself: M J = 0.
+        """
+        ordering, rows = self.rows.problem.ordering, self.rows.here.dynamics.rows
+        d, states = len(ordering.moving), np.zeros((len(self.time), len(ordering.order), kick.shape[1]))
+        states[step + 1, :d] = kick[ordering.moving]
+        for k in range(step + 1, len(self.time) - 1):
+            states[k + 1, :d] = -np.linalg.solve(rows[k, :, d : 2 * d], rows[k, :, :d] @ states[k, :d])
+        return self.rows.seen(states)
+
     def shifted(self, shift: Shift) -> Columns | None:
         """Right-hand sides of errors of measurements; None where no measurement has them."""
         found = [(each, shift(each)) for each in self.measured]

@@ -1,0 +1,137 @@
+"""Jumps amid a recording.
+
+A touch, a push of the camera, samples that are missing under an even clock.
+
+A jump is a kick of the state in one step, of any step. With rho = M y what the solution leaves (see `linear_rows`) and H_k the
+kicks of step k as its whitened rows see them, the score of every step is u_k = H_k'rho with the information H_k'M H_k, of which
+the covariances of neighbouring epochs tell everything (de Jong and Penzer 1998). The step of the largest statistic is tested like
+every error of the models, and its probability is that of the largest among so many steps.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.estimators.identification.residuals import steps_after
+from spinfilters.estimators.model_errors.alternative import Alternative
+from spinfilters.estimators.model_errors.columns import Columns
+from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
+from spinfilters.estimators.smoothing.linear.marginals import Marginals
+from spinfilters.state.block import StateBlock
+from spinfilters.state.blocks.rigid_body import ATTITUDE, POSITION, RATE, VELOCITY
+
+Kicks = Callable[[SmoothedMotion], Float[np.ndarray, "k n m"]]
+"""Changes of the state's error at every epoch per unit of m sizes, components in the order of the layout."""
+LEAST_TOLD: Final = 1e-9
+"""Share of a kick's information that states must leave; with less it is rounding."""
+FEWEST_STEPS: Final = 4
+"""Before and behind a jump: nearer to the ends it is contact there."""
+
+
+@dataclass(frozen=True)
+class Jump(Alternative):
+    """A kick of the state at the end of one step.
+
+    Attributes
+    ----------
+    kicks: of every epoch.   step: of them the one that is kicked.
+    """
+
+    kicks: Kicks
+    step: int
+    name: str
+    phrase: str
+    unit: str
+    cure: str
+    trials: int
+
+    def columns(self, motion: SmoothedMotion) -> Columns | None:
+        """Columns of the kick as all later measurements see it."""
+        return motion.kicked(self.kicks(motion)[self.step + 1], self.step)
+
+
+@dataclass(frozen=True)
+class _Kind:
+    """Kind of jump with its words.
+
+    The time of the jump follows the phrase.
+    """
+
+    name: str
+    phrase: str
+    unit: str
+    cure: str
+    kicks: Kicks
+
+
+def jumps(motion: SmoothedMotion) -> Iterator[Jump]:
+    """Of every kind the jump at its likeliest step; none in recordings too short for one."""
+    count = len(motion.time) - 1
+    if count <= 2 * FEWEST_STEPS:
+        return
+    for kind in KINDS:
+        among = step_statistics(motion, kind.kicks)[FEWEST_STEPS:-FEWEST_STEPS]
+        if among.max(initial=0.0) > 0:
+            step = FEWEST_STEPS + int(among.argmax())
+            phrase = f"{kind.phrase} at t = {motion.time[step + 1]:.4g} s"
+            yield Jump(kind.kicks, step, kind.name, phrase, kind.unit, kind.cure, len(among))
+
+
+def step_statistics(motion: SmoothedMotion, kicks: Kicks) -> Float[np.ndarray, " j"]:
+    """Score statistic of a kick in every step."""
+    rows = motion.rows
+    after = steps_after(rows.problem, rows.here, Marginals(rows.solution, rows.normal.eliminated))
+    H = motion.kicks_of_steps(kicks(motion))
+    across = np.swapaxes(H, 1, 2)
+    whole, spread = across @ H, across @ after.spread
+    scale = np.sqrt(np.einsum("kmm->km", whole))
+    unit = np.where(scale > 0, 1 / np.where(scale > 0, scale, 1.0), 0.0)
+    F = (whole - spread @ np.swapaxes(spread, 1, 2)) * unit[:, :, None] * unit[:, None, :]
+    u = np.einsum("kdm,kd->km", H, after.rest) * unit
+    if not (np.isfinite(F).all() and np.isfinite(u).all()):
+        return np.zeros(len(H))
+    values, vectors = np.linalg.eigh(F)
+    along = np.einsum("kmv,km->kv", vectors, u)
+    told = values > LEAST_TOLD
+    return np.where(told, along**2 / np.where(told, values, 1.0), 0.0).sum(axis=1)
+
+
+def _of_blocks(*blocks: StateBlock) -> Kicks:
+    """Every component of those of some blocks that a state has."""
+
+    def kicks(motion: SmoothedMotion) -> Float[np.ndarray, "k n m"]:
+        """The same at every epoch."""
+        layout = motion.rows.problem.layout
+        every = np.eye(layout.error_dim)
+        chosen = np.concatenate([every[:, layout.slice(b.name)] for b in blocks if layout.has(b)], axis=1)
+        return np.broadcast_to(chosen, (len(motion.time), *chosen.shape))
+
+    return kicks
+
+
+KINDS: Final = (
+    _Kind(
+        "contact-amid",
+        "contact",
+        "rad/s and m/s",
+        "use the recording before or behind it (--segment)",
+        _of_blocks(RATE, VELOCITY),
+    ),
+    _Kind(
+        "frame-jump",
+        "a jump of the camera, or of the frame that is tracked,",
+        "rad and m",
+        "use the recording before or behind it (--segment), or give the camera's motion (inspector.tum)",
+        _of_blocks(ATTITUDE, POSITION),
+    ),
+    _Kind(
+        "clock-jump",
+        "a jump of the clock, as where samples are lost,",
+        "s",
+        "give every sample its own time stamp",
+        lambda motion: motion.change[:, :, None],
+    ),
+)
