@@ -22,7 +22,8 @@ gyro, and such as tracks of images have in common, look like small ones of many 
 HARMFUL: Final = 4.0
 """Deviations by which removing an error moves a state at one epoch, from which it alone makes estimates wrong."""
 SINGLE_FALSE_ALARM: Final = 2e-3
-"""Probability that one is named where there is none: silence costs more than doubt. Not beside a correlated gyro's slow errors."""
+"""Probability that one is named where there is none: silence costs more than doubt. Not beside a correlated gyro's slow errors, nor
+of jumps, which are far beyond chance where they matter."""
 LEAST_LEVEL: Final = 0.2
 """Fall of ln variance of an identified noise level by removing an error, from which that is not left to the uncertainty: the levels
 share the residuals, so that one with an error in it leaves others, and with them the deviations, too small."""
@@ -111,7 +112,8 @@ class TestedModels:
     def is_beyond_chance(self, test: ScoreTest) -> bool:
         """Whether as much is too improbable without the error."""
         is_harmful = self.std is not None and test.effect(self.std).largest >= HARMFUL
-        own = SINGLE_FALSE_ALARM if is_harmful and not self.beside_slow_noise else 0.0
+        is_alone = is_harmful and test.error.trials == 1 and not self.beside_slow_noise
+        own = SINGLE_FALSE_ALARM if is_alone else 0.0
         return test.p_value < max(self.largest_p_value, own)
 
     @property
