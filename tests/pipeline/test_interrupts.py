@@ -31,7 +31,7 @@ class Presser:
     """Ctrl-C at an epoch of the first filter of a module."""
 
     def __init__(self, module: ModuleType, epoch: int, patch: pytest.MonkeyPatch) -> None:
-        self.epoch, self.done, self.is_within = epoch, 0, False
+        self.module, self.epoch, self.done, self.is_within = module, epoch, 0, False
         taken, run = loop._taken, module.run
         patch.setattr(loop, "_taken", lambda *arguments: self._taken(taken, *arguments))
         patch.setattr(module, "run", lambda *arguments: self._run(run, *arguments))
@@ -89,3 +89,4 @@ def test_the_command_ends_in_one_line_and_writes_no_results(
     assert len(said.splitlines()) == 1
     assert "interrupted" in said
     assert not list(run.glob("*.png"))
+    assert run.exists() is (presser.module is not initialisation_length)  # before which nothing is to be kept
