@@ -112,7 +112,7 @@ def make_folder(path: Path) -> None:
 
 @contextmanager
 def made_folder(path: Path) -> Iterator[None]:
-    """A folder while the block runs; new ones in which nothing was written go again. InputError: as `make_folder`."""
+    """Create the folder for a block; new ones that stay empty are removed. InputError: as `make_folder`."""
     new = [each for each in (path, *path.parents) if not each.exists()]
     make_folder(path)
     try:

@@ -13,6 +13,7 @@ from jaxtyping import Bool
 
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
+from spinfilters.data.sensor_format import sensor_format
 
 MOST_REPEATED: Final[float] = 1 / 3
 """Of a gyro's rows, that repeat the row before by some fault of the sensor; more of them are a logger's."""
@@ -26,7 +27,7 @@ def without_repeated_rates(dataset: Dataset) -> Dataset:
     """The data set without rows that only repeat the rates before; its description says how many."""
     streams, remarks = [], []
     for stream in dataset.log.streams:
-        repeated = _repeated(stream) if stream.sensor == "gyro" else np.zeros(len(stream), dtype=bool)
+        repeated = _repeated(stream)
         if repeated.any():
             stream, every = _rows(stream, ~repeated), len(stream)
             remarks.append(_remark(stream, every))
@@ -38,8 +39,10 @@ def without_repeated_rates(dataset: Dataset) -> Dataset:
 
 
 def _repeated(stream: MeasurementStream) -> Bool[np.ndarray, " n"]:
-    """Rows that repeat the one before; none where chance or the resolution explain them."""
+    """Rows that a logger wrote again; none where the resolution explains them."""
     kept, repeated = stream.values[1:] == stream.values[:-1], np.zeros(len(stream), dtype=bool)
+    if not sensor_format(stream.sensor).logged_again:
+        return repeated
     repeats = kept.all(axis=1)
     new = kept[~repeats].any(axis=1)
     if len(new) < FEWEST_NEW or np.mean(repeats) <= MOST_REPEATED or np.mean(new) > MOST_KEPT:
