@@ -8,6 +8,7 @@ from rich.table import Table
 
 from spinfilters.cli.arguments import reading_options
 from spinfilters.cli.console import progress_bars, wide_console
+from spinfilters.data.atomic_write import made_folder
 from spinfilters.data.dataset_reader import read_whole
 from spinfilters.data.stated_values import ReadingOptions
 from spinfilters.errors import InputError
@@ -23,7 +24,7 @@ from spinfilters.pipeline.segment_runs import (
     throws_picture,
     write_segments,
 )
-from spinfilters.runs.run_folder import open_run_folder
+from spinfilters.runs.run_folder import refuse_foreign_run
 from spinfilters.runs.run_lock import locked_run
 from spinfilters.settings.run_settings import Settings
 
@@ -65,8 +66,8 @@ def compare_segments(
     datasets = read_several(
         recording, which, options, lambda number, why: refused.append(SegmentResult(number, None, why))
     )
-    open_run_folder(folder)
-    with locked_run(folder):
+    refuse_foreign_run(folder)
+    with made_folder(folder), locked_run(folder):
         with progress_bars() as report:
             results = run_segments(
                 datasets, folder, settings, lambda done, total: report("segments", done, total)

@@ -108,3 +108,16 @@ def make_folder(path: Path) -> None:
         raise InputError(
             f"{path_text(path)}: cannot be made a folder ({reason(error)}); choose another folder"
         ) from None
+
+
+@contextmanager
+def made_folder(path: Path) -> Iterator[None]:
+    """Create the folder for a block; new ones that stay empty are removed. InputError: as `make_folder`."""
+    new = [each for each in (path, *path.parents) if not each.exists()]
+    make_folder(path)
+    try:
+        yield
+    finally:
+        with suppress(OSError):  # something is in it
+            for each in new:
+                each.rmdir()

@@ -1,5 +1,6 @@
 """Motion tables: gyro, accelerometer and poses by the names of their columns."""
 
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -85,21 +86,10 @@ def _rates(path: Path, layout: TextLayout, columns: MotionColumns, options: Read
     vector, remarks = columns.vectors["rate"], []
     table = _read(path, layout, columns, ("rate",))
     unit = _rate_unit(table, vector, options, "seconds_elapsed" in layout.names)
+    _require_measurable(table, unit, bool(vector.unit) or options.unit is not None)
     values = table.values.copy()
     values[:, -3:] *= RATE_UNITS[unit]
-    table = replace(table, values=values)
-    with np.errstate(over="ignore"):  # of numbers that are refused
-        speed = np.linalg.norm(values[:, -3:], axis=1)
-    is_stated = bool(vector.unit) or options.unit is not None
-    if speed.max() > (FASTEST_OF_ALL if is_stated else FASTEST):
-        cure = (
-            "correct the unit"
-            if is_stated
-            else "give --unit deg/s, or say the unit in the header ('wx (rad/s)')"
-        )
-        raise table.error(
-            int(speed.argmax()), f"a rate of {speed.max():.4g} rad/s is more than a gyro measures; {cure}"
-        )
+    table, speed = replace(table, values=values), np.linalg.norm(values[:, -3:], axis=1)
     table, clock = _timed(table, columns, options, layout, speed)
     _require(table, RATE, "rad/s")
     if table.incomplete:
@@ -108,6 +98,31 @@ def _rates(path: Path, layout: TextLayout, columns: MotionColumns, options: Read
         remarks.append(clock)
     stream = MeasurementStream("gyro", table.values[:, 0], table.values[:, 1:])
     return MotionTable(stream, _acceleration(path, layout, columns, options), tuple(remarks))
+
+
+def _require_measurable(table: TextTable, unit: str, is_stated: bool) -> None:
+    """Require rates that a gyro measures.
+
+    InputError: one that is faster, with its cell; degrees are no cure of what is too fast in degrees, too.
+    """
+    rates, fastest = table.values[:, -3:], FASTEST_OF_ALL if is_stated else FASTEST
+    scale = max(float(np.abs(rates).max()), 1.0)  # squares of absurd numbers are none
+    row = int(np.linalg.norm(rates / scale, axis=1).argmax())
+    speed = math.hypot(*rates[row]) * RATE_UNITS[unit]
+    if speed <= fastest:
+        return
+    column = int(np.abs(rates[row]).argmax()) - 3
+    if speed * RATE_UNITS["deg/s"] > FASTEST_OF_ALL:
+        cure = "correct or delete the line"
+    elif is_stated:
+        cure = "correct the unit, or the line"
+    else:
+        cure = "give --unit deg/s, or say the unit in the header ('wx (rad/s)'), or correct the line"
+    value, name = float(table.values[row, column]), value_text(table.names[column])
+    raise table.error(
+        row,
+        f"a rate of {speed:.4g} rad/s is more than a gyro measures ({name} is {value:.6g} {unit}); {cure}",
+    )
 
 
 def _poses(path: Path, layout: TextLayout, columns: MotionColumns, options: ReadingOptions) -> MotionTable:

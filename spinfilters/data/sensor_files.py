@@ -29,6 +29,9 @@ SHORTEST_STEP: Final[float] = 1e-9
 MOST_TURNS: Final[float] = 100.0
 """Revolutions between samples in the median, at most: a clock at which a body turns more is not in seconds."""
 
+EPOCHS_OF_MOTION: Final[int] = 5
+"""Fewest that a motion is estimated from."""
+
 
 class RowsOfFile(Protocol):
     """Rows of numbers with their lines in a file."""
@@ -135,9 +138,12 @@ def require_turns(table: RowsOfFile, speed: Float[np.ndarray, " n"]) -> None:
 def require_two_epochs(path: Path, epochs: int) -> None:
     """Raise InputError for a file of fewer than two epochs: a rate needs two."""
     if epochs < 2:
-        raise InputError(
-            f"{path_text(path)}: has {epochs} epoch, at least 2 are needed; record a longer stretch"
-        )
+        raise InputError(f"{path_text(path)}: {too_few_epochs(epochs)}")
+
+
+def too_few_epochs(epochs: int) -> str:
+    """What is wrong with a recording of fewer epochs than a motion needs, and the cure."""
+    return f"has {epochs} epoch{'s' * (epochs != 1)}, a motion needs at least {EPOCHS_OF_MOTION}; record a longer stretch"
 
 
 def require_unit_quaternions(table: RowsOfFile, column: int) -> None:

@@ -66,6 +66,7 @@ class SensorFormat:
     dimension: of the covariance of a row.   noise: its standard deviations.
     allowed: range of the values.   has_landmarks: whether every row has a landmark id, and time stamps repeat.
     repeats: whether time stamps repeat without landmarks: many rows of one epoch.
+    logged_again: whether loggers faster than the sensor write its rows again, as those of rates at a fixed frequency.
     quaternion: first of four columns that hold a unit quaternion, scalar last.
     calibration: of the camera.
     check: refuses rows that no such sensor measures.
@@ -82,6 +83,7 @@ class SensorFormat:
     allowed: NumberRange = ANY_NUMBER
     has_landmarks: bool = False
     repeats: bool = False
+    logged_again: bool = False
     quaternion: int | None = None
     calibration: CalibrationFiles | None = None
     check: Callable[[Table], None] | None = None

@@ -33,8 +33,8 @@ def run(
 
     It is started or restored at ``time`` (s); the timeline begins then or later.
     A belief or likelihood that stops being finite, or numbers that a library cannot go on with (`NUMERICAL_ERRORS`), end the run
-    with the status ``failed``; Ctrl-C ends it as ``degraded``.
-    Either way what was estimated up to there is returned.
+    with the status ``failed``; what was estimated up to there is returned. Ctrl-C passes through: what part of a run is worth,
+    `run_interruptible` knows.
 
     Parameters
     ----------
@@ -47,8 +47,8 @@ def run(
     """
     rows = GrowingHistory(estimator.layout, time) if rows is None else rows
     _check(time, timeline, rows)
-    total, status = len(rows) + len(timeline), EstimatorStatus()
-    rows.reserve(total)
+    status = EstimatorStatus()
+    rows.reserve(len(rows) + len(timeline))
     try:
         for index, epoch in enumerate(timeline):
             if not _taken(estimator, epoch, rows):
@@ -63,9 +63,26 @@ def run(
         status = status.failed(f"the covariance could not be factorised at epoch {len(rows)} ({error})")
     except NUMERICAL_ERRORS as error:
         status = status.failed(f"epoch {len(rows)} could not be computed ({reason(numerical(error))})")
-    except KeyboardInterrupt:
-        status = status.degraded(f"interrupted after {len(rows)} of {total} epochs")
     return rows.ended(estimator.name, status)
+
+
+def run_interruptible(
+    estimator: Estimator,
+    time: float,
+    timeline: Timeline,
+    on_epoch: Callable[[int], None],
+    rows: GrowingHistory,
+) -> EstimateHistory:
+    """Run for a user who wants what was estimated up to Ctrl-C.
+
+    Parameters and errors as `run`. Ctrl-C ends it as ``degraded``, with fewer epochs: its caller looks for that.
+    """
+    total = len(rows) + len(timeline)
+    try:
+        return run(estimator, time, timeline, on_epoch, rows)
+    except KeyboardInterrupt:
+        status = EstimatorStatus().degraded(f"interrupted after {len(rows)} of {total} epochs")
+        return rows.ended(estimator.name, status)
 
 
 def _taken(estimator: Estimator, epoch: Epoch, rows: GrowingHistory) -> bool:

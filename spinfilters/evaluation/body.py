@@ -19,7 +19,7 @@ from jaxtyping import Bool, Float, Int
 
 from spinfilters.dynamics.mass_distribution import inertia
 from spinfilters.estimators.history import EstimateHistory, by_stretches
-from spinfilters.evaluation.body_spread import body_spread, principal_steps
+from spinfilters.evaluation.body_spread import body_spread
 from spinfilters.evaluation.moment_intervals import widest_departures
 from spinfilters.linear_algebra.signs import with_largest_positive
 from spinfilters.state.block import StateBlock
@@ -211,7 +211,7 @@ def _cover(
     To a quarter of what four of the belief make of moments, ratios and axes.
     """
     axes = np.swapaxes(found["principal_axes_g"][rows], 1, 2)
-    moments, ratios, turns = widest_departures(s, principal_steps(factor), axes)
+    moments, ratios, turns = widest_departures(s, factor, axes)
     found["log_ratios_std"][rows] = np.fmax(found["log_ratios_std"][rows], ratios)
     for name, departure in (("principal_moments_cov", moments), ("principal_axes_cov", turns)):
         std = np.sqrt(np.einsum("nkk->nk", found[name][rows]))

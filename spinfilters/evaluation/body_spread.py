@@ -54,10 +54,18 @@ def body_spread(
     return _covariance(scaled, weights), _covariance(ratios, weights), _covariance(turns, weights)
 
 
-def principal_steps(factor: Float[np.ndarray, "n 5 e"]) -> Float[np.ndarray, "n 5 5"]:
-    """Principal directions of a covariance as columns, of the length of their deviations up to `WIDEST`."""
+def principal_steps(
+    factor: Float[np.ndarray, "n 5 e"], sphere: Float[np.ndarray, "n 5"] | float = 0.0
+) -> Float[np.ndarray, "n 5 5"]:
+    """Principal directions of a covariance as columns, of the length of their deviations up to `WIDEST`.
+
+    Parameters
+    ----------
+    sphere: errors that lead there; lengths are up to half of that, too, so that a needle may be anything else.
+    """
     directions, deviations, _ = np.linalg.svd(factor, full_matrices=False)
-    return directions * np.minimum(deviations, WIDEST)[:, np.newaxis]
+    widest = np.maximum(np.linalg.norm(np.atleast_2d(sphere), axis=1) / 2, WIDEST)
+    return directions * np.minimum(deviations, widest[:, np.newaxis])[:, np.newaxis]
 
 
 def _covariance(

@@ -11,6 +11,9 @@ along it on the sphere as long as y goes on. With D the error of S and w_k = V' 
 D = V diag(l) V',
 
     a_i' dS/dD a_j = V (Phi o w_i w_j') V',   Phi_ij = (exp l_i - exp l_j) / (l_i - l_j).
+
+The gradients of a needle that is hardly a body lead nowhere. So the sphere and discs about three axes are looked at, too,
+wherever they lie within R: with S = U exp(2 M) U' and L = U exp(M) V' they are at D = V (E - 2 M) V', E that of the disc.
 """
 
 from dataclasses import dataclass
@@ -20,7 +23,7 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.dynamics.mass_distribution import DIMENSION
-from spinfilters.evaluation.body_spread import axis_turns
+from spinfilters.evaluation.body_spread import axis_turns, principal_steps
 
 REACH: Final[float] = 4.0
 """Standard deviations of the mass distribution at which the interval ends: those that ``ok`` speaks of."""
@@ -35,7 +38,10 @@ AFTER, LAST = [1, 2, 0], [2, 0, 1]
 SIGNS, SOUGHT = np.repeat([1.0, -1.0], 6), np.tile(np.arange(6), 2)
 """Of the twelve searches: largest (1) or smallest (-1), and of which y."""
 LARGEST_LOG: Final = 30.0
-"""Of the numbers of a mass distribution, beyond which second moments differ by more than numbers resolve."""
+"""Of second moments of determinant one, beyond which they differ by more than numbers resolve."""
+ROUND: Final = np.concatenate([np.zeros((1, 3)), 3.0 - 9.0 * np.eye(3)])
+"""Logarithms of second moments, determinant one, of a sphere and of discs about three axes, whose largest moment is the sum of the
+others to 1e-4."""
 SMALLEST_GAP: Final = 1e-12
 """Of second moments, relative to the largest: below it rounding decides."""
 DIRECTIONS: Final = np.concatenate([np.eye(DIMENSION), -np.eye(DIMENSION)])
@@ -45,20 +51,23 @@ Departures = tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 2"], Float[np.
 
 
 def widest_departures(
-    s: Float[np.ndarray, "n 5"], steps: Float[np.ndarray, "n 5 5"], axes: Float[np.ndarray, "n 3 3"]
+    s: Float[np.ndarray, "n 5"], factor: Float[np.ndarray, "n 5 e"], axes: Float[np.ndarray, "n 3 3"]
 ) -> Departures:
     """Largest departures within `REACH` deviations, over `REACH`.
 
     Parameters
     ----------
-    s: mass distributions.   steps: F of their errors, principal directions by column, of moderate length.   axes: columns.
+    s: mass distributions, whose error has the covariance factor factor'.   axes: columns.
 
     Returns
     -------
     Not a number where s is beyond `LARGEST_LOG`, a body only to rounding.
     """
-    absurd = ~(np.abs(s).max(axis=1) < LARGEST_LOG)
-    bodies = _Bodies(_lower_factors(np.where(absurd[:, np.newaxis], 0.0, s)), steps, axes)
+    L = _lower_factors(s)
+    lengths = np.linalg.svd(np.nan_to_num(L), compute_uv=False)
+    absurd = ~(2 * np.abs(np.log(lengths)).max(axis=1) < LARGEST_LOG)
+    L = np.where(absurd[:, np.newaxis, np.newaxis], np.eye(3), L)
+    bodies = _Bodies(L, principal_steps(factor, _round_errors(L)[:, 0]), axes)
     y, lowest, highest = _intervals(bodies)
     y[absurd] = np.nan
     far = np.maximum(highest - y, y - lowest) / REACH
@@ -135,8 +144,24 @@ def _intervals(
     y = bodies.values(np.broadcast_to(REACH * DIRECTIONS, (n, *DIRECTIONS.shape)))
     u = _farthest(bodies, REACH * DIRECTIONS[np.concatenate([y.argmax(axis=1), y.argmin(axis=1)], axis=1)])
     inside = (FRACTIONS[:, np.newaxis, np.newaxis] * u[:, np.newaxis]).reshape(n, -1, DIMENSION)
-    found = bodies.values(inside)
+    found = bodies.values(np.concatenate([inside, _round_bodies(bodies)], axis=1))
     return found[:, 0], found.min(axis=1), found.max(axis=1)
+
+
+def _round_bodies(bodies: _Bodies) -> Float[np.ndarray, "n 4 5"]:
+    """The sphere and the discs, those within `REACH` deviations; others are left at the mean."""
+    lengths = np.linalg.norm(bodies.steps, axis=1)[:, np.newaxis]
+    along = _round_errors(bodies.L) @ bodies.steps  # columns are orthogonal
+    u = np.divide(along, lengths**2, out=np.full_like(along, np.inf), where=lengths > 0)
+    return np.where(np.linalg.norm(u, axis=2, keepdims=True) <= REACH, u, 0.0)
+
+
+def _round_errors(L: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 4 5"]:
+    """Errors D that lead to a sphere and to discs about three axes."""
+    _, lengths, transposed = np.linalg.svd(L)
+    logs, V = ROUND - 2 * np.log(lengths)[:, np.newaxis], np.swapaxes(transposed, 1, 2)[:, np.newaxis]
+    D = (V * logs[..., np.newaxis, :]) @ np.swapaxes(V, -1, -2)
+    return np.stack([D[..., j, k] for j, k in ((0, 0), (1, 1), (1, 0), (2, 0), (2, 1))], axis=-1)
 
 
 def _farthest(bodies: _Bodies, u: Float[np.ndarray, "n 12 5"]) -> Float[np.ndarray, "n 12 5"]:

@@ -122,7 +122,7 @@ class CalibrationErrors:
         states: Float[np.ndarray, "k e"],
         landmarks: Float[np.ndarray, "L 3"],
     ) -> Float[np.ndarray, "n m"] | None:
-        """States of a filter behind an initialisation that has moved; None where it fails. KeyboardInterrupt: Ctrl-C."""
+        """States of a filter behind an initialisation that has moved; None where it fails."""
         setup = self.setup
         mean = setup.process.layout.retract(setup.initial.mean, states)
         initial = replace(setup.initial, mean=mean, points=setup.initial.points + landmarks)
@@ -132,13 +132,8 @@ class CalibrationErrors:
         moved = replace(setup, timeline=timeline, initial=initial, belief=belief)
         estimator = entry.build(moved, self.settings)
         entry.begin(estimator, moved)
-        rest = timeline[len(mean) :]
-        found = run(estimator, moved.end_of_initialisation, rest)
-        if found.status.verdict is Verdict.FAILED:
-            return None
-        if len(found.time) < len(rest):
-            raise KeyboardInterrupt
-        return found.mean
+        found = run(estimator, moved.end_of_initialisation, timeline[len(mean) :])
+        return None if found.status.verdict is Verdict.FAILED else found.mean
 
     def _timelines(self, epochs: Timeline) -> Iterator[Timeline]:
         """The epochs under each independent error, by one deviation."""

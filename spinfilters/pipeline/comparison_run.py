@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from spinfilters.data.atomic_write import made_folder
 from spinfilters.data.dataset import Dataset
 from spinfilters.pipeline.estimation import Comparison, Progress, compare_estimators
 from spinfilters.pipeline.figures import FigureData, draw_run, picture_files
@@ -17,8 +18,8 @@ from spinfilters.runs.run_folder import (
     REPORT_FILE,
     finished_run,
     mark_run_folder,
-    open_run_folder,
     read_figure_data,
+    refuse_foreign_run,
     refuse_source_within,
     write_run,
 )
@@ -79,8 +80,8 @@ def compare_into(
     """
     folder = output.folder
     refuse_source_within(folder, dataset.path)
-    open_run_folder(folder)
-    with locked_run(folder):
+    refuse_foreign_run(folder)
+    with made_folder(folder), locked_run(folder):
         if output.resume and finished_run(folder, dataset, settings) is not None:
             return WrittenRun(None, tuple(_complete(dataset, settings, output, report)))
         return WrittenRun(_compare_and_write(dataset, settings, output, report))
@@ -94,8 +95,8 @@ def write_comparison(
     The files are those of `compare_into`. Errors: `write_run`.
     """
     refuse_source_within(folder, comparison.setup.dataset.path)
-    open_run_folder(folder)
-    with locked_run(folder):
+    refuse_foreign_run(folder)
+    with made_folder(folder), locked_run(folder):
         _write_and_draw(folder, comparison, settings, report)
         if not comparison.interrupted:
             _write_report(folder, comparison)

@@ -10,7 +10,7 @@ from spinfilters.data.input_file import reason
 from spinfilters.errors import NUMERICAL_ERRORS, InputError, numerical
 from spinfilters.estimators.estimator import Estimator
 from spinfilters.estimators.history import EPOCH_ARRAYS, EstimateHistory, GrowingHistory
-from spinfilters.estimators.run import NO_EPOCH_LEFT, rehearse, run
+from spinfilters.estimators.run import NO_EPOCH_LEFT, rehearse, run_interruptible
 from spinfilters.estimators.timeline import Timeline, times_of
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.pipeline.calibration_errors import CalibrationErrors
@@ -244,7 +244,8 @@ def _run(
             company.progress(name, len(rows), len(rest))
             keep()
 
-        history = replace(run(estimator, rows.time, rest[len(rows) :], on_epoch, rows), name=name)
+        history = run_interruptible(estimator, rows.time, rest[len(rows) :], on_epoch, rows)
+        history = replace(history, name=name)
         if not _is_cut_short(history, len(rest)):
             store.end(estimator, history, rows)
     return history, rows

@@ -8,6 +8,7 @@ import numpy as np
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.input_file import reason
 from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
+from spinfilters.data.sensor_files import EPOCHS_OF_MOTION, too_few_epochs
 from spinfilters.data.sensor_format import sensor_format
 from spinfilters.errors import NUMERICAL_ERRORS, InputError, numerical
 from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
@@ -157,8 +158,7 @@ class _Binding:
         self, process: TorqueFreeProcess, noise: SensorNoise, before: InitialEstimate | None
     ) -> NoisyModels:
         timeline = build_timeline(self.dataset.log, self.layout, noise, self.view)
-        if len(timeline) < 5:
-            raise InputError(f"{len(timeline)} epoch(s) are too few for a motion; give at least 5")
+        _require_epochs(len(timeline))
         if self.initial is not None:
             return NoisyModels(process, noise, timeline, self.initial(self.layout))
         first = self._first(process, noise, timeline)
@@ -210,6 +210,12 @@ def _identify(
     option, rates = sensor.identified_option, sensor.measured_rates(stream)
     assert option is not None
     assert rates is not None  # what is identified is an error of rates
+    _require_epochs(len(rates))
+    if rates.any() and (rates == rates[0]).all():
+        raise InputError(
+            f"the {sensor.name}'s rates never change, so nothing tells its noise from a motion: the body is held at one rate or "
+            "the sensor hangs; choose a part where the body tumbles (--segment), or another recording"
+        )
     layout = process.layout.without_translation
     rotation = process if layout == process.layout else TorqueFreeProcess(layout, process.noise)
     whole = replace(options, epochs=WHOLE_RECORDING, share=1.0)
@@ -222,6 +228,11 @@ def _identify(
     if not np.isfinite(found.scale_std):
         raise _unidentified(sensor, "what is left of its rates is not finite")
     return found, option
+
+
+def _require_epochs(count: int) -> None:
+    if count < EPOCHS_OF_MOTION:
+        raise InputError(too_few_epochs(count))
 
 
 def _unidentified(sensor: Sensor, why: str) -> InputError:

@@ -67,17 +67,6 @@ DECISIVE = ("kind", "log", "truth", "rig", "known_map", "inspector")
 """Parts of a data set that decide the numbers of a run, with noise and calibration among its options."""
 
 
-def open_run_folder(folder: Path) -> None:
-    """Make the folder; refuse one that holds something else than a run.
-
-    Raises
-    ------
-    InputError: as `refuse_foreign_run`, or it cannot be written.
-    """
-    refuse_foreign_run(folder)
-    make_folder(folder)
-
-
 def refuse_foreign_run(folder: Path) -> None:
     """Refuse a folder that holds something else than a run, or leads out of itself.
 
@@ -134,7 +123,8 @@ def write_run(folder: Path, comparison: Comparison, settings: Settings) -> None:
 
     Checkpoints stay until then, and beyond where Ctrl-C cut the run short.
     """
-    open_run_folder(folder)
+    refuse_foreign_run(folder)
+    make_folder(folder)
     source = comparison.setup.dataset.path
     refuse_source_within(folder, source)
     write_configuration(folder, settings)

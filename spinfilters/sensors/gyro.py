@@ -40,6 +40,7 @@ class GyroSensor(Sensor):
         kind="gyro",
         file="gyro.csv",
         columns=("wx", "wy", "wz"),
+        logged_again=True,
         dimension=3,
         noise=(
             NoiseOption("gyro_noise_std", "gyro", NumberRange(1e-12, 1e6, "rad/s"), 0.005, (0, 1, 2)),

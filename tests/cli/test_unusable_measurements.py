@@ -32,9 +32,15 @@ UNUSABLE = {
         "line 32: a rate of 1e+04 rad/s",
     ),
     "rest.csv": (gyro(TENTHS, lambda t: (0, 0, 0)), "does not rotate"),
-    "short.csv": (gyro(TENTHS[:3]), "needs at least 4 epochs"),
+    "constant.csv": (
+        gyro(TENTHS, lambda t: (1, 2, 3)),
+        "rates never change, so nothing tells its noise from",
+    ),
+    "one.csv": (gyro(TENTHS[:1]), "has 1 epoch, a motion needs at least 5"),
+    "short.csv": (gyro(TENTHS[:3]), "has 3 epochs, a motion needs at least 5"),
+    "four.csv": (gyro(TENTHS[:4]), "has 4 epochs, a motion needs at least 5"),
     "rest.tum": (poses(40, 0.0), "does not rotate"),
-    "short.tum": (poses(3, 1.0), "3 epoch(s) are too few"),
+    "short.tum": (poses(3, 1.0), "has 3 epochs, a motion needs at least 5"),
     "fast.tum": (poses(40, 6.0), "turns by 172 deg between epochs near t = 0.000 s"),
 }
 
@@ -50,6 +56,7 @@ def test_a_refusal_of_measurements_names_their_file(
     assert said.startswith(f"spinfilters: {path}: ")
     assert said.count(str(path)) == 1
     assert says in said
+    assert not (tmp_path / "run").exists()
 
 
 def test_a_recording_that_the_start_uses_up_is_named(

@@ -197,9 +197,26 @@ def test_rates_in_degrees_are_noticed_where_the_header_states_no_unit(tmp_path: 
     stated = "time,wx (rad/s),wy (rad/s),wz (rad/s)"
     assert rates(written(tmp_path, stated, rows))
     with pytest.raises(
-        InputError, match=r"a rate of 2786 rad/s is more than a gyro measures; correct the unit"
+        InputError,
+        match=r"a rate of 2786 rad/s is more than a gyro measures \('wz .*\); correct the unit",
     ):
         read_dataset(written(tmp_path, stated, rows * [1.0, 10.0, 10.0, 10.0]))
+
+
+@pytest.mark.parametrize("value", [1e300, -1.7e308, 1e9])
+@pytest.mark.parametrize(
+    "header", ["time,wx,wy,wz", "time,wx_dps,wy_dps,wz_dps", "time,wx (rad/s),wy (rad/s),wz (rad/s)"]
+)
+def test_a_cell_that_no_unit_explains_is_named_with_its_line(
+    header: str, value: float, tmp_path: Path
+) -> None:
+    rows = ROWS.copy()
+    rows[2, 2] = value
+    says = r"line 4: a rate of \S+e\+\d+ rad/s is more than a gyro measures \('wy.* is "
+    with pytest.raises(InputError, match=says) as refusal:
+        read_dataset(written(tmp_path, header, rows))
+    assert f" is {value:.6g} " in str(refusal.value)
+    assert str(refusal.value).endswith("; correct or delete the line")
 
 
 def test_a_clock_in_doubt_is_refused_and_taken_once_it_is_stated(tmp_path: Path) -> None:

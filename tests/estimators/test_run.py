@@ -10,7 +10,7 @@ from spinfilters.errors import InputError, ShapeError
 from spinfilters.estimators.estimator import Estimator, Measurement, UpdateReport
 from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.estimators.history import EPOCH_ARRAYS, GrowingHistory
-from spinfilters.estimators.run import run
+from spinfilters.estimators.run import run, run_interruptible
 from spinfilters.estimators.timeline import Timeline
 from spinfilters.state.status import Verdict
 
@@ -71,7 +71,7 @@ def test_ctrl_c_counts_the_epochs_done_before_too() -> None:
 
     estimator, rows = ekf(), GrowingHistory(FULL, begin())
     run(estimator, begin(), rest()[:4], None, rows)
-    history = run(estimator, rows.time, rest()[4:], press, rows)
+    history = run_interruptible(estimator, rows.time, rest()[4:], press, rows)
     assert history.status.verdict is Verdict.DEGRADED
     assert history.status.reasons == ("interrupted after 7 of 12 epochs",)
     assert len(history.time) == 7

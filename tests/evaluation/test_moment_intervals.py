@@ -126,3 +126,26 @@ def test_no_uncertainty_reaches_nowhere() -> None:
     s = from_inertia(np.diag([0.5, 0.75, 1.0]))[np.newaxis]
     for departure in widest_departures(s, np.zeros((1, 5, 5)), np.eye(3)[np.newaxis]):
         np.testing.assert_allclose(departure, 0.0, atol=1e-14)
+
+
+NEEDLE = np.array([6.5, -2.5, 3050.0, -3240.0, -1.5])
+"""A mass distribution with a smallest moment of 5e-8, oblique: its numbers that are no logarithms are large."""
+
+
+def needle_moments_std(std: float) -> Float[np.ndarray, "3"]:
+    """Of the needle's moments, all numbers of its mass distribution being known to a deviation."""
+    mean, factor = LAYOUT.origin(), 1e-3 * np.eye(LAYOUT.error_dim)
+    mean[LAYOUT.mean_slice("s")] = NEEDLE
+    factor[LAYOUT.slice("s"), LAYOUT.slice("s")] = std * np.eye(5)
+    body = body_estimate(Gaussian(LAYOUT, mean, factor))
+    assert body.principal_moments[0] < 1e-7
+    return body.principal_moments_std
+
+
+@pytest.mark.parametrize("std", [10.0, 1e3, 1e8])
+def test_a_needle_of_which_nothing_is_known_may_be_a_sphere_or_a_disc(std: float) -> None:
+    np.testing.assert_allclose(needle_moments_std(std) * REACH, [1.0, 0.5, 0.0], atol=1e-3)
+
+
+def test_a_needle_that_is_known_to_be_one_stays_one() -> None:
+    assert np.all(needle_moments_std(0.5)[:2] < 1e-6)

@@ -12,7 +12,7 @@ from spinfilters.data.dataset import Dataset
 from spinfilters.data.dataset_options import DatasetOptions
 from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.errors import InputError
-from spinfilters.estimators.history import EPOCH_ARRAYS, EstimateHistory
+from spinfilters.estimators.history import EPOCH_ARRAYS
 from spinfilters.evaluation.comparison import comparison_cells
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.models.process import ProcessNoise
@@ -169,18 +169,6 @@ def test_a_filter_that_does_not_stand_the_error_is_degraded(monkeypatch: pytest.
     status = errors.counted(history, estimator_entries()["mekf"]).status
     assert status.verdict is Verdict.DEGRADED
     assert UNKNOWN in status.reasons
-
-
-def test_a_stopped_filter_stops_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    setup = prepare(poses(), settings(clock_scale_std=CLOCK))
-    history = replace(by_name("mekf").history, calibration=None)
-
-    def stopped(*_: object) -> EstimateHistory:
-        return history.thinned(2)
-
-    monkeypatch.setattr("spinfilters.pipeline.calibration_errors.run", stopped)
-    with pytest.raises(KeyboardInterrupt):
-        CalibrationErrors(setup, settings()).counted(history, estimator_entries()["mekf"])
 
 
 def test_a_history_file_keeps_the_parts(tmp_path: Path) -> None:

@@ -1,0 +1,80 @@
+"""Rows of a gyro that only repeat the row before are left out where a logger wrote them, and nowhere else."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from jaxtyping import Float
+
+from spinfilters.data.dataset import Dataset
+from spinfilters.data.dataset_reader import read_dataset, read_segments, read_whole
+from spinfilters.data.dataset_writing import write_dataset
+
+TIME = np.arange(400) / 100.0
+DEVIATION = 0.01
+
+
+def rates() -> Float[np.ndarray, "n 3"]:
+    """Of a tumbling body, rad/s, with noise."""
+    turning = np.stack([np.sin(2 * TIME), 2 * np.cos(2 * TIME), 3 + 0.5 * np.sin(TIME)], axis=1)
+    return turning + DEVIATION * np.random.default_rng(0).standard_normal(turning.shape)
+
+
+def read(folder: Path, values: Float[np.ndarray, "n 3"]) -> Dataset:
+    """The data set of a table of these rates at 100 Hz."""
+    path = folder / "mine.csv"
+    rows = [",".join(map(repr, row)) for row in np.column_stack([TIME, values]).tolist()]
+    path.write_text("\n".join(["time_s,wx,wy,wz", *rows, ""]))
+    return read_dataset(path)
+
+
+@pytest.mark.parametrize("every", [2, 3, 5])
+def test_rates_written_several_times_are_taken_once_at_their_first_stamp(every: int, tmp_path: Path) -> None:
+    values = rates()
+    dataset = read(tmp_path, values[np.arange(len(TIME)) // every * every])
+    stream = dataset.log.stream("gyro")
+    np.testing.assert_array_equal(stream.time, TIME[::every])
+    np.testing.assert_array_equal(stream.values, values[::every])
+    left_out = len(TIME) - len(stream)
+    assert f"{left_out} of 400 rows of the gyro repeat the row before and are left out" in dataset.description
+    assert f"about {100 / every:.3g} Hz" in dataset.description
+    write_dataset(dataset, tmp_path / "written")
+    for again in (
+        read_dataset(tmp_path / "written"),
+        read_whole(tmp_path / "mine.csv"),
+        *read_segments(tmp_path / "mine.csv"),
+    ):
+        np.testing.assert_array_equal(again.log.stream("gyro").time, stream.time)
+        assert again.description.count("left out") == 1
+
+
+def frozen(values: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+    """A sensor that hung for a while."""
+    values[200:230] = values[200]
+    return values
+
+
+def rare(values: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+    """One row in four twice."""
+    values[1::4] = values[::4]
+    return values
+
+
+UNTOUCHED = {
+    "as they are": lambda values: values,
+    "coarse": lambda values: np.round(values / (4 * DEVIATION)) * 4 * DEVIATION,
+    "very coarse": lambda values: np.round(values / 0.5) * 0.5,
+    "one axis": lambda values: np.round(values * [0.0, 0.0, 1.0] / 0.2) * 0.2,
+    "constant": lambda values: np.tile(values[0], (len(values), 1)),
+    "a step": lambda values: np.where(TIME[:, np.newaxis] < 2.0, values[0], values[-1]),
+    "at rest": np.zeros_like,
+    "frozen": frozen,
+    "rare": rare,
+}
+
+
+@pytest.mark.parametrize("name", UNTOUCHED)
+def test_what_resolution_or_a_fault_repeats_is_kept(name: str, tmp_path: Path) -> None:
+    dataset = read(tmp_path, UNTOUCHED[name](rates()))
+    assert len(dataset.log.stream("gyro")) == len(TIME)
+    assert "left out" not in dataset.description

@@ -1,0 +1,92 @@
+"""Ctrl-C while a filter runs for something else than its own result: the command ends, nothing is decided on a part."""
+
+from collections.abc import Callable, Iterator
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+import spinfilters
+from spinfilters.cli.main import main
+from spinfilters.data.dataset_writing import write_dataset
+from spinfilters.estimators import run as loop
+from spinfilters.pipeline import calibration_errors, inertia_evidence, initialisation_length
+from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
+
+EPOCHS = (1, 4)
+"""Of a filter at which Ctrl-C comes: before there is any estimate, and in the middle."""
+MODULES = (initialisation_length, inertia_evidence, calibration_errors)
+"""Whose filters' results are no user's."""
+
+
+@cache
+def dataset() -> spinfilters.Dataset:
+    """A gyro whose first epochs leave the moments vague enough that a filter is tried."""
+    return simulate(Scenario(kind="gyro", rate_rpm=RICH_RPM, epochs=60, interval=0.2))
+
+
+class Presser:
+    """Ctrl-C at an epoch of the first filter of a module."""
+
+    def __init__(self, module: ModuleType, epoch: int, patch: pytest.MonkeyPatch) -> None:
+        self.module, self.epoch, self.done, self.is_within = module, epoch, 0, False
+        taken, run = loop._taken, module.run
+        patch.setattr(loop, "_taken", lambda *arguments: self._taken(taken, *arguments))
+        patch.setattr(module, "run", lambda *arguments: self._run(run, *arguments))
+
+    @property
+    def was_pressed(self) -> bool:
+        """Whether its epoch came."""
+        return self.done >= self.epoch
+
+    def _taken(self, taken: Callable[..., bool], *arguments: Any) -> bool:
+        if self.is_within:
+            self.done += 1
+            if self.done == self.epoch:
+                raise KeyboardInterrupt
+        return taken(*arguments)
+
+    def _run(self, run: Callable[..., Any], *arguments: Any) -> Any:
+        self.is_within = True
+        try:
+            return run(*arguments)
+        finally:
+            self.is_within = False
+
+
+def name_of(case: tuple[ModuleType, int]) -> str:
+    """The module's, and the epoch."""
+    return f"{case[0].__name__.rsplit('.', 1)[1]} {case[1]}"
+
+
+@pytest.fixture(params=[(module, epoch) for module in MODULES for epoch in EPOCHS], ids=name_of)
+def presser(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[Presser]:
+    """Of each of the modules, at each of the epochs."""
+    module, epoch = request.param
+    found = Presser(module, epoch, monkeypatch)
+    yield found
+    assert found.was_pressed
+
+
+def test_python_is_interrupted(presser: Presser) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        spinfilters.compare(dataset(), "mekf", settings={"calibration": {"clock_scale_std": 0.01}})
+
+
+@pytest.mark.parametrize("presser", [(module, 4) for module in MODULES], ids=name_of, indirect=True)
+def test_the_command_ends_in_one_line_and_writes_no_results(
+    presser: Presser, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data, config, run = (tmp_path / name for name in ("data", "mine.toml", "run"))
+    write_dataset(dataset(), data)
+    config.write_text("[calibration]\nclock_scale_std = 0.01\n")
+    arguments = ["compare", str(data), "--config", str(config), "--estimators", "mekf", "-o", str(run)]
+    assert main(arguments) == 2
+    said = capsys.readouterr().err
+    assert presser.was_pressed
+    assert len(said.splitlines()) == 1
+    assert "interrupted" in said
+    assert not list(run.glob("*.png"))
+    assert run.exists() is (presser.module is not initialisation_length)  # before which nothing is to be kept
