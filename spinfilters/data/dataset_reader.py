@@ -9,6 +9,7 @@ from typing import Final
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.input_file import path_text
 from spinfilters.data.repeated_rates import without_repeated_rates
+from spinfilters.data.sensor_format import sensor_format
 from spinfilters.data.stated_values import NOTHING_STATED, ReadingOptions
 from spinfilters.errors import InputError
 from spinfilters.plugins import PluginGroup, by_name
@@ -106,7 +107,7 @@ def read_dataset(
     reader = reader_of(place, options)
     if segment is not None and not reader.has_segments:
         raise InputError(f"{path_text(place)}: has no segments; leave out --segment {segment}")
-    return without_repeated_rates(reader.read(place, segment))
+    return _told_once(reader.read(place, segment))
 
 
 def has_images(path: str | os.PathLike[str]) -> bool:
@@ -120,7 +121,7 @@ def has_images(path: str | os.PathLike[str]) -> bool:
 
 def read_whole(path: str | os.PathLike[str], options: ReadingOptions = NOTHING_STATED) -> Dataset:
     """The whole recording of a path, whatever segments are marked in it. Errors: `read_dataset`."""
-    return without_repeated_rates(reader_of(Path(path), options).whole(Path(path)))
+    return _told_once(reader_of(Path(path), options).whole(Path(path)))
 
 
 def read_segments(
@@ -137,4 +138,10 @@ def read_segments(
     on_refused: called with the number of a segment that is no trial, and why, instead of raising InputError for it.
     """
     found = reader_of(Path(path), options).segments(Path(path), on_refused)
-    return [without_repeated_rates(each) for each in found]
+    return [_told_once(each) for each in found]
+
+
+def _told_once(dataset: Dataset) -> Dataset:
+    """Without rows that a logger wrote again, where a sensor's format says that loggers do."""
+    logged_again = any(sensor_format(name).logged_again for name in dataset.log.sensors)
+    return without_repeated_rates(dataset) if logged_again else dataset

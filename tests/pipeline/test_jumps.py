@@ -169,3 +169,12 @@ def test_a_right_recording_shows_no_jump(kind: str) -> None:
     comparison = compared(simulate(scenario(kind)))
     assert comparison.models.names == ()
     assert comparison.evaluations[0].history.status.verdict == "ok"
+
+
+def test_rates_that_never_change_leave_errors_to_look_for() -> None:
+    dataset = simulate(scenario("gyro"))
+    (stream,) = dataset.log.streams
+    constant = replace(stream, values=np.tile([0.3, 0.1, -0.2], (len(stream.time), 1)))
+    comparison = plain_comparison(replace(dataset, log=MeasurementLog((constant,)), truth=None), SMOOTHER)
+    assert comparison.models.trouble == ""
+    assert comparison.evaluations[0].history.status.verdict != "ok"
