@@ -43,8 +43,8 @@ from spinfilters.plots.style import (
 )
 from spinfilters.state.status import Verdict
 
-FOOTER_WIDTH = 160
-"""Characters of a line below the panels."""
+FOOTER_WIDTH, HEADLINE_WIDTH = 160, 105
+"""Characters of a line below the panels, and of the bold one above them."""
 
 
 def summary_figure(
@@ -79,7 +79,7 @@ def summary_figure(
         axes.set_xlabel("time [s]")
     _name_initialisation(rates, evaluations)
     figure.supxlabel("\n".join(_footer(evaluations, conditions)), fontsize="medium", x=0.01, ha="left")
-    figure.suptitle(headline(evaluations), fontsize="large", fontweight="bold")
+    figure.suptitle(_in_lines(headline(evaluations)), fontsize="large", fontweight="bold")
     return figure
 
 
@@ -99,6 +99,11 @@ def headline(evaluations: Sequence[Evaluation]) -> str:
         "" if evaluation.history.status.verdict is Verdict.OK else f" ({evaluation.name.upper()}, degraded)"
     )
     return f"Spins at {np.median(speed):.3g} rpm, {_flips(evaluation)}{duration:.3g} s, moments of inertia {moments} : 1{doubt}"
+
+
+def _in_lines(sentence: str) -> str:
+    """A long headline in two lines, moments in the second."""
+    return sentence.replace(", moments", ",\nmoments") if len(sentence) > HEADLINE_WIDTH else sentence
 
 
 def _flips(evaluation: Evaluation) -> str:

@@ -28,6 +28,7 @@ from spinfilters.data.camera import PinholeCamera, StereoRig
 from spinfilters.errors import InputError
 from spinfilters.evaluation.estimated_motion import BodyRates, count_flips, estimated_rates, true_rates
 from spinfilters.evaluation.estimator_evaluation import evaluate
+from spinfilters.plots import summary
 from spinfilters.plots.body_rates import rates_figure
 from spinfilters.plots.consistency_bands import consistency_figure
 from spinfilters.plots.error_bands import error_bands_figure
@@ -251,3 +252,16 @@ def test_the_scene_shows_the_path_of_a_moving_inspector_and_its_view_from_the_en
     (frustum,) = (each for each in axes.collections if isinstance(each, Line3DCollection))
     corner = np.array(frustum._segments3d)[0, 0]
     np.testing.assert_allclose(corner, expected[-1], atol=1e-12)
+
+
+def test_the_longest_headline_stays_within_its_figure(monkeypatch: pytest.MonkeyPatch) -> None:
+    sentence = "Spins at 39.3 rpm, 2 flips about the intermediate axis in 5.78 s, moments of inertia "
+    monkeypatch.setattr(
+        summary, "headline", lambda _: f"{sentence}0.3726 ± 0.0030 : 0.7312 ± 0.0018 : 1 (SMOOTHER, degraded)"
+    )
+    figure = summary_figure(FULL.without_truth)
+    rendered_size(figure)
+    (title,) = (each for each in figure.texts if each.get_text().startswith("Spins"))
+    extent = title.get_window_extent()
+    assert extent.x0 > 0
+    assert extent.x1 < figure.bbox.x1
