@@ -106,7 +106,7 @@ def test_a_run_without_images_takes_an_earlier_model_away_and_says_how_to_give_i
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "gyro.csv").write_text(
-        "time_s,wx,wy,wz\n" + "".join(f"{0.01 * k:.2f},0.1,6.0,0.2\n" for k in range(60))
+        "time_s,wx,wy,wz\n" + "".join(f"{0.01 * k:.2f},0.1,{6.0 + 0.01 * (k % 3)},0.2\n" for k in range(60))
     )
     folder = tmp_path / "run"
     earlier = folder / "reconstruction" / "model.ply"
