@@ -142,7 +142,7 @@ def require_two_epochs(path: Path, epochs: int) -> None:
 
 
 def too_few_epochs(epochs: int) -> str:
-    """What is wrong with a recording of fewer epochs than a motion needs, and the cure."""
+    """Refusal of a recording of fewer epochs than a motion needs, with the cure."""
     return f"has {epochs} epoch{'s' * (epochs != 1)}, a motion needs at least {EPOCHS_OF_MOTION}; record a longer stretch"
 
 

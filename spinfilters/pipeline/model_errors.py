@@ -126,7 +126,7 @@ def _tested(
 
 
 def _advantage(one: LinearRows, other: LinearRows) -> float:
-    """By how much -2 ln likelihood is less of one solved problem, at least 0."""
+    """Fall of -2 ln likelihood from another solved problem to one, at least 0."""
     return max(minus_twice_log_likelihood(other) - minus_twice_log_likelihood(one), 0.0)
 
 

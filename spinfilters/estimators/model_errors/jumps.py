@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.estimators.identification.residuals import steps_after
+from spinfilters.estimators.identification.residuals import StepsAfter, steps_after
 from spinfilters.estimators.model_errors.alternative import Alternative
 from spinfilters.estimators.model_errors.columns import Columns
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
@@ -72,18 +72,30 @@ def jumps(motion: SmoothedMotion) -> Iterator[Jump]:
     count = len(motion.time) - 1
     if count <= 2 * FEWEST_STEPS:
         return
+    after = _steps_after(motion)
     for kind in KINDS:
-        among = step_statistics(motion, kind.kicks)[FEWEST_STEPS:-FEWEST_STEPS]
+        among = step_statistics(motion, kind.kicks, after)[FEWEST_STEPS:-FEWEST_STEPS]
         if among.max(initial=0.0) > 0:
             step = FEWEST_STEPS + int(among.argmax())
             phrase = f"{kind.phrase} at t = {motion.time[step + 1]:.4g} s"
             yield Jump(kind.kicks, step, kind.name, phrase, kind.unit, kind.cure, len(among))
 
 
-def step_statistics(motion: SmoothedMotion, kicks: Kicks) -> Float[np.ndarray, " j"]:
-    """Score statistic of a kick in every step."""
+def _steps_after(motion: SmoothedMotion) -> StepsAfter:
     rows = motion.rows
-    after = steps_after(rows.problem, rows.here, Marginals(rows.solution, rows.normal.eliminated))
+    return steps_after(rows.problem, rows.here, Marginals(rows.solution, rows.normal.eliminated))
+
+
+def step_statistics(
+    motion: SmoothedMotion, kicks: Kicks, after: StepsAfter | None = None
+) -> Float[np.ndarray, " j"]:
+    """Score statistic of a kick in every step.
+
+    Parameters
+    ----------
+    after: what the solution leaves of the steps, where it is known already.
+    """
+    after = after or _steps_after(motion)
     H = motion.kicks_of_steps(kicks(motion))
     across = np.swapaxes(H, 1, 2)
     whole, spread = across @ H, across @ after.spread
