@@ -6,7 +6,7 @@ same expressions and with the same control of their number, evaluated in lanes.
 
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import casadi as ca
 import numpy as np
@@ -39,16 +39,23 @@ class StepBatch:
     """Steps of ``dt`` seconds from ``here`` to about ``there``.
 
     Slopes are taken ``about`` points with other constants.
+
+    Attributes
+    ----------
+    speeds: (k,) |w| here, rad/s.
     """
 
     here: Float[np.ndarray, "k m"]
     there: Float[np.ndarray, "k m"]
     about: Float[np.ndarray, "k m"]
     dt: Float[np.ndarray, " k"]
+    speeds: Float[np.ndarray, " k"]
 
     def chosen(self, rows: Int[np.ndarray, " r"]) -> "StepBatch":
         """Some of them."""
-        return StepBatch(self.here[rows], self.there[rows], self.about[rows], self.dt[rows])
+        return StepBatch(
+            self.here[rows], self.there[rows], self.about[rows], self.dt[rows], self.speeds[rows]
+        )
 
 
 class BatchedLinearisation:
@@ -76,11 +83,17 @@ class BatchedLinearisation:
         wrong = dt[~(np.isfinite(dt) & (dt > 0))]
         if len(wrong):
             raise InputError(f"time step is {wrong[0]} s; it must be positive and finite")
-        steps = StepBatch(here, there, here if about is None else about, dt)
+        speeds = self._integrator.speeds(here)
+        steps = StepBatch(here, there, here if about is None else about, dt, speeds)
+        with np.errstate(over="ignore", invalid="ignore"):
+            groups = _alike(speeds * dt)
+        if len(groups) == 1:
+            with suppress(IntegrationError):
+                return self._linearised(steps, densities)
         n, q = self._layout.error_dim, self._integrator.noise_dim
         shapes = ((len(dt), n), (len(dt), n, n), (len(dt), n, q))
         defect, transition, noise = (np.full(shape, np.nan) for shape in shapes)
-        for rows in _alike(self._integrator.turns(here, dt)):
+        for rows in groups:
             with suppress(IntegrationError):
                 defect[rows], transition[rows], noise[rows] = self._linearised(steps.chosen(rows), densities)
         return LinearisedSteps(defect, transition, noise)
@@ -88,7 +101,7 @@ class BatchedLinearisation:
     def _linearised(self, steps: "StepBatch", densities: Float[np.ndarray, " 2"]) -> LinearisedSteps:
         """`linearise` with as many substeps for all as the longest turn needs."""
         here, dt = steps.here, steps.dt[:, None]
-        count = self._integrator.first_count(here, float(dt.max())) if len(here) else 0
+        count = self._integrator.count_at(float(steps.speeds.max()), float(dt.max())) if len(here) else 0
         while True:
             error, defect, transition, noise = self._scan(
                 here, steps.there, steps.about, dt, dt / max(count, 1), densities[None], each=_numbers(count)
@@ -159,7 +172,9 @@ def _alike(turns: Float[np.ndarray, " k"]) -> list[Int[np.ndarray, " r"]]:
 
     Up to `ALIKE` times the median turn all belong together, which is every step of an ordinary recording.
     """
-    if not len(turns) or not np.isfinite(turns).all():
+    if not len(turns) or turns.max() < ALIKE * max(float(turns.min()), SMALLEST_TURN):
+        return [np.arange(len(turns))]  # whatever the median between them
+    if not np.isfinite(turns).all():
         return [np.arange(len(turns))]
     relative = np.maximum(turns / max(float(np.median(turns)), SMALLEST_TURN), 1.0)
     size = np.floor(np.log(relative) / np.log(ALIKE)).astype(int)
@@ -173,6 +188,7 @@ def _turn_between(there: Expression, after: Expression) -> Expression:
     return ca.substitute(ca.jacobian(error, e), e, 0)
 
 
+@lru_cache(maxsize=64)
 def _numbers(count: int) -> Float[np.ndarray, "c 2"]:
     """Noise weight and coarse step length of every substep."""
     numbers = np.zeros((count, 2))

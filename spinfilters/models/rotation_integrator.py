@@ -2,6 +2,7 @@
 
 from functools import lru_cache
 from math import hypot
+from sys import float_info
 
 import numpy as np
 from jaxtyping import Float
@@ -75,16 +76,21 @@ class RotationIntegrator:
         """Columns of the noise factor: rotation (a, w), and where the state translates position and velocity."""
         return 12 if self._layout.translates else 6
 
-    def turns(self, x: Float[np.ndarray, "k m"], dt: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-        """|w| dt of many steps, rad; infinite where it is beyond all numbers."""
-        return turns(x[:, self._rate], dt)
+    def speeds(self, x: Float[np.ndarray, "k m"]) -> Float[np.ndarray, " k"]:
+        """|w| of many states, rad/s; infinite where it is beyond all numbers."""
+        return speeds(x[:, self._rate])
 
     def first_count(self, x: np.ndarray, dt: float) -> int:
         """Substeps with which the step control starts."""
         if not (np.isfinite(dt) and dt > 0):
             raise InputError(f"time step is {dt} s; it must be positive and finite")
         w = x[..., self._rate]
-        turn = hypot(*w.tolist()) * dt if w.ndim == 1 else float(np.max(turns(w, np.array(dt)), initial=0.0))
+        speed = hypot(*w.tolist()) if w.ndim == 1 else float(np.max(speeds(w), initial=0.0))
+        return self.count_at(speed, dt)
+
+    def count_at(self, speed: float, dt: float) -> int:
+        """`first_count` of steps of at most dt > 0 seconds at a rate of at most ``speed`` rad/s."""
+        turn = speed * dt
         if not np.isfinite(turn):
             return FEWEST  # no step count helps: the caller sees that the result is not finite
         count = substeps(turn, self._tolerance)
@@ -115,16 +121,22 @@ class RotationIntegrator:
         return Compiled(self.expressions.linearised_step(count))
 
 
-def turns(
-    rates: Float[np.ndarray, "*batch 3"], dt: Float[np.ndarray, "*batch"]
-) -> Float[np.ndarray, "*batch"]:
-    """Rotation |w| dt of steps, rad.
+def speeds(rates: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch"]:
+    """Length |w| of rates, rad/s.
 
     Infinite where it is beyond all numbers, which no square on the way is.
     """
-    scale = np.abs(rates).max(axis=-1, keepdims=True, initial=np.finfo(float).tiny)
+    scale = np.abs(rates).max(axis=-1, keepdims=True, initial=float_info.min)
     with np.errstate(over="ignore", invalid="ignore"):
-        return scale[..., 0] * np.linalg.norm(rates / scale, axis=-1) * dt
+        return scale[..., 0] * np.linalg.norm(rates / scale, axis=-1)
+
+
+def turns(
+    rates: Float[np.ndarray, "*batch 3"], dt: Float[np.ndarray, "*batch"]
+) -> Float[np.ndarray, "*batch"]:
+    """Rotation |w| dt of steps, rad; infinite where it is beyond all numbers."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return speeds(rates) * dt
 
 
 def substeps(turn: float, tolerance: float) -> int:

@@ -243,7 +243,7 @@ int solve(integer count, Sighted* sighted, const double* x, const double* parame
   said[0] = 0;
   for (integer i = 0; i < count; ++i) {
     if (!(valid[i] > 0 && square[i] < INFINITY)) return 0;
-    said[0] += noise[i];
+    said[0] += log(noise[i]);
     valid[i] = weight;
   }
   return solve_rows(count, linear, valid, at, limit, map, said, g, n, columns, factor, root, shift, error);
@@ -267,7 +267,7 @@ typedef struct {
 static void sight_points(Sighted* sighted, const double* const* from, const integer* pitch, const lane* places, const integer*
 which,
                          lane* away, double* good, double* noise) {
-  double here[ITEMS * 3], out[ITEMS * D], valid[ITEMS], logs[ITEMS];
+  double here[ITEMS * 3], out[ITEMS * D], valid[ITEMS], determinants[ITEMS];
   integer point[ITEMS], each[ITEMS];
   for (int p = 0; p < POINTS; ++p)
     for (int i = 0; i < LANES; ++i) {
@@ -277,12 +277,12 @@ which,
     }
   const double* moved[] = {from[0], here, from[1], from[2]};
   const integer *rows[] = {point, 0, each, each};
-  double* const to[] = {out, valid, logs};
+  double* const to[] = {out, valid, determinants};
   sighted(ITEMS, moved, pitch, rows, to);
   for (int i = 0; i < LANES; ++i) {
     double square = 0;
     good[i] = 1;
-    noise[i] = logs[i];
+    noise[i] = log(determinants[i]);
     for (int p = 0; p < POINTS; ++p) {
       if (!(valid[p * LANES + i] > 0)) good[i] = 0;
       for (int d = 0; d < D; ++d) {

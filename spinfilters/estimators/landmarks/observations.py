@@ -58,12 +58,12 @@ class MapObservations:
         """First derivatives at a state and at points, those of the map where none are given."""
         k, d = len(self.values), self.sensor.dim
         places = (self.landmarks.points, self.at) if points is None else (points, None)
-        made, valid, square, log_noise = self.sensor.observation_rows(
+        made, valid, square, determinant = self.sensor.observation_rows(
             x[None], places[0], self.parameters[:, 3:], self.values, rows=(None, places[1], None, None)
         )
         rows = made.reshape(k, d, len(self.sensor.columns) + 4)
         good = (valid[:, 0] > 0) & np.isfinite(square[:, 0])
-        return LinearisedObservations(rows, good, log_noise[:, 0])
+        return LinearisedObservations(rows, good, np.log(determinant[:, 0]))
 
 
 class ChosenObservations(NamedTuple):

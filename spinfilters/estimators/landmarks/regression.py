@@ -91,7 +91,7 @@ class Spread:
         k, p = len(o.values), len(points.offsets)
         moved = points.offsets @ moves.reshape(3 * k, moves.shape[2]).T
         places, each = o.points + moved.reshape(p, k, 3), np.tile(np.arange(k), p)
-        away, valid, log_noise = o.sensor.observation_innovations(
+        away, valid, determinant = o.sensor.observation_innovations(
             self.states,
             places.reshape(-1, 3),
             o.parameters[:, 3:],
@@ -100,7 +100,7 @@ class Spread:
         )
         away = np.moveaxis(away.reshape(p, k, o.sensor.dim), 0, 2)
         good = np.logical_and.reduce(valid.reshape(p, k) > 0, axis=0) & np.isfinite(away).all(axis=(1, 2))
-        return np.where(good[:, None, None], away, 0.0), good, log_noise.reshape(p, k)[0]
+        return np.where(good[:, None, None], away, 0.0), good, np.log(determinant[:k, 0])
 
     def _by_errors(self, by_coordinates: Float[np.ndarray, "q s"]) -> Float[np.ndarray, "q c"]:
         """X of least squares with X pose = by_coordinates."""

@@ -1,6 +1,7 @@
 """Gaussian prior of one state, the first of a smoothing problem."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -28,7 +29,7 @@ class FirstStatePrior:
     mean: Float[np.ndarray, " m"]
     std: Float[np.ndarray, " n"]
 
-    @property
+    @cached_property
     def factor(self) -> Float[np.ndarray, "n n"]:
         """Square root of the covariance."""
         return np.diag(self.std)

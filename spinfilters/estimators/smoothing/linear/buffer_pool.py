@@ -9,6 +9,8 @@ from math import prod
 
 import numpy as np
 
+from spinfilters.symbolic.compiled import address
+
 LARGE = 1 << 15
 """Numbers from which an array is lent."""
 KEPT = 6
@@ -32,10 +34,11 @@ def pooled_array(*shape: int) -> np.ndarray:
     raw = _taken(count) if count >= LARGE else None
     if raw is None:
         raw = np.empty(count + ALIGNMENT)
-    first = (-raw.ctypes.data // raw.itemsize) % ALIGNMENT
+    first = (-address(raw) // raw.itemsize) % ALIGNMENT
+    if count < LARGE:
+        return raw[first : first + count].reshape(shape)
     array = np.frombuffer(raw.data, count=count, offset=first * raw.itemsize)
-    if count >= LARGE:
-        weakref.finalize(array, _give_back, raw).atexit = False
+    weakref.finalize(array, _give_back, raw).atexit = False
     return array.reshape(shape)
 
 
