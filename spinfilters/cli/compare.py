@@ -1,6 +1,7 @@
 """``spinfilters compare`` and ``estimate``.
 
-What draws is imported where it draws: matplotlib would be a third of the time before the first epoch.
+What draws is imported where it draws: matplotlib would be a third of the time before the first epoch. So is what cuts a recording
+into segments, looks for free flights, or simulates the example: most calls need none of it.
 """
 
 import argparse
@@ -8,7 +9,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from spinfilters.api.recording_comparison import estimator_names
 from spinfilters.cli.arguments import reading_options
 from spinfilters.cli.console import progress_bars, wide_console
 from spinfilters.data.dataset import Dataset
@@ -17,33 +17,31 @@ from spinfilters.data.input_file import value_text
 from spinfilters.data.stated_values import ReadingOptions
 from spinfilters.errors import InputError
 from spinfilters.evaluation.comparison import comparison_table
-from spinfilters.flight.free_flight import flights_within
 from spinfilters.pipeline.comparison_run import RunOutput, compare_into
 from spinfilters.pipeline.conditions import conditions_of
 from spinfilters.pipeline.estimation import Comparison
-from spinfilters.pipeline.estimator_entry import estimator_entries
-from spinfilters.pipeline.segment_choice import read_chosen, segment_choice
+from spinfilters.pipeline.estimator_entry import estimator_entries, listed_names
 from spinfilters.runs.run_folder import REPORT_FILE
 from spinfilters.settings.run_settings import Settings, read_settings
-from spinfilters.simulation.scenario import Scenario, simulate, without_map
 from spinfilters.state.status import verdict_sentences
 
 _FLIGHTS_TOLD = 4
 
 if TYPE_CHECKING:
     from spinfilters.pipeline.optional_outputs import OptionalOutputs
+    from spinfilters.pipeline.segment_choice import SegmentChoice
 
 
 def compare(options: argparse.Namespace) -> int:
     """Run the estimators, write the run folder and its figures, print the table."""
     settings = _settings(options)
     folder, optional_outputs = Path(options.output), _additions(options)
-    choice = None if options.segment is None else segment_choice(options.segment)
+    choice = _segment_choice(options)
     if choice is not None and choice.several and options.dataset is not None:
         if optional_outputs is not None:
             optional_outputs.require_one_run()
         return _compare_segments(options, choice.several, folder, settings)
-    dataset = _dataset(options)
+    dataset = _dataset(options, choice)
     with progress_bars() as report:
         written = compare_into(
             dataset, settings, RunOutput(folder, bool(options.resume), optional_outputs), report
@@ -56,6 +54,14 @@ def compare(options: argparse.Namespace) -> int:
         _print_flights(written.comparison, options)
     _print_lacking(folder, optional_outputs)
     return 0
+
+
+def _segment_choice(options: argparse.Namespace) -> "SegmentChoice | None":
+    if options.segment is None:
+        return None
+    from spinfilters.pipeline.segment_choice import segment_choice
+
+    return segment_choice(options.segment)
 
 
 def _additions(options: argparse.Namespace) -> "OptionalOutputs | None":
@@ -94,6 +100,8 @@ def _print_flights(comparison: Comparison, options: argparse.Namespace) -> None:
     is_whole = options.dataset is not None and options.segment is None
     if not is_whole or all(each.history.status.verdict == "ok" for each in comparison.evaluations):
         return
+    from spinfilters.flight.free_flight import flights_within
+
     flights = flights_within(comparison.setup.dataset)
     if flights:
         stretches = ", ".join(f"{flight.start:.3f}:{flight.end:.3f}" for flight in flights[:_FLIGHTS_TOLD])
@@ -117,7 +125,7 @@ def _print_lacking(folder: Path, optional_outputs: "OptionalOutputs | None") -> 
 def _settings(options: argparse.Namespace) -> Settings:
     settings = read_settings(Path(options.config)) if options.config else Settings()
     if options.estimators is not None:
-        settings = replace(settings, estimators=estimator_names(options.estimators))
+        settings = replace(settings, estimators=listed_names(options.estimators))
     elif options.known_map and not options.config:
         entries = estimator_entries().values()
         names = tuple(entry.name for entry in entries if entry.is_default or entry.is_baseline)
@@ -127,13 +135,15 @@ def _settings(options: argparse.Namespace) -> Settings:
     return settings
 
 
-def _dataset(options: argparse.Namespace) -> Dataset:
+def _dataset(options: argparse.Namespace, choice: "SegmentChoice | None") -> Dataset:
     if options.dataset is None:
         reading_options(options).require_only((), "the bundled example")
         if options.segment is not None:
             raise InputError(
                 f"--segment {value_text(options.segment)} needs a recording; give its folder as DATASET"
             )
+        from spinfilters.simulation.scenario import Scenario, simulate, without_map
+
         example = simulate(Scenario.common_workload(seed=options.seed))
         return example if options.known_map else without_map(example)
     if options.known_map:
@@ -141,8 +151,10 @@ def _dataset(options: argparse.Namespace) -> Dataset:
             "--known-map is for the bundled example; the known map of a data set is its landmarks.csv"
         )
     stated = reading_options(options)
-    if options.segment is not None:
-        return read_chosen(options.dataset, segment_choice(options.segment), stated)
+    if choice is not None:
+        from spinfilters.pipeline.segment_choice import read_chosen
+
+        return read_chosen(options.dataset, choice, stated)
     return _recording(options.dataset, stated)
 
 

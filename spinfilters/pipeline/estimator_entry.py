@@ -1,6 +1,7 @@
 """Interface of an estimator in a comparison, and the table of all."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
 
 import numpy as np
@@ -96,3 +97,10 @@ def estimator_entries() -> dict[str, AnyEntry]:
 def estimator_names() -> tuple[str, ...]:
     """Names of all estimators."""
     return tuple(estimator_entries())
+
+
+def listed_names(estimators: Sequence[str] | str) -> tuple[str, ...]:
+    """Names from a list, or from one text with commas."""
+    if isinstance(estimators, str):
+        return tuple(name.strip() for name in estimators.split(",") if name.strip())
+    return tuple(estimators)
