@@ -1,7 +1,6 @@
 """Interface of an estimator in a comparison, and the table of all."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
 
 import numpy as np
@@ -99,8 +98,6 @@ def estimator_names() -> tuple[str, ...]:
     return tuple(estimator_entries())
 
 
-def listed_names(estimators: Sequence[str] | str) -> tuple[str, ...]:
-    """Names from a list, or from one text with commas."""
-    if isinstance(estimators, str):
-        return tuple(name.strip() for name in estimators.split(",") if name.strip())
-    return tuple(estimators)
+def names_in(text: str) -> tuple[str, ...]:
+    """Names that a text lists with commas."""
+    return tuple(name.strip() for name in text.split(",") if name.strip())

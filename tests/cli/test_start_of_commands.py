@@ -15,11 +15,16 @@ import pytest
             (
                 "pydantic",
                 "matplotlib",
+                "rich",
                 "yaml",
+                "scipy.special",
                 "scipy.spatial",
                 "scipy.optimize",
                 "scipy.sparse",
                 "scipy.stats",
+                "spinfilters.pipeline.estimation",
+                "spinfilters.simulation.scenario",
+                "spinfilters.flight.free_flight",
             ),
         ),
         (
