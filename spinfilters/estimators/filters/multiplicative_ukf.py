@@ -24,7 +24,7 @@ from spinfilters.estimators.filters.square_root_update import (
     square_root_update,
     triangular_factor,
 )
-from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
+from spinfilters.estimators.landmarks.landmark_options import LandmarkOptions
 from spinfilters.estimators.landmarks.observations import MapObservations, SolvedObservations, solve
 from spinfilters.estimators.landmarks.regression import Regression
 from spinfilters.estimators.robust.gate_weights import RobustOptions

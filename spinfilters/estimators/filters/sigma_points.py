@@ -23,7 +23,9 @@ class SigmaPointOptions:
     kappa: Annotated[float, NumberRange(-10, 1e6)] = 0.0
 
     def points(self, n: int) -> "SigmaPoints":
-        """The set over n coordinates: the mean, then pairs along each axis (Van der Merwe 2004, as in filterpy).
+        """The set over n coordinates: the mean, then the two ends of each axis.
+
+        The numbers are filterpy's; its import would bring all of `scipy.stats` along.
 
         Raises
         ------
