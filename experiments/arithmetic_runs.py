@@ -18,7 +18,7 @@ from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.estimators.filters.multiplicative_filter import MultiplicativeFilter
 from spinfilters.estimators.filters.multiplicative_ukf import MultiplicativeUkf
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
-from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
+from spinfilters.estimators.landmarks.landmark_options import LandmarkOptions
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.models.sensor_models.gyro_model import Gyro, gyro_parameters
 from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark, stereo_parameters

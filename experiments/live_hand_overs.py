@@ -16,7 +16,7 @@ import numpy as np
 
 from spinfilters.estimators.estimator import Estimator
 from spinfilters.estimators.history import EstimateHistory, GrowingHistory
-from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
+from spinfilters.estimators.landmarks.landmark_options import LandmarkOptions
 from spinfilters.estimators.timeline import Epoch
 from spinfilters.evaluation.estimator_evaluation import evaluate
 from spinfilters.evaluation.trajectory_errors import Alignment

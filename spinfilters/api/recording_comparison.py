@@ -15,6 +15,7 @@ from spinfilters.data.input_file import value_text
 from spinfilters.errors import InputError
 from spinfilters.pipeline.comparison_run import RunOutput, compare_dataset, compare_into, silent
 from spinfilters.pipeline.estimation import Comparison, Progress
+from spinfilters.pipeline.estimator_entry import names_in
 from spinfilters.settings.run_settings import Settings, read_settings, settings_from
 
 if TYPE_CHECKING:
@@ -93,14 +94,12 @@ def _settings(settings: AnySettings | None, estimators: Sequence[str] | str | No
         chosen = read_settings(Path(settings))
     if estimators is None:
         return chosen
-    return replace(chosen, estimators=estimator_names(estimators))
+    return replace(chosen, estimators=_names(estimators))
 
 
-def estimator_names(estimators: Sequence[str] | str) -> tuple[str, ...]:
+def _names(estimators: Sequence[str] | str) -> tuple[str, ...]:
     """Names from a list, or from one text with commas."""
-    if isinstance(estimators, str):
-        return tuple(name.strip() for name in estimators.split(",") if name.strip())
-    return tuple(estimators)
+    return names_in(estimators) if isinstance(estimators, str) else tuple(estimators)
 
 
 def _dataset(data: object, segment: int | str | None) -> Dataset:

@@ -2,11 +2,13 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from spinfilters.pipeline.estimation import Progress as Report
+if TYPE_CHECKING:
+    from spinfilters.pipeline.estimation import Progress as Report
 
 WIDTH_OF_FILES = 150
 
@@ -21,7 +23,7 @@ def wide_console() -> Console:
 
 
 @contextmanager
-def progress_bars() -> Iterator[Report]:
+def progress_bars() -> "Iterator[Report]":
     """Progress bars that appear as work begins, one per name.
 
     On standard error, silent where that is no terminal.

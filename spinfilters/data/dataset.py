@@ -28,6 +28,8 @@ from spinfilters.data.truth import Truth
 from spinfilters.errors import InputError
 
 DATASET_FILE: Final[str] = "dataset.toml"
+PHYPHOX_TABLE: Final[str] = "Raw Data.csv"
+"""Files by which a folder of this project and an export of phyphox are recognised."""
 LANDMARK_FILE: Final[str] = "landmarks.csv"
 INSPECTOR_FILE: Final[str] = "inspector.tum"
 """Known trajectory of the inspector: poses of cam0 in i, beside the measurements of a camera."""

@@ -5,8 +5,7 @@ from pathlib import Path
 
 from spinfilters.data.atomic_write import make_folder, write_toml
 from spinfilters.data.covariance_files import write_covariance
-from spinfilters.data.dataset import DATASET_FILE, INSPECTOR_FILE, LANDMARK_FILE, Dataset
-from spinfilters.data.gyro_files import PHYPHOX_TABLE
+from spinfilters.data.dataset import DATASET_FILE, INSPECTOR_FILE, LANDMARK_FILE, PHYPHOX_TABLE, Dataset
 from spinfilters.data.input_file import path_text, reason
 from spinfilters.data.known_map import write_landmarks
 from spinfilters.data.pose_files import write_tum

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-import yaml
 from jaxtyping import Float
 
 from spinfilters.data.input_file import path_text, read_settings_text, reason, value_text
@@ -175,6 +174,8 @@ def read_yaml(path: Path) -> dict[str, Any]:
     InputError: unreadable file, text that is not YAML, tags such as !!python, aliases, too many or too deeply nested values, or
     no mapping at the top.
     """
+    import yaml  # here alone: few recordings have a camera's file
+
     text = read_settings_text(path)
     try:
         _refuse_growth(path, text)
@@ -196,6 +197,8 @@ def read_yaml(path: Path) -> dict[str, Any]:
 
 def _refuse_growth(path: Path, text: str) -> None:
     """Refuse YAML that would become larger or deeper than it looks."""
+    import yaml
+
     depth = nodes = 0
     for event in yaml.parse(text, Loader=yaml.SafeLoader):
         line = f"{path_text(path)}: line {event.start_mark.line + 1}: "

@@ -7,7 +7,7 @@ from spinfilters.data.dataset import Dataset
 from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Estimator, Measurement, ProcessModel
-from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
+from spinfilters.estimators.landmarks.landmark_options import LandmarkOptions
 from spinfilters.estimators.run import REHEARSED
 from spinfilters.estimators.smoothing.window.recursive_smoother import RecursiveSmoother
 from spinfilters.estimators.smoothing.window.smoother_records import SmootherOptions

@@ -11,7 +11,7 @@ import numpy as np
 
 from spinfilters.estimators.estimator import Measurement
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
-from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
+from spinfilters.estimators.landmarks.landmark_options import LandmarkOptions
 from spinfilters.estimators.smoothing.window.recursive_smoother import RecursiveSmoother
 from spinfilters.estimators.timeline import Epoch
 from spinfilters.live.messages import Channel, Message

@@ -96,3 +96,8 @@ def estimator_entries() -> dict[str, AnyEntry]:
 def estimator_names() -> tuple[str, ...]:
     """Names of all estimators."""
     return tuple(estimator_entries())
+
+
+def names_in(text: str) -> tuple[str, ...]:
+    """Names that a text lists with commas."""
+    return tuple(name.strip() for name in text.split(",") if name.strip())

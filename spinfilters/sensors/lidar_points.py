@@ -12,8 +12,6 @@ from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.data.sensor_format import NoiseOption, SensorFormat, SensorNoise
 from spinfilters.data.stated_values import NumberRange
 from spinfilters.errors import InputError
-from spinfilters.lidar.point_poses import PlanePoints, plane_poses
-from spinfilters.lidar.ray_pattern import angles_of, unit_vectors
 from spinfilters.models.sensor_models.lidar_point import LidarPoint, lidar_point_parameters
 from spinfilters.sensors.sensor import (
     BoundStream,
@@ -78,6 +76,10 @@ class LidarPointsSensor(Sensor):
         self, stream: MeasurementStream, noise: SensorNoise, view: CameraView | None
     ) -> MotionSamples:
         """A pose per scan, the motion during it left out."""
+        # here: every command lists the sensors, and the lidar's room is slow to import
+        from spinfilters.lidar.point_poses import PlanePoints, plane_poses
+        from spinfilters.lidar.ray_pattern import unit_vectors
+
         _require_normals(stream)
         z = stream.values
         points = z[:, :1] * unit_vectors(z[:, 1], z[:, 2])
@@ -99,6 +101,8 @@ class LidarPointsSensor(Sensor):
 
         `MOST_POINTS` in a scan about every epoch.
         """
+        from spinfilters.lidar.ray_pattern import angles_of
+
         model, layout = LidarPoint(scene.motion.layout), scene.motion.layout
         half = BOX * float(np.linalg.norm(scene.surface.points, axis=1).max())
         std = np.array([scene.noise.position_std, ANGLE_STD, ANGLE_STD])

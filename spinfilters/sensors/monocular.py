@@ -29,8 +29,6 @@ from spinfilters.sensors.sensor import (
 from spinfilters.sensors.simulated_scene import Scene, SimulatedStream
 from spinfilters.sensors.track_rows import CALIBRATION, PIXEL_STD, mapped_rows, posed_samples
 from spinfilters.state.layout import StateLayout
-from spinfilters.tracks.perspective_poses import perspective_pose
-from spinfilters.tracks.track_poses import track_epochs
 
 CAMERA: Final = RIG.left
 """The left camera of the simulated stereo rig."""
@@ -87,6 +85,10 @@ class MonocularSensor(Sensor):
         self, stream: MeasurementStream, noise: SensorNoise, view: CameraView | None
     ) -> MotionSamples:
         """Initial motion from a perspective pose (PnP) per epoch."""
+        # here: every command lists the sensors, few need poses of tracks
+        from spinfilters.tracks.perspective_poses import perspective_pose
+        from spinfilters.tracks.track_poses import track_epochs
+
         view = required_view(self.name, view)
         bound = self.bind(
             stream, POSE_LAYOUT, noise, replace(view, inspector=None)

@@ -36,8 +36,6 @@ from spinfilters.sensors.simulated_scene import Scene, SimulatedStream
 from spinfilters.sensors.track_rows import CALIBRATION, PIXEL_STD, mapped_rows, posed_samples
 from spinfilters.sensors.visibility import Surface
 from spinfilters.state.layout import StateLayout
-from spinfilters.tracks.map_building import poses_without_map
-from spinfilters.tracks.track_poses import poses_with_map
 
 SMALLEST_DISPARITY_PX: Final[float] = -3.0
 """A far point has disparity zero, with noise a little less; below this, columns or cameras are swapped."""
@@ -108,9 +106,13 @@ class StereoSensor(Sensor):
     ) -> MotionSamples:
         """Initial motion from a pose per epoch, and the map where none is known."""
         view, level = required_view(self.name, view), noise_level(stream, noise.pixel_std)
-        if view.known_map is None:
+        if view.known_map is None:  # imported here: every command lists the sensors, few need poses of tracks
+            from spinfilters.tracks.map_building import poses_without_map
+
             poses, found, ratio = poses_without_map(stream, view.calibration, level)
             return replace(posed_samples(poses.time, poses.values, view, found), noise_ratio=ratio)
+        from spinfilters.tracks.track_poses import poses_with_map
+
         poses = poses_with_map(stream, view.known_map, view.calibration, level)
         return posed_samples(poses.time, poses.values, view)
 

@@ -15,7 +15,7 @@ from spinfilters.estimators.filters.iterated_update import IterationOptions
 from spinfilters.estimators.filters.noise_adaptation import AdaptationOptions
 from spinfilters.estimators.filters.sigma_points import SigmaPointOptions
 from spinfilters.estimators.initialisation.options import InitialisationOptions
-from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
+from spinfilters.estimators.landmarks.landmark_options import LandmarkOptions
 from spinfilters.estimators.robust.gate_weights import RobustOptions
 from spinfilters.models.process import ProcessNoise
 from spinfilters.pipeline.estimator_entry import estimator_names

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from faults import refusal
 
-from spinfilters.cli import compare
 from spinfilters.cli.main import main
+from spinfilters.simulation import scenario
 
 
 def fail(_: object) -> None:
@@ -20,7 +20,7 @@ def test_an_unforeseen_error_is_one_line_that_names_its_place(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.delenv("SPINFILTERS_DEBUG", raising=False)
-    monkeypatch.setattr(compare, "simulate", fail)
+    monkeypatch.setattr(scenario, "simulate", fail)
     said = refusal(capsys, "compare")
     assert "unexpected ValueError in spinfilters/cli/compare.py:" in said
     assert "_dataset" in said
@@ -29,7 +29,7 @@ def test_an_unforeseen_error_is_one_line_that_names_its_place(
 
 def test_with_debugging_the_whole_trace_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SPINFILTERS_DEBUG", "1")
-    monkeypatch.setattr(compare, "simulate", fail)
+    monkeypatch.setattr(scenario, "simulate", fail)
     with pytest.raises(ValueError, match="shapes differ"):
         main(["compare"])
 

@@ -10,10 +10,31 @@ import pytest
     ("module", "unneeded"),
     [
         ("spinfilters.cli.main", ("numpy", "casadi", "rich", "pydantic", "matplotlib")),
-        ("spinfilters.cli.compare", ("pydantic", "matplotlib")),
+        (
+            "spinfilters.cli.compare",
+            (
+                "pydantic",
+                "matplotlib",
+                "rich",
+                "yaml",
+                "scipy.special",
+                "scipy.spatial",
+                "scipy.optimize",
+                "scipy.sparse",
+                "scipy.stats",
+                "spinfilters.pipeline.estimation",
+                "spinfilters.simulation.scenario",
+                "spinfilters.flight.free_flight",
+            ),
+        ),
+        (
+            "spinfilters.estimators.smoothing.window.sliding_smoother",
+            ("yaml", "scipy.special", "scipy.sparse", "scipy.optimize"),
+        ),
+        ("spinfilters.pipeline.estimator_entries.ukf", ("filterpy", "scipy.stats")),
     ],
 )
-def test_a_command_loads_nothing_before_it_is_needed(module: str, unneeded: tuple[str, ...]) -> None:
+def test_nothing_is_loaded_before_it_is_needed(module: str, unneeded: tuple[str, ...]) -> None:
     """In a process of its own: here other tests have loaded everything."""
     look = f"import sys, {module}; print([name for name in {unneeded} if name in sys.modules])"
     found = subprocess.run([sys.executable, "-c", look], capture_output=True, text=True, check=True)

@@ -11,7 +11,8 @@ from log_samples import DATASET, GYRO, PHYPHOX, SEGMENTS, TRACKS, TUM, sensor_ya
 
 from spinfilters.data.camera import read_stereo_rig
 from spinfilters.data.dataset_reader import read_dataset
-from spinfilters.data.gyro_files import read_gyro_csv, read_phyphox
+from spinfilters.data.gyro_files import read_gyro_csv
+from spinfilters.data.phyphox_files import read_phyphox
 from spinfilters.data.pose_files import read_tum
 from spinfilters.data.sensor_files import read_sensor_file
 from spinfilters.data.sensor_format import sensor_format

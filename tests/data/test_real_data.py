@@ -9,7 +9,8 @@ from scipy.spatial.transform import Rotation
 
 from spinfilters.data.dataset_reader import read_dataset, read_segments
 from spinfilters.data.dataset_writing import write_dataset
-from spinfilters.data.gyro_files import read_phyphox, saturated
+from spinfilters.data.gyro_files import saturated
+from spinfilters.data.phyphox_files import read_phyphox
 from spinfilters.errors import InputError
 
 PHYPHOX = REAL_DATA / "racquet_phyphox" / "data"

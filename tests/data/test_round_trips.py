@@ -28,8 +28,9 @@ from spinfilters.data.camera import read_stereo_rig, write_stereo_rig
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.dataset_reader import read_dataset, read_segments
 from spinfilters.data.dataset_writing import write_dataset
-from spinfilters.data.gyro_files import read_phyphox, saturated
+from spinfilters.data.gyro_files import saturated
 from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
+from spinfilters.data.phyphox_files import read_phyphox
 from spinfilters.data.pose_files import read_tum, write_tum
 from spinfilters.data.sensor_files import read_sensor_file
 from spinfilters.data.sensor_format import sensor_format

@@ -12,7 +12,7 @@ from experiments.arithmetic_runs import FilterStep
 from experiments.arithmetic_sweep import RATIO, check, inspect, noise_error
 from spinfilters.estimators.estimator import Measurement
 from spinfilters.estimators.filters.iterated_update import IterationOptions
-from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
+from spinfilters.estimators.landmarks.landmark_options import LandmarkOptions
 from spinfilters.estimators.robust.gate_weights import RobustOptions
 from spinfilters.state.gaussian import Gaussian
 

@@ -7,7 +7,8 @@ from landmark_samples import LAYOUT, recording
 from spinfilters.estimators.filters.sigma_points import SigmaPointOptions, sigma_points
 from spinfilters.estimators.landmarks.compiled_steps import LARGEST_STATE, CompiledSteps, steps_of
 from spinfilters.estimators.landmarks.held_map import HeldMap
-from spinfilters.estimators.landmarks.landmark_map import SLOTS, LandmarkMap, LandmarkOptions
+from spinfilters.estimators.landmarks.landmark_map import SLOTS, LandmarkMap
+from spinfilters.estimators.landmarks.landmark_options import LandmarkOptions
 from spinfilters.estimators.landmarks.numpy_steps import NumpySteps
 from spinfilters.estimators.landmarks.observations import MapObservations
 from spinfilters.estimators.landmarks.regression import Spread

@@ -14,7 +14,7 @@ from landmark_samples import (
     timeline_of,
 )
 
-from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
+from spinfilters.estimators.landmarks.landmark_options import LandmarkOptions
 from spinfilters.estimators.landmarks.shared_modes import anchored_at_pose
 from spinfilters.evaluation.consistency import chi_square_band
 from spinfilters.models.gauge import GAUGE_STD, state_in_g

@@ -21,7 +21,7 @@ from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Measurement
 from spinfilters.estimators.filters.iterated_update import IterationOptions
 from spinfilters.estimators.filters.noise_adaptation import AdaptationOptions
-from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
+from spinfilters.estimators.landmarks.landmark_options import LandmarkOptions
 from spinfilters.evaluation.consistency import chi_square_band
 from spinfilters.models.landmark_sensor import LandmarkSensor
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess

@@ -19,7 +19,7 @@ from spinfilters.estimators.initialisation.initial_smoothing import SmoothingOpt
 from spinfilters.estimators.initialisation.initialiser import initialise
 from spinfilters.estimators.initialisation.options import InitialisationOptions
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
-from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
+from spinfilters.estimators.landmarks.landmark_options import LandmarkOptions
 from spinfilters.estimators.smoothing.problem.least_squares import InitialGuess
 from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
 from spinfilters.estimators.timeline import Epoch

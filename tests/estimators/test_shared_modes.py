@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
+from spinfilters.estimators.landmarks.landmark_options import LandmarkOptions
 from spinfilters.estimators.landmarks.shared_modes import SharedErrors, shared_modes
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 

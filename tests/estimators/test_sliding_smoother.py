@@ -11,7 +11,7 @@ from smoothing_samples import LAYOUT, LONG, PROCESS, SOON, STD, optimum, run, sa
 from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Measurement
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
-from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
+from spinfilters.estimators.landmarks.landmark_options import LandmarkOptions
 from spinfilters.estimators.robust.losses import Gate, LeastSquares
 from spinfilters.estimators.smoothing.linear.marginals import Marginals
 from spinfilters.estimators.smoothing.linear.schur_system import SchurSystem

@@ -5,7 +5,7 @@ import pytest
 
 from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
-from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
+from spinfilters.estimators.landmarks.landmark_options import LandmarkOptions
 from spinfilters.live.rebase import HandOver, distance
 from spinfilters.live.smoother_worker import MAP, hand_over_of
 from spinfilters.models.gauge import GAUGE_DIM

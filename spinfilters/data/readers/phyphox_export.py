@@ -5,10 +5,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from spinfilters.data.dataset import Dataset, Segment
+from spinfilters.data.dataset import PHYPHOX_TABLE, Dataset, Segment
 from spinfilters.data.dataset_reader import DatasetReader, OnRefused
-from spinfilters.data.gyro_files import PHYPHOX_TABLE, PhyphoxRecording, read_phyphox
 from spinfilters.data.input_file import path_text, printable, value_text
+from spinfilters.data.phyphox_files import PhyphoxRecording, read_phyphox
 from spinfilters.data.readers.motion_file import motion_dataset
 from spinfilters.data.sensor_files import require_two_epochs
 from spinfilters.data.stated_values import NOTHING_STATED, ReadingOptions

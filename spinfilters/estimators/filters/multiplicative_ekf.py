@@ -19,7 +19,7 @@ from spinfilters.estimators.filters.multiplicative_filter import (
 from spinfilters.estimators.filters.noise_adaptation import AdaptationOptions, PredictedMotion
 from spinfilters.estimators.filters.square_root_update import Correction, square_root_update
 from spinfilters.estimators.landmarks.iterated_observations import IteratedObservations
-from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
+from spinfilters.estimators.landmarks.landmark_options import LandmarkOptions
 from spinfilters.estimators.landmarks.observations import MapObservations, SolvedObservations, solve_at
 from spinfilters.estimators.robust.gate_weights import RobustOptions
 from spinfilters.estimators.robust.outlier_rejection import SensorOutlierRejection

@@ -29,7 +29,7 @@ from spinfilters.estimators.filters.noise_adaptation import (
 from spinfilters.estimators.filters.square_root_update import triangular_factor
 from spinfilters.estimators.landmarks.belief import Belief, LandmarkBelief
 from spinfilters.estimators.landmarks.held_map import HeldMap
-from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
+from spinfilters.estimators.landmarks.landmark_options import LandmarkOptions
 from spinfilters.estimators.landmarks.observations import MapObservations, SolvedObservations
 from spinfilters.estimators.landmarks.shared_modes import anchored_at_pose
 from spinfilters.estimators.robust.gate_weights import RobustOptions

@@ -10,7 +10,8 @@ from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import NO_IDS, MapChange, Measurement
 from spinfilters.estimators.filters.square_root_update import Correction
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
-from spinfilters.estimators.landmarks.landmark_map import CONFIRMED, LandmarkMap, LandmarkOptions
+from spinfilters.estimators.landmarks.landmark_map import CONFIRMED, LandmarkMap
+from spinfilters.estimators.landmarks.landmark_options import LandmarkOptions
 from spinfilters.estimators.landmarks.observations import MapObservations, SolvedObservations
 from spinfilters.estimators.landmarks.steps import Closing
 from spinfilters.models.gauge import GAUGE_DIM

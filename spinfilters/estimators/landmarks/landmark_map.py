@@ -9,15 +9,11 @@ and a landmark is brought up to date when it is observed next, or when its turn 
 so that hardly any falls behind by as many epochs as there are slots, and no epoch costs more than another.
 """
 
-from dataclasses import dataclass
 from itertools import repeat
-from typing import Annotated
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinfilters.data.stated_values import NumberRange
-from spinfilters.errors import InputError
 from spinfilters.estimators.landmarks.compiled_steps import steps_of
 from spinfilters.estimators.landmarks.numpy_steps import next_epoch
 
@@ -29,39 +25,7 @@ CONFIRMED = 2
 """Observations that agree, from which on a landmark is believed more than an observation that does not."""
 WRONG_IN_A_ROW = 3
 """Observations in a row outside the gate after which the landmark, not the observations, is taken to be wrong."""
-PRECISIONS = ("float64", "float32")
 FIELDS = ("ids", "points", "modes", "roots", "epoch", "hits", "wrong", "last")
-
-
-@dataclass(frozen=True)
-class LandmarkOptions:
-    """Options of a filter with landmarks.
-
-    Attributes
-    ----------
-    modes: errors that all landmarks share, at most; they stand in the state.
-    explained: of the landmarks of a start, in all, that a mode must explain to be held, in squared standard deviations.
-    largest_map: landmarks at most; those observed longest ago go first.
-    precision: of what is kept of every landmark, "float64" or "float32".
-    """
-
-    modes: Annotated[int, NumberRange(1, 60, whole=True)] = 12
-    explained: Annotated[float, NumberRange(0, 1e9)] = 0.5
-    largest_map: Annotated[int, NumberRange(4, 10_000_000, whole=True)] = 20_000
-    precision: str = "float64"
-
-    def __post_init__(self) -> None:
-        if not 1 <= self.modes <= 60 or self.largest_map < 4:
-            raise InputError(
-                f"landmarks.modes is {self.modes}, landmarks.largest_map is {self.largest_map}; give 1 to 60 modes and at least "
-                "4 landmarks"
-            )
-        if not (np.isfinite(self.explained) and self.explained >= 0):
-            raise InputError(f"landmarks.explained is {self.explained}; give a finite number of at least 0")
-        if self.precision not in PRECISIONS:
-            raise InputError(
-                f"landmarks.precision {self.precision!r} is unknown; use one of {', '.join(PRECISIONS)}"
-            )
 
 
 class LandmarkMap:

@@ -8,7 +8,7 @@ from scipy.linalg import eigh
 
 from spinfilters.estimators.filters.square_root_update import lower_roots, triangular_factor
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
-from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
+from spinfilters.estimators.landmarks.landmark_options import LandmarkOptions
 from spinfilters.models.gauge import GAUGE_DIM, GAUGE_STD, gauge_directions, gauge_of_points
 from spinfilters.state.layout import StateLayout
 

@@ -6,11 +6,11 @@ together, from the factors that the problem's own solution left behind: landmark
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.linalg import solve_triangular
-from scipy.sparse import csr_array
 
 from spinfilters.estimators.model_errors.columns import Columns
 from spinfilters.estimators.model_errors.solved_columns import Gradient, HalfSolved, Sensitivity
@@ -23,11 +23,16 @@ from spinfilters.estimators.smoothing.problem.least_squares import (
     Problem,
 )
 
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
 
 def summed(
     index: Int[np.ndarray, " r"], count: int, part: Float[np.ndarray, "r a m"]
 ) -> Float[np.ndarray, "k a m"]:
     """Sums of the rows of each index."""
+    from scipy.sparse import csr_array
+
     rows = len(index)
     which = csr_array((np.ones(rows), index, np.arange(rows + 1)), shape=(rows, count)).T
     flat = part.reshape(rows, part.shape[1] * part.shape[2])  # of no rows, -1 would tell no width
@@ -197,8 +202,10 @@ class LinearRows:
         return np.where(fit.is_constrained[:, None, None], fit.information_sqrt, np.eye(3))
 
     @cached_property
-    def _coupling(self) -> csr_array:
+    def _coupling(self) -> "csr_array":
         """Of poses (rows, epoch by epoch) with landmarks (columns), as factors of the latter leave it."""
+        from scipy.sparse import csr_array
+
         fit = self.normal.eliminated
         assert fit is not None
         p, seen, landmark = len(self.problem.ordering.pose), fit.observations.epoch, fit.observations.landmark

@@ -13,7 +13,6 @@ from typing import Final
 
 import numpy as np
 from jaxtyping import Float
-from scipy.optimize import brentq
 from scipy.special import ndtr
 
 from spinfilters.linear_algebra.chi_square import chi_square_tail, fisher_tail
@@ -46,6 +45,8 @@ def _tail(w: Float[np.ndarray, " n"], count: Float[np.ndarray, " n"], value: flo
 
     low, high = -0.5 / abs(w.min()) if w.min() < 0 else -_far(slope, w), 0.5 / w.max()
     margin = 1e-12
+    from scipy.optimize import brentq  # here alone: half a tenth of a second of every command's start
+
     t = float(brentq(slope, low * (1 - margin), high * (1 - margin)))  # pyright: ignore[reportArgumentType]
     cumulant = -0.5 * float((count * np.log1p(-2 * t * w)).sum())
     curvature = 2 * float((count * (w / (1 - 2 * t * w)) ** 2).sum())

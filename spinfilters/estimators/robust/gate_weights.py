@@ -13,7 +13,6 @@ from typing import Annotated
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.special import chdtri
 
 from spinfilters.data.stated_values import NumberRange
 from spinfilters.errors import InputError
@@ -120,6 +119,8 @@ def squared_distances(
 @cache
 def gate(probability: float, dof: int) -> float:
     """Squared distance below which a true value lies with this probability."""
+    from scipy.special import chdtri  # here alone: settings need none of it
+
     return float(chdtri(dof, 1 - probability))
 
 

@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
-from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
+from spinfilters.estimators.landmarks.landmark_options import LandmarkOptions
 from spinfilters.estimators.landmarks.shared_modes import SharedErrors, shared_modes
 from spinfilters.estimators.smoothing.linear.marginals import Marginals
 from spinfilters.models.gauge import GAUGE_DIM

@@ -14,7 +14,6 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.sparse import bsr_array
 
 from spinfilters.estimators.filters.square_root_update import triangular_factor
 from spinfilters.estimators.smoothing.factors.sensor_rows import STRETCH
@@ -119,6 +118,8 @@ class Marginals:
 
         Landmarks must be told.
         """
+        from scipy.sparse import bsr_array  # here alone: a solution without covariances needs none
+
         assert self.eliminated is not None
         if not len(landmarks):
             return np.zeros((0, 3, len(self.information_sqrt))), np.zeros((0, 3, 3))

@@ -14,7 +14,7 @@ from spinfilters.estimators.smoothing.factors.marginalization_prior import Margi
 from spinfilters.estimators.smoothing.factors.motion_factors import StatePrior
 from spinfilters.estimators.smoothing.factors.variable_ordering import VariableOrdering
 from spinfilters.estimators.smoothing.problem.least_squares import InitialGuess
-from spinfilters.estimators.smoothing.window.momentum_restart import RetrySchedule
+from spinfilters.estimators.smoothing.window.restart_schedule import RetrySchedule
 from spinfilters.estimators.smoothing.window.sliding_smoother import SlidingSmoother
 from spinfilters.estimators.smoothing.window.smoother_records import (
     MarginalizedState,

@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 
 from spinfilters.estimators.estimator import Measurement, ProcessModel
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
-from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
+from spinfilters.estimators.landmarks.landmark_options import LandmarkOptions
 from spinfilters.estimators.robust.losses import RobustLoss
 from spinfilters.estimators.smoothing.factors.motion_factors import StatePrior
 from spinfilters.estimators.smoothing.problem.least_squares import LinearizationPoint, LinearProblem, Problem
@@ -28,7 +28,7 @@ from spinfilters.estimators.smoothing.window.latest_observations import (
 )
 from spinfilters.estimators.smoothing.window.latest_pose import latest_pose
 from spinfilters.estimators.smoothing.window.marginalization import without_landmarks, without_oldest
-from spinfilters.estimators.smoothing.window.momentum_restart import fits, restarted_from_momentum
+from spinfilters.estimators.smoothing.window.restart_schedule import fits
 from spinfilters.estimators.smoothing.window.smoother_records import (
     TRUSTED,
     MarginalizedState,
@@ -245,14 +245,13 @@ class SlidingSmoother:
         return problem.at(self.window.trajectory, self.window.points)
 
     def _restarted_from_momentum(self, problem: Problem) -> int:
-        """Restart from conserved angular momentum while the inertia is not determined.
-
-        Returns how many linearisations it took to see.
-        """
+        """Linearisations of a restart from conserved momentum, tried while the inertia is not determined."""
         if self.mass_std <= (TRUSTED if self.state.fits else DETERMINED):
             return 0
         if not self.state.retry_schedule.is_due(len(self.window.epochs), self.state.fits):
             return 0
+        from spinfilters.estimators.smoothing.window.momentum_restart import restarted_from_momentum  # slow
+
         stage, times = self._linearised().normal.stage, np.array([epoch.time for epoch in self.window.epochs])
         now = problem.at(self.window.trajectory, self.window.points)
         found, tries = restarted_from_momentum(problem, now, stage, times)

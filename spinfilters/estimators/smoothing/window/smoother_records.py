@@ -9,7 +9,7 @@ from jaxtyping import Float
 from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Measurement
 from spinfilters.estimators.robust.losses import Gate, RobustLoss
-from spinfilters.estimators.smoothing.window.momentum_restart import RetrySchedule
+from spinfilters.estimators.smoothing.window.restart_schedule import RetrySchedule
 from spinfilters.estimators.smoothing.window.window_policy import LandmarkMarginalization, WindowPolicy
 from spinfilters.state.status import EstimatorStatus
 

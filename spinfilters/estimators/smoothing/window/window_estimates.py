@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import ProcessModel
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
-from spinfilters.estimators.landmarks.landmark_map import LandmarkOptions
+from spinfilters.estimators.landmarks.landmark_options import LandmarkOptions
 from spinfilters.estimators.smoothing.joint_belief import joint_belief
 from spinfilters.estimators.smoothing.linear.marginals import Marginals, latest_factor
 from spinfilters.estimators.smoothing.problem.least_squares import NormalEquations

@@ -2,13 +2,16 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from spinfilters.errors import InputError
-from spinfilters.estimators.smoothing.window.smoother_window import Window
 from spinfilters.state.layout import StateLayout
+
+if TYPE_CHECKING:
+    from spinfilters.estimators.smoothing.window.smoother_window import Window
 
 DETERMINED = 0.03
 """Standard deviation of the mass distribution (logarithm of second moments) above which no epoch leaves a window: a linear model of
@@ -35,7 +38,7 @@ class WindowPolicy(ABC):
     determined: float
 
     @abstractmethod
-    def marginalized_landmarks(self, window: Window, layout: StateLayout) -> Bool[np.ndarray, " L"]:
+    def marginalized_landmarks(self, window: "Window", layout: StateLayout) -> Bool[np.ndarray, " L"]:
         """Landmarks to marginalize."""
 
     @abstractmethod
@@ -49,7 +52,7 @@ class FullSmoothing(WindowPolicy):
 
     determined: float = DETERMINED
 
-    def marginalized_landmarks(self, window: Window, layout: StateLayout) -> Bool[np.ndarray, " L"]:
+    def marginalized_landmarks(self, window: "Window", layout: StateLayout) -> Bool[np.ndarray, " L"]:
         """None."""
         return np.zeros(len(window.ids), dtype=bool)
 
@@ -78,7 +81,7 @@ class LandmarkMarginalization(WindowPolicy):
             raise InputError(f"revolutions is {self.revolutions}; give a positive number")
         _require_a_step(self.epochs)
 
-    def marginalized_landmarks(self, window: Window, layout: StateLayout) -> Bool[np.ndarray, " L"]:
+    def marginalized_landmarks(self, window: "Window", layout: StateLayout) -> Bool[np.ndarray, " L"]:
         """Landmarks unobserved for so many revolutions, once they are enough."""
         if not len(window.epochs):
             return np.zeros(len(window.ids), dtype=bool)
@@ -108,7 +111,7 @@ class FixedLag(WindowPolicy):
     def __post_init__(self) -> None:
         _require_a_step(self.epochs)
 
-    def marginalized_landmarks(self, window: Window, layout: StateLayout) -> Bool[np.ndarray, " L"]:
+    def marginalized_landmarks(self, window: "Window", layout: StateLayout) -> Bool[np.ndarray, " L"]:
         """No landmarks but those of marginalized epochs."""
         return np.zeros(len(window.ids), dtype=bool)
 
