@@ -89,7 +89,7 @@ class RotationIntegrator:
         return self.count_at(speed, dt)
 
     def count_at(self, speed: float, dt: float) -> int:
-        """`first_count` of steps of at most dt > 0 seconds at a rate of at most ``speed`` rad/s."""
+        """`first_count` at a largest time step dt > 0 (s) and largest rate ``speed`` (rad/s)."""
         turn = speed * dt
         if not np.isfinite(turn):
             return FEWEST  # no step count helps: the caller sees that the result is not finite

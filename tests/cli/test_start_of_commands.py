@@ -31,7 +31,7 @@ import pytest
             "spinfilters.estimators.smoothing.window.sliding_smoother",
             ("yaml", "scipy.special", "scipy.sparse", "scipy.optimize"),
         ),
-        ("spinfilters.pipeline.estimator_entries.ukf", ("filterpy", "scipy.stats")),
+        ("spinfilters.settings.run_settings", ("filterpy", "scipy.stats")),
     ],
 )
 def test_nothing_is_loaded_before_it_is_needed(module: str, unneeded: tuple[str, ...]) -> None:

@@ -5,7 +5,6 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from filter_samples import FULL, PROCESS, START, embedded, run_on, started
-from filterpy.kalman import MerweScaledSigmaPoints
 from linear_samples import log_density
 
 from spinfilters.estimators.baselines.filterpy_filters import FilterpyEkf, FilterpyUkf
@@ -13,7 +12,7 @@ from spinfilters.estimators.estimator import Estimator, ProcessModel
 from spinfilters.estimators.filters.global_coordinates import GlobalCoordinates
 from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.estimators.filters.multiplicative_ukf import MultiplicativeUkf
-from spinfilters.estimators.filters.sigma_points import SigmaPointOptions, sigma_points
+from spinfilters.estimators.filters.sigma_points import SigmaPointOptions
 from spinfilters.estimators.run import run
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.state.gaussian import Gaussian
@@ -160,19 +159,6 @@ def test_many_revolutions_pass_through_the_shadow_set_without_a_jump(build: Buil
         shift = ROTATION.local(estimator.belief.mean, x)[:6] / reference.belief.std[:6]
         np.testing.assert_allclose(shift, 0.0, atol=0.01)
         np.testing.assert_allclose(estimator.belief.std, reference.belief.std, rtol=1e-3)
-
-
-@pytest.mark.parametrize("n", [3, 12, 23])
-@pytest.mark.parametrize("options", [SigmaPointOptions(), SigmaPointOptions(0.9, 1.3, 1.7)])
-def test_sigma_points_are_those_of_filterpy_to_the_last_bit(n: int, options: SigmaPointOptions) -> None:
-    """Ours are written out because importing filterpy imports `scipy.stats`: half a second of every run."""
-    ours, theirs = (
-        sigma_points(n, options),
-        MerweScaledSigmaPoints(n, options.alpha, options.beta, options.kappa),
-    )
-    np.testing.assert_array_equal(ours.offsets, theirs.sigma_points(np.zeros(n), np.eye(n)))
-    np.testing.assert_array_equal(ours.mean_weights, theirs.Wm)
-    np.testing.assert_array_equal(ours.root_weights, np.sqrt(theirs.Wc))
 
 
 def test_sigma_points_that_make_a_covariance_indefinite_fail_the_run() -> None:

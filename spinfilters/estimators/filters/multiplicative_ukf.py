@@ -15,7 +15,7 @@ from spinfilters.estimators.filters.multiplicative_filter import (
     reset_factor,
 )
 from spinfilters.estimators.filters.noise_adaptation import AdaptationOptions, PredictedMotion
-from spinfilters.estimators.filters.sigma_points import SigmaPointOptions, sigma_points
+from spinfilters.estimators.filters.sigma_points import SigmaPointOptions
 from spinfilters.estimators.filters.square_root_update import (
     MeasurementPrediction,
     compressed,
@@ -32,7 +32,7 @@ from spinfilters.estimators.robust.outlier_rejection import SensorOutlierRejecti
 
 
 class MultiplicativeUkf(MultiplicativeFilter):
-    """Sigma points on the manifold, set and weights as filterpy's.
+    """Sigma points on the manifold, set and weights from filterpy.
 
     Parameters
     ----------
@@ -56,10 +56,10 @@ class MultiplicativeUkf(MultiplicativeFilter):
     ) -> None:
         super().__init__(process, robust, adaptation, landmarks)
         n, self._points_options = self.layout.error_dim, options or SigmaPointOptions()
-        points = sigma_points(n, self._points_options)
-        self._offsets = points.offsets
-        self._mean_weights = points.mean_weights
-        self._root_weights = points.root_weights
+        points = self._points_options.points(n)
+        self._offsets = points.sigma_points(np.zeros(n), np.eye(n))
+        self._mean_weights = points.Wm
+        self._root_weights = np.sqrt(points.Wc)
         self._subset = cache(self._build_subset)
 
     def _moved(self, dt: float) -> PredictedMotion:

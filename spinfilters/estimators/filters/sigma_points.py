@@ -2,13 +2,16 @@
 
 from dataclasses import dataclass
 from functools import cache
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from jaxtyping import Float
 
 from spinfilters.data.stated_values import NumberRange
 from spinfilters.errors import InputError
+
+if TYPE_CHECKING:
+    from filterpy.kalman import MerweScaledSigmaPoints
 
 
 @dataclass(frozen=True)
@@ -22,29 +25,23 @@ class SigmaPointOptions:
     beta: Annotated[float, NumberRange(0, 1e6)] = 2.0
     kappa: Annotated[float, NumberRange(-10, 1e6)] = 0.0
 
-    def points(self, n: int) -> "SigmaPoints":
-        """The set over n coordinates: the mean, then the two ends of each axis.
-
-        The numbers are filterpy's; its import would bring all of `scipy.stats` along.
+    def points(self, n: int) -> "MerweScaledSigmaPoints":
+        """filterpy's set over n coordinates.
 
         Raises
         ------
         InputError: when a covariance weight is negative, with which a covariance could become indefinite.
         """
-        scaling = self.alpha**2 * (n + self.kappa) - n  # lambda
-        square = n + scaling  # of the distance of a point
-        mean_weights = np.full(2 * n + 1, 0.5 / square)
-        weights = mean_weights.copy()
-        mean_weights[0] = scaling / square
-        weights[0] = mean_weights[0] + (1 - self.alpha**2 + self.beta)
-        if np.min(weights) < 0:
+        # slow to import, and settings alone need none of it
+        from filterpy.kalman import MerweScaledSigmaPoints
+
+        points = MerweScaledSigmaPoints(n, self.alpha, self.beta, self.kappa)
+        if np.min(points.Wc) < 0:
             raise InputError(
-                f"sigma points with alpha={self.alpha}, beta={self.beta} have a covariance weight of {np.min(weights):.3g}"
+                f"sigma points with alpha={self.alpha}, beta={self.beta} have a covariance weight of {np.min(points.Wc):.3g}"
                 "; choose alpha >= 0.518 with beta = 2 so that covariances stay positive"
             )
-        axes = np.sqrt(square) * np.eye(n)
-        offsets = np.concatenate([np.zeros((1, n)), axes, 0.0 - axes])
-        return SigmaPoints(offsets, mean_weights, np.sqrt(weights))
+        return points
 
 
 @dataclass(frozen=True)
@@ -79,4 +76,5 @@ class SigmaPoints:
 @cache
 def sigma_points(n: int, options: SigmaPointOptions) -> SigmaPoints:
     """The set over n coordinates. InputError as `SigmaPointOptions.points`."""
-    return options.points(n)
+    merwe = options.points(n)
+    return SigmaPoints(merwe.sigma_points(np.zeros(n), np.eye(n)), merwe.Wm, np.sqrt(merwe.Wc))

@@ -29,7 +29,11 @@ class FirstStatePrior:
     mean: Float[np.ndarray, " m"]
     std: Float[np.ndarray, " n"]
 
-    @cached_property
+    @property
     def factor(self) -> Float[np.ndarray, "n n"]:
         """Square root of the covariance."""
+        return self._factor
+
+    @cached_property
+    def _factor(self) -> Float[np.ndarray, "n n"]:
         return np.diag(self.std)
