@@ -11,7 +11,7 @@ A test's score is the excess over its standard deviation; the ratio is that of t
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Final
 
@@ -31,6 +31,8 @@ MOST_EPOCHS: Final = 1500
 MEASUREMENTS: Final = "measurements"
 TESTS: Final = (MEASUREMENTS, *SOURCES)
 """Of the noise, in the order of an epoch's sums."""
+COLUMNS: Final = 4
+"""Sums of a test: seen, expected, information, and information by the measurements' noise."""
 SMALLEST_RATIO: Final = 0.01
 """Of variances that is told: far below one the first order says nothing more."""
 
@@ -43,12 +45,14 @@ class NoiseTest:
     ----------
     seen, expected: the sum, and its mean where the stated level is right.   variance: of it there.
     information: by how much its mean grows with the logarithm of the level's variance.
+    by_measurements: by how much its mean grows with the logarithm of the measurements' variance.
     """
 
     seen: float = 0.0
     expected: float = 0.0
     variance: float = 0.0
     information: float = 0.0
+    by_measurements: float = 0.0
 
     @property
     def score(self) -> float:
@@ -66,6 +70,20 @@ class NoiseTest:
         if self.seen >= self.expected:
             return 1 + (self.seen - self.expected) / self.information
         return max(self.seen / self.expected, SMALLEST_RATIO)
+
+    def beside(self, measurements: "NoiseTest") -> "NoiseTest":
+        """Test of a disturbance beside measurements whose variance is not known but identified.
+
+        Where theirs says that it is larger, so are corrections, which are no disturbances; by how much is known to its chance.
+        """
+        if not measurements.information > 0:
+            return self
+        chance = measurements.variance / measurements.information**2
+        return replace(
+            self,
+            expected=self.expected + self.by_measurements * max(measurements.ratio - 1, 0.0),
+            variance=self.variance + self.by_measurements**2 * chance,
+        )
 
 
 @dataclass(frozen=True)
@@ -139,8 +157,8 @@ class EpochTester:
         self._known: dict[str, np.ndarray] = {}
         self._latest: tuple[np.ndarray, np.ndarray] | None = None
 
-    def take(self, epoch: FilterEpoch) -> Float[np.ndarray, "t 3"]:
-        """Sum of squares, expectation and information of every one of `TESTS`.
+    def take(self, epoch: FilterEpoch) -> Float[np.ndarray, "t 4"]:
+        """Sum of squares, expectation, information of every one of `TESTS`, and information by the measurements' noise.
 
         Last correlation, its variance, its length.
 
@@ -152,16 +170,16 @@ class EpochTester:
         update = _update(
             epoch.after, moved, triangular_factor(np.hstack([transition @ epoch.before.factor, noise]).T)
         )
-        sums = np.zeros((len(TESTS) + 1, 3))
+        sums = no_sums()
         for row, (source, columns) in enumerate(SOURCES.items(), start=1):
             if noise[:, columns].size:
                 sums[row] = self._of_motion(source, noise[:, columns], transition, update)
         K = np.eye(len(update.y)) - update.left
         if epoch.dof > 0:
-            sums[0] = _of_measurements(epoch, update.y, K)
+            sums[0, :3] = _of_measurements(epoch, update.y, K)
         if self._latest is not None:
             y, last = self._latest
-            sums[-1] = update.y @ y, np.vdot(K, last), _mean_trace(K, last)
+            sums[-1, :3] = update.y @ y, np.vdot(K, last), _mean_trace(K, last)
         self._latest = update.y, K
         return sums
 
@@ -171,7 +189,7 @@ class EpochTester:
         noise: Float[np.ndarray, "n k"],
         transition: Float[np.ndarray, "n n"],
         update: _Update,
-    ) -> tuple[float, float, float]:
+    ) -> tuple[float, float, float, float]:
         entered = noise @ noise.T
         if source in self._known:
             entered += transition @ self._known[source] @ transition.T
@@ -179,31 +197,41 @@ class EpochTester:
         evidence = motion_evidence(D, update.left, update.y)
         shrunk = update.reset @ update.factor @ update.left
         self._known[source] = shrunk @ D @ shrunk.T
-        return evidence.squared, evidence.expected, evidence.information
+        by_measurements = float(np.vdot(D, update.left)) - float(np.vdot(D @ update.left, update.left))
+        return evidence.squared, evidence.expected, evidence.information, by_measurements
 
 
-def summed_tests(sums: Float[np.ndarray, "t 3"]) -> FilterTests:
+def no_sums() -> Float[np.ndarray, "t 4"]:
+    """Sums over no epoch of what `EpochTester.take` gives."""
+    return np.zeros((len(TESTS) + 1, COLUMNS))
+
+
+def summed_tests(sums: Float[np.ndarray, "t 4"]) -> FilterTests:
     """Tests from sums over epochs of what `EpochTester.take` gives."""
     noise = {
-        name: NoiseTest(seen, expected, 2 * information, information)
-        for name, (seen, expected, information) in zip(TESTS, sums[:-1].tolist(), strict=True)
+        name: NoiseTest(seen, expected, 2 * information, information, by_measurements)
+        for name, (seen, expected, information, by_measurements) in zip(
+            TESTS, sums[:-1].tolist(), strict=True
+        )
         if information > 0
     }
-    return FilterTests(noise, *sums[-1].tolist())
+    return FilterTests(noise, *sums[-1, :3].tolist())
 
 
-def filter_tests(history: EstimateHistory, process: TorqueFreeProcess) -> FilterTests:
-    """Tests over a filter's own epochs, with the noise that it was told.
+def filter_tests(
+    history: EstimateHistory, process: TorqueFreeProcess, most: int = MOST_EPOCHS
+) -> FilterTests:
+    """Tests over the first ``most`` of a filter's own epochs, with the noise that it was told.
 
     Raises
     ------
     numpy.linalg.LinAlgError: numbers that lead nowhere.
     """
     begin = max(history.initialisation, 1)
-    tester, sums = EpochTester(process), np.zeros((len(TESTS) + 1, 3))
+    tester, sums = EpochTester(process), no_sums()
     beliefs = [
         Gaussian(history.layout, history.mean[k], history.factor[k])
-        for k in range(begin - 1, min(len(history.time), begin + MOST_EPOCHS))
+        for k in range(begin - 1, min(len(history.time), begin + most))
     ]
     for k, (before, after) in enumerate(pairwise(beliefs), start=begin):
         dt = float(history.time[k] - history.time[k - 1])

@@ -14,7 +14,7 @@ from scipy.special import chdtrc
 from spinfilters.errors import NUMERICAL_ERRORS
 from spinfilters.estimators.estimator import ProcessModel, UpdateReport
 from spinfilters.estimators.filters.noise_adaptation import SOURCES
-from spinfilters.evaluation.noise_tests import TESTS, EpochTester, FilterEpoch, NoiseTest, summed_tests
+from spinfilters.evaluation.noise_tests import EpochTester, FilterEpoch, NoiseTest, no_sums, summed_tests
 from spinfilters.pipeline.diagnostics import LARGEST_NIS, LARGEST_REJECTED
 from spinfilters.pipeline.noise_diagnostics import LARGEST_RATIO
 
@@ -51,8 +51,8 @@ class RunningVerdict:
     def __init__(self, process: ProcessModel) -> None:
         self._process, self._tester = process, EpochTester(process)
         self._counts: deque[_Counts] = deque(maxlen=WINDOW)
-        self._sums: deque[Float[np.ndarray, "t 3"]] = deque(maxlen=WINDOW)
-        self._all = np.zeros((len(TESTS) + 1, 3))
+        self._sums: deque[Float[np.ndarray, "t 4"]] = deque(maxlen=WINDOW)
+        self._all = no_sums()
         self._lasting, self._passing = "", ""
         self._last_bad = -np.inf
 
@@ -130,7 +130,7 @@ def _innovations(counts: Sequence[_Counts]) -> str:
     return f"innovations of {len(counts)} epochs are {nis / dof:.3g} times as large (squared) as the noise explains"
 
 
-def _noise(sums: Float[np.ndarray, "t 3"], epochs: int) -> str:
+def _noise(sums: Float[np.ndarray, "t 4"], epochs: int) -> str:
     """About the level that the data contradict most."""
     by_chance = {name: (chance(test), test) for name, test in summed_tests(sums).noise.items()}
     if not by_chance:

@@ -10,10 +10,11 @@ import numpy as np
 from spinfilters.data.input_file import reason
 from spinfilters.data.sensor_format import sensor_format
 from spinfilters.errors import NUMERICAL_ERRORS, numerical
+from spinfilters.estimators.filters.noise_adaptation import BLOCK, CYCLE
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.estimators.identification.components import DISTURBANCES
 from spinfilters.evaluation.deviation_parts import without_calibration
-from spinfilters.evaluation.noise_tests import MEASUREMENTS, FilterTests, NoiseTest, filter_tests
+from spinfilters.evaluation.noise_tests import MEASUREMENTS, MOST_EPOCHS, FilterTests, NoiseTest, filter_tests
 from spinfilters.pipeline.setup import Setup
 from spinfilters.settings.run_settings import Settings
 from spinfilters.state.status import Verdict
@@ -43,10 +44,13 @@ def filter_noise_diagnostics(history: EstimateHistory, setup: Setup, settings: S
         return []
     with np.errstate(all="ignore"):
         try:
-            found = filter_tests(without_calibration(history), setup.process)
+            found = filter_tests(without_calibration(history), setup.process, _tested_epochs(setup))
         except NUMERICAL_ERRORS as error:
             return [untested(error)]
     tests = {DENSITY_OF.get(name, name): test for name, test in found.noise.items()}
+    measurements = tests.get(MEASUREMENTS)
+    if measurements is not None and _is_identified(setup):
+        tests |= {name: tests[name].beside(measurements) for name in tests.keys() & DISTURBANCES}
     correlated = _of_whiteness(found, setup)
     if correlated:  # which white noise of the measurements is not, whatever its size
         tests.pop(MEASUREMENTS, None)
@@ -77,6 +81,11 @@ def _is_identified(setup: Setup) -> bool:
         if option.components is not None
     }
     return setup.gyro_noise is not None or bool(options & setup.unstated)
+
+
+def _tested_epochs(setup: Setup) -> int:
+    """Epochs of a filter that are tested: of identified levels those before it learns them further."""
+    return CYCLE - BLOCK if setup.identified else MOST_EPOCHS
 
 
 def _sentence(name: str, test: NoiseTest, told: bool) -> str:

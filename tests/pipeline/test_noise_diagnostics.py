@@ -12,6 +12,7 @@ from plain_comparison import plainly_compared
 from experiments.honest_cases import RecordingCase, recordings
 from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.evaluation.noise_tests import MEASUREMENTS, FilterTests, NoiseTest, filter_tests
+from spinfilters.models.process import ProcessNoise
 from spinfilters.pipeline import model_errors, noise_diagnostics, stated_levels
 from spinfilters.pipeline.correlation_verdict import NO_CORRELATION
 from spinfilters.pipeline.estimation import Comparison
@@ -24,9 +25,10 @@ from spinfilters.pipeline.noise_diagnostics import (
 from spinfilters.pipeline.preparation import prepare
 from spinfilters.pipeline.stated_levels import stated_level_diagnostics
 from spinfilters.settings.run_settings import Settings
-from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
+from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_noise
 
 SETTINGS = Settings(estimators=("mekf", "smoother"))
+FILTER = Settings(estimators=("mekf",))
 POSE = RecordingCase("pose of noise tests", kind="pose", epochs=150)
 
 
@@ -133,6 +135,38 @@ def test_densities_of_a_gyro_wrong_by_ten_are_doubted_with_the_number(density: f
 def test_the_correlation_of_corrections_tells_densities_stated_too_small() -> None:
     run = compared(density=0.04)
     assert found_by(run).whiteness_score > LARGEST_SCORE
+
+
+@pytest.mark.parametrize("seed", [0, 2])
+def test_white_noise_of_a_long_gyro_log_is_no_disturbance(seed: int) -> None:
+    """Nothing disturbs the motion; the noise that 60 of 1200 epochs identify is too small, as it may be by chance."""
+    scenario = Scenario(
+        kind="gyro",
+        principal_moments=(1.0, 0.72, 0.45),
+        rate_rpm=(4.8, 11.5, 3.3),
+        gyro_std=0.0052,
+        epochs=1200,
+        interval=0.05,
+        noise=ProcessNoise(0.0, 0.0),
+        seed=seed,
+    )
+    setup = prepare(without_noise(simulate(scenario)), FILTER)
+    history = plainly_compared(setup, FILTER).evaluations[0].history
+    raw = filter_tests(history, setup.process).noise["torque"]
+    assert raw.score > LARGEST_SCORE
+    assert raw.ratio > LARGEST_RATIO
+    assert filter_noise_diagnostics(history, setup, FILTER) == []
+
+
+def test_disturbances_are_doubted_beside_the_noise_that_is_seen() -> None:
+    torque, larger = NoiseTest(120.0, 100.0, 8.0, 4.0, 90.0), NoiseTest(1200.0, 1000.0, 2000.0, 1000.0)
+    beside = torque.beside(larger)
+    assert torque.score > LARGEST_SCORE
+    assert beside.expected == pytest.approx(100 + 90 * 0.2)
+    assert beside.variance == pytest.approx(8 + 90**2 * 2e-3)
+    smaller = replace(larger, seen=800.0)
+    assert torque.beside(smaller).expected == torque.expected
+    assert torque.beside(NoiseTest()) == torque
 
 
 def test_a_level_that_nobody_states_may_be_too_large() -> None:
