@@ -46,7 +46,7 @@ def campaign(
     InputError: what the command refuses with exit code 2; the text is one line that names the value and the cure.
     KeyboardInterrupt: Ctrl-C; the rows so far are in ``output``, if given, for ``resume`` to go on from.
     """
-    _require("pandas")
+    require_installed("pandas")
     if output is None:
         if resume:
             raise InputError("resume needs the folder of the rows; give output")
@@ -74,7 +74,7 @@ def campaign_rows(
     progress: "Progress | None" = None,
 ) -> "Advance":
     """Make the rows of a study that a folder lacks. Parameters and errors: `campaign`."""
-    _require("pyarrow")
+    require_installed("pyarrow")
     from spinfilters.campaigns.engine import run_campaign
 
     checked, share, executor = _study(study), shard_of(shard), _executor(workers, scheduler)
@@ -90,7 +90,7 @@ def repeated_run(folder: Path, run: int, dataset_folder: Path | None) -> dict[st
     ------
     InputError: no campaign's folder, no such run, a folder that holds something else.
     """
-    _require("pyarrow")
+    require_installed("pyarrow")
     from spinfilters.campaigns.campaign_folder import read_folder
     from spinfilters.campaigns.runner import Runner
     from spinfilters.data.dataset_writing import write_dataset
@@ -126,7 +126,7 @@ def _executor(workers: int | None, scheduler: str | None) -> "Executor":
             raise InputError(
                 "workers are processes of this machine, a scheduler has its own; give one of both"
             )
-        _require("distributed")
+        require_installed("distributed")
         from spinfilters.campaigns.dask_cluster import DaskCluster
 
         return DaskCluster(scheduler)
@@ -147,7 +147,7 @@ def _study(study: AnyStudy) -> "Study":
     )
 
 
-def _require(package: str) -> None:
+def require_installed(package: str) -> None:
     """Refuse in one line where a package of the extra ``campaign`` is not installed."""
     from importlib.util import find_spec
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
-from spinfilters.api.campaign_frames import campaign_rows, repeated_run
+from spinfilters.api.campaign_frames import campaign_rows, repeated_run, require_installed
 from spinfilters.cli.console import wide_console
 from spinfilters.data.input_file import value_text
 from spinfilters.errors import InputError
@@ -71,6 +71,7 @@ def _carried_out(options: argparse.Namespace) -> "Advance":
 
 
 def _report(options: argparse.Namespace) -> int:
+    require_installed("pyarrow")
     from spinfilters.campaigns.report.writing import write_report
 
     page = write_report(Path(_only(options, "report", "OUT")))
@@ -79,6 +80,7 @@ def _report(options: argparse.Namespace) -> int:
 
 
 def _merge(options: argparse.Namespace) -> int:
+    require_installed("pyarrow")
     from spinfilters.campaigns.campaign_folder import merge
 
     if options.output is None:

@@ -28,6 +28,7 @@ from observability.conditioning import (
 from spinfilters.cli.console import wide_console
 from spinfilters.conventions import RPM
 from spinfilters.data.atomic_write import write_json, write_text
+from spinfilters.data.input_file import path_text
 from spinfilters.data.output_folder import output_folder, refuse_foreign
 from spinfilters.errors import InputError
 from spinfilters.models.rotation_integrator import IntegrationError
@@ -152,10 +153,12 @@ def _of_run(options: argparse.Namespace) -> Findings:
 
 
 def _histories(run: Path) -> list[Path]:
+    if not run.is_dir():
+        raise InputError(f"{path_text(run)}: no such folder; give a run folder made by compare or estimate")
     paths = sorted(run.glob(f"*/{HISTORY_FILE}"))
     if not paths:
         raise InputError(
-            f"{run}: holds no {HISTORY_FILE} of an estimator; give a run folder made by compare or estimate"
+            f"{path_text(run)}: holds no {HISTORY_FILE} of an estimator; give a run folder made by compare or estimate"
         )
     return paths
 

@@ -4,11 +4,15 @@ import argparse
 import io
 import logging
 import os
+import signal
 import sys
 import traceback
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from threading import current_thread, main_thread
+from types import FrameType
 from typing import Final, NoReturn
 
 from spinfilters import __version__
@@ -17,6 +21,7 @@ from spinfilters.data.input_file import printable
 from spinfilters.errors import SpinfiltersError
 
 EXIT_OK, EXIT_BAD_INPUT = 0, 2
+INTERRUPTED: Final[str] = "interrupted; nothing unfinished is left behind, run the command again"
 PACKAGES: Final[tuple[str, ...]] = ("spinfilters", "observability")
 """Those whose lines an unexpected error names."""
 LONGEST_COMPLAINT: Final[int] = 280
@@ -32,9 +37,27 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
         os.environ.setdefault(name, "1")  # before NumPy loads: threads only slow matrices this small
+    os.environ["MPLBACKEND"] = "agg"  # pictures are files here, whatever a notebook or a desktop has set
     if isinstance(sys.stdout, io.TextIOWrapper):  # a file name need not be text that the terminal has
         sys.stdout.reconfigure(errors="backslashreplace")
-    options = _parser().parse_args(arguments)
+    with noted_interrupts() as pressed:
+        try:
+            options = _parser().parse_args(arguments)
+        except KeyboardInterrupt:
+            return _complain(INTERRUPTED)
+        code = _run(options, pressed)
+    if pressed and code == EXIT_OK:
+        _complain("interrupted when all was done: nothing is missing")
+    return code
+
+
+def _run(options: argparse.Namespace, pressed: Sequence[int]) -> int:
+    """Run a parsed command; an error becomes one line.
+
+    Parameters
+    ----------
+    pressed: not empty once Ctrl-C was pressed.
+    """
     _set_logging()
     try:
         with warnings.catch_warnings():
@@ -44,11 +67,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except SpinfiltersError as error:
         return _complain(str(error))
     except KeyboardInterrupt:
-        return _complain(
-            "interrupted; what was finished before is kept, the same command with --resume goes on from it"
-            if hasattr(options, "resume")
-            else "interrupted; nothing unfinished is left behind, run the command again"
-        )
+        return _complain(_of_interrupt(options))
     except BrokenPipeError:
         return EXIT_BAD_INPUT
     except OSError as error:
@@ -56,9 +75,40 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except MemoryError:
         return _complain("out of memory; give a shorter recording or close other programs")
     except Exception as error:  # the last resort: what comes here is a fault of this program
+        if pressed:  # a library that is interrupted while it loads may call it an error of its own
+            return _complain(_of_interrupt(options))
         if os.environ.get(DEBUG):
             raise
         return _complain(_of_this_program(error))
+
+
+@contextmanager
+def noted_interrupts() -> Iterator[list[int]]:
+    """Note every Ctrl-C, which an import or a compiled library may swallow; each is raised as ever."""
+    pressed: list[int] = []
+
+    def noted(number: int, frame: FrameType | None) -> None:
+        """Note a Ctrl-C and raise it."""
+        pressed.append(number)
+        signal.default_int_handler(number, frame)
+
+    if (
+        signal.getsignal(signal.SIGINT) is not signal.default_int_handler
+        or current_thread() is not main_thread()
+    ):
+        yield pressed
+        return
+    signal.signal(signal.SIGINT, noted)
+    try:
+        yield pressed
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def _of_interrupt(options: argparse.Namespace) -> str:
+    if hasattr(options, "resume"):
+        return "interrupted; what was finished before is kept, the same command with --resume goes on from it"
+    return INTERRUPTED
 
 
 def _of_system(error: OSError) -> str:

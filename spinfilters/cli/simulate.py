@@ -11,6 +11,7 @@ from spinfilters.data.dataset import Dataset
 from spinfilters.data.dataset_writing import write_dataset
 from spinfilters.data.input_file import value_text
 from spinfilters.data.output_folder import output_folder, refuse_foreign
+from spinfilters.data.sensor_format import dataset_kinds
 from spinfilters.errors import InputError
 from spinfilters.evaluation.estimated_motion import true_rates
 from spinfilters.plots.body_rates import rates_figure
@@ -26,6 +27,9 @@ def simulate(options: argparse.Namespace) -> int:
     refuse_foreign(folder, COMMAND)
     if options.kind == IMAGE_KIND:
         return _simulate_images(options, folder)
+    kinds = [*dataset_kinds(), IMAGE_KIND]
+    if options.kind not in kinds:
+        raise InputError(f"--kind {value_text(options.kind)} is unknown; use one of {', '.join(kinds)}")
     if options.shape is not None or options.foil is not None:
         raise InputError(f"--shape and --foil are for --kind {IMAGE_KIND}; a {options.kind} has no images")
     with progress_bars() as report:

@@ -196,7 +196,7 @@ def test_the_asked_time_step_is_labelled_and_crosses_no_words() -> None:
         (["--alpha", "0"], "--alpha: '0' is not allowed"),
         (["--rate-rpm", "1e7", "0", "0"], "give a number from -1e+06 to 1e+06 rpm"),
         (["--rate-rpm", "1e6", "0", "0"], "give a shorter --time-step or a slower --rate-rpm"),
-        (["nowhere"], "nowhere: holds no history.npz"),
+        (["nowhere"], "nowhere: no such folder"),
         (["nowhere", "--alpha", "1"], "a run has its own time steps and rates"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",

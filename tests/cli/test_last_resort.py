@@ -2,6 +2,11 @@
 
 import os
 import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -32,6 +37,59 @@ def test_with_debugging_the_whole_trace_is_there(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(scenario, "simulate", fail)
     with pytest.raises(ValueError, match="shapes differ"):
         main(["compare"])
+
+
+def test_a_library_that_calls_ctrl_c_an_error_of_its_own_is_interrupted(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], default_interrupts: None
+) -> None:
+    """As NumPy does, whose import ends in an ImportError."""
+
+    def import_interrupted(_: object) -> None:
+        """Press Ctrl-C, and lose it."""
+        with suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        raise ImportError("could not import module datetime")
+
+    monkeypatch.setattr(scenario, "simulate", import_interrupted)
+    assert "interrupted" in refusal(capsys, "compare")
+
+
+def test_ctrl_c_while_the_arguments_are_read_is_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], default_interrupts: None
+) -> None:
+    monkeypatch.setattr("spinfilters.cli.main.commands", lambda: signal.raise_signal(signal.SIGINT))
+    assert "interrupted" in refusal(capsys, "compare")
+
+
+def test_a_swallowed_ctrl_c_is_told(
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    default_interrupts: None,
+) -> None:
+    def swallowed(*_: object) -> float:
+        """Press Ctrl-C, and lose it."""
+        with suppress(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+        return 0.5
+
+    monkeypatch.setattr("spinfilters.cli.condition.best_time_step", swallowed)
+    assert main(["condition", "--time-step", "0.5", "-o", str(tmp_path / "c")]) == 0
+    assert "nothing is missing" in capsys.readouterr().err
+
+
+def test_a_broken_backend_of_pictures_does_no_harm(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "spinfilters.cli.main", "condition", "-o", str(tmp_path / "c")]
+    subprocess.run(command, env=os.environ | {"MPLBACKEND": "nonsense"}, check=True, capture_output=True)
+    assert (tmp_path / "c" / "condition.png").is_file()
+
+
+@pytest.fixture
+def default_interrupts() -> Iterator[None]:
+    """Python's own answer to Ctrl-C, which tests in the background do not have."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
 
 
 def test_a_long_path_leaves_room_for_what_is_wrong(
