@@ -84,7 +84,7 @@ def _run(options: argparse.Namespace, pressed: Sequence[int]) -> int:
 
 @contextmanager
 def noted_interrupts() -> Iterator[list[int]]:
-    """Note every Ctrl-C, which an import or a compiled library may swallow; each is raised as ever."""
+    """Note every Ctrl-C, which a library may swallow; each is raised as ever."""
     pressed: list[int] = []
 
     def noted(number: int, frame: FrameType | None) -> None:

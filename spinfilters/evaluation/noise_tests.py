@@ -221,7 +221,11 @@ def summed_tests(sums: Float[np.ndarray, "t 4"]) -> FilterTests:
 def filter_tests(
     history: EstimateHistory, process: TorqueFreeProcess, most: int = MOST_EPOCHS
 ) -> FilterTests:
-    """Tests over the first ``most`` of a filter's own epochs, with the noise that it was told.
+    """Tests over a filter's own first epochs with the noise that it was told.
+
+    Parameters
+    ----------
+    most: epochs that are tested.
 
     Raises
     ------
