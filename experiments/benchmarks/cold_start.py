@@ -67,7 +67,7 @@ def _first_solve(file: Path, cache: Path | None) -> np.ndarray:
 
 
 def _output(command: list[str], environment: dict[str, str]) -> str:
-    """What a new process prints; it has bytecode, as an installed package has."""
+    """Standard output of a new process, which has bytecode as an installed package has."""
     own = {name: value for name, value in environment.items() if name != "PYTHONDONTWRITEBYTECODE"}
     return subprocess.run(command, env=own, check=True, capture_output=True, text=True).stdout
 

@@ -197,7 +197,7 @@ class EpochTester:
         evidence = motion_evidence(D, update.left, update.y)
         shrunk = update.reset @ update.factor @ update.left
         self._known[source] = shrunk @ D @ shrunk.T
-        by_measurements = float(np.vdot(D, update.left)) - float(np.vdot(D @ update.left, update.left))
+        by_measurements = float(np.vdot(D - D @ update.left, update.left))
         return evidence.squared, evidence.expected, evidence.information, by_measurements
 
 

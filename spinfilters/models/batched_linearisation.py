@@ -90,6 +90,7 @@ class BatchedLinearisation:
         if len(groups) == 1:
             with suppress(IntegrationError):
                 return self._linearised(steps, densities)
+            groups = []  # none of them can be integrated
         n, q = self._layout.error_dim, self._integrator.noise_dim
         shapes = ((len(dt), n), (len(dt), n, n), (len(dt), n, q))
         defect, transition, noise = (np.full(shape, np.nan) for shape in shapes)
@@ -172,9 +173,9 @@ def _alike(turns: Float[np.ndarray, " k"]) -> list[Int[np.ndarray, " r"]]:
 
     Up to `ALIKE` times the median turn all belong together, which is every step of an ordinary recording.
     """
-    if not len(turns) or turns.max() < ALIKE * max(float(turns.min()), SMALLEST_TURN):
-        return [np.arange(len(turns))]  # whatever the median between them
-    if not np.isfinite(turns).all():
+    largest, smallest = turns.max(initial=0.0), float(turns.min(initial=np.inf))
+    # whatever the median between them: it is not asked for where one group is sure
+    if largest < ALIKE * max(smallest, SMALLEST_TURN) or not np.isfinite(turns).all():
         return [np.arange(len(turns))]
     relative = np.maximum(turns / max(float(np.median(turns)), SMALLEST_TURN), 1.0)
     size = np.floor(np.log(relative) / np.log(ALIKE)).astype(int)

@@ -81,7 +81,7 @@ class LandmarkSensor(MeasurementModel):
         measured: Float[np.ndarray, "k v"],
     ) -> LandmarkLinearisation:
         """Innovations and their derivatives at a state and at the landmarks that lead the parameters."""
-        innovation, jacobian, by_landmark, valid, log_noise = self._linearise_landmarks(
+        innovation, jacobian, by_landmark, valid, determinant = self._linearise_landmarks(
             x, parameters, measured
         )
         return LandmarkLinearisation(
@@ -89,7 +89,7 @@ class LandmarkSensor(MeasurementModel):
             jacobian.reshape(*innovation.shape, len(self.columns)),
             by_landmark.reshape(*innovation.shape, 3),
             valid[..., 0] > 0,
-            log_noise[..., 0],
+            np.log(determinant[..., 0]),
         )
 
     def new_landmarks(
@@ -162,7 +162,7 @@ class LandmarkSensor(MeasurementModel):
             row_by_row(whitening @ jacobian),
             row_by_row(whitening @ by_landmark),
             self.valid(self.layout.unpack(x), p),
-            self._whitening_expression(x, p)[1],
+            self._noise_determinant(x, p),
         ]
         return self._function("linearise_landmarks", [x, p, z], outputs)
 

@@ -1,4 +1,4 @@
-"""What can be set about a filter with landmarks."""
+"""Options of filters with landmarks."""
 
 from dataclasses import dataclass
 from typing import Annotated
