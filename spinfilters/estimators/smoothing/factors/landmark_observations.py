@@ -3,7 +3,7 @@
 The rows of all observations are evaluated side by side from the expression of their sensor (`LandmarkSensor.observation_rows`).
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -88,6 +88,15 @@ class LinearObservations:
 
     rows: Float[np.ndarray, "N 3 10"]
     square: Float[np.ndarray, " N"]
+    _weights: list[tuple[RobustLoss, np.ndarray]] = field(
+        default_factory=list, init=False, repr=False, compare=False
+    )
+
+    def weight(self, loss: RobustLoss) -> Float[np.ndarray, " N"]:
+        """Weight of each observation, not to be written to; that of the last loss is kept."""
+        if not self._weights or self._weights[0][0] is not loss:
+            self._weights[:] = [(loss, loss.weight(self.square))]
+        return self._weights[0][1]
 
     @property
     def innovation(self) -> Float[np.ndarray, "N 3"]:

@@ -86,6 +86,15 @@ class SchurSystem:
         size = self.ordering.epochs * len(self.ordering.pose)
         return self.separator_step[:size].reshape(self.ordering.epochs, -1)
 
+    def rise(self, errors: Float[np.ndarray, "k n"]) -> float:
+        """Rise of the linear problem's cost by errors of poses and constants about its optimum.
+
+        The least for any errors of the rest.
+        """
+        poses, constants = errors[:, self.ordering.pose].reshape(-1), errors[0, self.ordering.constant]
+        whitened = np.tril(self.information_sqrt).T @ np.concatenate([poses, constants])
+        return float(whitened @ whitened)
+
     @cached_property
     def mass_std(self) -> float:
         """Largest standard deviation of the mass distribution.

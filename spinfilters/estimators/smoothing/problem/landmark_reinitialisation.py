@@ -28,8 +28,9 @@ def reinitialised(
     ----------
     gate: Mahalanobis distance within which two observations' own points agree.
     """
-    hits = np.bincount(observations.landmark[inliers], minlength=len(points))
-    rows = np.flatnonzero(hits[observations.landmark] < OBSERVATIONS_NEEDED)
+    rows = _lost(observations, inliers)
+    if not len(rows):
+        return None
     rows, own, covariance_sqrt = _own_points(observations, trajectory, rows)
     rows, own, covariance_sqrt = _by_landmark(observations.landmark, rows, own, covariance_sqrt)
     if not len(rows):
@@ -49,6 +50,14 @@ def reinitialised(
     moved = points.copy()
     moved[landmark[winners]] = _means(one[kept], other[kept], own, covariance)[winners]
     return moved
+
+
+def _lost(observations: LandmarkObservations, inliers: Bool[np.ndarray, " N"]) -> Int[np.ndarray, " r"]:
+    """Observations of landmarks with fewer than two inliers, and with two observations that may agree."""
+    every = np.diff(observations.start)
+    hits = np.bincount(observations.landmark[inliers], minlength=len(every))
+    lost = (hits < OBSERVATIONS_NEEDED) & (every >= OBSERVATIONS_NEEDED)
+    return np.flatnonzero(lost[observations.landmark])
 
 
 def _own_points(

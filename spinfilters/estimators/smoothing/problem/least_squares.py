@@ -1,6 +1,7 @@
 """Nonlinear least-squares problem of a motion with landmarks. Factors come from the filters' own models."""
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -144,7 +145,7 @@ class NormalEquations:
         assert self.solution is not None
         return self.solution
 
-    @property
+    @cached_property
     def predicted_reduction(self) -> float:
         """Predicted fall of the linear problem's cost; infinite without a solution."""
         if self.solution is None:
@@ -224,6 +225,8 @@ class Problem:
             return here
         if self.is_long:
             return self.at(here.trajectory, here.points, stage.pose_only_loss)
+        if not self.motion.sensors:  # the prior has no loss
+            return replace(here, pose_only_loss=stage.pose_only_loss)
         return replace(
             here,
             sensors=self.motion.measurements(here.trajectory, stage.pose_only_loss),
@@ -240,7 +243,7 @@ class Problem:
             )
         if self.observations is not None:
             assert here.linear is not None
-            weight = stage.loss.weight(here.linear.square)
+            weight = here.linear.weight(stage.loss)
             eliminated = eliminate(
                 self.observations, here.linear, weight, self.ordering.separator_dim, self.ordering.epochs
             )

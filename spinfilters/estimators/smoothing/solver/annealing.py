@@ -104,7 +104,7 @@ class AnnealedSchedule:
         observations = self.problem.observations
         if observations is None or here.linear is None or self.gate is None:
             return here
-        believed = stage.loss.weight(here.linear.square) > 0
+        believed = here.linear.weight(stage.loss) > 0
         points = reinitialised(observations, here.trajectory, here.points, believed, self.gate)
         if points is None:
             return here

@@ -119,10 +119,15 @@ def solve(
     options: SolverOptions,
     schedule: Schedule | None = None,
     on_iteration: OnIteration | None = None,
+    is_known: Callable[[LinearizationPoint], bool] | None = None,
 ) -> Solved:
     """Iterate from a linearisation point until the cost converges.
 
     Nothing is raised for a system that does not determine everything.
+
+    Parameters
+    ----------
+    is_known: whether it is known already where a point leads to, so that it is followed no further.
     """
     plan = ConstantSchedule() if schedule is None else schedule
     number, used, evaluated, converged = options.rule.first, 0, 1, False
@@ -130,7 +135,7 @@ def solve(
     here = problem.staged(here, stage)
     before: list[float] = []
     normal: NormalEquations | None = None
-    while used < options.iterations and not converged:
+    while used < options.iterations and not converged and not (is_known and is_known(here)):
         normal = problem.normal(here, stage)
         if on_iteration is not None:
             on_iteration(here, normal)

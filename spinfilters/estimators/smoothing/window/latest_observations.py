@@ -4,6 +4,7 @@ Its guess may be poor and its landmarks wrong.
 """
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float
@@ -35,15 +36,15 @@ def is_poor_guess(problem: Problem, here: LinearizationPoint, loss: RobustLoss) 
     if here.linear is None or problem.observations is None:
         return False
     latest = np.flatnonzero(problem.observations.epoch == problem.ordering.epochs - 1)
-    lost = loss.weight(here.linear.square[latest]) == 0
-    return bool(len(lost)) and float(np.mean(lost)) > POOR_GUESS_SHARE
+    lost = here.linear.weight(loss)[latest] == 0
+    return bool(np.count_nonzero(lost) > POOR_GUESS_SHARE * len(lost))
 
 
 def with_landmarks_put_right(problem: Problem, here: LinearizationPoint, stage: Stage) -> LinearizationPoint:
     """Linearisation point with landmarks of fewer than two inliers re-initialised."""
     if problem.observations is None or here.linear is None:
         return here
-    inliers = stage.loss.weight(here.linear.square) > 0
+    inliers = here.linear.weight(stage.loss) > 0
     if inliers.all():
         return here
     landmark, count = problem.observations.landmark, problem.observations.landmarks
@@ -68,10 +69,9 @@ def observation_weights(
     window: Window, normal: NormalEquations, epoch: int, ends: list[int]
 ) -> list[Float[np.ndarray, " n"]]:
     """Weights of the observations of an epoch between these ends; zero where there is no solution."""
-    seen, fit = window.seen, normal.eliminated
-    landmark = seen.landmark[seen.epoch == epoch]
-    weight = np.zeros(len(landmark))
+    fit, (first, last) = normal.eliminated, np.searchsorted(window.seen.epoch, [epoch, epoch + 1]).tolist()
+    weight = np.zeros(last - first)
     if fit is not None:
-        weight[np.argsort(landmark, kind="stable")] = fit.weight[fit.observations.epoch == epoch]
-    first = int(np.searchsorted(seen.epoch, epoch))
-    return np.split(weight, np.array(ends) - first)[1:-1]
+        order = np.argsort(window.seen.landmark[first:last], kind="stable")
+        weight[order] = fit.weight[fit.observations.epoch == epoch]
+    return [weight[begin - first : end - first] for begin, end in pairwise(ends)]

@@ -38,9 +38,9 @@ def fits(here: "LinearizationPoint", normal: "NormalEquations") -> bool:
         return False
     if normal.eliminated is None or here.linear is None:
         return True
-    used = int(np.count_nonzero(normal.eliminated.used))
-    dof = here.linear.rows.shape[1] * used - 3 * int(np.count_nonzero(normal.eliminated.is_constrained))
-    every = int(np.count_nonzero(normal.eliminated.is_constrained[normal.eliminated.observations.landmark]))
+    used, constrained = int(np.count_nonzero(normal.eliminated.used)), normal.eliminated.is_constrained
+    dof = here.linear.rows.shape[1] * used - 3 * int(np.count_nonzero(constrained))
+    every = int(np.diff(normal.eliminated.observations.start)[constrained].sum())
     cost = here.cost(normal.used, normal.stage)
     if here.marginal_prior is not None:
         prior = here.marginal_prior.marginal_prior

@@ -252,11 +252,10 @@ class SlidingSmoother:
             return 0
         from spinfilters.estimators.smoothing.window.momentum_restart import restarted_from_momentum  # slow
 
-        stage, times = self._linearised().normal.stage, np.array([epoch.time for epoch in self.window.epochs])
-        now = problem.at(self.window.trajectory, self.window.points)
-        found, tries = restarted_from_momentum(problem, now, stage, times)
+        linear = self._linearised()
+        found, tries = restarted_from_momentum(problem, self.window, linear)
         if found is not None:
-            self._move_to(linear_problem(problem, found, stage.loss))
+            self._move_to(linear_problem(problem, found, linear.normal.stage.loss))
             self._remember(problem)
         return tries + 1
 

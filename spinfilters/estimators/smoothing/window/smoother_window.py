@@ -164,25 +164,21 @@ def _with_observations(
     Those that tell no landmark and are not of a known one are left out.
     """
     values, parameters = measured.values, measured.parameters
-    if not any(known is model for known in window.models):
-        window = replace(window, models=(*window.models, model))
+    models = window.models if any(known is model for known in window.models) else (*window.models, model)
+    number = next(k for k, known in enumerate(models) if known is model)
     landmark = _numbers(window.ids, ids)
-    fresh = np.flatnonzero(landmark < 0)
+    fresh, every, points = np.flatnonzero(landmark < 0), window.ids, window.points
     if len(fresh):
         made = model.new_landmarks(window.trajectory[-1], parameters[fresh], values[fresh])
         good = np.flatnonzero(made.determined & np.isfinite(made.points).all(axis=1))
         good = good[np.sort(np.unique(ids[fresh[good]], return_index=True)[1])]
-        landmark[fresh[good]] = len(window.ids) + np.arange(len(good))
-        window = replace(
-            window,
-            ids=np.concatenate([window.ids, ids[fresh[good]]]),
-            points=np.concatenate([window.points, made.points[good]]),
-        )
+        landmark[fresh[good]] = len(every) + np.arange(len(good))
+        every = np.concatenate([every, ids[fresh[good]]])
+        points = np.concatenate([points, made.points[good]])
     use = np.flatnonzero(landmark >= 0)
-    epoch = np.full(len(use), len(window.epochs) - 1)
-    sensor = np.full(len(use), next(k for k, known in enumerate(window.models) if known is model))
+    epoch, sensor = np.full(len(use), len(window.epochs) - 1), np.full(len(use), number)
     here = WindowObservations(epoch, landmark[use], sensor, values[use], parameters[use, 3:])
-    return replace(window, seen=window.seen.plus(here))
+    return replace(window, models=models, ids=every, points=points, seen=window.seen.plus(here))
 
 
 def _numbers(known: Int[np.ndarray, " L"], ids: Int[np.ndarray, " k"]) -> Int[np.ndarray, " k"]:
