@@ -21,7 +21,7 @@ from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
 from spinfilters.estimators.timeline import SensorNoise, Timeline, build_timeline
 from spinfilters.evaluation.consistency import true_states
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.pipeline.preparation import camera_view
+from spinfilters.pipeline.setup import camera_view
 from spinfilters.simulation.inspector import INSPECTORS, STATIC
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
 from spinfilters.state.gaussian import Gaussian

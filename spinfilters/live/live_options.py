@@ -16,8 +16,8 @@ from spinfilters.live.smoother_worker import Build
 from spinfilters.live.supervisor import SupervisionOptions
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.pipeline.estimator_entry import estimator_entries
-from spinfilters.pipeline.preparation import camera_view, prepare
-from spinfilters.pipeline.setup import Setup
+from spinfilters.pipeline.preparation import prepare
+from spinfilters.pipeline.setup import Setup, camera_view
 from spinfilters.pipeline.smoother_run import begin_after_initialisation, sliding_smoother
 from spinfilters.sensors.sensor import sensor_of
 from spinfilters.settings.run_settings import Settings

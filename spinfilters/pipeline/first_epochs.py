@@ -1,6 +1,6 @@
 """Smoothed first epochs of a data set, from which all estimators continue."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -8,20 +8,27 @@ import numpy as np
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.input_file import reason
 from spinfilters.data.measurement_log import MeasurementStream
+from spinfilters.data.sensor_files import EPOCHS_OF_MOTION, too_few_epochs
 from spinfilters.data.sensor_format import sensor_format
 from spinfilters.errors import NUMERICAL_ERRORS, InputError, numerical
 from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
 from spinfilters.estimators.initialisation.initialiser import initialise, initialised_again
 from spinfilters.estimators.initialisation.options import InitialisationOptions
-from spinfilters.estimators.timeline import CameraView, SensorNoise, Timeline, times_of
+from spinfilters.estimators.timeline import CameraView, SensorNoise, Timeline, build_timeline, times_of
 from spinfilters.models.process import TorqueFreeProcess
+from spinfilters.pipeline.identified_noise import NoisyModels
 from spinfilters.pipeline.initialisation_length import beyond_share, long_enough_initialisation
 from spinfilters.sensors.sensor import MotionSamples, sensor_of
+from spinfilters.settings.run_settings import Settings
+from spinfilters.state.layout import StateLayout
 
 LEADING_EPOCHS = 16
 """Of the sensor that tells most of a motion, in an initialisation, where faster sensors stand beside it."""
 COMPARED_EPOCHS = 480
 """Of which two models of a motion are compared, or all of a shorter recording."""
+
+GivenInitialisation = Callable[[StateLayout], InitialEstimate]
+"""Gives the initialisation over a layout, in place of one that is made from data."""
 
 
 @dataclass(frozen=True)
@@ -138,6 +145,48 @@ class FirstEpochs:
         last = leading[min(LEADING_EPOCHS, len(leading)) - 1]
         count = int(np.searchsorted(times_of(self.timeline), last, "right"))
         return replace(options, epochs=max(options.epochs, count))
+
+
+@dataclass(frozen=True)
+class BoundLog:
+    """A log to be bound to models, with the initialisation that follows from them or is given.
+
+    Attributes
+    ----------
+    likely: estimate beside which this one is made, of epochs that do not depend on either.
+    """
+
+    dataset: Dataset
+    view: CameraView | None
+    layout: StateLayout
+    settings: Settings
+    initial: GivenInitialisation | None
+    likely: InitialEstimate | None
+
+    def __call__(
+        self, process: TorqueFreeProcess, noise: SensorNoise, before: InitialEstimate | None
+    ) -> NoisyModels:
+        timeline = build_timeline(self.dataset.log, self.layout, noise, self.view)
+        if len(timeline) < EPOCHS_OF_MOTION:
+            raise InputError(too_few_epochs(len(timeline)))
+        if self.initial is not None:
+            return NoisyModels(process, noise, timeline, self.initial(self.layout))
+        first = self._first(process, noise, timeline)
+        options = self.settings.initialisation
+        if self.likely is not None:
+            return NoisyModels(process, noise, timeline, first.near(self.likely, options, before))
+        return NoisyModels(process, noise, timeline, first.smoothed(options, before))
+
+    def beyond_share(self, made: NoisyModels) -> NoisyModels | None:
+        """The models with a longer initialisation; None where filters need or get none."""
+        if self.likely is not None:
+            return None
+        first = self._first(made.process, made.noise, made.timeline)
+        start = first.beyond_share(self.settings.initialisation, made.start)
+        return None if start is None else replace(made, start=start)
+
+    def _first(self, process: TorqueFreeProcess, noise: SensorNoise, timeline: Timeline) -> FirstEpochs:
+        return FirstEpochs(self.dataset, self.view, process, timeline, noise)
 
 
 def initial_samples(

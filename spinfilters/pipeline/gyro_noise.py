@@ -10,15 +10,25 @@ An error that proves white is noise like any other sensor's, and its level a var
 torque takes what is slow (3e-8 rad/s on the phone tosses, whose smoother then refuses every tenth sample).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.data.measurement_log import MeasurementStream
+from spinfilters.data.input_file import reason
+from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
+from spinfilters.data.sensor_files import EPOCHS_OF_MOTION, too_few_epochs
 from spinfilters.data.sensor_format import sensor_format
+from spinfilters.errors import NUMERICAL_ERRORS, InputError, numerical
 from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
+from spinfilters.estimators.initialisation.initialiser import initialise
+from spinfilters.estimators.initialisation.options import InitialisationOptions
+from spinfilters.estimators.timeline import SensorNoise, build_timeline
+from spinfilters.models.process import TorqueFreeProcess
+from spinfilters.sensors.sensor import MotionSamples, Sensor, sensor_of
 
+WHOLE_RECORDING = 400
+"""Samples, at most, from which the error of a rate sensor is identified."""
 FIRST_SCALE = 0.01
 """Relative error from which the identification begins: a per cent is what phones do."""
 SMALLEST_SCALE = 1e-5
@@ -83,6 +93,35 @@ def identify_gyro_noise(gyro: MeasurementStream, fitted: InitialEstimate) -> Gyr
     return GyroNoise(float(np.sqrt(np.mean(residual**2))), _correlation_time(residual))
 
 
+def recorded_gyro_noise(
+    stream: MeasurementStream, process: TorqueFreeProcess, noise: SensorNoise, options: InitialisationOptions
+) -> tuple[GyroNoise, str]:
+    """Error of a rate sensor from the whole recording, and its option."""
+    sensor = sensor_of(stream.sensor)
+    option, rates = sensor.identified_option, sensor.measured_rates(stream)
+    assert option is not None
+    assert rates is not None  # what is identified is an error of rates
+    if len(rates) < EPOCHS_OF_MOTION:
+        raise InputError(too_few_epochs(len(rates)))
+    if rates.any() and (rates == rates[0]).all():
+        raise InputError(
+            f"the {sensor.name}'s rates never change, so nothing tells its noise from a motion: the body is held at one rate or "
+            "the sensor hangs; choose a part where the body tumbles (--segment), or another recording"
+        )
+    layout = process.layout.without_translation
+    rotation = process if layout == process.layout else TorqueFreeProcess(layout, process.noise)
+    whole = replace(options, epochs=WHOLE_RECORDING, share=1.0)
+    timeline = build_timeline(MeasurementLog((stream,)), layout, replace(noise, **{option: FIRST_SCALE}))
+    samples = MotionSamples(stream.time, rates=rates)
+    try:
+        found = identify_gyro_noise(stream, initialise(rotation, timeline, samples, whole))
+    except NUMERICAL_ERRORS as error:
+        raise _unidentified(sensor, reason(numerical(error))) from None
+    if not np.isfinite(found.scale_std):
+        raise _unidentified(sensor, "what is left of its rates is not finite")
+    return found, option
+
+
 def _correlation_time(residual: Float[np.ndarray, "n 3"]) -> float:
     """1 + 2 sum of the autocorrelation up to where it first reaches zero, in samples."""
     n = len(residual)
@@ -95,3 +134,10 @@ def _correlation_time(residual: Float[np.ndarray, "n 3"]) -> float:
     crossing = np.flatnonzero(correlation <= 0)
     last = int(crossing[0]) if crossing.size else len(correlation)
     return max(1.0, 1.0 + 2.0 * float(correlation[1:last].sum()))
+
+
+def _unidentified(sensor: Sensor, why: str) -> InputError:
+    options = " and ".join(f"sensors.{option.name}" for option in sensor_format(sensor.name).noise)
+    return InputError(
+        f"the {sensor.name}'s noise cannot be identified from the recording ({why}); state {options} in a config file"
+    )

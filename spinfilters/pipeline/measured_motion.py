@@ -3,8 +3,7 @@
 from spinfilters.data.sensor_format import sensor_format
 from spinfilters.estimators.initialisation.initial_motion import InitialMotion, initial_motion
 from spinfilters.pipeline.first_epochs import initial_samples
-from spinfilters.pipeline.preparation import camera_view
-from spinfilters.pipeline.setup import Setup
+from spinfilters.pipeline.setup import Setup, camera_view
 
 
 def measured_motion(setup: Setup) -> InitialMotion:

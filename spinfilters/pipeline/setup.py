@@ -12,7 +12,8 @@ from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.estimators.identification.components import VarianceComponent
 from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
-from spinfilters.estimators.timeline import SensorNoise, Timeline, times_of
+from spinfilters.estimators.timeline import CameraView, SensorNoise, Timeline, times_of
+from spinfilters.geometry.camera_trajectory import CameraTrajectory
 from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.pipeline.gyro_noise import GyroNoise
 from spinfilters.pipeline.identified_noise import (
@@ -87,3 +88,10 @@ class Setup:
 def knows_frames(dataset: Dataset) -> bool:
     """Whether a data set, by map or sensor, tells frames i and g."""
     return dataset.known_map is not None or sensor_of(dataset.sensor).tells_frames
+
+
+def camera_view(dataset: Dataset) -> CameraView | None:
+    """Map and calibration that landmark rows are measured against; None without any."""
+    if dataset.rig is None:
+        return None
+    return CameraView(dataset.known_map, dataset.rig.calibration, CameraTrajectory.of(dataset.inspector))

@@ -1,17 +1,22 @@
-"""Noise as settings and data sets state it, and which of it nobody states."""
+"""Models and noise as settings and data sets state them, and which noise nobody states."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.data.sensor_format import noise_options, sensor_format
 from spinfilters.estimators.identification.components import DISTURBANCES
 from spinfilters.estimators.timeline import SensorNoise
-from spinfilters.models.process import THESIS_NOISE, ProcessNoise
-from spinfilters.pipeline.gyro_noise import disturbance_psd
+from spinfilters.models.process import THESIS_NOISE, ProcessNoise, TorqueFreeProcess
+from spinfilters.pipeline.gyro_noise import GyroNoise, disturbance_psd, recorded_gyro_noise, white_level
 from spinfilters.pipeline.identified_noise import Unstated
-from spinfilters.sensors.sensor import sensor_of
+from spinfilters.pipeline.setup import Setup
+from spinfilters.sensors.sensor import sensor_of, sensors_in
 from spinfilters.settings.run_settings import AUTO, Settings
+from spinfilters.state.blocks.acceleration import ACCELERATION
+from spinfilters.state.blocks.drag import DRAG
+from spinfilters.state.blocks.torque import TORQUE
+from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
 
 
 def sensor_noise(dataset: Dataset, settings: Settings) -> SensorNoise:
@@ -119,3 +124,60 @@ def unstated_noise(
                 options.setdefault(option.name, {})[stream.sensor] = option.components
     densities = tuple(name for name in DISTURBANCES if name in names)
     return Unstated(options, () if unknown is not None else densities)
+
+
+def layout_of(log: MeasurementLog, settings: Settings) -> StateLayout:
+    """Layout of what the sensors observe, with the constants that the settings ask for."""
+    sensors = sensors_in(log)
+    layout = StateLayout(FULL_BLOCKS if any(sensor.sees_place for sensor in sensors) else ROTATION_BLOCKS)
+    if settings.process.drag:
+        layout = layout.joined(DRAG)
+    if settings.process.gravity is True and layout.translates:
+        layout = layout.joined(ACCELERATION)
+    if settings.process.body_torque:
+        layout = layout.joined(TORQUE)
+    for block in (block for sensor in sensors for block in sensor.error_blocks):
+        if settings.initialisation.states_prior(block):
+            layout = layout.joined(block)
+    return layout
+
+
+@dataclass(frozen=True)
+class StatedModels:
+    """Process and noise before the initialisation.
+
+    Attributes
+    ----------
+    gyro_noise: correlated error of a gyro, identified from its whole recording.   unknown: the stream that it is of.
+    """
+
+    process: TorqueFreeProcess
+    noise: SensorNoise
+    gyro_noise: GyroNoise | None = None
+    unknown: MeasurementStream | None = None
+
+
+def stated_models(
+    dataset: Dataset, log: MeasurementLog, layout: StateLayout, settings: Settings
+) -> StatedModels:
+    """Process and noise of a data set whose log has the noise of the settings (`log_with_noise`)."""
+    unknown = sensor_of_unknown_noise(log, dataset, settings)
+    automatic = disturbances(dataset, unknown)
+    process = TorqueFreeProcess(layout, settings.process.noise(automatic), settings.process.tolerance)
+    for stream in log.streams:
+        rates = sensor_of(stream.sensor).measured_rates(stream)
+        if rates is not None:
+            process.require_steps(stream.time, rates)
+    noise = sensor_noise(dataset, settings)
+    if unknown is None:
+        return StatedModels(process, noise)
+    found, option = recorded_gyro_noise(unknown, process, noise, settings.initialisation)
+    if found.is_white:
+        return StatedModels(process, replace(noise, **white_level(unknown, found)))
+    return StatedModels(process, replace(noise, **{option: found.scale_std}), found, unknown)
+
+
+def models_beside(beside: Setup, layout: StateLayout, settings: Settings) -> StatedModels:
+    """Process and noise of another setup of the recording, over a layout."""
+    process = TorqueFreeProcess(layout, beside.process.noise, settings.process.tolerance)
+    return StatedModels(process, beside.noise, beside.gyro_noise)

@@ -30,8 +30,8 @@ from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.pipeline import model_errors
 from spinfilters.pipeline.identified_noise import Unstated, noise_model
 from spinfilters.pipeline.log_evidence import minus_twice_log_evidence
-from spinfilters.pipeline.preparation import camera_view, prepare
-from spinfilters.pipeline.setup import Setup
+from spinfilters.pipeline.preparation import prepare
+from spinfilters.pipeline.setup import Setup, camera_view
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
 from spinfilters.state.blocks.acceleration import ACCELERATION

@@ -15,7 +15,7 @@ from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.pipeline import first_epochs
 from spinfilters.pipeline.first_epochs import FirstEpochs
 from spinfilters.pipeline.initialisation_length import LARGEST_SHARE
-from spinfilters.pipeline.preparation import camera_view
+from spinfilters.pipeline.setup import camera_view
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 

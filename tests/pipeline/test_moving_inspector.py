@@ -29,7 +29,7 @@ from spinfilters.pipeline.comparison_run import compare_dataset
 from spinfilters.pipeline.estimation import Comparison
 from spinfilters.pipeline.figures import FigureData, drawn_figure
 from spinfilters.pipeline.first_epochs import initial_samples
-from spinfilters.pipeline.preparation import camera_view
+from spinfilters.pipeline.setup import camera_view
 from spinfilters.runs.run_folder import DECISIVE
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.inspector import CIRCLE_PERIOD
