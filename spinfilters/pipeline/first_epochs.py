@@ -149,7 +149,7 @@ class FirstEpochs:
 
 @dataclass(frozen=True)
 class BoundLog:
-    """A log to be bound to models, with the initialisation that follows from them or is given.
+    """A log to be bound to models, with an initialisation made or given.
 
     Attributes
     ----------

@@ -46,14 +46,12 @@ def _setup(
     """Beside another setup from its noise and body."""
     log = log_with_noise(dataset.log, settings)
     layout = layout_of(log, settings)
-    stated = (
-        stated_models(dataset, log, layout, settings)
-        if beside is None
-        else models_beside(beside, layout, settings)
-    )
-    silent = NOTHING_SOUGHT
-    likely = None if beside is None else beside.initial
-    binding = BoundLog(replace(dataset, log=log), camera_view(dataset), layout, settings, initial, likely)
+    if beside is None:
+        stated, likely = stated_models(dataset, log, layout, settings), None
+    else:
+        stated, likely = models_beside(beside, layout, settings), beside.initial
+    silent, view = NOTHING_SOUGHT, camera_view(dataset)
+    binding = BoundLog(replace(dataset, log=log), view, layout, settings, initial, likely)
     if initial is not None:
         made, components = binding(stated.process, stated.noise, None), ()
     else:
