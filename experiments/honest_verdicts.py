@@ -196,9 +196,10 @@ def figure(cases: Sequence[RecordingCase], outcomes: Sequence[VerdictOutcome]) -
     drawn = Figure(figsize=(9.0, 1.5 + 0.24 * len(cases)), layout="constrained")
     axes = drawn.add_subplot()
     place = {case.name: len(cases) - k for k, case in enumerate(cases)}
-    for shift, (name, color) in zip(
-        (0.25, 0.0, -0.25), zip(NAMES, ("C0", "C1", "C2"), strict=True), strict=True
-    ):
+    ran = {outcome.estimator for outcome in outcomes}
+    for name, color, shift in zip(NAMES, ("C0", "C1", "C2"), (0.25, 0.0, -0.25), strict=True):
+        if name not in ran:
+            continue
         for is_ok, fill in ((True, color), (False, "none")):
             chosen = [o for o in outcomes if o.estimator == name and (o.verdict is Verdict.OK) == is_ok]
             axes.scatter(
