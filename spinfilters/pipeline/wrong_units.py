@@ -2,6 +2,7 @@
 
 A wrong unit scales time, rates or lengths by a factor that torque-free motion allows, so that no residual shows it. What shows it
 is the size of things: what cameras, bodies and gyros are like, and that rates change little while the body turns many times.
+A wrong convention of attitudes is contradicted by the places beside them.
 """
 
 from collections.abc import Iterator
@@ -12,6 +13,7 @@ import numpy as np
 
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.measurement_log import MeasurementStream
+from spinfilters.pipeline.attitude_convention import contradicted_convention
 from spinfilters.sensors.sensor import sensor_of
 
 SHORTEST_INTERVAL: Final = 2e-5
@@ -32,7 +34,7 @@ LONGEST_TURN: Final = 6 * np.pi
 
 @dataclass(frozen=True)
 class WrongUnit:
-    """A unit that is probably another.
+    """A unit or convention that is probably another.
 
     Its name among model errors, what shows it, and what to do.
     """
@@ -70,6 +72,17 @@ def _of_stream(stream: MeasurementStream) -> Iterator[WrongUnit]:
         if farthest > FARTHEST:
             sentence = f"the poses are {farthest:.3g} m away"
             yield WrongUnit("length-unit", sentence, "give places in m, not in mm")
+        yield from _of_attitudes(stream)
+
+
+def _of_attitudes(stream: MeasurementStream) -> Iterator[WrongUnit]:
+    found = contradicted_convention(stream)
+    if found is None:
+        return
+    name, left, read = found
+    sentence = f"places follow the attitudes to {left:.2g} m where these are read {name}, as they are to {read:.2g} m"
+    cure = "give quaternions of the body's attitude in the frame of its places (q_ig), the scalar last"
+    yield WrongUnit("attitude-convention", sentence, cure)
 
 
 def _of_rates(stream: MeasurementStream, rates: np.ndarray, interval: float) -> Iterator[WrongUnit]:

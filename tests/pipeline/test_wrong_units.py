@@ -9,6 +9,7 @@ import pytest
 
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.dataset_reader import read_dataset
+from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.pipeline.wrong_units import wrong_units
 from spinfilters.simulation.model_faults.faulty_recording import faulty_recording, model_faults
 from spinfilters.simulation.scenario import RICH_RPM, THESIS_RPM, Scenario, simulate
@@ -66,3 +67,55 @@ def test_a_wrong_unit_is_named_with_its_cure(name: str, kind: str, size: float, 
     assert name in list(found)[:2]
     assert cure in found[name].reason
     assert len(found[name].reason) < 200
+
+
+def poses_read(change: Callable[[np.ndarray], np.ndarray], offset: float = 1.0) -> Dataset:
+    """Poses whose rows (t, q) are written in another convention, their origin at a share of the usual offset."""
+    center = tuple(offset * each for each in Scenario().center_of_mass_g)
+    made = simulate(replace(scenario("pose", epochs=60), center_of_mass_g=center))
+    (stream,) = made.log.streams
+    return replace(made, log=MeasurementLog((replace(stream, values=change(stream.values)),)))
+
+
+def inverted(values: np.ndarray) -> np.ndarray:
+    """The frame's attitude in the body."""
+    return values * [1, 1, 1, -1, -1, -1, 1]
+
+
+def scalar_first(values: np.ndarray) -> np.ndarray:
+    """Written w, x, y, z."""
+    return values[:, [0, 1, 2, 6, 3, 4, 5]]
+
+
+def left_handed(values: np.ndarray) -> np.ndarray:
+    """Places whose y axis points the other way."""
+    return values * [1, -1, 1, 1, 1, 1, 1]
+
+
+@pytest.mark.parametrize(
+    ("change", "read"),
+    [
+        (inverted, "read inverted"),
+        (scalar_first, "with the scalar first,"),
+        (lambda values: scalar_first(inverted(values)), "with the scalar first, and inverted"),
+        (left_handed, "in a frame with another y axis"),
+    ],
+)
+def test_a_convention_that_places_contradict_is_named(
+    change: Callable[[np.ndarray], np.ndarray], read: str
+) -> None:
+    (found,) = wrong_units(poses_read(change))
+    assert found.name == "attitude-convention"
+    assert read in found.reason
+    assert "the scalar last" in found.reason
+
+
+def test_nothing_tells_the_convention_of_poses_of_the_centre_of_mass() -> None:
+    assert wrong_units(poses_read(lambda values: values, offset=0.0)) == []
+    assert wrong_units(poses_read(inverted, offset=0.0)) == []
+
+
+def test_real_poses_are_told_no_other_convention(shared_data: Callable[[str], Path]) -> None:
+    for name in ("hinged_elbow_tosses", "contactnets_cube_tosses"):
+        for folder in sorted(path for path in shared_data(name).iterdir() if path.is_dir()):
+            assert "attitude-convention" not in [each.name for each in wrong_units(read_dataset(folder))]
