@@ -141,6 +141,12 @@ def require_two_epochs(path: Path, epochs: int) -> None:
         raise InputError(f"{path_text(path)}: {too_few_epochs(epochs)}")
 
 
+def require_motion(epochs: int) -> None:
+    """Raise InputError for fewer epochs than a motion needs."""
+    if epochs < EPOCHS_OF_MOTION:
+        raise InputError(too_few_epochs(epochs))
+
+
 def too_few_epochs(epochs: int) -> str:
     """Refusal of a recording of fewer epochs than a motion needs, with the cure."""
     return f"has {epochs} epoch{'s' * (epochs != 1)}, a motion needs at least {EPOCHS_OF_MOTION}; record a longer stretch"

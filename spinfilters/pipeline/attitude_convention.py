@@ -13,6 +13,7 @@ from jaxtyping import Float
 
 from spinfilters.attitude.conversions import angle_between, inverse, matrix_from_quaternion
 from spinfilters.data.measurement_log import MeasurementStream
+from spinfilters.estimators.initialisation.initial_guess import path_rows
 
 FEWEST_EPOCHS: Final = 24
 """Fewer follow twelve numbers in any convention."""
@@ -85,9 +86,6 @@ def _rms(residual: Places) -> float:
 
 def _unexplained(time: Float[np.ndarray, " n"], places: Places, R: Matrices) -> Places:
     """Places (m) about a parabola and an offset that turns with the attitude."""
-    count, phase = len(time), (time - time[0]) / (time[-1] - time[0])
-    path = np.stack([phase**power for power in range(3)], axis=1)[:, None, :, None] * np.eye(3)[:, None, :]
-    design = np.concatenate([path.reshape(count, 3, 9), R], axis=2).reshape(3 * count, 12)
-    right = (places - places.mean(axis=0)).reshape(-1)
-    fitted = np.linalg.lstsq(design, right, rcond=None)[0]
-    return (right - design @ fitted).reshape(count, 3)
+    A = path_rows((time - time[0]) / (time[-1] - time[0]), R, accelerated=True)
+    right = -(places - places.mean(axis=0)).reshape(-1)
+    return (right - A @ np.linalg.lstsq(A, right, rcond=None)[0]).reshape(-1, 3)

@@ -8,7 +8,7 @@ import numpy as np
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.input_file import reason
 from spinfilters.data.measurement_log import MeasurementStream
-from spinfilters.data.sensor_files import EPOCHS_OF_MOTION, too_few_epochs
+from spinfilters.data.sensor_files import require_motion
 from spinfilters.data.sensor_format import sensor_format
 from spinfilters.errors import NUMERICAL_ERRORS, InputError, numerical
 from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
@@ -167,8 +167,7 @@ class BoundLog:
         self, process: TorqueFreeProcess, noise: SensorNoise, before: InitialEstimate | None
     ) -> NoisyModels:
         timeline = build_timeline(self.dataset.log, self.layout, noise, self.view)
-        if len(timeline) < EPOCHS_OF_MOTION:
-            raise InputError(too_few_epochs(len(timeline)))
+        require_motion(len(timeline))
         if self.initial is not None:
             return NoisyModels(process, noise, timeline, self.initial(self.layout))
         first = self._first(process, noise, timeline)

@@ -17,7 +17,7 @@ from jaxtyping import Float
 
 from spinfilters.data.input_file import reason
 from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
-from spinfilters.data.sensor_files import EPOCHS_OF_MOTION, too_few_epochs
+from spinfilters.data.sensor_files import require_motion
 from spinfilters.data.sensor_format import sensor_format
 from spinfilters.errors import NUMERICAL_ERRORS, InputError, numerical
 from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
@@ -101,8 +101,7 @@ def recorded_gyro_noise(
     option, rates = sensor.identified_option, sensor.measured_rates(stream)
     assert option is not None
     assert rates is not None  # what is identified is an error of rates
-    if len(rates) < EPOCHS_OF_MOTION:
-        raise InputError(too_few_epochs(len(rates)))
+    require_motion(len(rates))
     if rates.any() and (rates == rates[0]).all():
         raise InputError(
             f"the {sensor.name}'s rates never change, so nothing tells its noise from a motion: the body is held at one rate or "

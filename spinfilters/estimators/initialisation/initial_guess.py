@@ -48,6 +48,15 @@ def initial_state(layout: StateLayout, evidence: InitialMotion) -> tuple[Float[n
     return x, fit.residual
 
 
+def path_rows(
+    elapsed: Float[np.ndarray, " k"], rotations: Float[np.ndarray, "k 3 3"], accelerated: bool
+) -> Float[np.ndarray, "k3 c"]:
+    """Rows of -t_k by c, r_0, v and, where accelerated, f; see `fit_path`."""
+    s, eye = elapsed[:, None, None], np.broadcast_to(np.eye(3), rotations.shape)
+    columns = [rotations, -eye, -eye * s, *([-eye * s**2 / 2] if accelerated else [])]
+    return np.concatenate(columns, axis=2).reshape(-1, 3 * len(columns))
+
+
 def fit_path(evidence: InitialMotion, accelerated: bool) -> dict[str, Float[np.ndarray, " 3"]]:
     """Straight or parabolic path: c, v and f by linear least squares.
 
@@ -55,10 +64,7 @@ def fit_path(evidence: InitialMotion, accelerated: bool) -> dict[str, Float[np.n
     A centre of mass that rotations do not tell apart from the path is the least one.
     """
     assert evidence.positions is not None
-    elapsed, rotations = (evidence.time - evidence.time[0])[:, None, None], evidence.rotations
-    eye = np.broadcast_to(np.eye(3), rotations.shape)
-    columns = [rotations, -eye, -eye * elapsed, *([-eye * elapsed**2 / 2] if accelerated else [])]
-    A = np.concatenate(columns, axis=2).reshape(-1, 3 * len(columns))
+    A = path_rows(evidence.time - evidence.time[0], evidence.rotations, accelerated)
     solution = np.linalg.lstsq(A, -evidence.positions.reshape(-1), rcond=1e-9)[0].reshape(-1, 3)
     names = (CENTRE_OF_MASS.name, "", VELOCITY.name, ACCELERATION.name)
     return {name: value for name, value in zip(names, solution, strict=False) if name}
