@@ -110,19 +110,19 @@ def _tested(
     contradicted = is_contradicted(noise, solved)
     settled = not is_doubtful(noise, solved) or (not contradicted and (taken_in or bool(told.correlation)))
     identified = None if settled else with_identified(model, solved, gated=not taken_in)
-    if identified is None:
-        motion, slow = SmoothedMotion(time, solved), bool(told.correlation) or told.counts_common_errors
-        every = (*every, *placed(motion))
-        found = beside_lower_densities(score_tests(motion, noise, every), motion, model, told)
-        return TestedModels(tuple(found), contradicted, solved=near, beside_slow_noise=slow)
-    motion = SmoothedMotion(time, identified)
+    motion = SmoothedMotion(time, solved if identified is None else identified)
     every = (*every, *placed(motion))
+    if identified is None:
+        found = beside_lower_densities(score_tests(motion, noise, every), motion, model, told)
+        inflation = told.score_inflation
+        return TestedModels(tuple(found), contradicted, solved=near, score_inflation=inflation)
     found = score_tests(motion, noise_of(model, identified), every)
     stated = among_inliers(problem, identified)
     if stated is not None and is_settled(stated):
         beside = score_tests(SmoothedMotion(time, stated), noise_of(model, stated, told), every)
         found = likelier(found, beside, _advantage(identified, stated))
-    return TestedModels(tuple(found), contradicted, solved=near, beside_slow_noise=told.counts_common_errors)
+    inflation = np.inf if told.counts_common_errors else None
+    return TestedModels(tuple(found), contradicted, solved=near, score_inflation=inflation)
 
 
 def _advantage(one: LinearRows, other: LinearRows) -> float:

@@ -18,7 +18,7 @@ FALSE_ALARM: Final = 1e-2
 LEAST_EFFECT, LEAST_EFFECT_BESIDE_SLOW_NOISE = Effect(2.0, 1.0), Effect(4.0, 2.0)
 """Deviations by which removing an error moves a state, at one epoch or over all. One that moves all by less, and does not
 contradict the stated noise, is left to the uncertainty: with the errors that noise makes it stays below four. Slow errors of a
-gyro, and such as tracks of images have in common, look like small ones of many models."""
+gyro, and such as tracks of images have in common, look like small ones of many models, unless these are beyond what they feign."""
 HARMFUL: Final = 4.0
 """Deviations by which removing an error moves a state at one epoch, from which it alone makes estimates wrong."""
 SINGLE_FALSE_ALARM: Final = 2e-3
@@ -49,7 +49,8 @@ class TestedModels:
     trouble: why there are no tests of a motion that was estimated; empty where there are.   units: that are probably others.
     std: (k, n) stated deviations of the states that were tested, or None where they are unknown.
     correlated: errors of the measurements that are, or may be, correlated in time.   solved: what was tested, while it is.
-    beside_slow_noise: whether a noise level stands for an error that is known to be correlated.
+    score_inflation: by which errors may enlarge a score that are known to be correlated and for which a noise level stands;
+        infinite where it is not known, None where there are none.
     """
 
     tests: tuple[ScoreTest, ...] = ()
@@ -59,7 +60,7 @@ class TestedModels:
     std: Float[np.ndarray, "k n"] | None = None
     correlated: PossibleCorrelation = NO_CORRELATION
     solved: LinearRows | None = None
-    beside_slow_noise: bool = False
+    score_inflation: float | None = None
 
     @cached_property
     def classes(self) -> tuple[tuple[ScoreTest, ...], ...]:
@@ -129,10 +130,20 @@ class TestedModels:
         if self.std is None:
             return True
         effect = test.effect(self.std)
-        least = LEAST_EFFECT_BESIDE_SLOW_NOISE if self.beside_slow_noise else LEAST_EFFECT
+        least = LEAST_EFFECT_BESIDE_SLOW_NOISE if self._may_be_slow_noise(test) else LEAST_EFFECT
         moves = effect.largest >= least.largest or effect.rms >= least.rms
         chance = self.largest_p_value if self.beside_slow_noise else TELLING
         return (moves or test.level >= LEAST_LEVEL) and test.score_p_value < chance
+
+    @property
+    def beside_slow_noise(self) -> bool:
+        """Whether a noise level stands for an error that is known to be correlated."""
+        return self.score_inflation is not None
+
+    def _may_be_slow_noise(self, test: ScoreTest) -> bool:
+        """Whether a score is not improbable of errors that last longer than they seem."""
+        most = self.score_inflation
+        return most is not None and test.p_value_of_inflated(most) >= SINGLE_FALSE_ALARM
 
     @property
     def names(self) -> tuple[str, ...]:

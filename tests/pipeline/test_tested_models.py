@@ -39,7 +39,7 @@ def test_what_only_lets_noise_levels_fall_is_not_named(
     one, std = np.ones(1), np.full((1, 1), 0.1)
     test = ScoreTest(table()["torque"], one, one, statistic, 1.0, 40.0, 1e-8, 5 * std, level=0.1)
     tests = (test, replace(test, error=table()["drag"], p_value=1.0))
-    assert tested_models.TestedModels(tests, std=std, beside_slow_noise=slow).names == names
+    assert tested_models.TestedModels(tests, std=std, score_inflation=np.inf if slow else None).names == names
 
 
 @pytest.mark.parametrize(
@@ -57,7 +57,14 @@ def test_an_error_that_alone_makes_estimates_wrong_is_named_sooner(
     one, std = np.ones(1), np.full((1, 1), 0.1)
     test = ScoreTest(table()["torque"], one, one, 40.0, 1.0, 40.0, p_value, size * std, level=0.1)
     others = tuple(replace(test, error=error, p_value=1.0) for error in list(table().values())[:9])
-    assert bool(tested_models.TestedModels((test, *others), std=std, beside_slow_noise=slow).names) == named
+    assert (
+        bool(
+            tested_models.TestedModels(
+                (test, *others), std=std, score_inflation=np.inf if slow else None
+            ).names
+        )
+        == named
+    )
 
 
 def test_beside_slow_noise_an_error_must_move_states_by_twice_as_much() -> None:
@@ -65,7 +72,24 @@ def test_beside_slow_noise_an_error_must_move_states_by_twice_as_much() -> None:
     test = ScoreTest(table()["torque"], one, one, 40.0, 1.0, 40.0, 1e-8)
     for effect, slow, names in ((1.5, False, ("torque",)), (1.5, True, ()), (2.5, True, ("torque",))):
         own = replace(test, shift=effect * std)
-        assert tested_models.TestedModels((own,), std=std, beside_slow_noise=slow).names == names
+        assert (
+            tested_models.TestedModels((own,), std=std, score_inflation=np.inf if slow else None).names
+            == names
+        )
+
+
+@pytest.mark.parametrize(
+    ("statistic", "inflation", "names"),
+    [(50.0, 5.0, ("torque",)), (45.0, 5.0, ()), (50.0, 6.0, ()), (50.0, np.inf, ())],
+)
+def test_a_score_beyond_what_slow_noise_feigns_is_named_as_without_it(
+    statistic: float, inflation: float, names: tuple[str, ...]
+) -> None:
+    one, std = np.ones(1), np.full((9, 1), 0.1)
+    shift = np.array([[0.25], *[[0.0]] * 8])  # between the limits at one epoch, and below them over all
+    test = ScoreTest(table()["torque"], one, one, statistic, 1.0, 40.0, 1e-8, shift)
+    tested = tested_models.TestedModels((test,), std=std, score_inflation=inflation)
+    assert tested.names == names
 
 
 def test_errors_that_explain_the_same_residuals_are_named_as_one() -> None:

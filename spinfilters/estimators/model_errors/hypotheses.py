@@ -90,6 +90,10 @@ def solved_near(
     return LinearRows(problem, found.point, found.normal) if found.normal.solved else None
 
 
+LONGER: Final = 5.0
+"""Factor by which correlated errors may last longer than a recording of some ten of their correlation times tells."""
+
+
 @dataclass(frozen=True)
 class KnownLevels:
     """Noise levels known before the tests, with their uncertainty.
@@ -109,6 +113,16 @@ class KnownLevels:
     def counts_common_errors(self) -> bool:
         """Whether rows are told to have errors in common."""
         return max(self.inflation.values(), default=1.0) > 1.0
+
+    @property
+    def score_inflation(self) -> float | None:
+        """Factor by which errors that are known to be correlated may enlarge a score.
+
+        Infinite where rows have errors in common, for those of an epoch are many; None where there are none.
+        """
+        if self.counts_common_errors:
+            return np.inf
+        return LONGER if self.correlation else None
 
 
 NOTHING_KNOWN: Final = KnownLevels()

@@ -107,6 +107,10 @@ class ScoreTest:
         once = float(chi_square_tail(self.statistic, self.dof))
         return min(self.error.trials * once, self.beside_all)
 
+    def p_value_of_inflated(self, inflation: float) -> float:
+        """Probability of a greater statistic than one that errors inflate by a factor."""
+        return min(1.0, self.error.trials * float(chi_square_tail(self.statistic / inflation, self.dof)))
+
     @property
     def p_value_beside_slow(self) -> float:
         """Probability of a greater statistic beside slow changes."""
