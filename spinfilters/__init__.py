@@ -6,9 +6,9 @@ A first look, from a file of gyro rates to a picture::
     run.figure("summary").savefig("summary.png")
 
 Everything public is here, and is loaded when it is first asked for: `load` and `simulate` give data sets, `compare` runs estimators
-on one and gives a `Run`, `campaign` runs a study of thousands, `observe` says what a sensor can determine; `read_mesh` and
-`mass_properties` are for bodies of known shape. What cannot be used raises `InputError`, whose text is one line that names the
-value and the cure.
+on one and gives a `Run`, which `load_run` reads from its folder again, `campaign` runs a study of thousands, `observe` says what a
+sensor can determine; `read_mesh` and `mass_properties` are for bodies of known shape. What cannot be used raises `InputError`, whose
+text is one line that names the value and the cure.
 """
 
 from importlib import import_module
@@ -19,7 +19,7 @@ from spinfilters.errors import InputError
 if TYPE_CHECKING:
     from spinfilters.api.analysis import ObservabilityResult, observe
     from spinfilters.api.campaign_frames import campaign
-    from spinfilters.api.recording_comparison import compare
+    from spinfilters.api.recording_comparison import compare, load_run
     from spinfilters.api.recordings import load, simulate
     from spinfilters.api.results import EstimatorResult, Run
     from spinfilters.data.dataset import Dataset
@@ -38,6 +38,7 @@ __all__ = [
     "campaign",
     "compare",
     "load",
+    "load_run",
     "mass_properties",
     "observe",
     "read_mesh",
@@ -53,6 +54,7 @@ _MODULES = {
     "campaign": "spinfilters.api.campaign_frames",
     "compare": "spinfilters.api.recording_comparison",
     "load": "spinfilters.api.recordings",
+    "load_run": "spinfilters.api.recording_comparison",
     "mass_properties": "spinfilters.lidar.mass_properties",
     "observe": "spinfilters.api.analysis",
     "read_mesh": "spinfilters.lidar.mesh_files",

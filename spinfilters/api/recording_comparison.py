@@ -11,11 +11,13 @@ from spinfilters.api.blas_threads import on_one_blas_thread
 from spinfilters.api.recordings import load
 from spinfilters.api.results import Run
 from spinfilters.data.dataset import Dataset
-from spinfilters.data.input_file import value_text
+from spinfilters.data.input_file import path_text, value_text
 from spinfilters.errors import InputError
 from spinfilters.pipeline.comparison_run import RunOutput, compare_dataset, compare_into, silent
 from spinfilters.pipeline.estimation import Comparison, Progress
 from spinfilters.pipeline.estimator_entry import names_in
+from spinfilters.runs.run_folder import CONFIG_FILE, SEGMENTS_FOLDER
+from spinfilters.runs.run_summary import SUMMARY_FILE, read_summary
 from spinfilters.settings.run_settings import Settings, read_settings, settings_from
 
 if TYPE_CHECKING:
@@ -72,6 +74,27 @@ def compare(
     return Run.from_comparison(_whole(written.comparison, folder), chosen, folder)
 
 
+def load_run(folder: str | os.PathLike[str]) -> Run:
+    """Run of a folder that a comparison has written, read without running anything.
+
+    Parameters
+    ----------
+    folder: of ``spinfilters compare -o``, of `compare` with ``output``, or of `Run.save`; of several segments that of one, such as
+        ``runs/mine/segments/001``.
+
+    Raises
+    ------
+    InputError: no folder of a run, an unfinished or a damaged one; the text is one line that names the file and the cure.
+    """
+    place = Path(folder)
+    if not (place / SUMMARY_FILE).exists() and (place / SEGMENTS_FOLDER).is_dir():
+        raise InputError(
+            f"{path_text(place)}: holds runs of several segments; give one of them ({SEGMENTS_FOLDER}/...)"
+        )
+    read_summary(place)  # tells first that a folder holds no finished run
+    return Run.from_folder(place, read_settings(place / CONFIG_FILE))
+
+
 def _whole(comparison: Comparison, folder: Path | None) -> Comparison:
     """A comparison that Ctrl-C has not cut short."""
     if comparison.interrupted:
@@ -99,7 +122,11 @@ def _settings(settings: AnySettings | None, estimators: Sequence[str] | str | No
 
 def _names(estimators: Sequence[str] | str) -> tuple[str, ...]:
     """Names from a list, or from one text with commas."""
-    return names_in(estimators) if isinstance(estimators, str) else tuple(estimators)
+    if isinstance(estimators, str):
+        return names_in(estimators)
+    if isinstance(estimators, Settings | Mapping):
+        raise InputError("estimators are settings; give them by name: compare(data, settings=...)")
+    return tuple(estimators)
 
 
 def _dataset(data: object, segment: int | str | None) -> Dataset:

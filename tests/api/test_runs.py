@@ -58,6 +58,10 @@ def test_a_run_in_a_folder_is_written_there_and_read_from_there_again(
     assert again.comparison is None
     np.testing.assert_array_equal(again["mekf"].trajectory.rate_i, first["mekf"].trajectory.rate_i)
     assert again.summary["estimators"] == first.summary["estimators"]
+    loaded = spinfilters.load_run(tmp_path / "run")
+    assert loaded.settings == again.settings
+    assert str(loaded) == str(again)
+    np.testing.assert_array_equal(loaded["mekf"].trajectory.rate_i, first["mekf"].trajectory.rate_i)
     with pytest.raises(InputError, match=r"read from .*run; copy that folder"):
         again.save(tmp_path / "copy")
 
@@ -101,6 +105,7 @@ def test_settings_may_be_an_object_a_mapping_or_a_file(gyro: spinfilters.Dataset
         ({"segment": 2}, "segment 2 is of a recording's folder"),
         ({"estimators": ["kalman"]}, "unknown estimator 'kalman'; choose from mekf"),
         ({"estimators": []}, "none given"),
+        ({"estimators": Settings()}, "give them by name: compare(data, settings=...)"),
         ({"settings": {"sensors": {"gyro_noise_std": -1}}}, "settings: sensors.gyro_noise_std is -1; give"),
         ({"settings": {"speed": 1}}, "settings: unknown key 'speed'"),
         ({"resume": True}, "work in a run folder; give output"),
@@ -121,6 +126,22 @@ def test_what_cannot_be_used_is_refused_in_one_line(
     assert says in str(refusal.value)
     assert "\n" not in str(refusal.value)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("made", "says"),
+    [
+        ("", "no-run/summary.json: cannot be read (No such file or directory); give a folder made by"),
+        ("segments/001", "no-run: holds runs of several segments; give one of them (segments/...)"),
+        ("summary.json", "no-run/summary.json: cannot be read (Is a directory); give a folder made by"),
+    ],
+)
+def test_what_is_no_run_is_not_loaded(made: str, says: str, tmp_path: Path) -> None:
+    (tmp_path / "no-run" / made).mkdir(parents=True)
+    with pytest.raises(spinfilters.InputError) as refusal:
+        spinfilters.load_run(tmp_path / "no-run")
+    assert says in str(refusal.value)
+    assert "\n" not in str(refusal.value)
 
 
 def test_an_interrupted_comparison_raises_as_python_does(
