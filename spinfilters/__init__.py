@@ -7,8 +7,8 @@ A first look, from a file of gyro rates to a picture::
 
 Everything public is here, and is loaded when it is first asked for: `load` and `simulate` give data sets, `compare` runs estimators
 on one and gives a `Run`, which `load_run` reads from its folder again, `campaign` runs a study of thousands, `observe` says what a
-sensor can determine; `read_mesh` and `mass_properties` are for bodies of known shape. What cannot be used raises `InputError`, whose
-text is one line that names the value and the cure.
+sensor can determine; `read_mesh` and `mass_properties` are for bodies of known shape. What cannot be used raises `InputError`,
+whose text is one line that names the value and the cure.
 """
 
 from importlib import import_module
