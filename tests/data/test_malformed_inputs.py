@@ -68,6 +68,10 @@ GYRO_FAULTS = {
         gyro("1403636579763555584,1,2,3", "1403636579863555584,1,2,3"),
         "line 2: time 1.4036365797635556e+18",
     ),
+    "one wild stamp": (
+        gyro("0,1,2,3", "0.1,1,2,3", "9e3,1,2,3", "0.3,1,2,3", "0.4,1,2,3"),
+        "line 5: time 0.3 s follows 9000.0 s: it runs backwards; correct the stamp before it, or sort the lines",
+    ),
     "time backwards": (gyro("0,1,2,3", "", "0.5,1,2,3", "0.25,1,2,3"), "line 5: time 0.25 s follows 0.5 s"),
     "a time twice": (gyro("0,1,2,3", "0.5,1,2,3", "0.5,1,2,3"), "line 4: time 0.5 s occurs twice"),
     "one sample": (gyro("0,1,2,3"), "has 1 epoch"),
