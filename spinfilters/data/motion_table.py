@@ -117,7 +117,7 @@ def _require_measurable(table: TextTable, unit: str, is_stated: bool) -> None:
     elif is_stated:
         cure = "correct the unit, or the line"
     else:
-        cure = "give --unit deg/s, or say the unit in the header ('wx (rad/s)'), or correct the line"
+        cure = "give --unit deg/s (or mrad/s, mdeg/s, rpm), say it in the header ('wx (deg/s)'), or correct the line"
     value, name = float(table.values[row, column]), value_text(table.names[column])
     raise table.error(
         row,

@@ -106,11 +106,8 @@ def require_times(table: RowsOfFile, repeats: bool) -> None:
         before, after = float(time[row - 1]), float(time[row])
         if before == after:
             raise table.error(row, f"time {after!r} s occurs twice; keep one line of each time")
-        is_wild = row > 1 and after > time[row - 2]  # without the line before all would be in order
-        cure = "correct the stamp before it, or sort" if is_wild else "sort"
-        raise table.error(
-            row, f"time {after!r} s follows {before!r} s: it runs backwards; {cure} the lines by time"
-        )
+        cure = "correct the wrong one of the two, or sort the lines by time"
+        raise table.error(row, f"time {after!r} s follows {before!r} s: it runs backwards; {cure}")
     step = np.diff(time)
     short = np.flatnonzero((step > 0) & (step < SHORTEST_STEP))
     if short.size:

@@ -111,15 +111,18 @@ class EstimateHistory:
     def random_factor(self, rows: slice | Int[np.ndarray, " r"] = slice(None)) -> Float[np.ndarray, "r e e"]:
         """Covariance factor of some epochs without calibration errors, not triangular where there are any.
 
-        The difference is taken of correlations, so that units have no say in what rounding leaves.
+        The difference is taken of correlations, so that units have no say in what rounding leaves. NaN where it is not finite.
         """
         factor = self.factor[rows]
         if self.calibration is None:
             return factor
-        scale = np.maximum(np.linalg.norm(factor, axis=2), np.finfo(float).tiny)[:, :, np.newaxis]
-        total, known = factor / scale, self.calibration[rows] / scale
+        calibration, found = self.calibration[rows], np.full_like(factor, np.nan)
+        finite = np.isfinite(np.concatenate([factor, calibration], axis=2)).all(axis=(1, 2))
+        scale = np.maximum(np.linalg.norm(factor[finite], axis=2), np.finfo(float).tiny)[:, :, np.newaxis]
+        total, known = factor[finite] / scale, calibration[finite] / scale
         values, vectors = np.linalg.eigh(total @ np.swapaxes(total, 1, 2) - known @ np.swapaxes(known, 1, 2))
-        return scale * vectors * np.sqrt(np.maximum(values, 0.0))[:, np.newaxis]
+        found[finite] = scale * vectors * np.sqrt(np.maximum(values, 0.0))[:, np.newaxis]
+        return found
 
     @property
     def covariance(self) -> Float[np.ndarray, "n e e"]:

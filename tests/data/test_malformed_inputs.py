@@ -70,7 +70,7 @@ GYRO_FAULTS = {
     ),
     "one wild stamp": (
         gyro("0,1,2,3", "0.1,1,2,3", "9e3,1,2,3", "0.3,1,2,3", "0.4,1,2,3"),
-        "line 5: time 0.3 s follows 9000.0 s: it runs backwards; correct the stamp before it, or sort the lines",
+        "line 5: time 0.3 s follows 9000.0 s: it runs backwards; correct the wrong one of the two, or sort",
     ),
     "time backwards": (gyro("0,1,2,3", "", "0.5,1,2,3", "0.25,1,2,3"), "line 5: time 0.25 s follows 0.5 s"),
     "a time twice": (gyro("0,1,2,3", "0.5,1,2,3", "0.5,1,2,3"), "line 4: time 0.5 s occurs twice"),

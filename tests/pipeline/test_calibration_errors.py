@@ -122,6 +122,15 @@ def test_the_random_part_is_that_of_an_exact_calibration() -> None:
     np.testing.assert_allclose(random @ np.swapaxes(random, 1, 2), alone.covariance, atol=1e-10)
 
 
+def test_the_random_part_is_unknown_where_the_whole_is() -> None:
+    total = by_name("mekf").history
+    factor = total.factor.copy()
+    factor[-1, 0, 0] = np.nan
+    random = replace(total, factor=factor).random_factor()
+    np.testing.assert_array_equal(random[:-1], total.random_factor()[:-1])
+    assert np.isnan(random[-1]).all()
+
+
 def test_parts_add_up_and_are_told_in_summary_and_table() -> None:
     document = summary(compared())
     told = document["estimators"]["mekf"]["deviation_parts"]
