@@ -58,6 +58,10 @@ class Gaussian:
             ) from error
         return cls(layout, mean, factor)
 
+    def whitened(self, rows: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
+        """Rows of errors in standard deviations: factor^-1 rows. LinAlgError: a singular factor."""
+        return np.linalg.solve(self.factor, rows)
+
     @property
     def state(self) -> "Gaussian":
         """The belief itself."""

@@ -21,6 +21,10 @@ class StatePrior(Protocol):
         """(n, n) square root of its covariance."""
         ...
 
+    def whitened(self, rows: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
+        """Rows of errors in its standard deviations: factor^-1 rows. LinAlgError: a singular factor."""
+        ...
+
 
 @dataclass(frozen=True)
 class FirstStatePrior:
@@ -33,6 +37,12 @@ class FirstStatePrior:
     def factor(self) -> Float[np.ndarray, "n n"]:
         """Square root of the covariance."""
         return self._factor
+
+    def whitened(self, rows: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
+        """Rows of errors in standard deviations, as `StatePrior.whitened`."""
+        if not self.std.all():
+            raise np.linalg.LinAlgError("a standard deviation is zero")
+        return rows * (1.0 / self.std)[:, None]
 
     @cached_property
     def _factor(self) -> Float[np.ndarray, "n n"]:

@@ -255,7 +255,7 @@ def prior_rows(
     layout = ordering.layout
     away = layout.local(prior.mean, first)
     by_trial = np.linalg.inv(layout.reset_jacobian(away))[:, ordering.order]
-    return np.linalg.solve(prior.factor, np.concatenate([by_trial, -away[:, None]], axis=1))
+    return prior.whitened(np.concatenate([by_trial, -away[:, None]], axis=1))
 
 
 def _inverse(order: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
