@@ -90,13 +90,17 @@ def rows_of(table: pd.DataFrame) -> Iterator[str]:
 
 
 def doubts_of(table: pd.DataFrame) -> Iterator[str]:
-    """First doubts about determined runs that are not ``ok``, a line for each kind."""
+    """First doubts about determined runs that are not ``ok``, a line for each kind.
+
+    Of a run without a verdict it is what stopped it.
+    """
     kinds: dict[str, list[int]] = {}
     for motion, runs in table.groupby("motion", sort=False):
         told = runs.loc[runs["seed"].isin(determined(runs).tolist()) & (runs["verdict"] != "ok")]
-        columns = (told[name].tolist() for name in ("estimator", "noise", "verdict_reasons", "seed"))
+        told = told.assign(reasons=told["verdict_reasons"].fillna(told["reason"]))
+        columns = (told[name].tolist() for name in ("estimator", "noise", "reasons", "seed"))
         for estimator, noise, reasons, seed in zip(*columns, strict=True):
-            words = re.split(r"[\d(:;]", reasons, maxsplit=1)[0].strip()
+            words = re.split(r"[\d(:;]", reasons, maxsplit=1)[0].strip(" ,")
             kinds.setdefault(f"{motion}, {estimator}, {noise}: {words}", []).append(seed)
     for kind, seeds in kinds.items():
         yield f"{kind}: {len(seeds)} ({', '.join(map(str, sorted(seeds)))})"

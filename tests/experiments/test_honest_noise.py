@@ -21,8 +21,17 @@ def test_moments_are_determined_where_the_smoother_knows_both_with_the_noise_sta
 
 
 def test_doubts_about_determined_runs_are_told_by_kind_with_seeds() -> None:
-    table = TABLE.assign(motion="rich", verdict="degraded", verdict_reasons="errors are 3.1 times too large")
+    table = _told("degraded", "errors are 3.1 times too large", "")
     table.loc[0, "verdict"] = "ok"
     assert list(doubts_of(table)) == []
     table.loc[2, "seed"] = 0
     assert list(doubts_of(table)) == ["rich, mekf, stated: errors are: 1 (0)"]
+
+
+def test_a_run_without_a_verdict_is_told_by_what_stopped_it() -> None:
+    table = _told(None, None, "took longer than study.time_limit_s, 600 s")
+    assert list(doubts_of(table)) == ["rich, smoother, stated: took longer than study.time_limit_s: 1 (0)"]
+
+
+def _told(verdict: str | None, reasons: str | None, reason: str) -> pd.DataFrame:
+    return TABLE.assign(motion="rich", verdict=verdict, verdict_reasons=reasons, reason=reason)
