@@ -34,6 +34,7 @@ from experiments.arithmetic_methods import (
     stds,
 )
 from experiments.arithmetic_runs import LAYOUT, FilterStep, RandomRun, random_run, steps
+from experiments.command_line import run_study
 from spinfilters.data.atomic_write import make_folder
 from spinfilters.errors import SpinfiltersError
 from spinfilters.estimators.filters.iterated_update import IterationOptions
@@ -282,4 +283,4 @@ def _share(ratios: list[float], bad: list[bool]) -> Float[np.ndarray, " b"]:
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

@@ -23,6 +23,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
+from experiments.command_line import run_study
 from spinfilters.attitude.conversions import matrix_from_quaternion, quaternion_from_matrix
 from spinfilters.data.camera import StereoRig
 from spinfilters.data.truth import Truth, read_truth
@@ -193,4 +194,4 @@ def _true_pose(truth: Truth, time_s: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

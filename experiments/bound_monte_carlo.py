@@ -20,6 +20,7 @@ from rich.progress import track
 from rich.table import Table
 
 from experiments.benchmarks.smoother_workload import MOTIONS
+from experiments.command_line import run_study
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.known_map import KnownMap
 from spinfilters.estimators.robust.losses import LeastSquares
@@ -166,4 +167,4 @@ def _options() -> argparse.Namespace:
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

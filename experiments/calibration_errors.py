@@ -16,6 +16,7 @@ from typing import Final
 
 import numpy as np
 
+from experiments.command_line import run_study
 from spinfilters.campaigns.metric_columns import nees_metrics
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.measurement_log import MeasurementLog
@@ -124,4 +125,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from experiments.command_line import run_study
 from spinfilters.campaigns.campaign_folder import read_folder
 from spinfilters.campaigns.report.intervals import Interval
 from spinfilters.campaigns.report.statistics import CellSummary, cell_summaries
@@ -114,4 +115,4 @@ def _interval(found: Interval) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 
+from experiments.command_line import run_study
 from spinfilters.campaigns.rows_folder import ROWS, part_files, read_rows
 from spinfilters.campaigns.schema import is_volatile
 
@@ -183,4 +184,4 @@ def _difference(serial: Path, other: Path) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

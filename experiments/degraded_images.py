@@ -18,6 +18,7 @@ import cv2
 import numpy as np
 from jaxtyping import UInt8
 
+from experiments.command_line import run_study
 from spinfilters.errors import InputError
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.pipeline.comparison_run import compare_dataset
@@ -148,4 +149,4 @@ def _line(evaluation: Evaluation) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from experiments.command_line import run_study
 from spinfilters.data.dataset_reader import read_dataset, read_segments, read_whole
 from spinfilters.flight.free_flight import find_flights
 from spinfilters.flight.gyro_flights import gyro_flights
@@ -100,4 +101,4 @@ def held(path: Path) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

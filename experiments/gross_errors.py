@@ -19,6 +19,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from experiments.command_line import run_study
 from spinfilters.api.campaign_frames import campaign_rows
 from spinfilters.campaigns.rows_folder import read_rows
 from spinfilters.campaigns.stated_errors import LARGEST
@@ -154,4 +155,4 @@ def _verdicts(wrong: Sequence[Row], right: Sequence[Row]) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from experiments.command_line import run_study
 from spinfilters.data.atomic_write import make_folder
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.dataset_reader import read_dataset
@@ -96,4 +97,4 @@ def prediction_errors(setup: Setup, evaluation: Evaluation) -> np.ndarray:
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

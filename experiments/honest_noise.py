@@ -26,6 +26,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float
 
+from experiments.command_line import run_study
 from spinfilters.campaigns.campaign_folder import read_folder
 from spinfilters.campaigns.rows_folder import read_rows
 from spinfilters.campaigns.schema import BLOCKS, ERRORS, LEVELS
@@ -156,4 +157,4 @@ def error_ratios(silent: pd.DataFrame, stated: pd.DataFrame) -> Float[np.ndarray
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from experiments.command_line import run_study
 from experiments.honest_cases import CASES, LAYOUT, Recording, RecordingCase, principal_axes, recordings
 from spinfilters.attitude.conversions import (
     inverse,
@@ -220,4 +221,4 @@ def figure(cases: Sequence[RecordingCase], outcomes: Sequence[VerdictOutcome]) -
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

@@ -28,6 +28,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
+from experiments.command_line import run_study
 from spinfilters.api.campaign_frames import campaign_rows
 from spinfilters.campaigns.rows_folder import read_rows
 from spinfilters.campaigns.runner import Runner
@@ -284,4 +285,4 @@ def _label(study: SensorStudy, fault: str) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

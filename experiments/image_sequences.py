@@ -20,6 +20,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
+from experiments.command_line import run_study
 from spinfilters.api.image_recordings import ImageScenario, render
 from spinfilters.data.dataset_reader import has_images
 from spinfilters.evaluation.estimator_evaluation import Evaluation
@@ -132,4 +133,4 @@ def _line(case: SequenceCase, evaluation: Evaluation, ratios: Float[np.ndarray, 
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

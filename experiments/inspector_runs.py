@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
+from experiments.command_line import run_study
 from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.estimators.filters.multiplicative_filter import MultiplicativeFilter
 from spinfilters.estimators.filters.multiplicative_ukf import MultiplicativeUkf
@@ -110,4 +111,4 @@ def _ratio(moving: Float[np.ndarray, "s 9"], static: Float[np.ndarray, "s 9"]) -
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

@@ -10,6 +10,7 @@ from itertools import combinations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from experiments.command_line import run_study
 from experiments.lidar_thesis.sequences import SEQUENCES
 from spinfilters.lidar.body_motion import Still, thesis_rotation
 from spinfilters.lidar.mesh import box
@@ -137,4 +138,4 @@ def full_turn(seed: int) -> tuple[float, float]:
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

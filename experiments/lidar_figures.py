@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from experiments.command_line import run_study
 from experiments.lidar_thesis.scan_features import Parameters, find_bndry_points, find_edge_points
 from experiments.lidar_thesis.sequences import PLACE, SEQUENCES, ProcessedSequence, processed_sequence
 from experiments.lidar_thesis.surfaces import surf_segm
@@ -107,4 +108,4 @@ def transition_figure(sequence: ProcessedSequence) -> Figure:
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

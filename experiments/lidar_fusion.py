@@ -13,6 +13,7 @@ from time import process_time
 
 import numpy as np
 
+from experiments.command_line import run_study
 from spinfilters.api.recordings import simulate
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.measurement_log import MeasurementLog
@@ -93,4 +94,4 @@ def rms_of(errors: TruthErrors) -> list[str]:
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
+from experiments.command_line import run_study
 from experiments.lidar_thesis.reference_frames import best_fitting_sphere
 from experiments.lidar_thesis.sequences import PLACE, SEQUENCES, ProcessedSequence, processed_sequence
 from spinfilters.lidar.presets import RANGE_NOISE
@@ -109,4 +110,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

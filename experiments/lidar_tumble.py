@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
+from experiments.command_line import run_study
 from spinfilters.attitude.conversions import matrix_from_quaternion
 from spinfilters.conventions import RPM
 from spinfilters.data.dataset import Dataset
@@ -191,4 +192,4 @@ def figure(found: Sequence[Evaluation], dataset: Dataset) -> Figure:
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

@@ -14,6 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from experiments.command_line import run_study
 from spinfilters.estimators.estimator import Estimator
 from spinfilters.estimators.history import EstimateHistory, GrowingHistory
 from spinfilters.estimators.landmarks.landmark_options import LandmarkOptions
@@ -149,4 +150,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import KDTree
 
+from experiments.command_line import run_study
 from experiments.map_accuracy import landmarks_on, surface_distance
 from spinfilters.pipeline.comparison_run import RunOutput, compare_into
 from spinfilters.pipeline.run_reconstruction import images_of
@@ -75,4 +76,4 @@ def _first_revolutions(run: Path, folder: Path) -> Path:
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

@@ -19,6 +19,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
+from experiments.command_line import run_study
 from spinfilters.attitude.conversions import matrix_from_quaternion
 from spinfilters.data.camera import StereoRig
 from spinfilters.data.dataset import Dataset
@@ -201,4 +202,4 @@ def _planes(mesh: TriangleMesh) -> tuple[Float[np.ndarray, "f 3"], Float[np.ndar
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
+from experiments.command_line import run_study
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.pipeline.comparison_run import compare_dataset
 from spinfilters.settings.run_settings import Settings
@@ -85,4 +86,4 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

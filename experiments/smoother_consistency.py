@@ -20,6 +20,7 @@ from rich.console import Console
 from rich.progress import track
 
 from experiments.benchmarks.smoother_workload import MOTIONS
+from experiments.command_line import run_study
 from experiments.smoother_figures import bound_figure, nees_figure
 from experiments.smoother_report import batch_table, block_table, start_table, thesis_table
 from experiments.smoother_runs import Arrays, SmootherCase, run_batch
@@ -88,4 +89,4 @@ def kept(run: Run, folder: Path, case: SmootherCase) -> Arrays:
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

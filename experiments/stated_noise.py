@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
+from experiments.command_line import run_study
 from experiments.honest_noise import print_tables
 
 NEAR = 1.2
@@ -60,4 +61,4 @@ def is_near(row: pd.Series, named: NamedLevel | None) -> bool:
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

@@ -18,6 +18,7 @@ from functools import partial
 import numpy as np
 from jaxtyping import Float
 
+from experiments.command_line import run_study
 from spinfilters.campaigns.metric_columns import metrics
 from spinfilters.campaigns.schema import ERRORS
 from spinfilters.data.dataset import Dataset
@@ -269,4 +270,4 @@ NOISE: dict[str, Callable[[MeasurementStream, np.random.Generator], MeasurementS
 """Measurements with one kind of noise, from exact ones."""
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

@@ -16,6 +16,7 @@ from jaxtyping import Bool, Float
 from scipy.io import loadmat
 from scipy.spatial.transform import Rotation
 
+from experiments.command_line import run_study
 from spinfilters.data.camera import PinholeCamera
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.known_map import KnownMap
@@ -142,4 +143,4 @@ def _landmark(
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

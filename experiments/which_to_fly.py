@@ -21,6 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
+from experiments.command_line import run_study
 from spinfilters.embedded.embedded_options import EmbedOptions
 from spinfilters.embedded.folder import write_library
 from spinfilters.pipeline.estimation import compare_estimators
@@ -102,4 +103,4 @@ def _megabytes() -> float:
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

@@ -12,6 +12,7 @@ import tempfile
 import time
 from pathlib import Path
 
+from experiments.command_line import run_study
 from spinfilters.campaigns.engine import Processes, run_campaign
 from spinfilters.campaigns.rows_folder import read_rows
 from spinfilters.campaigns.schema import TIMES
@@ -55,4 +56,4 @@ def _processor_time() -> float:
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

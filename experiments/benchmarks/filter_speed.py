@@ -25,6 +25,7 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from experiments.benchmarks.stopwatch import use_one_thread
+from experiments.command_line import run_study
 from spinfilters.data.atomic_write import write_json
 from spinfilters.estimators.estimator import Estimator
 from spinfilters.estimators.timeline import Epoch
@@ -168,4 +169,4 @@ def _print(ratios: Sequence[SpeedRatio], landmarks: float, shape: tuple[int, ...
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Float
 
 from experiments.benchmarks.stopwatch import use_one_thread
+from experiments.command_line import run_study
 from experiments.honest_cases import CASES, recordings
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.sensor_format import sensor_format
@@ -131,4 +132,4 @@ def _seconds(work: Callable[[], object]) -> float:
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

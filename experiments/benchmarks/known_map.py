@@ -8,6 +8,7 @@ from statistics import median
 from typing import Final
 
 from experiments.benchmarks.stopwatch import CLOCKS, now, use_clock, use_one_thread
+from experiments.command_line import run_study
 from spinfilters.data.dataset import Dataset
 from spinfilters.pipeline.preparation import prepare
 from spinfilters.pipeline.smoother_run import smooth_at_once
@@ -43,4 +44,4 @@ def seconds(dataset: Dataset) -> tuple[float, float]:
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

@@ -26,6 +26,7 @@ from matplotlib.ticker import NullLocator
 from rich.progress import track
 
 from experiments.benchmarks.stopwatch import use_one_thread
+from experiments.command_line import run_study
 from spinfilters.conventions import RPM
 from spinfilters.data.atomic_write import make_folder, write_json
 from spinfilters.dynamics.mass_distribution import from_inertia
@@ -268,4 +269,4 @@ def _draw(left: Axes, right: Axes, name: str, speed: Speed) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

@@ -12,6 +12,7 @@ from time import perf_counter
 
 import numpy as np
 
+from experiments.command_line import run_study
 from spinfilters.lidar.mesh import TriangleMesh
 from spinfilters.lidar.native import ray_tracer
 from spinfilters.lidar.ray_pattern import RayPattern, unit_vectors
@@ -79,4 +80,4 @@ def _peer(mesh: TriangleMesh, origins: np.ndarray, directions: np.ndarray) -> di
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

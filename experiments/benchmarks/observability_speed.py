@@ -11,6 +11,7 @@ from time import perf_counter
 from typing import Any, Final
 
 from experiments.benchmarks.symbolic_series import lie_derivatives
+from experiments.command_line import run_study
 from observability import sensors
 from observability.canonical_motions import CANONICAL_MOTIONS, CanonicalMotion, landmarks, point_of
 from observability.cases import Case
@@ -86,4 +87,4 @@ def _certificate(chart: Chart, motion: CanonicalMotion, count: int) -> Any:
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

@@ -32,6 +32,7 @@ from typing import Any, Final, NamedTuple
 import casadi as ca
 import numpy as np
 
+from experiments.command_line import run_study
 from observability import sensors
 from observability.canonical_motions import CANONICAL_MOTIONS, point_of
 from observability.certificate import certify
@@ -276,4 +277,4 @@ _SYMPY: Final[dict[str, Callable[[Any, Any], Any]]] = {
 }
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

@@ -21,6 +21,7 @@ from experiments.benchmarks.smoother_long import long_run
 from experiments.benchmarks.smoother_stream import resolved, window
 from experiments.benchmarks.smoother_workload import MOTIONS, Workload, simulated_workload
 from experiments.benchmarks.stopwatch import CLOCKS, use_clock, use_one_thread
+from experiments.command_line import run_study
 from spinfilters.simulation.scenario import Scenario
 
 SEEDS = 5
@@ -101,4 +102,4 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

@@ -23,6 +23,7 @@ from experiments.benchmarks.gtsam_peer import (
 from experiments.benchmarks.scipy_peer import scipy_least_squares
 from experiments.benchmarks.smoother_workload import MOTIONS, PeerResult, Workload, disam115_workload
 from experiments.benchmarks.stopwatch import use_one_thread
+from experiments.command_line import run_study
 
 Peer = Callable[[Workload], PeerResult]
 ITERATION_FRAMES: Final = (10, 20, 40, 115)
@@ -105,4 +106,4 @@ def _headline(motion: str, seed: int, workload: Workload) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)
