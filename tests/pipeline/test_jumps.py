@@ -19,6 +19,7 @@ from spinfilters.pipeline import model_errors
 from spinfilters.pipeline.estimation import Comparison
 from spinfilters.pipeline.preparation import prepare
 from spinfilters.settings.run_settings import Settings
+from spinfilters.simulation.model_faults.faulty_recording import faulty_recording, model_faults
 from spinfilters.simulation.motion import Motion, simulate_motion
 from spinfilters.simulation.scenario import (
     RICH_RPM,
@@ -157,6 +158,16 @@ def test_positions_later_than_their_attitudes_are_named() -> None:
     comparison = compared(replace(dataset, log=MeasurementLog((replace(stream, values=values),)), truth=None))
     assert "position-delay" in "/".join(comparison.models.names[:2]).split("/")
     assert comparison.evaluations[0].history.status.verdict == "degraded"
+
+
+def test_a_tracked_point_that_moves_in_the_body_is_named_with_its_way() -> None:
+    right = scenario("pose")
+    seeds = tuple(np.random.SeedSequence(3).spawn(3))
+    faulty = faulty_recording(right, model_faults()["point-drift"], 0.03, seeds)
+    comparison = compared(replace(faulty, truth=None))
+    assert comparison.models.names[0] == "point-drift"
+    assert np.linalg.norm(comparison.models.named[0].size) == pytest.approx(0.03, rel=0.3)
+    assert [each.history.status.verdict for each in comparison.evaluations] == ["degraded"]
 
 
 def test_positions_that_wander_are_not_late() -> None:
