@@ -13,10 +13,12 @@ from typing import Any, Final
 import numpy as np
 
 MEASURED: Final = re.compile(
-    r"runtime|milliseconds|duration|elapsed|seconds_per|per_second|created|finished|started|version|commit|host|machine|fingerprint|_path\b"
-    r"|^time_(total|start|solve|estimate|run)|spent|processor|revision"
+    r"runtime|milliseconds|duration|elapsed|seconds_per|per_second|begun|created|finished|started|version|commit|host|machine"
+    r"|fingerprint|^time_\w+_s$|spent|processor|revision"
 )
 """Names of numbers that a clock or the machine gives, rather than the mathematics."""
+STATED: Final = re.compile(r"^(git_commit|version|python|platform) = ")
+"""Lines of a settings file that say what wrote it."""
 LEFT_OUT: Final = {".png", ".html", ".svg", ".gif", ".log", ".lock", ".md"}
 """Kinds of files whose content is a picture of numbers that stand in another file."""
 
@@ -51,7 +53,7 @@ def _file_differences(one: Path, other: Path) -> Iterator[str]:
         case ".parquet":
             yield from _value_differences(_columns(one), _columns(other))
         case _:
-            if one.read_bytes() != other.read_bytes():
+            if _lines(one) != _lines(other):
                 yield _first_line(one, other)
 
 
@@ -126,4 +128,6 @@ def _first_line(one: Path, other: Path) -> str:
 
 
 def _lines(path: Path) -> list[str]:
-    return path.read_text(encoding="utf-8", errors="replace").splitlines()
+    """Lines of a text without those that state a version or a commit."""
+    lines = path.read_text(encoding="utf-8", errors="backslashreplace").splitlines()
+    return [line for line in lines if not STATED.match(line)]

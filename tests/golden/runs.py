@@ -58,7 +58,7 @@ seeds = 1
 
 [factors]
 estimator = ["mekf", "smoother"]
-"sensor.kind" = ["gyro", "pose", "stereo"]
+"sensor.kind" = ["gyro", "pose", "stereo-tracks"]
 
 [motion.base]
 rate_rpm = [4.0, 9.0, 3.0]
@@ -138,7 +138,7 @@ GOLDEN_RUNS: Final = (
     ),
     GoldenRun(
         "live",
-        (comparison("pose")[0], "live data --no-smoother --speed 2000 --format tum"),
+        (comparison("pose")[0], "live data --no-smoother --speed 2000 --deadline-ms 60000 --format tum"),
         keeps_output=True,
     ),
     GoldenRun("embed-pose", ("embed -o library --sensor pose",)),
