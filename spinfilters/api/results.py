@@ -69,6 +69,20 @@ class EstimatorResult:
         return self.evaluation.history.status.reasons
 
     @property
+    def holds(self) -> dict[str, str]:
+        """Whether each quantity holds: "ok", "doubtful" or "not determined", whatever the status of the whole.
+
+        Quantities are "position" (of the centre of mass), "attitude", "velocity", "rate", "moments", "axes" and
+        "center_of_mass" (in the body). Empty of runs that older versions made.
+        """
+        return {name: str(state) for name, state in self.evaluation.history.status.holds.items()}
+
+    @property
+    def checks(self) -> tuple[str, ...]:
+        """Names of the checks that failed, as ``docs/reference/checks.md`` lists them."""
+        return tuple(each.check for each in self.evaluation.history.status.findings)
+
+    @property
     def body(self) -> BodyEstimate:
         """The body after the last epoch.
 

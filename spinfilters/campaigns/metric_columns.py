@@ -24,6 +24,8 @@ def metrics(evaluation: Evaluation, truth: Truth | None) -> dict[str, Any]:
     found: dict[str, Any] = {
         "verdict": str(history.status.verdict),
         "verdict_reasons": "; ".join(history.status.reasons),
+        "verdict_checks": " ".join(each.check for each in history.status.findings),
+        **{f"holds_{name}": str(state) for name, state in history.status.holds.items()},
         "epochs": len(history.time),
         "accepted": int(history.accepted[history.own].sum()),
         "rejected": int(history.rejected[history.own].sum()),

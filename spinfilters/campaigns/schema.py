@@ -4,6 +4,8 @@ from typing import Final
 
 import pyarrow as pa
 
+from spinfilters.state.quantities import QUANTITIES
+
 ERRORS: Final = ("position_m", "attitude_rad", "velocity_m_s", "rate_rad_s")
 """Root mean square over the estimator's own epochs, and at the last one."""
 BODY_ERRORS: Final = ("moment_1", "moment_2", "k1", "k2", "center_of_mass_m")
@@ -35,6 +37,8 @@ _FIXED: Final[tuple[tuple[str, pa.DataType], ...]] = (
     ("reason", _TEXT),
     ("verdict", _TEXT),
     ("verdict_reasons", _TEXT),
+    ("verdict_checks", _TEXT),
+    *((f"holds_{name}", _TEXT) for name in QUANTITIES),
     ("model_errors", _TEXT),
     ("right", pa.bool_()),
     ("worst_error", _NUMBER),

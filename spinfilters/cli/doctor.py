@@ -19,7 +19,7 @@ import spinfilters
 from spinfilters.runs.provenance import PACKAGES, git_commit
 
 if TYPE_CHECKING:
-    from spinfilters.cli.doctor_checks import Check
+    from spinfilters.cli.doctor_checks import InstallationCheck
 
 NAME_WIDTH: Final[int] = 28
 COMPILING_FAILED: Final[str] = (
@@ -33,7 +33,7 @@ def run_doctor(_: argparse.Namespace) -> int:
     return doctor()
 
 
-def doctor(console: Console | None = None, checks: "Iterable[Check] | None" = None) -> int:
+def doctor(console: Console | None = None, checks: "Iterable[InstallationCheck] | None" = None) -> int:
     """Print versions, compiler, cache and self-checks.
 
     Writes nothing outside the cache folder, and works without one.
@@ -143,7 +143,7 @@ def _scaling() -> str:
         return f"could not be computed ({_reason(error)})"
 
 
-def _passes(console: Console, check: "Check") -> bool:
+def _passes(console: Console, check: "InstallationCheck") -> bool:
     try:
         with console.status(check.name):
             measured = check.measure()

@@ -43,7 +43,7 @@ class CheckError(Exception):
 
 
 @dataclass(frozen=True)
-class Check:
+class InstallationCheck:
     """One self-check.
 
     ``measure`` returns a short text of numbers or raises; ``cure`` is what to do then.
@@ -135,12 +135,12 @@ def cache_is_private() -> str:
     return f"{text}; not used, for others could have written them: {len(libraries) - sum(libraries)}"
 
 
-CHECKS: Final[tuple[Check, ...]] = (
-    Check("attitude round trip", attitude_round_trip, REINSTALL),
-    Check("process linearisation", process_linearisation, REINSTALL),
-    Check("simulated EKF and UKF run", filters_run, REINSTALL),
-    Check("figure", figure_drawn, REINSTALL),
-    Check("cache folder", cache_is_private, CACHE_CURE),
+CHECKS: Final[tuple[InstallationCheck, ...]] = (
+    InstallationCheck("attitude round trip", attitude_round_trip, REINSTALL),
+    InstallationCheck("process linearisation", process_linearisation, REINSTALL),
+    InstallationCheck("simulated EKF and UKF run", filters_run, REINSTALL),
+    InstallationCheck("figure", figure_drawn, REINSTALL),
+    InstallationCheck("cache folder", cache_is_private, CACHE_CURE),
 )
 
 

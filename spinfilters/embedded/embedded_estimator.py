@@ -126,11 +126,13 @@ class EmbeddedFilter(Estimator):
         status = EstimatorStatus()
         if self._fast:
             status = status.degraded(
-                f"the body turned too far for {self.options.substeps} substeps in {self._fast} predictions"
+                f"the body turned too far for {self.options.substeps} substeps in {self._fast} predictions",
+                "fast-rotation",
             )
         if self._not_finite:
             status = status.degraded(
-                f"{self._not_finite} steps would not have stayed finite and were left out"
+                f"{self._not_finite} steps would not have stayed finite and were left out",
+                "steps-left-out",
             )
         return status
 

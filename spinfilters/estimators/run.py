@@ -81,7 +81,7 @@ def run_interruptible(
     try:
         return run(estimator, time, timeline, on_epoch, rows)
     except KeyboardInterrupt:
-        status = EstimatorStatus().degraded(f"interrupted after {len(rows)} of {total} epochs")
+        status = EstimatorStatus().degraded(f"interrupted after {len(rows)} of {total} epochs", "interrupted")
         return rows.ended(estimator.name, status)
 
 

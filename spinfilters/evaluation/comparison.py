@@ -10,6 +10,7 @@ from rich.text import Text
 
 from spinfilters.evaluation.deviation_rows import LATEST_ROWS, PARTS_CAPTION, parts_row
 from spinfilters.evaluation.estimator_evaluation import Evaluation
+from spinfilters.evaluation.held_quantities import held_text
 from spinfilters.evaluation.reported_constants import numbers_text
 from spinfilters.evaluation.span import (
     ALWAYS,
@@ -256,6 +257,7 @@ MOTIONS = (
 SECTIONS: tuple[tuple[TableRow, ...], ...] = (
     (
         TableRow("status", lambda c: str(c.evaluation.history.status.verdict)),
+        TableRow("what holds", lambda c: held_text(c.evaluation) or None),
         TableRow("own epochs", lambda c: str(len(c.evaluation.history.time[c.evaluation.history.own]))),
         TableRow("observations per epoch", _used(lambda use: _optional(use.available_per_epoch, ".1f"))),
         TableRow("  of these used", _used(lambda use: f"{use.used_per_epoch:.1f}")),

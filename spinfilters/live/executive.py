@@ -192,19 +192,27 @@ class Executive:
     ) -> Answer:
         instant, status = arrived.time, self.track.estimator.status
         if self._options.smoother and self.supervisor.trouble:
-            status = status.degraded(f"the filter goes on without the smoother: {self.supervisor.trouble}")
+            status = status.degraded(
+                f"the filter goes on without the smoother: {self.supervisor.trouble}", "no-smoother"
+            )
         for reason in self._verdict.reasons:
-            status = status.degraded(reason)
+            status = status.degraded(reason, "live")
         if count and not sum(report.accepted for report in reports):
-            status = status.degraded("no measurement of this epoch was used")
+            status = status.degraded("no measurement of this epoch was used", "epoch-unused")
         if instant > self.track.time:  # the epoch broke the filter: what it said before, carried on
-            status = status.degraded("this epoch would have made the estimate infinite and was left out")
+            status = status.degraded(
+                "this epoch would have made the estimate infinite and was left out", "steps-left-out"
+            )
             belief = self._carried(belief, instant - self.track.time) or belief
         ahead = None
         if self._options.ahead > 0:
             there = self._carried(belief, self._options.ahead)
             ahead = None if there is None else (instant + self._options.ahead, there)
-            status = status.degraded("it cannot be predicted so far ahead") if there is None else status
+            status = (
+                status.degraded("it cannot be predicted so far ahead", "prediction-range")
+                if there is None
+                else status
+            )
         source = "smoother" if self._stands_on_smoother else "filter"
         used, left = sum(r.accepted for r in reports), sum(r.rejected for r in reports)
         return Answer(instant, belief, status, source, used, left, time.monotonic() - arrived.at, ahead)
@@ -212,7 +220,10 @@ class Executive:
     def _not_believed(self, arrived: ArrivedEpoch) -> Answer:
         """Answer to an epoch whose time may be wrong: the belief before it."""
         why = f"its time is {arrived.time - self.track.time:.3g} s ahead, which the next epoch must confirm"
-        status, used = self.track.estimator.status.degraded(why), sum(map(len, arrived.streams))
+        status, used = (
+            self.track.estimator.status.degraded(why, "time-unconfirmed"),
+            sum(map(len, arrived.streams)),
+        )
         latency = time.monotonic() - arrived.at
         self.summary.latencies.append(latency)
         return Answer(arrived.time, self.track.belief, status, "filter", 0, used, latency)

@@ -15,8 +15,8 @@ from spinfilters.errors import NUMERICAL_ERRORS
 from spinfilters.estimators.estimator import ProcessModel, UpdateReport
 from spinfilters.estimators.filters.noise_adaptation import SOURCES
 from spinfilters.evaluation.noise_tests import EpochTester, FilterEpoch, NoiseTest, no_sums, summed_tests
-from spinfilters.pipeline.diagnostics import LARGEST_NIS, LARGEST_REJECTED
 from spinfilters.pipeline.noise_diagnostics import LARGEST_RATIO
+from spinfilters.verdict.estimate_tests import LARGEST_NIS, LARGEST_REJECTED
 
 WINDOW = 60
 """Measured epochs that are tested together, beside all since the filter was last believed."""

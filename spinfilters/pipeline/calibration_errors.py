@@ -66,7 +66,7 @@ class CalibrationErrors:
         except NUMERICAL_ERRORS:
             counted = None
         if counted is None or not np.isfinite(counted.factor).all():
-            return replace(history, status=history.status.degraded(UNKNOWN))
+            return replace(history, status=history.status.degraded(UNKNOWN, "calibration-uncounted"))
         return counted
 
     def _errors(self, history: EstimateHistory, entry: AnyEntry) -> Float[np.ndarray, "n e c"] | None:

@@ -19,6 +19,8 @@ from spinfilters.estimators.model_errors.correlated_observations import (
 from spinfilters.estimators.model_errors.linear_rows import LinearRows
 from spinfilters.pipeline.identified_noise import Unstated, noise_model
 from spinfilters.pipeline.setup import Setup
+from spinfilters.state.status import Finding
+from spinfilters.verdict.checks import finding
 
 LIKELY: Final = 0.8
 """Probability of errors that are a doubt; less likely ones are covered by deviations."""
@@ -34,14 +36,14 @@ class PossibleCorrelation:
 
     Attributes
     ----------
-    doubts: sentences about those that are likely.
+    doubts: findings of those that are likely.
     widening: B of the first epochs, by which F B is a covariance factor that holds with them; None where F is one.
-    undecided: a sentence about errors that only may be correlated.
+    undecided: a finding of errors that only may be correlated.
     """
 
-    doubts: tuple[str, ...] = ()
+    doubts: tuple[Finding, ...] = ()
     widening: Float[np.ndarray, "k e e"] | None = None
-    undecided: str = ""
+    undecided: Finding | None = None
 
 
 NO_CORRELATION: Final = PossibleCorrelation()
@@ -68,7 +70,7 @@ def possible_correlation(
     found = [] if model is None else correlated_errors(rows, model, stated)
     if not found:
         return NO_CORRELATION
-    doubts = tuple(_sentence(each) for each in found if _is_doubt(each))[:1]
+    doubts = tuple(_finding(each) for each in found if _is_doubt(each))[:1]
     widest = max(found, key=lambda each: float(np.square(each.widening).sum()))
     return PossibleCorrelation(doubts, widest.widening, _undecided(widest))
 
@@ -77,26 +79,18 @@ def _is_doubt(found: CorrelatedErrors) -> bool:
     return found.probability > LIKELY and found.expected_nees > LARGEST_NEES
 
 
-def _of_landmarks(seen: ObservationCorrelation) -> str:
-    return (
-        f"errors of a landmark's observations are correlated ({seen.value:.2f} from epoch to epoch, {seen.score:.0f} deviations "
-        f"of chance): squared errors of the estimates may be {seen.inflation:.1f} times what is stated; use images further apart"
-    )
+def _of_landmarks(seen: ObservationCorrelation) -> Finding:
+    numbers = {"correlation": seen.value, "score": seen.score, "inflation": seen.inflation}
+    return finding("correlated-observations", numbers)
 
 
-def _sentence(found: CorrelatedErrors) -> str:
-    return (
-        f"errors of the measurements are correlated over {found.time:.2g} s ({_sizes(found)}; -2 ln likelihood falls by "
-        f"{found.advantage:.0f}) and pass for disturbances: deviations allow for "
-        f"{found.inflation:.0f} times the variance; take measurements further apart, or a longer recording"
-    )
+def _finding(found: CorrelatedErrors) -> Finding:
+    numbers = {"advantage": found.advantage, "inflation": found.inflation}
+    return finding("correlated-errors", {"time": found.time, "sizes": _sizes(found)} | numbers)
 
 
-def _undecided(found: CorrelatedErrors) -> str:
-    return (
-        f"disturbances cannot be told from errors of the measurements that are correlated over {found.time:.2g} s "
-        f"({_sizes(found)}), and deviations hold with both: state process.torque_psd if it is known, or give a longer recording"
-    )
+def _undecided(found: CorrelatedErrors) -> Finding:
+    return finding("correlation-undecided", {"time": found.time, "sizes": _sizes(found)})
 
 
 def _sizes(found: CorrelatedErrors) -> str:

@@ -1,4 +1,4 @@
-"""Doubts about estimates from other estimates, models and noise levels."""
+"""Findings about estimates from other estimates, models and noise levels."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -13,13 +13,15 @@ from spinfilters.pipeline.estimate_diagnostics import (
     reference_smoother,
 )
 from spinfilters.pipeline.estimator_entry import AnyEntry, estimator_entries
-from spinfilters.pipeline.model_errors import tested_models
+from spinfilters.pipeline.model_errors import tested_estimate, tested_models
+from spinfilters.pipeline.model_findings import model_findings
 from spinfilters.pipeline.noise_diagnostics import filter_noise_diagnostics
 from spinfilters.pipeline.setup import Setup
 from spinfilters.pipeline.smoother_run import NAME as SMOOTHER
 from spinfilters.pipeline.stated_levels import stated_level_diagnostics
 from spinfilters.pipeline.tested_models import NOT_TESTED, TestedModels
 from spinfilters.settings.run_settings import Settings
+from spinfilters.state.status import Finding
 
 
 @dataclass(frozen=True)
@@ -35,14 +37,14 @@ class Doubts:
     setup: Setup
     settings: Settings
     evaluations: Sequence[Evaluation]
-    shared: list[str]
-    of_filters: list[str]
+    shared: list[Finding]
+    of_filters: list[Finding]
     smoother: EstimateHistory | None
     models: TestedModels = NOT_TESTED
-    _agreements: dict[str, list[str]] = field(default_factory=dict)
-    _noise: dict[str, list[str]] = field(default_factory=dict)
+    _agreements: dict[str, list[Finding]] = field(default_factory=dict)
+    _noise: dict[str, list[Finding]] = field(default_factory=dict)
 
-    def of(self, evaluation: Evaluation, entry: AnyEntry) -> list[str]:
+    def of(self, evaluation: Evaluation, entry: AnyEntry) -> list[Finding]:
         """Doubts about one estimator."""
         if self.setup.is_given:
             own = self._agreement_of(evaluation) if entry.continues else []
@@ -55,7 +57,7 @@ class Doubts:
         return [*self.shared, *levels, *agreement, *noise]
 
     @cached_property
-    def of_levels(self) -> list[str]:
+    def of_levels(self) -> list[Finding]:
         """Doubts about stated levels of noise."""
         entries = estimator_entries()
         own = [each.history for each in self.evaluations if not entries[each.name].is_baseline]
@@ -63,7 +65,7 @@ class Doubts:
         return stated_level_diagnostics(self.setup, self.settings, [*first, *own])
 
     @cached_property
-    def _of_landmarks(self) -> list[str]:
+    def _of_landmarks(self) -> list[Finding]:
         """Doubts about noise by the first filter beside a landmark smoother.
 
         What it says of the noise that both are told, if they agree.
@@ -75,7 +77,7 @@ class Doubts:
                 return self._noise_of(each)
         return []
 
-    def _agreement_of(self, evaluation: Evaluation) -> list[str]:
+    def _agreement_of(self, evaluation: Evaluation) -> list[Finding]:
         """Agreement with the smoother, asked once of a filter."""
         if evaluation.name not in self._agreements:
             self._agreements[evaluation.name] = agreement_diagnostics(
@@ -83,7 +85,7 @@ class Doubts:
             )
         return self._agreements[evaluation.name]
 
-    def _noise_of(self, evaluation: Evaluation) -> list[str]:
+    def _noise_of(self, evaluation: Evaluation) -> list[Finding]:
         """Noise doubts from a filter's own epochs, where nothing has been said yet."""
         if self.of_levels:
             return []
@@ -111,7 +113,7 @@ def doubts_of(evaluations: Sequence[Evaluation], setup: Setup, settings: Setting
         [
             *shared_diagnostics(setup),
             *motion_diagnostics(setup, settings),
-            *models.reasons,
+            *model_findings(models, tested_estimate(setup, evaluations)),
         ],
         filter_diagnostics(setup),
         reference_smoother(smoothers, setup, settings),

@@ -44,9 +44,9 @@ from spinfilters.pipeline.correlation_verdict import possible_correlation
 from spinfilters.pipeline.identified_noise import Unstated, noise_model
 from spinfilters.pipeline.setup import Setup
 from spinfilters.pipeline.tested_models import NOT_TESTED, TestedModels
-from spinfilters.pipeline.wrong_units import wrong_units
 from spinfilters.sensors.sensor import sensor_of
 from spinfilters.state.status import Verdict
+from spinfilters.verdict.wrong_units import wrong_units
 
 Placed = Callable[[SmoothedMotion], Iterable[Alternative]]
 MOST_EPOCHS_WITH_MAP, MOST_EPOCHS = 300, 1024
@@ -58,7 +58,7 @@ def tested_models(setup: Setup, evaluations: Sequence[Evaluation]) -> TestedMode
 
     None where nothing can be linearised.
     """
-    best, units = _best(setup, evaluations), tuple(wrong_units(setup.dataset))
+    best, units = tested_estimate(setup, evaluations), tuple(wrong_units(setup.dataset))
     if best is None:
         return replace(NOT_TESTED, units=units)
     most = MOST_EPOCHS_WITH_MAP if setup.initial.has_landmarks else MOST_EPOCHS
@@ -145,8 +145,8 @@ def _correlation(setup: Setup) -> dict[str, float]:
     }
 
 
-def _best(setup: Setup, evaluations: Sequence[Evaluation]) -> EstimateHistory | None:
-    """The estimator that used most measurements of each epoch.
+def tested_estimate(setup: Setup, evaluations: Sequence[Evaluation]) -> EstimateHistory | None:
+    """The estimate about which models are tested: the estimator that used most measurements of each epoch.
 
     The smoother if it runs, else the first that has not failed.
     """

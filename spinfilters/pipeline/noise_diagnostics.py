@@ -17,7 +17,8 @@ from spinfilters.evaluation.deviation_parts import without_calibration
 from spinfilters.evaluation.noise_tests import MEASUREMENTS, MOST_EPOCHS, FilterTests, NoiseTest, filter_tests
 from spinfilters.pipeline.setup import Setup
 from spinfilters.settings.run_settings import Settings
-from spinfilters.state.status import Verdict
+from spinfilters.state.status import Finding, Verdict
+from spinfilters.verdict.checks import finding
 
 LARGEST_SCORE = 5.0
 """Standard deviations beyond which a test is no chance."""
@@ -29,13 +30,13 @@ DENSITY_OF = {"torque": "torque_psd", "force": "force_psd"}
 """Options of the process by the source of the disturbance."""
 
 
-def untested(error: Exception) -> str:
-    """Doubt about noise that numerical trouble kept from being tested."""
-    return f"its noise could not be tested ({reason(numerical(error))}): check the data set and its noise"
+def untested(error: Exception) -> Finding:
+    """Noise that numerical trouble kept from being tested."""
+    return finding("noise-not-tested", {"text": reason(numerical(error))})
 
 
-def filter_noise_diagnostics(history: EstimateHistory, setup: Setup, settings: Settings) -> list[str]:
-    """Doubts of a filter's own epochs about noise.
+def filter_noise_diagnostics(history: EstimateHistory, setup: Setup, settings: Settings) -> list[Finding]:
+    """Findings of a filter's own epochs about noise.
 
     None of one that has failed, or that adapts what it was told.
     """
@@ -57,8 +58,8 @@ def filter_noise_diagnostics(history: EstimateHistory, setup: Setup, settings: S
     return [*noise_doubts(tests, setup), *correlated]
 
 
-def noise_doubts(tests: Mapping[str, NoiseTest], setup: Setup) -> list[str]:
-    """A sentence about the level that the data contradict most.
+def noise_doubts(tests: Mapping[str, NoiseTest], setup: Setup) -> list[Finding]:
+    """A finding about the level that the data contradict most.
 
     One that is wrong shows in the tests of the others.
     A level that nobody states may be too large, which its identification means it to be.
@@ -68,7 +69,7 @@ def noise_doubts(tests: Mapping[str, NoiseTest], setup: Setup) -> list[str]:
         large = test.score > LARGEST_SCORE and test.ratio > LARGEST_RATIO
         small = told and test.score < -LARGEST_SCORE and test.ratio < 1 / LARGEST_RATIO
         if large or small:
-            return [_sentence(name, test, told)]
+            return [_finding(name, test, told)]
     return []
 
 
@@ -88,23 +89,25 @@ def _tested_epochs(setup: Setup) -> int:
     return CYCLE - BLOCK if setup.identified else MOST_EPOCHS
 
 
-def _sentence(name: str, test: NoiseTest, told: bool) -> str:
-    level = "stated deviation" if told else "deviation that was identified"
-    size = f"{np.sqrt(test.ratio):.2g} times the {level} ({abs(test.score):.0f} deviations of chance)"
+def _finding(name: str, test: NoiseTest, told: bool) -> Finding:
+    numbers = {
+        "times": float(np.sqrt(test.ratio)),
+        "ratio": test.ratio,
+        "score": abs(test.score),
+        "level": "stated deviation" if told else "deviation that was identified",
+    }
     if name in DISTURBANCES:
         before = "what is stated" if told else "what its first epochs have"
-        return f"disturbances have {size}: process.{name} is {test.ratio:.2g} times {before}, or the model is wrong"
+        return finding("filter-disturbance", numbers | {"name": name, "before": before})
     which = "measurements" if name == MEASUREMENTS else f"{name} measurements"
-    cure = (
-        "state another, or leave it out to have it identified"
-        if told
-        else "noise that changes, or an error of the model"
-    )
-    return f"the errors of the {which} have {size}: {cure}"
+    cure = "state another, or leave it out to have it identified"
+    if not told:
+        cure = "the noise changes or a model is wrong: state the level, or cut the recording"
+    return finding("filter-noise", numbers | {"name": which, "cure": cure})
 
 
-def _of_whiteness(found: FilterTests, setup: Setup) -> list[str]:
-    """Doubts about white noise of a gyro of unknown error.
+def _of_whiteness(found: FilterTests, setup: Setup) -> list[Finding]:
+    """Findings about white noise of a gyro of unknown error.
 
     Its correlated noise is told to filters as white noise of more weight.
     """
@@ -112,7 +115,5 @@ def _of_whiteness(found: FilterTests, setup: Setup) -> list[str]:
         return []
     if found.whiteness_score <= LARGEST_SCORE or found.autocorrelation <= LARGEST_AUTOCORRELATION:
         return []
-    return [
-        f"corrections of neighbouring epochs are correlated ({found.autocorrelation:.2f}, {found.whiteness_score:.0f} deviations "
-        "of chance): an error of model, clock or calibration that is no noise, or disturbances that are understated"
-    ]
+    numbers = {"correlation": found.autocorrelation, "score": found.whiteness_score}
+    return [finding("correlated-corrections", numbers)]

@@ -17,6 +17,7 @@ from spinfilters.data.input_file import printable, read_settings_text
 from spinfilters.errors import InputError
 from spinfilters.evaluation.comparison import comparison_cells
 from spinfilters.evaluation.estimator_evaluation import Evaluation
+from spinfilters.evaluation.held_quantities import held_text
 from spinfilters.lidar.ply_files import read_ply
 from spinfilters.pages.model_view import ShownModel, ShownMotion, model_script, model_view
 from spinfilters.pages.page import details, facts, image, note, page, table
@@ -71,14 +72,18 @@ def _verdict_section(figure_data: FigureData) -> str:
         verdict = escape(str(status.verdict))
         marked = verdict if status.verdict is Verdict.OK else f'<span class="bad">{verdict}</span>'
         reasons = escape(printable("; ".join(status.reasons))) or "nothing speaks against it"
-        rows.append([escape(evaluation.name), marked, f'<span style="white-space:normal">{reasons}</span>'])
+        holds = escape(held_text(evaluation)) or "not judged"
+        wide = (f'<span style="white-space:normal">{text}</span>' for text in (holds, reasons))
+        rows.append([escape(evaluation.name), marked, *wide])
     log = figure_data.dataset.log
     told = {
         "measurements": ", ".join(f"{len(stream)} of {stream.sensor}" for stream in log.streams),
         "epochs": str(max(len(each.history.time) for each in figure_data.evaluations)),
         "noise": " ".join(figure_data.conditions),
     }
-    return table(["estimator", "status", "reasons"], rows, 3) + facts({k: v for k, v in told.items() if v})
+    return table(["estimator", "status", "what holds", "reasons"], rows, 4) + facts(
+        {k: v for k, v in told.items() if v}
+    )
 
 
 def _numbers_section(figure_data: FigureData) -> str:

@@ -67,7 +67,7 @@ def smoothed_history(smoother: RecursiveSmoother, passed: EstimateHistory, setup
     rows, found = settled_at_levels(smoother, setup)
     rows = rows[: first + len(passed.time)]
     for doubt in smoother.sliding.unobservable():
-        status = status.degraded(doubt)
+        status = status.doubted(doubt)
     factor = np.array([row.factor for row in rows])
     if not np.isfinite(factor).all():
         status = status.failed("; ".join(status.reasons) or "some directions are not determined")
@@ -120,11 +120,13 @@ def smooth_at_once(setup: Setup, settings: Settings, on_epoch: OnEpoch) -> Estim
     if status.verdict is Verdict.FAILED:
         with suppress(InputError, *NUMERICAL_ERRORS):
             trajectory = _measured_trajectory(setup)
-            annealed, status = ANNEALED_ITERATIONS, EstimatorStatus().degraded(NO_FILTER)
+            annealed, status = ANNEALED_ITERATIONS, EstimatorStatus().degraded(NO_FILTER, "filter-failed")
     epochs = timeline[: len(trajectory)]
     found, levels = _smoothed(epochs, trajectory, annealed, setup, settings)
     if not found.solved.converged:
-        status = status.degraded(f"the smoother did not settle in {found.solved.iterations} iterations")
+        status = status.degraded(
+            f"the smoother did not settle in {found.solved.iterations} iterations", "smoother-unsettled"
+        )
     share = (working_seconds() - begin) / len(epochs)
     history = _batch_history(found, setup.process.layout, status, times_of(epochs), share)
     return history if levels is None else replace(history, noise=levels.components)
@@ -180,7 +182,7 @@ def _batch_history(
     """
     count = len(time)
     for doubt in found.unobservable:
-        status = status.degraded(doubt)
+        status = status.doubted(doubt)
     if not np.isfinite(found.factor).all():
         status = status.failed("some directions are not determined")
     nothing = np.zeros(count)

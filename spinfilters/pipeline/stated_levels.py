@@ -23,18 +23,23 @@ from spinfilters.pipeline.identified_noise import Unstated, noise_model
 from spinfilters.pipeline.noise_diagnostics import untested
 from spinfilters.pipeline.setup import Setup
 from spinfilters.settings.run_settings import Settings
-from spinfilters.state.status import Verdict
+from spinfilters.state.quantities import ALL, NOTHING
+from spinfilters.state.status import Finding, Verdict
+from spinfilters.verdict.checks import STATE_ANOTHER, finding
 
 LARGEST_SCORE: Final = 4.0
 """Standard deviations beyond which a test is no chance: one of 8000 levels that are right."""
+LIKELY_SCORE: Final = 2.0
+"""Standard deviations below which no other level seems too small: where data have less noise than stated, deviations are only too
+large, and what they are about holds."""
 LARGEST_RATIO: Final = 1.5
 """Of a variance to the stated one, below which the difference does not matter: deviations of 1.22."""
 
 
 def stated_level_diagnostics(
     setup: Setup, settings: Settings, histories: Sequence[EstimateHistory]
-) -> list[str]:
-    """A sentence about the level that the data contradict most.
+) -> list[Finding]:
+    """A finding about the level that the data contradict most.
 
     One that is wrong shows in the tests of the others.
     A level that nobody states may be too large, which its identification means it to be.
@@ -95,8 +100,8 @@ class _Levels:
         )
 
     @cached_property
-    def doubts(self) -> list[str]:
-        """Sentences about the levels that the data contradict most."""
+    def doubts(self) -> list[Finding]:
+        """A finding about the level that the data contradict most."""
         tests = self._tests()
         unstated = self.setup.unstated - self.by_rows.keys()
         inflated = max(self.by_rows.values(), default=1.0) > 1.0
@@ -114,7 +119,9 @@ class _Levels:
         k = [each.name for each in found.components].index(worst.name)
         if not abs(found.log_variance[k]) > np.log(LARGEST_RATIO):
             return []
-        return [self._sentence(found, k, abs(worst.score))]
+        others = max((test.score for test in tests if test.name != worst.name), default=0.0)
+        about = NOTHING if worst.score < 0 and others < LIKELY_SCORE else ALL
+        return [self._finding(found, k, abs(worst.score), about)]
 
     @property
     def _of_poses(self) -> dict[str, float]:
@@ -139,28 +146,23 @@ class _Levels:
             LevelTest(t.name, min(t.score, most.get(t.name, 0.0))) if t.name in inflated else t for t in tests
         ]
 
-    def _sentence(self, found: Identified, number: int, score: float) -> str:
+    def _finding(self, found: Identified, number: int, score: float, about: frozenset[str]) -> Finding:
         level = found.components[number]
         is_density = level.name in DISTURBANCES
         half = 1.0 if is_density else 0.5
         times = float(np.exp(half * found.log_variance[number]))
+        numbers: dict[str, float | str] = {"name": level.name, "times": times, "score": score}
         if level.name in self.by_rows:
+            inflated = " without their inflation" if self.by_rows[level.name] > 1 else ""
             std = times * half * level.log_std
-            less = " without their inflation" if self.by_rows[level.name] > 1 else ""
-            told = f"{times:.3g} +- {std:.1g} times the deviations that the rows state{less}"
-            return (
-                f"{level.name}: the data have {told} ({score:.0f} deviations of chance): state others, or leave them out to have "
-                "them identified"
-            )
-        stated = level.value / times
-        table = "process" if is_density else "sensors"
-        told = f"{level.value:.3g} +- {level.std:.1g}" if level.told else f"less than {level.upper:.2g}"
-        chance = f"({score:.0f} deviations of chance)"
+            return finding("row-noise", numbers | {"std": std, "inflated": inflated}, about)
+        seen = f"{level.value:.3g} +- {level.std:.1g}" if level.told else f"less than {level.upper:.2g}"
+        name = f"{'process' if is_density else 'sensors'}.{level.name}"
+        numbers |= {"name": name, "stated": level.value / times, "seen": seen}
         if level.name in self.setup.unstated:
-            cure = "noise that changes, or an error of the model"
-            return f"{table}.{level.name}, which nobody states, was taken for {stated:.3g}, the data have {told} {chance}: {cure}"
-        cure = "state another, or leave it out to have it identified" + ", or the model is wrong" * is_density
-        return f"{table}.{level.name} is {stated:.3g}, the data have {told} {chance}: {cure}"
+            return finding("identified-noise", numbers, about)
+        cure = STATE_ANOTHER + ", or the model is wrong" * is_density
+        return finding("stated-noise", numbers | {"cure": cure}, about)
 
 
 def _at(model: NoiseModel, levels: Sequence[VarianceComponent]) -> NoiseModel:

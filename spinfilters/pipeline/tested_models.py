@@ -11,7 +11,7 @@ from jaxtyping import Float
 from spinfilters.estimators.model_errors.linear_rows import LinearRows
 from spinfilters.estimators.model_errors.score_test import TELLING, Effect, ScoreTest
 from spinfilters.pipeline.correlation_verdict import NO_CORRELATION, PossibleCorrelation
-from spinfilters.pipeline.wrong_units import WrongUnit
+from spinfilters.verdict.wrong_units import WrongUnit
 
 FALSE_ALARM: Final = 1e-2
 """Probability that a model error is named where all models are right: of all tests together (Bonferroni)."""
@@ -87,7 +87,7 @@ class TestedModels:
         return [each for each in self.tests if self.is_beyond_chance(each)]
 
     @property
-    def _unexplained(self) -> list[str]:
+    def unexplained(self) -> list[str]:
         """Doubt where only an impossible error would explain the residuals."""
         found = [each for each in self._beyond_chance if not each.is_possible and self._counts(each)]
         if not found or self.classes or self.slow is not None:
@@ -169,8 +169,13 @@ class TestedModels:
 
         Correlated ones, wrong units, slow changes, residuals that nothing explains, and that no error could be looked for.
         """
-        slow = [] if self.slow is None else [_slow_phrase(self.slow)]
-        units = [*self.correlated.doubts, *(each.reason for each in self.units), *slow, *self._unexplained]
+        slow = [] if self.slow is None else [slow_phrase(self.slow)]
+        units = [
+            *(each.reason for each in self.correlated.doubts),
+            *(each.reason for each in self.units),
+            *slow,
+            *self.unexplained,
+        ]
         if not self.trouble:
             return units
         sentence = f"errors of the models could not be looked for ({self.trouble})"
@@ -185,7 +190,7 @@ def _alike_phrase(alike: Sequence[ScoreTest]) -> str:
     return " or, which looks alike, ".join(map(_phrase, alike))
 
 
-def _slow_phrase(test: ScoreTest) -> str:
+def slow_phrase(test: ScoreTest) -> str:
     """Slow changes of a spin about one axis, of which the likeliest explanation is given."""
     return (
         f"the rates change slowly by more than the noise explains (chi-square {test.statistic:.0f}): a spin about one axis does "

@@ -10,12 +10,15 @@ import numpy as np
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate
 from spinfilters.evaluation.trajectory_errors import Alignment
-from spinfilters.pipeline.diagnostics import LARGEST_MOMENT_STD, with_verdict
 from spinfilters.pipeline.doubts import Doubts
 from spinfilters.pipeline.estimator_entry import estimator_entries
 from spinfilters.pipeline.setup import Setup
 from spinfilters.settings.run_settings import Settings
-from spinfilters.state.status import Verdict
+from spinfilters.state.blocks.rigid_body import CENTRE_OF_MASS
+from spinfilters.state.status import Finding, Verdict
+from spinfilters.verdict.estimate_tests import LARGEST_MOMENT_STD
+from spinfilters.verdict.evidence import Evidence
+from spinfilters.verdict.judge import judge
 
 
 def evaluated(history: EstimateHistory, setup: Setup) -> Evaluation:
@@ -34,9 +37,14 @@ def with_verdicts(doubts: Doubts, settings: Settings) -> list[Evaluation]:
     found = []
     for evaluation in doubts.evaluations:
         entry, wider = entries[evaluation.name], widened[evaluation.name]
-        own = [*doubts.of(evaluation, entry), *_undetermined(evaluation, wider, doubts)]
-        status = with_verdict(wider, own, others, entry.false_alarm_probability(setup, settings))
-        found.append(wider.with_status(status))
+        evidence = Evidence(
+            wider,
+            others,
+            entry.false_alarm_probability(setup, settings),
+            [*doubts.of(evaluation, entry), *_undetermined(evaluation, wider, doubts)],
+            _centre_prior_std(setup),
+        )
+        found.append(wider.with_status(judge(evidence)))
     return found
 
 
@@ -49,7 +57,17 @@ def _widened(evaluation: Evaluation, doubts: Doubts) -> Evaluation:
     return evaluated(history.widened(widening), doubts.setup)
 
 
-def _undetermined(evaluation: Evaluation, wider: Evaluation, doubts: Doubts) -> list[str]:
+def _centre_prior_std(setup: Setup) -> float:
+    """Standard deviation of the centre of mass before anything was measured, m; infinite without a prior of it."""
+    layout, prior = setup.process.layout, setup.initial.prior
+    if not layout.has(CENTRE_OF_MASS) or prior is None:
+        return np.inf
+    std = np.linalg.norm(prior.factor[layout.slice(CENTRE_OF_MASS.name)], axis=1).max()
+    return float(std) if np.isfinite(std) else np.inf
+
+
+def _undetermined(evaluation: Evaluation, wider: Evaluation, doubts: Doubts) -> list[Finding]:
     """Why moments are not determined that would be, were errors surely white."""
     before, after = (float(np.max(each.body.principal_moments_std)) for each in (evaluation, wider))
-    return [doubts.models.correlated.undecided] if before <= LARGEST_MOMENT_STD < after else []
+    undecided = doubts.models.correlated.undecided
+    return [undecided] if undecided is not None and before <= LARGEST_MOMENT_STD < after else []

@@ -13,7 +13,7 @@ from spinfilters.estimators.estimator import Estimator
 from spinfilters.estimators.history import EPOCH_ARRAYS, EstimateHistory, GrowingHistory
 from spinfilters.runs.fingerprint import ANEW, RunFingerprint
 from spinfilters.runs.npz_file import DAMAGED, read_arrays, unusable, write_arrays
-from spinfilters.state.status import EstimatorStatus, Verdict
+from spinfilters.state.status import OWN_STATUS, EstimatorStatus, Finding, Verdict
 
 FORMAT = 1
 _STATE, _ROWS, _META = "state.", "rows.", "meta"
@@ -48,7 +48,12 @@ def save_ended(path: Path, history: EstimateHistory, begin: float, fingerprint: 
     It began at ``begin`` (s). Errors: `save_checkpoint`.
     """
     rows = {_ROWS + name: getattr(history, name) for name in EPOCH_ARRAYS}
-    ended = {"verdict": str(history.status.verdict), "reasons": list(history.status.reasons)}
+    status = history.status
+    ended = {
+        "verdict": str(status.verdict),
+        "reasons": list(status.reasons),
+        "checks": [each.check for each in status.findings],
+    }
     _write(path, rows, {"begin": begin, "ended": ended}, fingerprint)
 
 
@@ -93,7 +98,11 @@ def _checkpoint(arrays: dict[str, np.ndarray], meta: dict[str, Any], estimator: 
         if not np.isfinite(array).all():
             raise ValueError(f"{name} is not finite")
     if meta["ended"] is not None:
-        status = EstimatorStatus(Verdict(meta["ended"]["verdict"]), tuple(map(str, meta["ended"]["reasons"])))
+        ended = meta["ended"]
+        reasons = list(map(str, ended["reasons"]))
+        checks = map(str, ended.get("checks", [OWN_STATUS] * len(reasons)))
+        found = tuple(Finding(check, text) for check, text in zip(checks, reasons, strict=True))
+        status = EstimatorStatus(Verdict(ended["verdict"]), found)
         return Checkpoint(rows, status)
     _restore(estimator, {n.removeprefix(_STATE): a for n, a in arrays.items() if n.startswith(_STATE)}, rows)
     return Checkpoint(rows, None)

@@ -1,7 +1,9 @@
 """Histories as files, so that figures can be drawn again without running anything."""
 
+import json
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 from zipfile import ZIP_DEFLATED
 
 import numpy as np
@@ -11,9 +13,11 @@ from spinfilters.errors import ShapeError
 from spinfilters.estimators.history import EPOCH_ARRAYS, EstimateHistory, checked_epochs
 from spinfilters.runs.npz_file import DAMAGED, read_arrays, unusable, write_arrays
 from spinfilters.state.layout import StateLayout
-from spinfilters.state.status import EstimatorStatus, Verdict
+from spinfilters.state.quantities import ALL
+from spinfilters.state.status import OWN_STATUS, EstimatorStatus, Finding, Holds, Verdict
 
 INITIALISATION, OBSERVATIONS, CALIBRATION = "initialisation", "observations", "calibration"
+FINDINGS, HOLDS = "findings", "holds"
 """Keys that files of older versions do not have, and the last not those of an exact calibration."""
 
 
@@ -25,6 +29,8 @@ def write_history(path: Path, history: EstimateHistory) -> None:
         "blocks": np.array(history.layout.blocks),
         "verdict": np.array(str(history.status.verdict)),
         "reasons": np.array(history.status.reasons, dtype=str),
+        FINDINGS: np.array([status_text(each) for each in history.status.findings], dtype=str),
+        HOLDS: np.array([f"{name}={state}" for name, state in history.status.holds.items()], dtype=str),
     }
     epochs = {INITIALISATION: np.array(history.initialisation)}
     if history.observations is not None:
@@ -48,7 +54,7 @@ def read_history(path: Path, cure: str = "make the run again") -> EstimateHistor
     try:
         arrays = read_arrays(path)
         layout = StateLayout(tuple(map(str, arrays["blocks"])))
-        status = EstimatorStatus(Verdict(str(arrays["verdict"])), tuple(map(str, arrays["reasons"])))
+        status = _status(arrays)
         numbers, name = checked_epochs(layout, arrays), str(arrays["name"])
         if not (np.isfinite(numbers["time"]).all() and (np.diff(numbers["time"]) > 0).all()):
             raise ValueError("its time does not run forwards")
@@ -66,6 +72,46 @@ def read_history(path: Path, cure: str = "make the run again") -> EstimateHistor
         calibration=calibration,
         **numbers,
     )
+
+
+def status_text(found: Finding) -> str:
+    """A finding as JSON, its words with its cure in one."""
+    return json.dumps(
+        {"check": found.check, "numbers": finite_numbers(found.numbers), "about": _about(found)}
+    )
+
+
+def finite_numbers(numbers: Mapping[str, float | str]) -> dict[str, float | str | None]:
+    """Numbers of a finding as JSON holds them: None for what is not finite, no texts that stand in the sentence."""
+    return {
+        name: (float(value) if np.isfinite(value) else None)
+        for name, value in numbers.items()
+        if not isinstance(value, str)
+    }
+
+
+def _about(found: Finding) -> list[str] | None:
+    return None if found.about is None else sorted(found.about)
+
+
+def _status(arrays: Mapping[str, np.ndarray]) -> EstimatorStatus:
+    """Verdict, findings and what holds; of older files findings have no names. Raises ValueError, KeyError, TypeError."""
+    verdict, reasons = Verdict(str(arrays["verdict"])), tuple(map(str, arrays["reasons"]))
+    found = tuple(Finding(OWN_STATUS, each) for each in reasons)
+    if FINDINGS in arrays:
+        told = [json.loads(str(text)) for text in arrays[FINDINGS]]
+        found = tuple(_finding(each, reason) for each, reason in zip(told, reasons, strict=True))
+    pairs = [str(text).rsplit("=", 1) for text in arrays.get(HOLDS, ())]
+    holds = {name: Holds(state) for name, state in pairs if name in ALL}
+    return EstimatorStatus(verdict, found, holds)
+
+
+def _finding(told: Mapping[str, Any], reason: str) -> Finding:
+    about = None if told["about"] is None else ALL & frozenset(map(str, told["about"]))
+    numbers = {
+        str(name): np.nan if value is None else float(value) for name, value in told["numbers"].items()
+    }
+    return Finding(str(told["check"]), reason, "", numbers, about)
 
 
 def _initialisation(arrays: Mapping[str, np.ndarray], numbers: Mapping[str, np.ndarray]) -> int:

@@ -19,6 +19,7 @@ from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.pipeline.conditions import StatedNoise, conditions_of
 from spinfilters.pipeline.estimation import Comparison
 from spinfilters.pipeline.setup import Setup
+from spinfilters.runs.history_file import finite_numbers
 from spinfilters.state.layout import StateLayout
 
 SUMMARY_FILE = "summary.json"
@@ -145,6 +146,10 @@ def _estimator(evaluation: Evaluation, shared: float) -> dict[str, Any]:
     return {
         "status": str(history.status.verdict),
         "reasons": list(history.status.reasons),
+        "checks": [
+            {"name": each.check, "numbers": finite_numbers(each.numbers)} for each in history.status.findings
+        ],
+        "holds": {name: str(state) for name, state in history.status.holds.items()},
         "frames": len(history.time),
         "initialisation_epochs": history.initialisation,
         "measurements": {"accepted": found["accepted"], "rejected": found["rejected"]},

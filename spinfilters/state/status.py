@@ -1,8 +1,12 @@
-"""Status of an estimate: a verdict with its reasons."""
+"""Status of an estimate: a verdict with its findings."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import Final
+
+OWN_STATUS: Final = "estimator-says"
+"""Name of the check of what an estimator says of itself without a name of its own, as those of plug-ins do."""
 
 
 class Verdict(StrEnum):
@@ -13,21 +17,75 @@ class Verdict(StrEnum):
     FAILED = "failed"
 
 
+class Holds(StrEnum):
+    """Whether one quantity of an estimate holds."""
+
+    OK = "ok"
+    DOUBTFUL = "doubtful"
+    NOT_DETERMINED = "not determined"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One failed check of an estimate.
+
+    Attributes
+    ----------
+    check : str
+        Name of the check, with what it found behind a colon where it is one of several ("model-error:drag").
+    sentence, cure : str
+        What is the matter, and what to do about it.
+    numbers : Mapping[str, float or str]
+        Numbers of the sentence by name.
+    about : frozenset[str] or None
+        Quantities that do not hold; None leaves those of the check.
+    """
+
+    check: str
+    sentence: str
+    cure: str = ""
+    numbers: Mapping[str, float | str] = field(default_factory=dict)
+    about: frozenset[str] | None = None
+
+    @property
+    def reason(self) -> str:
+        """The sentence with its cure."""
+        return f"{self.sentence}: {self.cure}" if self.cure else self.sentence
+
+
 @dataclass(frozen=True)
 class EstimatorStatus:
-    """A verdict and the reasons for anything but ``ok``, each a sentence with its numbers."""
+    """A verdict, the findings that speak against ``ok``, and what holds all the same.
+
+    Attributes
+    ----------
+    verdict : Verdict
+    findings : tuple[Finding, ...]
+    holds : Mapping[str, Holds]
+        By quantity; empty of an estimate that has not been judged.
+    """
 
     verdict: Verdict = Verdict.OK
-    reasons: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
+    holds: Mapping[str, Holds] = field(default_factory=dict)
 
-    def degraded(self, reason: str) -> "EstimatorStatus":
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Reasons for anything but ``ok``, each a sentence with its numbers and its cure."""
+        return tuple(each.reason for each in self.findings)
+
+    def degraded(self, reason: str, check: str = OWN_STATUS) -> "EstimatorStatus":
         """This status with one more reason for doubt; a failure stays a failure."""
-        verdict = Verdict.FAILED if self.verdict is Verdict.FAILED else Verdict.DEGRADED
-        return EstimatorStatus(verdict, (*self.reasons, reason))
+        return self.doubted(Finding(check, reason))
 
-    def failed(self, reason: str) -> "EstimatorStatus":
+    def doubted(self, finding: Finding) -> "EstimatorStatus":
+        """This status with one more finding; a failure stays a failure."""
+        verdict = Verdict.FAILED if self.verdict is Verdict.FAILED else Verdict.DEGRADED
+        return EstimatorStatus(verdict, (*self.findings, finding), self.holds)
+
+    def failed(self, reason: str, check: str = "not-finite") -> "EstimatorStatus":
         """This status as a failure for this reason."""
-        return EstimatorStatus(Verdict.FAILED, (*self.reasons, reason))
+        return EstimatorStatus(Verdict.FAILED, (*self.findings, Finding(check, reason)), self.holds)
 
 
 def verdict_sentences(statuses: Mapping[str, EstimatorStatus]) -> list[str]:

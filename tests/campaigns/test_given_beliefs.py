@@ -33,7 +33,7 @@ def test_a_filter_that_went_astray_from_a_wide_belief_is_not_called_ok() -> None
     (found,) = wide.compared(wide.study.run(WRONG), with_bound=False).evaluations
     status = found.history.status
     assert status.verdict is Verdict.DEGRADED
-    assert any("held against the smoother" in reason for reason in status.reasons)
+    assert any(found.check == "over-confident" for found in status.findings)
 
 
 def test_nothing_is_smoothed_where_the_belief_is_narrow() -> None:

@@ -9,12 +9,12 @@ from rich.console import Console
 import spinfilters
 from spinfilters.cli import doctor_checks
 from spinfilters.cli.doctor import doctor
-from spinfilters.cli.doctor_checks import CHECKS, Check, CheckError, compare_with_virtual_machine
+from spinfilters.cli.doctor_checks import CHECKS, CheckError, InstallationCheck, compare_with_virtual_machine
 from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.symbolic import c_library, library_folder
 
 
-def page(checks: tuple[Check, ...] | None = None) -> tuple[int, str]:
+def page(checks: tuple[InstallationCheck, ...] | None = None) -> tuple[int, str]:
     """Exit code and text of the page."""
     console = Console(file=StringIO(), width=100)
     code = doctor(console, checks)
@@ -41,7 +41,9 @@ def test_a_failed_check_shows_its_numbers_and_a_cure_and_the_others_still_run() 
     def fail() -> str:
         raise CheckError("error 1, allowed [0]")
 
-    code, text = page((Check("broken", fail, "mend it"), Check("sound", lambda: "fine", "")))
+    code, text = page(
+        (InstallationCheck("broken", fail, "mend it"), InstallationCheck("sound", lambda: "fine", ""))
+    )
     assert code == 1
     lines = [line.split() for line in text.splitlines()[-3:]]
     assert lines[0] == ["FAILED", "broken", "CheckError:", "error", "1,", "allowed", "[0]"]

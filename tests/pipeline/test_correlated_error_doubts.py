@@ -15,7 +15,7 @@ from spinfilters.pipeline.preparation import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.gauss_markov import with_gauss_markov_errors
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_noise
-from spinfilters.state.status import Verdict
+from spinfilters.state.status import Finding, Verdict
 
 SMOOTHER = Settings(estimators=("smoother",), process={"gravity": False})  # pyright: ignore[reportArgumentType]
 
@@ -35,7 +35,8 @@ def compared(correlation: float) -> Comparison:
 def test_lasting_errors_of_poses_are_doubted_with_their_size_and_time() -> None:
     (evaluation,) = compared(0.9).evaluations
     assert evaluation.history.status.verdict is Verdict.DEGRADED
-    (reason,) = compared(0.9).models.correlated.doubts
+    (found,) = compared(0.9).models.correlated.doubts
+    reason = found.reason
     assert reason in evaluation.history.status.reasons
     assert "correlated over" in reason
     assert "pose_position_std" in reason
@@ -76,14 +77,15 @@ def test_only_errors_that_are_likelier_than_not_are_a_doubt(
 ) -> None:
     doubts = possible(monkeypatch, errors(probability, inflation)).doubts
     assert bool(doubts) == is_doubt
-    assert all("3 s (noise 0.1" in each and len(each) < 300 for each in doubts)
+    assert all("3 s (noise 0.1" in each.reason and len(each.reason) < 300 for each in doubts)
 
 
 def test_covariances_hold_with_the_errors_that_widen_them_most(monkeypatch: pytest.MonkeyPatch) -> None:
     found = possible(monkeypatch, errors(0.3, 2.0, 1.5), errors(0.1, 20.0, 4.0))
     assert found.widening == pytest.approx(4.0 * np.eye(3)[np.newaxis])
-    assert "3 s (noise 0.1" in found.undecided
-    assert len(found.undecided) < 300
+    assert found.undecided is not None
+    assert "3 s (noise 0.1" in found.undecided.sentence
+    assert len(found.undecided.reason) < 300
 
 
 @cache
@@ -110,9 +112,8 @@ def test_deviations_of_a_gyro_hold_with_errors_that_may_be_correlated() -> None:
 
 def test_moments_that_only_white_errors_determine_are_not_determined(monkeypatch: pytest.MonkeyPatch) -> None:
     setup = compared(0.0).setup
-    wide = PossibleCorrelation(
-        (), 1e3 * np.eye(setup.process.layout.error_dim)[np.newaxis], "errors may be correlated"
-    )
+    undecided = Finding("correlation-undecided", "errors may be correlated")
+    wide = PossibleCorrelation((), 1e3 * np.eye(setup.process.layout.error_dim)[np.newaxis], undecided)
     monkeypatch.setattr(model_errors, "possible_correlation", lambda *_: wide)
     (evaluation,) = compare_estimators(setup, SMOOTHER, lambda *_: None).evaluations
     reasons = "; ".join(evaluation.history.status.reasons)

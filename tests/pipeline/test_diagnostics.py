@@ -11,11 +11,12 @@ from plain_comparison import plain_comparison
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.estimators.robust.gate_weights import RobustOptions
 from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate
-from spinfilters.pipeline.diagnostics import with_verdict
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
 from spinfilters.state.status import EstimatorStatus, Verdict
+from spinfilters.verdict.evidence import Evidence
+from spinfilters.verdict.judge import judge
 
 LAYOUT = StateLayout(ROTATION_BLOCKS)
 FALSE_ALARM = 1e-4
@@ -53,7 +54,7 @@ def verdict(refused: Bool[np.ndarray, " n"], values: int = 1, false_alarm: float
         accepted=accepted,
         rejected=values - accepted,
     )
-    return with_verdict(replace(evaluation, history=history), [], [], false_alarm).verdict
+    return judge(Evidence(replace(evaluation, history=history), gate_false_alarm=false_alarm)).verdict
 
 
 def chosen(epochs: int, *rows: int) -> Bool[np.ndarray, " n"]:
@@ -113,6 +114,6 @@ def test_a_moment_that_may_be_zero_leaves_its_ratio_open(moment: float, std: flo
         principal_moments=np.array([moment, 0.99, 1.0]),
         principal_moments_cov=np.diag([std**2, 1e-8, 0.0]),
     )
-    status = with_verdict(evaluation, [], [], FALSE_ALARM)
+    status = judge(Evidence(evaluation, gate_false_alarm=FALSE_ALARM))
     assert (status.verdict is Verdict.OK) == wanted
     assert wanted or "may be zero" in status.reasons[0]

@@ -19,6 +19,7 @@ from spinfilters.pipeline.inertia_evidence import InertiaEvidence, inertia_evide
 from spinfilters.pipeline.preparation import prepare
 from spinfilters.settings.run_settings import ProcessSettings, Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
+from spinfilters.state.status import Finding
 
 SETTINGS = Settings(estimators=("mekf", "smoother"))
 STEADY = RecordingCase(
@@ -44,11 +45,12 @@ def test_a_filter_that_agrees_with_the_smoother_is_not_doubted() -> None:
 def test_a_filter_that_states_too_little_is_doubted_with_the_number(share: float) -> None:
     mekf, smoother = compared(RICH).evaluations
     factor = share * mekf.history.factor
-    (reason,) = agreement_diagnostics(
+    (found,) = agreement_diagnostics(
         mekf.with_fields(history=replace(mekf.history, factor=factor)), smoother.history
     )
-    assert f"{share**-2:.0f}" in reason or "times what it states" in reason
-    assert len(reason) < 300
+    assert float(found.numbers["times"]) == pytest.approx(1 / share, rel=0.35)
+    assert f"are {found.numbers['times']:.2g} times its stated standard deviations" in found.reason
+    assert len(found.reason) < 300
 
 
 def test_a_wide_smoother_beside_a_wide_filter_is_no_doubt() -> None:
@@ -71,20 +73,22 @@ def test_a_filter_that_began_from_vague_moments_is_held_against_a_smoother() -> 
 
 def test_what_is_said_of_vague_moments_is_said_only_where_no_smoother_is() -> None:
     mekf, smoother = compared(RICH).evaluations
-    assert agreement_diagnostics(mekf, smoother.history, ["vague"]) == []
-    assert agreement_diagnostics(mekf, None, ["vague"]) == ["vague"]
+    vague = [Finding("vague-initialisation", "vague")]
+    assert agreement_diagnostics(mekf, smoother.history, vague) == []
+    assert agreement_diagnostics(mekf, None, vague) == vague
     nothing = replace(smoother.history, factor=np.full_like(smoother.history.factor, np.nan))
-    assert agreement_diagnostics(mekf, nothing, ["vague"]) == ["vague"]
+    assert agreement_diagnostics(mekf, nothing, vague) == vague
 
 
 def test_a_mass_distribution_that_states_too_little_is_doubted_by_itself() -> None:
     mekf, smoother = compared(RICH).evaluations
     factor = mekf.history.factor.copy()
     factor[:, mekf.history.layout.slice("s")] /= 2.5
-    (reason,) = agreement_diagnostics(
+    (found,) = agreement_diagnostics(
         mekf.with_fields(history=replace(mekf.history, factor=factor)), smoother.history
     )
-    assert "of the mass distribution" in reason
+    assert "of the mass distribution" in found.sentence
+    assert found.about == {"moments", "axes"}
 
 
 def evidence(case: RecordingCase, seed: int = 0) -> float:
@@ -102,17 +106,17 @@ def test_the_moments_of_a_rich_motion_are_determined() -> None:
 @pytest.mark.parametrize("seed", range(2))
 def test_a_steady_spin_does_not_determine_moments(seed: int) -> None:
     run = compared(STEADY, seed)
-    (reason,) = motion_diagnostics(run.setup, SETTINGS)
-    assert "a steady spin tells its axis alone" in reason
-    assert len(reason) < 300
+    (found,) = motion_diagnostics(run.setup, SETTINGS)
+    assert "a steady spin shows its axis only" in found.sentence
+    assert len(found.reason) < 300
     assert all(evaluation.history.status.verdict != "ok" for evaluation in run.evaluations)
 
 
 def test_few_epochs_are_no_steady_spin(monkeypatch: pytest.MonkeyPatch) -> None:
     found = InertiaEvidence(0.0, 3)
     monkeypatch.setattr(estimate_diagnostics, "inertia_evidence", lambda *_: found)
-    (reason,) = motion_diagnostics(compared(RICH).setup, SETTINGS)
-    assert reason.endswith("they are too few")
+    (found,) = motion_diagnostics(compared(RICH).setup, SETTINGS)
+    assert found.sentence.endswith("they are too few")
 
 
 def test_the_lack_of_wobble_under_a_disturbance_that_is_not_there_is_no_evidence() -> None:

@@ -26,6 +26,7 @@ from spinfilters.pipeline.preparation import prepare
 from spinfilters.pipeline.stated_levels import stated_level_diagnostics
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_noise
+from spinfilters.state.status import Finding
 
 SETTINGS = Settings(estimators=("mekf", "smoother"))
 FILTER = Settings(estimators=("mekf",))
@@ -56,13 +57,18 @@ def found_by(run: Comparison) -> FilterTests:
     return filter_tests(run.evaluations[0].history, run.setup.process)
 
 
+def reasons(found: list[Finding]) -> list[str]:
+    """Sentences with their cures."""
+    return [each.reason for each in found]
+
+
 def doubts(run: Comparison) -> list[list[str]]:
     """Of the filter's updates, and of all levels at the smoother's states and at the filter's."""
     mekf, smoother = run.evaluations
     return [
-        filter_noise_diagnostics(mekf.history, run.setup, SETTINGS),
-        stated_level_diagnostics(run.setup, SETTINGS, [smoother.history]),
-        stated_level_diagnostics(run.setup, SETTINGS, [mekf.history]),
+        reasons(filter_noise_diagnostics(mekf.history, run.setup, SETTINGS)),
+        reasons(stated_level_diagnostics(run.setup, SETTINGS, [smoother.history])),
+        reasons(stated_level_diagnostics(run.setup, SETTINGS, [mekf.history])),
     ]
 
 
@@ -108,7 +114,7 @@ def test_deviations_that_rows_state_are_tested_too(factor: float) -> None:
     assert streams[0].covariance is not None
     setup = prepare(replace(dataset, log=MeasurementLog(streams)), SETTINGS)
     history = plainly_compared(setup, replace(SETTINGS, estimators=("mekf",)))
-    found = stated_level_diagnostics(setup, SETTINGS, [history.evaluations[0].history])
+    found = reasons(stated_level_diagnostics(setup, SETTINGS, [history.evaluations[0].history]))
     if factor == 1.0:
         assert found == []
     else:
@@ -125,7 +131,7 @@ def test_densities_of_a_gyro_wrong_by_ten_are_doubted_with_the_number(density: f
     stated = replace(dataset.options, torque_psd=density * scenario.noise.torque_psd)
     setup = prepare(replace(dataset, options=stated), SETTINGS)
     run = plainly_compared(setup, SETTINGS)
-    (doubt,) = stated_level_diagnostics(setup, SETTINGS, [run.evaluations[0].history])
+    (doubt,) = reasons(stated_level_diagnostics(setup, SETTINGS, [run.evaluations[0].history]))
     assert doubt.startswith(f"process.torque_psd is {density * scenario.noise.torque_psd:.3g}, the data have")
     found = float(re.findall(r"the data have (\S+)", doubt)[0])
     assert abs(np.log(found / scenario.noise.torque_psd)) < 1
@@ -212,7 +218,7 @@ def test_noise_that_cannot_be_tested_is_a_doubt(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(stated_levels, "level_tests", broken)
     (of_filter,) = filter_noise_diagnostics(mekf.history, run.setup, SETTINGS)
     (of_levels,) = stated_level_diagnostics(run.setup, SETTINGS, [smoother.history])
-    for doubt in (of_filter, of_levels):
+    for doubt in reasons([of_filter, of_levels]):
         assert doubt == "its noise could not be tested (no factor): check the data set and its noise"
 
 
@@ -225,7 +231,7 @@ def test_a_level_that_nobody_states_is_not_said_to_be_stated() -> None:
         *stated_level_diagnostics(silent, SETTINGS, [run.evaluations[1].history]),
     ]
     assert len(doubts) == 2
-    for doubt in doubts:
+    for doubt in reasons(doubts):
         assert "torque_psd" in doubt or "force_psd" in doubt
         assert "state another" not in doubt
         assert "is stated" not in doubt

@@ -10,9 +10,9 @@ import pytest
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.data.measurement_log import MeasurementLog
-from spinfilters.pipeline.wrong_units import wrong_units
 from spinfilters.simulation.model_faults.faulty_recording import faulty_recording, model_faults
 from spinfilters.simulation.scenario import RICH_RPM, THESIS_RPM, Scenario, simulate
+from spinfilters.verdict.wrong_units import wrong_units
 
 KINDS = ("pose", "gyro", "stereo-tracks")
 

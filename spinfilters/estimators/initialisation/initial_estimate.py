@@ -73,7 +73,9 @@ class InitialEstimate:
         mean = np.full((epochs, layout.mean_dim), np.nan)
         prior = FirstStatePrior(mean[0], np.full(layout.error_dim, np.nan))
         factor = np.full((epochs, layout.error_dim, layout.error_dim), np.nan)
-        status = EstimatorStatus().failed(f"the first epochs could not be smoothed ({reason})")
+        status = EstimatorStatus().failed(
+            f"the first epochs could not be smoothed ({reason})", "not-initialised"
+        )
         return cls(layout, prior, mean, factor, np.nan, 0, 0, 0, 0, converged=False, status=status)
 
     @property

@@ -86,7 +86,9 @@ def initialise(
     found = problem.likeliest() if likely is None else problem.nearest(likely)
     status = found.status
     if not found.converged:
-        status = status.degraded(f"the start did not settle in {found.iterations} iterations")
+        status = status.degraded(
+            f"the initialisation did not settle in {found.iterations} iterations", "initialisation-unsettled"
+        )
     return replace(
         found,
         momentum_residual=momentum_residual,

@@ -128,11 +128,14 @@ class OutOfSequenceUpdates:
         """Estimator's status; ``degraded`` when late or unusable measurements were left out."""
         status, late = self._estimator.status, self._counts[Outcome.TOO_LATE]
         if late:
-            status = status.degraded(f"{late} measurements came too late and were left out")
+            status = status.degraded(
+                f"{late} measurements came too late and were left out", "late-measurements"
+            )
         if self._last_unusable:
             count = self._counts[Outcome.UNUSABLE]
             status = status.degraded(
-                f"{count} measurements broke the estimate and were taken back, the last {self._last_unusable}"
+                f"{count} measurements broke the estimate and were taken back, the last {self._last_unusable}",
+                "broken-measurements",
             )
         return status
 

@@ -1,9 +1,8 @@
-"""Unobservable directions of a linear problem, in words.
+"""Findings of unobservable directions of a linear problem.
 
 Directions in which the measurements add nothing to the prior.
 A direction of the first state counts as undetermined when its standard deviation is still most of the prior's. The pose of the
-first
-epoch is left out: it defines frame g and is not measured.
+first epoch is left out: it defines frame g and is not measured.
 """
 
 import numpy as np
@@ -18,19 +17,29 @@ from spinfilters.estimators.smoothing.problem.least_squares import (
 )
 from spinfilters.linear_algebra.signs import with_largest_positive
 from spinfilters.state.block import StateBlock
-from spinfilters.state.blocks.rigid_body import RATE
+from spinfilters.state.blocks.rigid_body import CENTRE_OF_MASS, MASS_DISTRIBUTION, RATE
 from spinfilters.state.layout import POSE_BLOCKS
+from spinfilters.state.quantities import NOTHING, OF_BLOCKS
+from spinfilters.state.status import Finding
 
 LEFT = 0.7
 """Of the prior's standard deviation, above which nothing has been learnt."""
 ALONG = 0.95
 """Cosine of the angle within which a direction is called an axis."""
+CHECK = "unobservable"
+"""Name of the check in the verdict."""
+CURES = {
+    MASS_DISTRIBUTION.name: "record a motion that wobbles",
+    CENTRE_OF_MASS.name: "record a rotation about more than one axis",
+}
+"""By block; other constants need more data."""
+MORE_DATA = "give a longer recording, or leave it out of the state"
 
 
 def unobservable_directions(
     problem: Problem, here: LinearizationPoint, normal: NormalEquations, marginals: Marginals | None = None
-) -> list[str]:
-    """Sentences on the unobservable directions; empty when there are none.
+) -> list[Finding]:
+    """Findings of unobservable directions; empty when there are none.
 
     Parameters
     ----------
@@ -38,7 +47,8 @@ def unobservable_directions(
     """
     solution = normal.solution
     if solution is None:
-        return [f"nothing determines {component_name(problem.ordering, normal.unobservable)}"]
+        name = component_name(problem.ordering, normal.unobservable)
+        return [Finding(CHECK, f"{name} is not determined by any measurement")]
     prior = problem.motion.prior
     if prior is None:
         return []
@@ -46,13 +56,13 @@ def unobservable_directions(
     rows = (marginals or Marginals(solution, None)).epoch_rows(0)
     covariance = rows @ rows.T
     axis = first[layout.mean_slice(RATE.name)] if layout.has(RATE) else np.zeros(3)
-    sentences = []
+    findings: list[Finding] = []
     for block in layout.members:
         if block.name not in POSE_BLOCKS:
             at = layout.slice(block.name)
             own = covariance[at, at] / np.outer(std[at], std[at])
-            sentences += _sentences(block, own, axis)
-    return sentences
+            findings += _findings(block, own, axis)
+    return findings
 
 
 def component_name(ordering: VariableOrdering, number: int) -> str:
@@ -71,21 +81,30 @@ def component_name(ordering: VariableOrdering, number: int) -> str:
     return ordering.layout.block_of(int(component)).phrase + where
 
 
-def _sentences(
+def _findings(
     block: StateBlock, covariance: Float[np.ndarray, "b b"], axis: Float[np.ndarray, " 3"]
-) -> list[str]:
-    """Sentences on one block whose covariance is in units of the prior's."""
+) -> list[Finding]:
+    """Findings of one block whose covariance is in units of the prior's."""
     values, vectors = np.linalg.eigh(covariance)
     left = values > LEFT**2
     count, size = int(left.sum()), len(values)
     if not count:
         return []
-    name = block.phrase
+    name = "the inertia" if block == MASS_DISTRIBUTION else block.phrase
+    sentence = f"{name} is not determined: the data constrain {size - count} of its {size} parameters"
     if count == size:
-        return [f"nothing measured determines {name}"]
-    if size == 3 and count == 1:
-        return [f"nothing measured determines {name} {_direction(vectors[:, left][:, 0], axis)}"]
-    return [f"nothing measured determines {count} of the {size} directions of {name}"]
+        sentence = f"{name} is not determined by any measurement"
+    elif size == 3 and count == 1:
+        sentence = f"{name} is not determined {_direction(vectors[:, left][:, 0], axis)}"
+    return [
+        Finding(
+            f"{CHECK}:{block.name}",
+            sentence,
+            CURES.get(block.name, MORE_DATA),
+            {"constrained": size - count, "parameters": size},
+            OF_BLOCKS.get(block.name, NOTHING),
+        )
+    ]
 
 
 def _direction(vector: Float[np.ndarray, " 3"], axis: Float[np.ndarray, " 3"]) -> str:

@@ -20,6 +20,7 @@ from spinfilters.estimators.smoothing.solver.annealing import AnnealedSchedule
 from spinfilters.estimators.smoothing.solver.iterations import Solved, SolverOptions, solve
 from spinfilters.estimators.smoothing.state_prior import StatePrior
 from spinfilters.estimators.timeline import Timeline
+from spinfilters.state.status import Finding
 
 NO_LANDMARKS, NO_POINTS = np.zeros(0, dtype=int), np.zeros((0, 3))
 
@@ -32,7 +33,7 @@ class BatchSmoothing:
     ----------
     mean: (k, m).   factor: (k, n, n) of each epoch's covariance given everything; not finite where something is not determined.
     accepted, rejected: (k,) measurements of each epoch that count, and that do not.
-    unobservable: what the measurements do not determine, a sentence each.
+    unobservable: findings of what the measurements do not determine.
     """
 
     mean: Float[np.ndarray, "k m"]
@@ -40,7 +41,7 @@ class BatchSmoothing:
     accepted: Int[np.ndarray, " k"]
     rejected: Int[np.ndarray, " k"]
     solved: Solved
-    unobservable: list[str]
+    unobservable: list[Finding]
 
 
 def smooth_recording(

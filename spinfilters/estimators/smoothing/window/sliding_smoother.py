@@ -46,7 +46,7 @@ from spinfilters.estimators.smoothing.window.window_estimates import (
 from spinfilters.estimators.smoothing.window.window_policy import DETERMINED
 from spinfilters.estimators.timeline import Epoch, Timeline
 from spinfilters.state.gaussian import Gaussian
-from spinfilters.state.status import EstimatorStatus
+from spinfilters.state.status import EstimatorStatus, Finding
 
 COST_THRESHOLD = 10.0
 """Fall of the cost per scalar measurement of the latest epoch from which a step is checked and followed by another."""
@@ -186,8 +186,8 @@ class SlidingSmoother:
             found.append((beside + good, len(weight) - good))
         return np.array(found)
 
-    def unobservable(self) -> list[str]:
-        """Unobservable directions so far, in words. Only while the first epoch is in the window."""
+    def unobservable(self) -> list[Finding]:
+        """Findings of unobservable directions so far. Only while the first epoch is in the window."""
         linear = self._linearised()
         if len(linear.point.trajectory) != len(self.window.epochs):
             return []

@@ -113,10 +113,13 @@ class SmootherState:
         if not std <= TRUSTED:
             status = status.degraded(
                 f"the inertia is not determined yet (standard deviation {std:.2g} of the logarithm of second moments, "
-                f"at most {TRUSTED} is trusted)"
+                f"at most {TRUSTED} is trusted)",
+                "inertia-not-yet",
             )
         if not self.fits:
-            status = status.degraded("the motion found does not explain the observations within their noise")
+            status = status.degraded(
+                "the motion found does not explain the observations within their noise", "poor-fit"
+            )
         if self.poor_guess:
-            status = status.degraded("the latest epoch's observations agree on no pose")
+            status = status.degraded("the latest epoch's observations agree on no pose", "no-pose")
         return status

@@ -13,8 +13,9 @@ import numpy as np
 
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.measurement_log import MeasurementStream
-from spinfilters.pipeline.attitude_convention import contradicted_convention
 from spinfilters.sensors.sensor import sensor_of
+from spinfilters.state.quantities import ALL, RATE, TRANSLATION, VELOCITY
+from spinfilters.verdict.attitude_convention import contradicted_convention
 
 SHORTEST_INTERVAL: Final = 2e-5
 """Between epochs of the fastest gyros, s."""
@@ -28,6 +29,8 @@ LARGEST_RATE: Final = float(np.deg2rad(4000.0))
 """Median of a gyro's rates, rad/s: the full scale of the fastest common sensors, which a thrown disc nearly reaches."""
 SMOOTH: Final = 0.3
 """Change of a rate from one sample to the next, relative to it, below which a body does not turn much in between."""
+OF_CLOCK: Final = frozenset({VELOCITY, RATE})
+"""Quantities that a wrong unit of time scales: free rotation has no time of its own, so that moments and axes stay."""
 LONGEST_TURN: Final = 6 * np.pi
 """Rotation from one sample to the next of slow telemetry, rad."""
 
@@ -36,12 +39,13 @@ LONGEST_TURN: Final = 6 * np.pi
 class WrongUnit:
     """A unit or convention that is probably another.
 
-    Its name among model errors, what shows it, and what to do.
+    Its name among model errors, what shows it, what to do, and the quantities that it changes.
     """
 
     name: str
     sentence: str
     cure: str
+    about: frozenset[str] = ALL
 
     @property
     def reason(self) -> str:
@@ -54,7 +58,7 @@ def wrong_units(dataset: Dataset) -> list[WrongUnit]:
     found = [each for stream in dataset.log.streams for each in _of_stream(stream)]
     if dataset.rig is not None and dataset.rig.baseline_m > LARGEST_BASELINE:
         sentence = f"the cameras' baseline is {dataset.rig.baseline_m:.3g} m"
-        found.append(WrongUnit("length-unit", sentence, "give the calibration in m, not in mm"))
+        found.append(WrongUnit("length-unit", sentence, "give the calibration in m, not in mm", TRANSLATION))
     return list({each.name: each for each in found}.values())
 
 
@@ -63,7 +67,9 @@ def _of_stream(stream: MeasurementStream) -> Iterator[WrongUnit]:
     interval = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
     if not SHORTEST_INTERVAL <= interval <= LONGEST_INTERVAL:
         sentence = f"{stream.sensor} measurements are {interval:.3g} s apart"
-        yield WrongUnit("clock-unit", sentence, "state the unit of the time stamps (--clock ms, us or ns)")
+        yield WrongUnit(
+            "clock-unit", sentence, "state the unit of the time stamps (--clock ms, us or ns)", OF_CLOCK
+        )
     rates = sensor_of(stream.sensor).measured_rates(stream)
     if rates is not None and len(rates) > 1:
         yield from _of_rates(stream, rates, interval)
@@ -71,7 +77,7 @@ def _of_stream(stream: MeasurementStream) -> Iterator[WrongUnit]:
         farthest = float(np.median(np.linalg.norm(stream.values[:, :3], axis=1)))
         if farthest > FARTHEST:
             sentence = f"the poses are {farthest:.3g} m away"
-            yield WrongUnit("length-unit", sentence, "give places in m, not in mm")
+            yield WrongUnit("length-unit", sentence, "give places in m, not in mm", TRANSLATION)
         yield from _of_attitudes(stream)
 
 

@@ -1,0 +1,325 @@
+"""All checks of the verdict, in the order in which their sentences are told.
+
+One more check is one entry here. Where its numbers follow from an estimate it has a test; where they arise in a reader, the
+initialisation, an estimator or a test of models and noise, that makes a finding by `finding` and the evidence brings it.
+"""
+
+from collections.abc import Mapping
+from typing import Final
+
+from spinfilters.state.quantities import ALL, BODY, MOMENTS, NOTHING
+from spinfilters.state.status import OWN_STATUS, Finding, Holds
+from spinfilters.verdict import estimate_tests as of_estimate
+from spinfilters.verdict.check import Check, Needs, base_name
+
+CERTAIN: Final = "none: what it finds is a fact"
+LIMIT: Final = "none by chance: a limit of what is of use"
+MORE: Final = "give a longer recording, a richer motion or a larger initialisation.share"
+WOBBLE: Final = "record a motion that wobbles: a steady spin shows its axis only"
+STATE_ANOTHER: Final = "state another, or leave it out to have it identified"
+
+CHECKS: Final[tuple[Check, ...]] = (
+    # ---- what an estimator says of itself
+    Check(
+        "not-finite", ALL, Needs.ESTIMATE, "Are all numbers finite, and can the motion be integrated?", CERTAIN,
+        "the estimate stopped being finite, or could not be computed",
+        "look for wrong measurements, units and noise in the data set, or take another estimator",
+        leaves=Holds.NOT_DETERMINED,
+    ),
+    Check(
+        "interrupted", NOTHING, Needs.ESTIMATE, "Did the estimator take all epochs?", CERTAIN,
+        "interrupted after some of the epochs", "go on with --resume",
+    ),
+    Check(
+        "late-measurements", NOTHING, Needs.ESTIMATE, "Did all measurements come in time to be used?", CERTAIN,
+        "some measurements came too late and were left out", "keep more epochs for late measurements",
+    ),
+    Check(
+        "broken-measurements", ALL, Needs.ESTIMATE, "Did every measurement leave the estimate finite?", CERTAIN,
+        "measurements broke the estimate and were taken back", "look for gross errors in what that sensor sends",
+    ),
+    Check(
+        "fast-rotation", ALL, Needs.ESTIMATE, "Is each step of the embedded filter short enough for its integration?",
+        CERTAIN, "the body turned too far for the substeps of a prediction", "generate the filter with more substeps",
+    ),
+    Check(
+        "steps-left-out", ALL, Needs.ESTIMATE, "Did every step of the embedded filter stay finite?", CERTAIN,
+        "steps would not have stayed finite and were left out", "look for gross errors in the measurements",
+    ),
+    Check(
+        "smoother-unsettled", ALL, Needs.SMOOTHER, "Did the smoother's iterations converge?", CERTAIN,
+        "the smoother did not settle", "raise smoother.iterations, or look for wrong measurements",
+    ),
+    Check(
+        "filter-failed", ALL, Needs.SMOOTHER, "Did the filter finish that the smoother sets out from?", CERTAIN,
+        "the filter that the smoother sets out from failed",
+        "look for the epoch at which the filter fails, and for wrong measurements there",
+    ),
+    Check(
+        "unobservable", NOTHING, Needs.SMOOTHER,
+        "Is each component of the state known better than 0.7 of its prior deviation?", LIMIT,
+        "the data do not determine some components of the state", "record a motion that wobbles",
+        leaves=Holds.NOT_DETERMINED,
+    ),
+    Check(
+        "calibration-uncounted", ALL, Needs.ESTIMATE, "Could the errors of the calibration be counted in the deviations?",
+        CERTAIN, "what errors of the calibration make of the estimates could not be computed",
+        "state the calibration as exact, or choose the smoother",
+    ),
+    Check(
+        "inertia-not-yet", BODY, Needs.SMOOTHER, "Does the smoother on line know the mass distribution already?", LIMIT,
+        "the inertia is not determined yet", "wait for more epochs, or for a motion that wobbles",
+        leaves=Holds.NOT_DETERMINED,
+    ),
+    Check(
+        "poor-fit", ALL, Needs.SMOOTHER, "Does the latest solution explain its observations within their noise?",
+        "of the order of 1e-3 an epoch", "the motion found does not explain the observations within their noise",
+        "wait for more epochs; if it stays, state a larger noise of the sensor",
+    ),
+    Check(
+        "no-pose", ALL, Needs.SMOOTHER, "Do the latest epoch's observations agree on one pose?", CERTAIN,
+        "the latest epoch's observations agree on no pose", "wait for the next epoch, or look for wrong associations",
+    ),
+    Check(
+        "live", ALL, Needs.FILTER, "Running tests of a filter's latest epochs: NIS, refusals, levels of noise",
+        "of the order of 1e-6 a window", "the filter's latest epochs are not as they are expected",
+        "see the check of the same sentence in a recording",
+    ),
+    Check(
+        "no-smoother", NOTHING, Needs.SMOOTHER, "Is the smoother alive that a live filter is rebased on?", CERTAIN,
+        "the filter goes on without the smoother", "see why it ended; begin the live run again to have it back",
+    ),
+    Check(
+        "epoch-unused", ALL, Needs.FILTER, "Was any measurement of a live filter's latest epoch used?",
+        "that of the gate, of every measurement of the epoch", "no measurement of this epoch was used",
+        "wait for the next epoch",
+    ),
+    Check(
+        "time-unconfirmed", ALL, Needs.RECORDING, "Does the next epoch confirm a jump of a live source's time stamps?", CERTAIN,
+        "the epoch's time is far ahead of the one before", "wait for the next epoch, or check the clock of the source",
+    ),
+    Check(
+        "prediction-range", NOTHING, Needs.ESTIMATE, "Can a live estimate be predicted as far ahead as asked?", CERTAIN,
+        "it cannot be predicted so far ahead", "ask for a shorter prediction",
+    ),
+    Check(
+        OWN_STATUS, ALL, Needs.ESTIMATE, "What an estimator, a plug-in for instance, says of itself", "as its author states",
+        "the estimator doubts its result", "read its documentation",
+    ),
+    # ---- the recording and its initialisation
+    Check(
+        "not-initialised", ALL, Needs.RECORDING, "Could the first epochs be smoothed?", CERTAIN,
+        "the first epochs could not be smoothed", "check the first epochs, or raise initialisation.share",
+        leaves=Holds.NOT_DETERMINED,
+    ),
+    Check(
+        "initialisation-unsettled", ALL, Needs.RECORDING, "Did the smoother of the first epochs converge?", CERTAIN,
+        "the initialisation did not settle in its iterations", "raise initialisation.iterations or initialisation.share",
+    ),
+    Check(
+        "data-set", ALL, Needs.RECORDING, "Does the reader or the front end trust what it made of raw data?", CERTAIN,
+        "the measurements that were made of raw data are doubtful", "see what the reader says of the recording",
+    ),
+    Check(
+        "sensor-data", ALL, Needs.RECORDING, "Are the values of each sensor within its range?", CERTAIN,
+        "samples of a sensor are saturated", "choose a larger range of the sensor, or cut the recording",
+    ),
+    Check(
+        "not-a-free-flight", ALL, Needs.RECORDING,
+        "Does torque-free motion explain a gyro of unknown noise to 4 % of the rate?", LIMIT,
+        "not a free flight: torque-free motion leaves {percent:.2g} % of the rate unexplained, at most "
+        "{limit:.2g} % is a gyro's error",
+        "cut the recording to the flight (--segment), or check axes, range and unit of the gyro",
+    ),
+    Check(
+        "motion-shows-no-moments", BODY, Needs.FILTER,
+        "Does the estimated body predict the epochs behind the initialisation better than a sphere does? "
+        "Twice the log likelihood ratio is at least 30",
+        "below 1e-6 of motions that wobble",
+        "the motion does not determine the moments of inertia: a sphere predicts {epochs} epochs as well "
+        "(evidence {evidence:.2g}, at least {limit:.2g} is needed); {why}",
+        "record a motion that wobbles",
+        leaves=Holds.NOT_DETERMINED,
+    ),
+    # ---- errors of the models
+    Check(
+        "correlated-errors", ALL, Needs.RESIDUALS,
+        "Are errors of the measurements that last as likely as disturbances? Probability above 0.8 and an expected NEES above 2",
+        "at most 0.2 of the cases in which it speaks",
+        "errors of the measurements are correlated over {time:.2g} s ({sizes}; -2 ln likelihood falls by {advantage:.2g}) and "
+        "pass for disturbances; deviations allow for {inflation:.2g} times the variance",
+        "take measurements further apart, or a longer recording",
+    ),
+    Check(
+        "correlated-observations", ALL, Needs.RESIDUALS,
+        "Are a landmark's residuals correlated from epoch to epoch? 5 deviations of chance and an expected NEES above 2", "3e-7",
+        "errors of a landmark's observations are correlated ({correlation:.2g} from epoch to epoch, {score:.2g} deviations of "
+        "chance): squared errors of the estimates may be {inflation:.2g} times what is stated",
+        "use images further apart",
+    ),
+    Check(
+        "correlation-undecided", BODY, Needs.RESIDUALS,
+        "Are the moments known whether errors of the measurements last or disturbances act?", LIMIT,
+        "disturbances cannot be distinguished from errors of the measurements that are correlated over {time:.2g} s ({sizes}), and "
+        "deviations hold with both",
+        "state process.torque_psd if it is known, or give a longer recording",
+        leaves=Holds.NOT_DETERMINED,
+    ),
+    Check(
+        "wrong-unit", ALL, Needs.RECORDING,
+        "Are intervals, rates, baselines and distances such as recordings have, and do places follow the attitudes as "
+        "they are read?",
+        CERTAIN, "{text}", "{cure}",
+    ),
+    Check(
+        "slow-change", ALL, Needs.RESIDUALS,
+        "Do the rates of a spin about one axis change slowly by more than the noise explains? Score test, Bonferroni over the list",
+        "1 % of recordings, with all other model errors", "{text}", "record a motion that wobbles, or state the gyro's drift",
+    ),
+    Check(
+        "unexplained-residuals", ALL, Needs.RESIDUALS,
+        "Are residuals beyond chance that no possible error of the list explains?",
+        "1 % of recordings, with all other model errors", "{text}", "",
+    ),
+    Check(
+        "models-not-tested", ALL, Needs.RESIDUALS, "Could errors of the models be looked for?", CERTAIN,
+        "errors of the models could not be looked for ({text})", "check the data set and its noise",
+    ),
+    Check(
+        "model-error", ALL, Needs.RESIDUALS,
+        "Score test of each error of the list about the smoothed motion; those are named that matter to an estimate",
+        "1 % of recordings for all errors together, 0.2 % for one that moves a state by 4 deviations; "
+        "measured: python -m experiments.honesty",
+        "{text}", "",
+    ),
+    # ---- levels of noise
+    Check(
+        "stated-noise", ALL, Needs.RESIDUALS,
+        "Score tests of all stated levels at once: beyond 4 deviations of chance and a variance 1.5 times wrong",
+        "6e-5 of each level", "{name} is {stated:.3g}, the data have {seen} ({score:.2g} deviations of chance)", "{cure}",
+    ),
+    Check(
+        "row-noise", ALL, Needs.RESIDUALS,
+        "The same of deviations that rows of a sensor state", "6e-5 of each level",
+        "{name}: the data have {times:.3g} +- {std:.1g} times the deviations that the rows state{inflated} "
+        "({score:.2g} deviations of chance)",
+        "state others, or leave them out to have them identified",
+    ),
+    Check(
+        "identified-noise", ALL, Needs.RESIDUALS,
+        "The same of levels that were identified from the first epochs", "3e-5 of each level",
+        "{name} was identified as {stated:.3g} from the first epochs, all data have {seen} ({score:.2g} deviations of chance)",
+        "the noise changes or a model is wrong: state the level, or cut the recording",
+    ),
+    Check(
+        "noise-not-tested", ALL, Needs.RESIDUALS, "Could the levels of noise be tested?", CERTAIN,
+        "its noise could not be tested ({text})", "check the data set and its noise",
+    ),
+    Check(
+        "vague-initialisation", ALL, Needs.FILTER,
+        "Do the first epochs know the moments to 0.12 of the largest, where no smoother can judge the filter?", LIMIT,
+        "the first {epochs} epochs leave the moments uncertain by {std:.2g}: what follows is over-confident", MORE,
+    ),
+    Check(
+        "over-confident", ALL, Needs.SMOOTHER,
+        "Is the NEES that a filter is expected to have, with the smoother as the truth, that of a consistent filter? Of the whole "
+        "error and of the mass distribution, mean over its epochs and in the last",
+        "1 % of consistent filters at most",
+        "over-confident: its errors{which} {where} are {times:.2g} times its stated standard deviations (root mean square), "
+        "judged by the smoother",
+        f"take the smoother, or {MORE}",
+    ),
+    Check(
+        "filter-noise", ALL, Needs.FILTER,
+        "Chi-square of what no state explains in a filter's innovations: 5 deviations of chance and a variance 1.5 times wrong",
+        "6e-7", "the errors of the {name} have {times:.2g} times the {level} ({score:.2g} deviations of chance)", "{cure}",
+    ),
+    Check(
+        "filter-disturbance", ALL, Needs.FILTER,
+        "Chi-square of a filter's corrections by what its densities add: 5 deviations of chance and a density 1.5 times wrong",
+        "6e-7",
+        "disturbances have {times:.2g} times the {level} ({score:.2g} deviations of chance): process.{name} is {ratio:.2g} times "
+        "{before}, or the model is wrong",
+        "state process.{name}, or leave it out to have it identified",
+    ),
+    Check(
+        "correlated-corrections", ALL, Needs.FILTER,
+        "Are a filter's corrections of neighbouring epochs correlated? 5 deviations of chance and 0.15", "3e-7",
+        "corrections of neighbouring epochs are correlated ({correlation:.2g}, {score:.2g} deviations of chance): an error of "
+        "model, clock or calibration that is no noise, or disturbances that are understated",
+        "compare with --explain, or raise process.force_psd and process.torque_psd",
+    ),
+    # ---- the estimate itself
+    Check(
+        "moments-undetermined", frozenset({MOMENTS}), Needs.ESTIMATE,
+        f"Is each moment's deviation at most {of_estimate.LARGEST_MOMENT_STD} of the largest moment?", LIMIT,
+        "the moments of inertia are not determined: their standard deviation is {std:.2g} of the largest moment, at most "
+        "{limit:.2g} is of use",
+        "record a motion that wobbles, or a longer one", of_estimate.moments_undetermined, Holds.NOT_DETERMINED,
+    ),
+    Check(
+        "moment-may-be-zero", frozenset({MOMENTS}), Needs.ESTIMATE,
+        f"Is the smallest moment {of_estimate.CLEAR_OF_ZERO:g} deviations above zero?", LIMIT,
+        "the smallest moment of inertia, {moment:.2g} ± {std:.2g} of the largest, may be zero: the body is a needle, and its "
+        "ratio k2 may be any larger number",
+        "record a motion with more rotation about the long axis, or a longer one", of_estimate.moment_may_be_zero,
+    ),
+    Check(
+        "innovations-too-large", ALL, Needs.FILTER, f"Is the NIS per degree of freedom at most {of_estimate.LARGEST_NIS}?",
+        "below 1e-6 from 20 degrees of freedom on",
+        "innovations are {times:.2g} times as large as the noise explains (NIS {ratio:.2g} per degree of freedom)",
+        "raise process.force_psd, process.torque_psd or the sensor's standard deviation in a config file",
+        of_estimate.innovations_too_large,
+    ),
+    Check(
+        "measurements-left-out", ALL, Needs.ESTIMATE,
+        f"Are at most {of_estimate.LARGEST_REJECTED:.0%} of the measurements refused?", "below 1e-6 of any recording of use",
+        "{rejected} of {total} measurements ({percent:.2g} %) could not be used or were refused",
+        "look for gross errors, wrong associations or too small a stated noise", of_estimate.measurements_left_out,
+    ),
+    Check(
+        "epochs-refused", ALL, Needs.ESTIMATE,
+        "Are no more epochs refused as a whole, or in a row, than false alarms of the gate account for?",
+        f"{of_estimate.FALSE_ALARM:.0e} of recordings of any length",
+        "{count} of {epochs} epochs told nothing, {longest} in a row ({expected:.2g} by chance): all of their measurements were "
+        "refused, or they only repeated the epoch before",
+        "cut the recording there, or look for gross errors and repeated images", of_estimate.epochs_refused,
+    ),
+    Check(
+        "gap", NOTHING, Needs.RECORDING,
+        f"Is no interval longer than {of_estimate.LARGEST_GAP:g} median intervals?", CERTAIN,
+        "nothing was measured for {seconds:.3g} s after t = {begin:.3f} s: estimates in between are predictions",
+        "cut the recording there if the body may have been touched", of_estimate.gap,
+    ),
+    Check(
+        "estimators-disagree", BODY, Needs.PEERS,
+        f"Do the moments of any two estimators agree within {of_estimate.DISAGREEMENT_STD:g} of both deviations, or "
+        f"{of_estimate.DISAGREEMENT}?",
+        "6e-5 of independent estimators, less of those of the same measurements",
+        "its moments differ from those of {other} by up to {difference:.2g} of the largest",
+        "take the one that is ok, the smoother before filters", of_estimate.estimators_disagree,
+    ),
+)  # fmt: skip
+"""Every check, by the order of its sentences in a verdict."""
+
+BY_NAME: Final[Mapping[str, Check]] = {check.name: check for check in CHECKS}
+
+
+def finding(
+    check: str,
+    numbers: Mapping[str, float | str],
+    about: frozenset[str] | None = None,
+    which: str = "",
+) -> Finding:
+    """Finding of a check of the list, by its name; see `Check.finding`.
+
+    Raises
+    ------
+    KeyError: no such check, or a number that its sentence needs is missing.
+    """
+    return BY_NAME[check].finding(numbers, about, which)
+
+
+def check_of(found: Finding) -> Check:
+    """The check that a finding failed; that of an estimator's own words for a name that is not in the list."""
+    return BY_NAME.get(base_name(found.check), BY_NAME[OWN_STATUS])
