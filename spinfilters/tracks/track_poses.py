@@ -41,9 +41,7 @@ def track_epochs(tracks: MeasurementStream) -> list[tuple[float, slice]]:
     return [(float(tracks.time[a]), slice(a, b)) for a, b in pairwise(tracks.epoch_offsets.tolist())]
 
 
-def shared_landmarks(
-    tracks: MeasurementStream, times: Float[np.ndarray, " k"]
-) -> Int[np.ndarray, " k"]:
+def shared_landmarks(tracks: MeasurementStream, times: Float[np.ndarray, " k"]) -> Int[np.ndarray, " k"]:
     """Numbers of landmarks that an epoch has in common with the epoch before, at some of the times of the tracks (s)."""
     assert tracks.ids is not None
     epochs = [tracks.ids[rows] for _, rows in track_epochs(tracks)]

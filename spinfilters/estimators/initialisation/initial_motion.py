@@ -26,7 +26,7 @@ LARGEST_TURN = 2.2
 """Rad from the middle of a window: well below pi, where rotation vectors stop being unique."""
 LARGEST_WINDOW = 15
 MOST_APART = 0.34
-"""Share of the attitudes that may be farther than `LARGEST_TURN` from both neighbours: these are wrong, or the body turns too fast."""
+"""Share of the attitudes that may be farther than `LARGEST_TURN` from both neighbours: wrong ones. More are a fast rotation."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ def initial_motion(samples: MotionSamples, epochs: int) -> InitialMotion:
     if samples.rates is not None:
         return InitialMotion(time, samples.attitude, samples.rates, positions)
     rates = _differenced(time, samples.attitude, samples.shared)
-    near = np.isfinite(rates).all(axis=1)
+    near = ~np.isnan(rates[:, 0])
     positions = None if positions is None else positions[near]
     return InitialMotion(time[near], samples.attitude[near], rates[near], positions)
 
@@ -100,7 +100,7 @@ def _differenced(
             f"a start from poses needs at least 4 epochs, got {len(time)}; give a longer recording"
         )
     rates = _rates(time, q)
-    apart = ~np.isfinite(rates).all(axis=1)
+    apart = np.isnan(rates[:, 0])
     if np.count_nonzero(~apart) < 4 or np.count_nonzero(apart) > MOST_APART * len(time):
         raise InputError(_too_far_apart(time, q, apart, shared))
     return rates
@@ -117,15 +117,15 @@ def _too_far_apart(
     first = int(np.argmax(apart))
     beside = int(np.clip(first, 0, len(step) - 1))
     told = (
-        f"{np.count_nonzero(apart)} of the first {len(time)} epochs have attitudes more than {np.degrees(LARGEST_TURN):.0f} deg "
-        f"from their neighbours' ({np.degrees(step[beside]):.0f} deg at t = {time[first]:.3f} s), too far to tell a rotation from its "
-        "opposite"
+        f"{np.count_nonzero(apart)} of the first {len(time)} epochs have attitudes more than "
+        f"{np.degrees(LARGEST_TURN):.0f} deg from those before and after ({np.degrees(step[beside]):.0f} deg at "
+        f"t = {time[first]:.3f} s), too far to tell a rotation from its opposite"
     )
     if shared is None:
-        return f"{told}: the body turns too fast between epochs, or the attitudes are wrong; give a faster frame rate"
+        return f"{told}: the body turns too fast, or the attitudes are wrong; give a faster frame rate"
     return (
-        f"{told}. The poses rest on {int(np.median(shared[1:]))} landmarks in common with the epoch before (median), and may be wrong: "
-        "give a faster frame rate, or more landmarks"
+        f"{told}. The poses rest on {int(np.median(shared[1:]))} landmarks in common with the epoch before (median), "
+        "and may be wrong: give a faster frame rate, or more landmarks"
     )
 
 
