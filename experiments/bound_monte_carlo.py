@@ -64,7 +64,9 @@ class MonteCarloRecording:
 def main() -> None:
     """Run and print."""
     options = _options()
-    scenario = Scenario(rate_rpm=MOTIONS[options.motion], epochs=options.frames, landmarks=options.landmarks)
+    scenario = Scenario.simplified(
+        rate_rpm=MOTIONS[options.motion], epochs=options.frames, landmarks=options.landmarks
+    )
     if options.runs < 2:
         raise SystemExit(f"--runs {options.runs}: give at least 2, the scatter is what is asked for")
     squares = monte_carlo(scenario, range(options.runs), lambda seeds: track(seeds, "runs", transient=True))

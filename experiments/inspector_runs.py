@@ -43,7 +43,7 @@ def run_seed(seed: int, inspector: str, estimator: str) -> Float[np.ndarray, " 9
 
     They are of the four blocks; NEES per degree of freedom.
     """
-    scenario = Scenario(
+    scenario = Scenario.simplified(
         rate_rpm=RICH_RPM, seed=seed, epochs=40, landmarks=150, noise=NOISE, inspector=inspector
     )
     dataset = simulate(scenario)

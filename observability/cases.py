@@ -30,7 +30,7 @@ from observability.system import Input, System, SystemSensor
 from spinfilters.attitude.conversions import matrix_from_quaternion
 from spinfilters.dynamics.mass_distribution import inertia_matrix
 from spinfilters.errors import InputError
-from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
+from spinfilters.models.process import THESIS_NOISE, ProcessNoise, TorqueFreeProcess
 from spinfilters.sensors.sensor import model_over
 from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
 
@@ -198,7 +198,7 @@ class Case:
         ------
         InputError: no frames, or a manoeuvre that leaves a camera without the body.
         """
-        process = _process(self.layout, noise or ProcessNoise())
+        process = _process(self.layout, noise or THESIS_NOISE)
         start = self._start(frames, interval)
         if not self.inputs or frames < 1:
             return free_reference(process, start, frames, interval)

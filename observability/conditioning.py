@@ -20,7 +20,7 @@ from scipy.optimize import minimize_scalar
 from spinfilters.dynamics.mass_distribution import from_inertia
 from spinfilters.errors import InputError, ShapeError
 from spinfilters.linear_algebra.definite import correlation_root
-from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
+from spinfilters.models.process import THESIS_NOISE, ProcessNoise, TorqueFreeProcess
 from spinfilters.models.rotation_integrator import IntegrationError
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 
@@ -65,7 +65,7 @@ def noise_covariance(
     dt: float, rate: Float[np.ndarray, " 3"], noise: ProcessNoise | None = None
 ) -> Float[np.ndarray, "12 12"]:
     """Process covariance of (t, a, v, w) after dt s at this rate, rad/s."""
-    process = _process(noise or ProcessNoise())
+    process = _process(noise or THESIS_NOISE)
     layout = process.layout
     x = layout.origin()
     x[layout.mean_slice("w")] = rate

@@ -7,7 +7,7 @@ from observability.bounds.cramer_rao import LANDMARK_STD, PRIOR_STD
 from observability.canonical_motions import CanonicalMotion, equal_moments
 from observability.cases import WIDE_POSE_STD, Case
 from observability.sensors import analysed
-from spinfilters.models.process import ProcessNoise
+from spinfilters.models.process import THESIS_NOISE
 
 NEARLY_EQUAL = 0.01
 """Relative difference below which two moments are called nearly equal: their axes are then hardly told apart."""
@@ -85,7 +85,7 @@ def axes_in_words(case: Case) -> str:
 
 def assumptions(case: Case) -> list[str]:
     """Noise, priors and inputs that the bound is computed with."""
-    process = ProcessNoise()
+    process = THESIS_NOISE
     lines = [
         f"noise: {'; '.join(analysed(each).noise for each in case.sensors)}",
         f"process noise: {process.torque_psd:g} (rad/s^2)^2/Hz"

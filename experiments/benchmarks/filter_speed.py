@@ -70,7 +70,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--out", type=Path, help="folder for filters.json and filters.png")
     options = parser.parse_args(arguments)
     use_one_thread("experiments.benchmarks.filter_speed")
-    setup = prepare(simulate(Scenario()), Settings())
+    setup = prepare(simulate(Scenario.simplified()), Settings())
     seconds = time_frames(setup, options.frames, options.blocks)
     ratios = [speed_ratio(seconds, *pair) for pair in PAIRS]
     landmarks = float(np.mean([len(frame.measurements[0].values) for frame in setup.timeline]))

@@ -27,7 +27,7 @@ def main() -> None:
     )
     parser.add_argument("--clock", choices=tuple(CLOCKS), default="wall")
     use_clock(parser.parse_args().clock)
-    dataset = simulate(Scenario())
+    dataset = simulate(Scenario.simplified())
     seconds(dataset)  # compiles
     initialise, smooth = zip(*[seconds(dataset) for _ in range(REPEATS)], strict=True)
     print(f"115 epochs, known map: medians of {REPEATS}")

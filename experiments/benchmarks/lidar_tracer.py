@@ -2,7 +2,7 @@
 
     python -m experiments.benchmarks.lidar_tracer [--rays 400]
 
-trimesh (extra ``lidar``) uses Embree, in float32, where embreex is installed, else an R-tree.
+trimesh (extra ``peers``) uses Embree, in float32, where embreex is installed, else an R-tree.
 """
 
 import argparse

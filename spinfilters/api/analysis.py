@@ -12,12 +12,13 @@ from observability.canonical_motions import motion
 from observability.cases import Case, InputSizes
 from observability.scope import title
 from observability.system import Input
-from spinfilters.api.argument_ranges import DEFAULT_MOMENTS, DEFAULT_RATE_RPM, LANDMARKS, require_motion
+from spinfilters.api.argument_ranges import LANDMARKS, require_motion
 from spinfilters.api.blas_threads import on_one_blas_thread
 from spinfilters.conventions import RPM
 from spinfilters.data.atomic_write import write_json, write_text
 from spinfilters.data.output_folder import output_folder, refuse_foreign
 from spinfilters.errors import InputError
+from spinfilters.simulation.bundled_example import EPOCHS, INTERVAL, PRINCIPAL_MOMENTS, RATE_RPM
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -111,10 +112,10 @@ class KnownInputs:
 def observe(
     sensors: Sequence[str] | str = "stereo",
     *,
-    rate_rpm: Sequence[float] = DEFAULT_RATE_RPM,
-    moments: Sequence[float] = DEFAULT_MOMENTS,
-    frames: int = 115,
-    interval: float = 0.5,
+    rate_rpm: Sequence[float] = RATE_RPM,
+    moments: Sequence[float] = PRINCIPAL_MOMENTS,
+    frames: int = EPOCHS,
+    interval: float = INTERVAL,
     landmarks: int = 4,
     known_map: bool = False,
     chart: str = "principal",

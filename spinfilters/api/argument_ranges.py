@@ -18,10 +18,6 @@ GYRO_BIAS: Final = NumberRange(-100, 100, "rad/s")
 WORKERS: Final = NumberRange(1, 1024, whole=True)
 SECONDS_AHEAD: Final = NumberRange(1e-9, 1e9, "s")
 
-DEFAULT_RATE_RPM: Final = (0.5, 10.0, 0.5)
-DEFAULT_MOMENTS: Final = (1.0322, 1.0, 0.8596)
-"""Of the bundled example (Tweddle 2013, section 6.5.2)."""
-
 
 def require_motion(
     frames: int, interval: float, rate_rpm: tuple[float, ...], moments: tuple[float, ...]

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from spinfilters.geometry.camera_trajectory import CameraTrajectory
+from spinfilters.simulation.bundled_example import EPOCHS, INTERVAL, PRINCIPAL_MOMENTS
 from spinfilters.simulation.inspector import STATIC
 from spinfilters.simulation.motion import silent
 from spinfilters.simulation.scenario import THESIS_RPM, Scenario, simulate
@@ -36,9 +37,9 @@ class ImageScenario:
     shape: str = "spheres"
     radius_m: float = 0.11
     rate_rpm: tuple[float, float, float] = THESIS_RPM
-    moments: tuple[float, float, float] = (1.0322, 1.0, 0.8596)
-    frames: int = 115
-    interval: float = 0.5
+    moments: tuple[float, float, float] = PRINCIPAL_MOMENTS
+    frames: int = EPOCHS
+    interval: float = INTERVAL
     seed: int = 0
     foil: float = 0.0
     sun: tuple[float, float, float] = (-0.5, -0.6, -1.0)

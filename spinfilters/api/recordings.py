@@ -2,12 +2,9 @@
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 from spinfilters.api.argument_ranges import (
-    DEFAULT_MOMENTS,
-    DEFAULT_RATE_RPM,
     GYRO_BIAS,
     SEED,
     SEGMENT,
@@ -15,13 +12,14 @@ from spinfilters.api.argument_ranges import (
 )
 from spinfilters.api.blas_threads import on_one_blas_thread
 from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_reader import has_images, read_dataset
+from spinfilters.data.dataset_reader import IMAGES, has_images, read_dataset
 from spinfilters.data.input_file import value_text
 from spinfilters.data.sensor_format import dataset_kinds
 from spinfilters.data.stated_values import ReadingOptions
 from spinfilters.errors import InputError
 from spinfilters.pipeline.segment_choice import read_chosen, segment_choice
 from spinfilters.sensors.sensor import has_error
+from spinfilters.simulation.bundled_example import EPOCHS, INTERVAL, PRINCIPAL_MOMENTS, RATE_RPM
 from spinfilters.simulation.inspector import STATIC
 from spinfilters.simulation.motion import Progress, silent
 from spinfilters.simulation.scenario import Scenario, without_map
@@ -64,6 +62,7 @@ def load(
             SEGMENT.require("segment", segment)
         return read_chosen(path, segment_choice(segment), options)
     if has_images(path):
+        options.require_only((), IMAGES)
         from spinfilters.vision.track_images import track_images
 
         return track_images(Path(path)).dataset
@@ -75,10 +74,10 @@ def simulate(
     kind: str = "stereo-tracks",
     *,
     seed: int = 0,
-    frames: int = 115,
-    interval: float = 0.5,
-    rate_rpm: Sequence[float] = DEFAULT_RATE_RPM,
-    moments: Sequence[float] = DEFAULT_MOMENTS,
+    frames: int = EPOCHS,
+    interval: float = INTERVAL,
+    rate_rpm: Sequence[float] = RATE_RPM,
+    moments: Sequence[float] = PRINCIPAL_MOMENTS,
     known_map: bool = False,
     gyro_bias: Sequence[float] | None = None,
     inspector: str = STATIC,
@@ -107,35 +106,28 @@ def simulate(
     """
     rate, inertia, others = tuple(rate_rpm), tuple(moments), dict(beside or {})
     _require_slow(frames, interval, rate, inertia)
-    thesis = _thesis(rate, seed)
-    scenario = replace(
-        thesis,
+    _require_map(known_map, (kind, *others))
+    SEED.require("seed", seed)
+    scenario = Scenario(
         kind=kind,
         epochs=frames,
         interval=interval,
-        principal_moments=inertia,
-        candidates=thesis.candidates if _sees_landmarks((kind, *others), known_map) else 1,
+        rate_rpm=(rate[0], rate[1], rate[2]),
+        principal_moments=(inertia[0], inertia[1], inertia[2]),
         inspector=inspector,
         beside=tuple(others.items()),
-        gyro_bias=thesis.gyro_bias if gyro_bias is None else _checked_bias(gyro_bias, (kind, *others)),
+        gyro_bias=Scenario.gyro_bias if gyro_bias is None else _checked_bias(gyro_bias, (kind, *others)),
+        seed=seed,
     )
     dataset = simulate_scenario(scenario, progress)
     return dataset if known_map else without_map(dataset)
 
 
-def _thesis(rate_rpm: tuple[float, ...], seed: int) -> Scenario:
-    """The thesis' scenario at another rate. InputError: a seed out of its range."""
-    SEED.require("seed", seed)
-    return Scenario.common_workload((rate_rpm[0], rate_rpm[1], rate_rpm[2]), seed)
-
-
-def _sees_landmarks(kinds: Sequence[str], known_map: bool) -> bool:
-    """Whether a sensor of these kinds does. InputError: a known map without one."""
+def _require_map(known_map: bool, kinds: Sequence[str]) -> None:
+    """InputError: a known map without a sensor that sees landmarks."""
     seeing = [name for name, form in dataset_kinds().items() if form.has_landmarks]
-    found = any(each in seeing for each in kinds)
-    if known_map and not found:
+    if known_map and not any(each in seeing for each in kinds):
         raise InputError(f"a known map is for the kinds {' and '.join(seeing)}; a {kinds[0]} has no map")
-    return found
 
 
 def _require_slow(

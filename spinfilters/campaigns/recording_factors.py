@@ -1,6 +1,6 @@
 """Factors of a study.
 
-What a recording is made of. The defaults are the common workload of 115 stereo epochs.
+What a recording is made of. The defaults are those of a `Scenario`: the bundled example.
 """
 
 from collections.abc import Callable
@@ -10,9 +10,11 @@ from typing import Annotated, Final
 from spinfilters.data.input_file import value_text
 from spinfilters.data.stated_values import LENGTH, RATE, SPEED, NumberRange
 from spinfilters.errors import InputError
-from spinfilters.models.process import THESIS_NOISE, ProcessNoise
+from spinfilters.models.process import ProcessNoise
 from spinfilters.sensors.feature_tracks import EveryAppearance, Recognition, SomeAppearances
+from spinfilters.sensors.lidar_points import ANGLE_STD
 from spinfilters.settings.run_settings import TruthValue
+from spinfilters.simulation.bundled_example import RECOGNITION
 from spinfilters.simulation.faults import (
     Dropout,
     Fault,
@@ -24,7 +26,7 @@ from spinfilters.simulation.faults import (
 from spinfilters.simulation.gross_error import GrossError
 from spinfilters.simulation.landmark_faults import FewAtFirst, NewIds
 from spinfilters.simulation.model_faults.faulty_recording import model_faults
-from spinfilters.simulation.scenario import THESIS_RPM, Scenario
+from spinfilters.simulation.scenario import Scenario
 
 RPM = NumberRange(-1e6, 1e6, "rpm")
 MOMENT = NumberRange(1e-6, 1e6)
@@ -36,6 +38,8 @@ PSD = NumberRange(1e-20, 1e6, zero=True)
 EPOCHS = NumberRange(5, 100_000, whole=True)
 COUNT = NumberRange(0, 100_000, whole=True)
 EPOCH = NumberRange(-100_000, 100_000, whole=True)
+EXAMPLE = Scenario()
+"""Defaults of all factors."""
 MULTIPLE = NumberRange(1e-6, 1e6)
 Triple = tuple[Annotated[float, LENGTH], Annotated[float, LENGTH], Annotated[float, LENGTH]]
 
@@ -50,16 +54,14 @@ class MotionFactor:
     attempts: motions drawn until one stays in view; the last is taken if none does.
     """
 
-    rate_rpm: tuple[Annotated[float, RPM], Annotated[float, RPM], Annotated[float, RPM]] = THESIS_RPM
-    epochs: Annotated[int, EPOCHS] = 115
-    interval_s: Annotated[float, NumberRange(1e-6, 1e5, "s")] = 0.5
+    rate_rpm: tuple[Annotated[float, RPM], Annotated[float, RPM], Annotated[float, RPM]] = EXAMPLE.rate_rpm
+    epochs: Annotated[int, EPOCHS] = EXAMPLE.epochs
+    interval_s: Annotated[float, NumberRange(1e-6, 1e5, "s")] = EXAMPLE.interval
     velocity_m_s: tuple[Annotated[float, SPEED], Annotated[float, SPEED], Annotated[float, SPEED]] = (
-        0.002,
-        0.001,
-        -0.001,
+        EXAMPLE.velocity
     )
-    range_m: Annotated[float, NumberRange(1e-3, 1e6, "m")] = 0.6
-    attempts: Annotated[int, NumberRange(1, 10_000, whole=True)] = 200
+    range_m: Annotated[float, NumberRange(1e-3, 1e6, "m")] = EXAMPLE.range_m
+    attempts: Annotated[int, NumberRange(1, 10_000, whole=True)] = EXAMPLE.candidates
 
 
 @dataclass(frozen=True)
@@ -70,14 +72,12 @@ class BodyFactor:
     """
 
     principal_moments: tuple[Annotated[float, MOMENT], Annotated[float, MOMENT], Annotated[float, MOMENT]] = (
-        1.0322,
-        1.0,
-        0.8596,
+        EXAMPLE.principal_moments
     )
-    center_of_mass_m: Triple = (0.02, -0.015, 0.01)
-    axes_euler_rad: Triple = (0.5, -0.3, 0.2)
-    landmarks: Annotated[int, NumberRange(4, 100_000, whole=True)] = 4250
-    radius_m: Annotated[float, NumberRange(1e-3, 1e6, "m")] = 0.12
+    center_of_mass_m: Triple = EXAMPLE.center_of_mass_g
+    axes_euler_rad: Triple = EXAMPLE.axes_euler_g
+    landmarks: Annotated[int, NumberRange(4, 100_000, whole=True)] = EXAMPLE.landmarks
+    radius_m: Annotated[float, NumberRange(1e-3, 1e6, "m")] = EXAMPLE.radius_m
 
     def __post_init__(self) -> None:
         smallest, middle, largest = sorted(self.principal_moments)
@@ -98,12 +98,12 @@ class SensorFactor:
     recognition: two shapes of the Beta distribution of how often an appearance is known again; empty for always.
     """
 
-    kind: str = "stereo-tracks"
+    kind: str = EXAMPLE.kind
     known_map: Annotated[bool, TruthValue()] = False
-    detection: Annotated[float, NumberRange(1e-6, 1.0)] = 0.88
-    facing_cosine: Annotated[float, NumberRange(-1.0, 0.999)] = 0.4
-    recognition: tuple[Annotated[float, SHAPE], ...] = (0.45, 1.4)
-    fewest_observations: Annotated[int, COUNT] = 2
+    detection: Annotated[float, NumberRange(1e-6, 1.0)] = EXAMPLE.detection
+    facing_cosine: Annotated[float, NumberRange(-1.0, 0.999)] = EXAMPLE.facing_cosine
+    recognition: tuple[Annotated[float, SHAPE], ...] = RECOGNITION
+    fewest_observations: Annotated[int, COUNT] = EXAMPLE.fewest_observations
 
     def __post_init__(self) -> None:
         if len(self.recognition) not in (0, 2):
@@ -127,17 +127,15 @@ class NoiseFactor:
     calibrated: whether they are told that the calibration has no error; if not, they consider the errors that are usual.
     """
 
-    pixel_std: Annotated[float, STD] = 1.0
-    position_std_m: Annotated[float, STD] = 0.005
-    rotation_std_rad: Annotated[float, STD] = 0.01
-    gyro_std_rad_s: Annotated[float, STD] = 0.002
+    pixel_std: Annotated[float, STD] = EXAMPLE.pixel_std
+    position_std_m: Annotated[float, STD] = EXAMPLE.position_std
+    rotation_std_rad: Annotated[float, STD] = EXAMPLE.rotation_std
+    gyro_std_rad_s: Annotated[float, STD] = EXAMPLE.gyro_std
     gyro_bias_rad_s: tuple[Annotated[float, RATE], Annotated[float, RATE], Annotated[float, RATE]] = (
-        0.0,
-        0.0,
-        0.0,
+        EXAMPLE.gyro_bias
     )
-    force_psd: Annotated[float, PSD] = THESIS_NOISE.force_psd
-    torque_psd: Annotated[float, PSD] = THESIS_NOISE.torque_psd
+    force_psd: Annotated[float, PSD] = EXAMPLE.noise.force_psd
+    torque_psd: Annotated[float, PSD] = EXAMPLE.noise.torque_psd
     stated: Annotated[bool, TruthValue()] = True
     calibrated: Annotated[bool, TruthValue()] = True
 
@@ -149,6 +147,11 @@ class NoiseFactor:
             "pose_position_std": self.position_std_m,
             "pose_rotation_std": self.rotation_std_rad,
             "gyro_noise_std": self.gyro_std_rad_s,
+            "attitude_std": self.rotation_std_rad,
+            "lidar_position_std": self.position_std_m,
+            "lidar_rotation_std": self.rotation_std_rad,
+            "lidar_range_std": self.position_std_m,
+            "lidar_angle_std": ANGLE_STD,
             "force_psd": self.force_psd,
             "torque_psd": self.torque_psd,
         }

@@ -17,6 +17,11 @@ LEVELS: Final = (
     "pose_position_std",
     "pose_rotation_std",
     "gyro_noise_std",
+    "attitude_std",
+    "lidar_position_std",
+    "lidar_rotation_std",
+    "lidar_range_std",
+    "lidar_angle_std",
     "force_psd",
     "torque_psd",
 )

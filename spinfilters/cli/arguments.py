@@ -4,38 +4,51 @@ import argparse
 from collections.abc import Callable
 
 from spinfilters.api.argument_ranges import (
-    DEFAULT_MOMENTS,
-    DEFAULT_RATE_RPM,
     FRAMES,
-    INTERVAL,
     MOMENT,
-    RATE_RPM,
+)
+from spinfilters.api.argument_ranges import (
+    INTERVAL as INTERVAL_RANGE,
+)
+from spinfilters.api.argument_ranges import (
+    RATE_RPM as RATE_RANGE,
 )
 from spinfilters.data.stated_values import CLOCK_UNITS, RATE_UNITS, SAMPLING_RATE, NumberRange, ReadingOptions
+from spinfilters.simulation.bundled_example import EPOCHS, INTERVAL, PRINCIPAL_MOMENTS, RATE_RPM
 
 
 def add_motion(parser: argparse.ArgumentParser) -> None:
     """Options of a simulated motion."""
-    parser.add_argument("--frames", type=number(FRAMES), default=115, help="number of epochs (default 115)")
     parser.add_argument(
-        "--interval", type=number(INTERVAL), default=0.5, help="seconds between epochs (default 0.5)"
+        "--frames", type=number(FRAMES), default=EPOCHS, help=f"number of epochs (default {EPOCHS})"
+    )
+    parser.add_argument(
+        "--interval",
+        type=number(INTERVAL_RANGE),
+        default=INTERVAL,
+        help=f"seconds between epochs (default {INTERVAL:g})",
     )
     parser.add_argument(
         "--rate-rpm",
-        type=number(RATE_RPM),
+        type=number(RATE_RANGE),
         nargs=3,
-        default=DEFAULT_RATE_RPM,
+        default=RATE_RPM,
         metavar=("X", "Y", "Z"),
-        help="about the principal axes x, y, z in the order of --moments (default 0.5 10 0.5)",
+        help=f"about the principal axes x, y, z in the order of --moments (default {_words(RATE_RPM)})",
     )
     parser.add_argument(
         "--moments",
         type=number(MOMENT),
         nargs=3,
-        default=DEFAULT_MOMENTS,
+        default=PRINCIPAL_MOMENTS,
         metavar=("JX", "JY", "JZ"),
-        help="principal moments about x, y, z, of any scale (default 1.0322 1 0.8596)",
+        help=f"principal moments about x, y, z, of any scale (default {_words(PRINCIPAL_MOMENTS)})",
     )
+
+
+def _words(numbers: tuple[float, ...]) -> str:
+    """Numbers as they are given on a command line."""
+    return " ".join(f"{each:g}" for each in numbers)
 
 
 def add_reading(parser: argparse.ArgumentParser) -> None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from spinfilters.cli.arguments import reading_options
 from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_reader import has_images, read_dataset
+from spinfilters.data.dataset_reader import IMAGES, has_images, read_dataset
 from spinfilters.data.input_file import value_text
 from spinfilters.data.stated_values import ReadingOptions
 from spinfilters.errors import InputError
@@ -102,6 +102,7 @@ def _recording(path: str, stated: ReadingOptions) -> Dataset:
     """The data set of a path, or of the tracks of its stereo images, with losses."""
     if not has_images(path):
         return read_dataset(path, options=stated)
+    stated.require_only((), IMAGES)
     from spinfilters.cli.console import progress_bars, wide_console
     from spinfilters.vision.track_images import track_images
 

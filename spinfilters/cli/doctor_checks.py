@@ -89,7 +89,7 @@ def filters_run() -> str:
     From a sphere turning at the first measured rate.
     """
     process = TorqueFreeProcess(StateLayout(ROTATION_BLOCKS), ProcessNoise())
-    log = simulate(Scenario(kind="gyro", epochs=20, interval=0.1)).log
+    log = simulate(Scenario.simplified(kind="gyro", epochs=20, interval=0.1)).log
     timeline = build_timeline(log, process.layout, SensorNoise())
     mean = process.layout.origin()
     mean[process.layout.mean_slice("w")] = log.streams[0].values[0]

@@ -110,6 +110,10 @@ def read_dataset(
     return _told_once(reader.read(place, segment))
 
 
+IMAGES: Final = "stereo images"
+"""What a folder of images is called."""
+
+
 def has_images(path: str | os.PathLike[str]) -> bool:
     """Whether a path is a folder of stereo images without tracks.
 

@@ -230,6 +230,14 @@ def _used(show: Callable[[ObservationUse], str | None]) -> Cell:
     return lambda column: None if column.use is None else show(column.use)
 
 
+def _own_epochs(column: Column) -> str:
+    """Number of own epochs, and how many of them errors and counts are over where these are fewer."""
+    history = column.evaluation.history
+    own = len(history.time[history.own])
+    compared = own if column.use is None else len(column.use.accepted)
+    return str(own) if compared == own else f"{own}, {compared} compared"
+
+
 def _optional(value: float | None, form: str) -> str | None:
     return None if value is None else format(value, form)
 
@@ -258,7 +266,7 @@ SECTIONS: tuple[tuple[TableRow, ...], ...] = (
     (
         TableRow("status", lambda c: str(c.evaluation.history.status.verdict)),
         TableRow("what holds", lambda c: held_text(c.evaluation) or None),
-        TableRow("own epochs", lambda c: str(len(c.evaluation.history.time[c.evaluation.history.own]))),
+        TableRow("own epochs", lambda c: _own_epochs(c)),
         TableRow("observations per epoch", _used(lambda use: _optional(use.available_per_epoch, ".1f"))),
         TableRow("  of these used", _used(lambda use: f"{use.used_per_epoch:.1f}")),
         TableRow("  share used", _used(_share)),

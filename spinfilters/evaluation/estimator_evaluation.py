@@ -129,8 +129,9 @@ class Evaluation:
 
     @property
     def milliseconds_per_frame(self) -> float | None:
-        """Median over the epochs that took any time; None when none did."""
-        runtime = self.history.runtime[self.history.runtime > 0]
+        """Median over the estimator's own epochs that took any time; None when none did."""
+        own = self.history.runtime[self.history.own]
+        runtime = own[own > 0]
         return 1e3 * float(np.median(runtime)) if runtime.size else None
 
 

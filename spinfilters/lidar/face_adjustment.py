@@ -77,7 +77,7 @@ class PlaneEvidence:
             at = slice(3 * k, 3 * k + 3)
             residual, J = residual_and_jacobian(plane, tracked.faces[k], pose.rotation, pose.translation)
             F = face_jacobian(plane, tracked.faces[k], pose.rotation, pose.translation)
-            W = np.linalg.inv(plane.covariance + 1e-30 * np.eye(3))
+            W = np.linalg.inv(plane.covariance)
             W /= 1 + residual @ W @ residual / LARGE if robust else 1.0
             own, shared[at, at] = own + J.T @ W @ J, shared[at, at] + F.T @ W @ F
             cross[:, at] += J.T @ W @ F

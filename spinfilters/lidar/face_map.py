@@ -90,7 +90,7 @@ def normal_equations(
     H, b = np.zeros((6, 6)), np.zeros(6)
     for plane, face in pairs:
         residual, J = residual_and_jacobian(plane, face, R, t)
-        W = np.linalg.inv(plane.covariance + 1e-30 * np.eye(3))
+        W = np.linalg.inv(plane.covariance)
         H += J.T @ W @ J
         b -= J.T @ W @ residual
     return H, b

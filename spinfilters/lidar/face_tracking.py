@@ -239,7 +239,7 @@ def _refitted(
                 continue
             residual, _ = residual_and_jacobian(plane, face, pose.rotation, pose.translation)
             J = face_jacobian(plane, face, pose.rotation, pose.translation)
-            W = np.linalg.inv(plane.covariance + 1e-30 * np.eye(3))
+            W = np.linalg.inv(plane.covariance)
             H += J.T @ W @ J
             b -= J.T @ W @ residual
     step = np.linalg.solve(H, b)

@@ -4,7 +4,7 @@ Found by random sampling.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -30,6 +30,12 @@ GRAZING: Final = 0.01
 """Cosine of incidence, at least: a line of rays at one elevation is a cone, which differs from a plane along the beams by less."""
 WIDE: Final = 0.5
 """Rays that a border is wide, from which it counts."""
+FLATNESS: Final = 1e-5
+"""Departure of a face from its plane, in sizes of the body, and its tilt, rad: machining, and half a kelvin of thermal expansion.
+
+This error is common to all points of a face, so that no number of exact ranges, such as a simulated lidar without noise gives,
+averages it. Covariances of planes beyond it would also be singular beside a direction that no plane determines.
+"""
 _SEEDS, _SUBSET, _ROUNDS, _MOST = 30, 1500, 6, 24
 _LOOKED_AT = 8000  # points among which planes are looked for; all are used for the fits
 _FULL = 0.8  # share of neighbours that the inside of a face has
@@ -42,7 +48,8 @@ class FittedPlane:
     Attributes
     ----------
     normal: (3,).   centroid: (3,) weighted mean of its points, m.   tangents: (3, 2).
-    covariance: (3, 3) of (two tangent components of the normal, offset at the centroid), 1 and m^2.
+    covariance: (3, 3) of (two tangent components of the normal, offset at the centroid), 1 and m^2; of a scan's planes with
+        what `FLATNESS` adds.
     count: points.   spread: root of the reduced chi-square; the covariance is inflated where it exceeds 1.
     """
 
@@ -153,7 +160,7 @@ def _separated(
     planes: list[FittedPlane],
     noise: PointNoise,
 ) -> list[FittedPlane]:
-    """Planes fitted again to the points that are clearly theirs and not at their border."""
+    """Planes fitted again to the points that are clearly theirs and not at their border, no flatter than `FLATNESS`."""
     for _ in range(2):
         rows = rows_of_planes(points, angles, planes, noise)
         fitted = [
@@ -162,7 +169,14 @@ def _separated(
             if len(own) >= FEWEST and _is_wide(points[own], plane, noise)
         ]
         planes = [plane for plane in fitted if plane.shows_its_front]
+    flatness = np.diag(np.array([1.0, 1.0, extent_of(points)]) * FLATNESS) ** 2
+    planes = [replace(plane, covariance=plane.covariance + flatness) for plane in planes]
     return sorted(planes, key=lambda plane: -plane.count)
+
+
+def extent_of(points: Float[np.ndarray, "n 3"]) -> float:
+    """Diagonal of the box around a cloud, without its outermost hundredths, m."""
+    return float(np.linalg.norm(np.subtract(*np.quantile(points, [0.99, 0.01], axis=0))))
 
 
 def rows_of_planes(

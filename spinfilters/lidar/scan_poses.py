@@ -13,7 +13,7 @@ from spinfilters.lidar.edge_adjustment import edge_adjusted
 from spinfilters.lidar.face_consistency import MOST_CONTRADICTED
 from spinfilters.lidar.face_map import TrackedFaces
 from spinfilters.lidar.face_tracking import track_faces
-from spinfilters.lidar.planes import FEWEST, FittedPlane, extract_planes
+from spinfilters.lidar.planes import FEWEST, FittedPlane, extent_of, extract_planes
 from spinfilters.lidar.point_noise import PointNoise, identified_noise
 from spinfilters.lidar.registration import RegistrationEngine
 from spinfilters.lidar.scan import Scan, without_isolated, without_repeats
@@ -91,7 +91,7 @@ def scan_poses(
     times = [scan.epoch for scan in usable]
     clouds = [scan.points for scan in usable]
     moving = any(np.ptp(scan.point_times) > 0 for scan in usable)
-    smeared = replace(noise, range_std=noise.range_std + SMEAR * _extent(clouds[0])) if moving else noise
+    smeared = replace(noise, range_std=noise.range_std + SMEAR * extent_of(clouds[0])) if moving else noise
     by_faces = _has_faces(clouds, smeared, seed)
     planes = _planes(clouds, smeared, seed) if by_faces else None
     poses, faces, inflation = _poses(times, clouds, planes, engine)
@@ -100,7 +100,7 @@ def scan_poses(
         planes = _planes(clouds, noise, seed) if by_faces else None
         poses, faces, inflation = _poses(times, clouds, planes, engine)
     if faces is not None:
-        faces = edge_adjusted(faces, clouds, noise, _extent(clouds[0]))
+        faces = edge_adjusted(faces, clouds, noise, extent_of(clouds[0]))
         poses, inflation = faces.poses, shared_inflation(faces.poses, faces.common)
     isolated = sum(count for _, count in solid) / sum(np.count_nonzero(scan.is_return) for scan in scans)
     remarks = _remarks(len(scans) - len(usable), isolated, poses, faces)
@@ -187,7 +187,7 @@ def _poses(
     if planes is None:
         matched = match_scans(times, clouds, middle, engine)
         return matched.poses, None, matched.inflation
-    faces = track_faces(times, planes, middle, _extent(clouds[0]))
+    faces = track_faces(times, planes, middle, extent_of(clouds[0]))
     return faces.poses, faces, 1.0
 
 
@@ -195,11 +195,6 @@ def _contradicted(count: int, total: int) -> str:
     if count > MOST_CONTRADICTED * total:
         return f"{count} of {total} scans put the body where no uniform drift leads: forces act, or faces are taken for one another"
     return f"{count} scans lose a plane that no face of the drifting body explains"
-
-
-def _extent(points: Float[np.ndarray, "n 3"]) -> float:
-    """Diagonal of the box around a cloud, without its outermost hundredths, m."""
-    return float(np.linalg.norm(np.subtract(*np.quantile(points, [0.99, 0.01], axis=0))))
 
 
 def _deskewed(scan: Scan, poses: Sequence[ScanPose], number: int) -> Float[np.ndarray, "n 3"]:

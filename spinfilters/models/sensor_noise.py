@@ -43,7 +43,7 @@ class IsotropicNoise(SensorNoiseModel):
 
     @property
     def parameter_dim(self) -> int:
-        """The standard deviation."""
+        """One: the standard deviation."""
         return 1
 
     def factor(self, parameters: Expression, added: Expression | None = None) -> Expression:
@@ -62,7 +62,7 @@ class CorrelatedNoise(SensorNoiseModel):
 
     @property
     def parameter_dim(self) -> int:
-        """Entries of the Cholesky factor."""
+        """Number of entries of the Cholesky factor."""
         return self.dim * (self.dim + 1) // 2
 
     def factor(self, parameters: Expression, added: Expression | None = None) -> Expression:

@@ -264,5 +264,6 @@ def _with_initialisation(history: EstimateHistory, rows: GrowingHistory, setup: 
         "time": times_of(setup.timeline[:count]),
         "mean": start.mean,
         "factor": start.factor,
+        "runtime": setup.initial_runtime,
     }
     return rows.ended(history.name, history.status, before)

@@ -18,6 +18,7 @@ from spinfilters.pipeline.stated_noise import (
     unstated_noise,
 )
 from spinfilters.settings.run_settings import AUTO, Settings
+from spinfilters.symbolic import working_seconds
 
 BESIDE_ROUNDS = 2
 """Initialisations at most from the noise of another setup."""
@@ -34,10 +35,15 @@ def prepare(dataset: Dataset, settings: Settings, initial: GivenInitialisation |
     ------
     InputError: too few epochs, no rotation, tracks that no pose can be found from. The text names the data set.
     """
+    begin = working_seconds()
     with dataset.naming():
         if initial is not None or settings.process.gravity != AUTO:
-            return _setup(dataset, settings, initial)
-        return with_acceleration_if_told(lambda own, beside: _setup(dataset, own, None, beside), settings)
+            setup = _setup(dataset, settings, initial)
+        else:
+            setup = with_acceleration_if_told(
+                lambda own, beside: _setup(dataset, own, None, beside), settings
+            )
+    return replace(setup, initial_seconds=working_seconds() - begin)
 
 
 def _setup(

@@ -41,6 +41,7 @@ class Setup:
     is_given: whether the initialisation was not made from the data, as in studies of filters alone.
     calibration: deviations of the calibration that are considered.
     inflation: of the variances that rows state for themselves, by noise option.
+    initial_seconds: working time of the initialisation, with the identification of noise, s.
     """
 
     dataset: Dataset
@@ -58,6 +59,13 @@ class Setup:
     is_given: bool = False
     calibration: tuple[ConsideredDeviation, ...] = ()
     inflation: Mapping[str, float] = field(default_factory=dict)
+    initial_seconds: float = 0.0
+
+    @property
+    def initial_runtime(self) -> Float[np.ndarray, " k"]:
+        """Working time of every epoch of the initialisation, s: an equal share of its whole."""
+        count = len(self.initial.mean)
+        return np.full(count, self.initial_seconds / count)
 
     @property
     def end_of_initialisation(self) -> float:

@@ -84,7 +84,7 @@ def smoothed_history(smoother: RecursiveSmoother, passed: EstimateHistory, setup
         log_likelihood=nothing,
         accepted=accepted,
         rejected=rejected,
-        runtime=np.concatenate([np.zeros(first), passed.runtime]),
+        runtime=np.concatenate([setup.initial_runtime, passed.runtime])[: len(rows)],
         status=status,
         noise=() if found is None else found.components,
     )
@@ -128,7 +128,9 @@ def smooth_at_once(setup: Setup, settings: Settings, on_epoch: OnEpoch) -> Estim
             f"the smoother did not settle in {found.solved.iterations} iterations", "smoother-unsettled"
         )
     share = (working_seconds() - begin) / len(epochs)
-    history = _batch_history(found, setup.process.layout, status, times_of(epochs), share)
+    runtime = np.full(len(epochs), share)
+    runtime[:first] += setup.initial_runtime[: len(epochs)]
+    history = _batch_history(found, setup.process.layout, status, times_of(epochs), runtime)
     return history if levels is None else replace(history, noise=levels.components)
 
 
@@ -174,7 +176,7 @@ def _batch_history(
     layout: StateLayout,
     status: EstimatorStatus,
     time: Float[np.ndarray, " k"],
-    share: float,
+    runtime: Float[np.ndarray, " k"],
 ) -> EstimateHistory:
     """History of the smoothed epochs.
 
@@ -197,6 +199,6 @@ def _batch_history(
         log_likelihood=nothing,
         accepted=found.accepted,
         rejected=found.rejected,
-        runtime=np.full(count, share),
+        runtime=runtime,
         status=status,
     )

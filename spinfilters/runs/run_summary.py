@@ -130,10 +130,11 @@ def _noise(told: Sequence[StatedNoise], evaluation: Evaluation) -> dict[str, Any
 
 
 def _runtime(history: EstimateHistory) -> dict[str, float | None]:
-    """Time in all and by epoch, s."""
-    runtime = history.runtime[history.runtime > 0]
+    """Time in all, with that of the initialisation, and by epoch of the estimator's own, s."""
+    own = history.runtime[history.own]
+    runtime = own[own > 0]
     return {
-        "total": float(runtime.sum()),
+        "total": float(history.runtime.sum()),
         "per_frame_median": float(np.median(runtime)) if runtime.size else None,
         "per_frame_max": float(runtime.max()) if runtime.size else None,
     }

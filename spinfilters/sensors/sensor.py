@@ -86,6 +86,7 @@ class MotionSamples:
     positions: (k, 3) origins of g in i, m, or None.
     landmarks: a map that was found with the poses, None where it was known or there is none.
     noise_ratio: standard deviation of the rows over the stated, None where the samples do not tell it.
+    shared: (k,) landmarks that an epoch has in common with the one before, of poses from tracks; else None.
     """
 
     time: Float[np.ndarray, " k"]
@@ -94,6 +95,7 @@ class MotionSamples:
     positions: Float[np.ndarray, "k 3"] | None = None
     landmarks: KnownMap | None = None
     noise_ratio: float | None = None
+    shared: Int[np.ndarray, " k"] | None = None
 
 
 @dataclass(frozen=True)

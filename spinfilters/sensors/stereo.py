@@ -108,9 +108,11 @@ class StereoSensor(Sensor):
         view, level = required_view(self.name, view), noise_level(stream, noise.pixel_std)
         if view.known_map is None:  # imported here: every command lists the sensors, few need poses of tracks
             from spinfilters.tracks.map_building import poses_without_map
+            from spinfilters.tracks.track_poses import shared_landmarks
 
             poses, found, ratio = poses_without_map(stream, view.calibration, level)
-            return replace(posed_samples(poses.time, poses.values, view, found), noise_ratio=ratio)
+            samples = posed_samples(poses.time, poses.values, view, found)
+            return replace(samples, noise_ratio=ratio, shared=shared_landmarks(stream, poses.time))
         from spinfilters.tracks.track_poses import poses_with_map
 
         poses = poses_with_map(stream, view.known_map, view.calibration, level)

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from jaxtyping import Float
@@ -31,14 +31,14 @@ from spinfilters.sensors.feature_tracks import (
 )
 from spinfilters.sensors.sensor import has_error, sensor_of
 from spinfilters.sensors.simulated_scene import Scene, SimulatedStream
+from spinfilters.simulation import bundled_example
 from spinfilters.simulation.inspector import INSPECTORS, STATIC
 from spinfilters.simulation.motion import SUBSTEPS, Motion, Progress, silent, simulate_motion
 from spinfilters.state.blocks.gyro_bias import GYRO_BIAS
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 
-THESIS_RPM: Final = (0.5, 10.0, 0.5)
-"""Initial rate about the principal axes of the thesis' experiment: nearly about the intermediate axis, one flip in a minute, so
-that the attitude about the spin axis, the rates and the inertia are weakly observable."""
+THESIS_RPM: Final = bundled_example.RATE_RPM
+"""Initial rate about the principal axes of the thesis' experiment."""
 RICH_RPM: Final = (4.0, 9.0, 3.0)
 """Initial rate about the principal axes of a motion in which everything is well observable."""
 SHORTEST_INTERVAL: Final = 1e-6
@@ -48,9 +48,12 @@ _DECIMALS, _ROUNDING = 9, 1e-9  # of the epochs of several sensors, s
 
 @dataclass(frozen=True)
 class Scenario:
-    """Scenario of a simulation, by default the thesis' body and motion.
+    """Scenario of a simulation, by default the bundled example: the thesis' own problem (Tweddle 2013, chapter 6).
 
-    SPHERES-like, at 10 rpm about its intermediate axis. `common_workload` is harder: not all landmarks are recognised, more force.
+    A SPHERES-like body at 10 rpm about its intermediate axis: about 2447 landmarks with 24,723 observations in 115 epochs, 215 in
+    each, at least two of each landmark; percentiles 10, 50, 90 and 99 of the observations of a landmark: 2, 8, 22 and 36. A
+    landmark stays for one to five epochs of a revolution and comes back after seven to ten. Of 48 motions the first is taken that
+    the disturbing force does not carry out of view. `simplified` is easier: all landmarks are recognised, less force.
 
     Attributes
     ----------
@@ -60,40 +63,40 @@ class Scenario:
     epochs, interval: number of epochs and seconds between them.
     range_m: distance of the centre of mass along the camera's axis.   velocity: of the centre of mass, m/s, frame i.
     center_of_mass_g: m.   axes_euler_g: yaw, pitch, roll of the principal axes in g, rad.
-    landmarks: on the surface of a ball of ``radius_m``, seen when they face the camera; the default shows about 215 an epoch, as
-        the thesis' 24,723 observations in 115 epochs.
+    landmarks: on the surface of a ball of ``radius_m``, seen when they face the camera.
     detection, facing_cosine, recognition, fewest_observations: see `FrontEnd`.
     pixel_std px, position_std m, rotation_std rad, gyro_std rad/s: white noise of the sensors.
     gyro_bias: constant error of the gyro's rates, g axes, rad/s.
     noise: disturbances of the motion; the thesis' are `spinfilters.models.process.THESIS_NOISE`.
-    candidates: motions that are drawn; the first that keeps the whole body in view is taken, or the first of all if none does.
+    candidates: motions that are drawn where a sensor sees landmarks; the first that keeps the whole body in view is taken, or the
+        first of all if none does.
     inspector: how the camera moves, and is known to (`spinfilters.simulation.inspector.INSPECTORS`).
     beside: (kind, interval s) of other sensors on the same motion; at most one sensor sees landmarks.
     seed: of everything random.
     """
 
     kind: str = "stereo-tracks"
-    principal_moments: tuple[float, float, float] = (1.0322, 1.0, 0.8596)
+    principal_moments: tuple[float, float, float] = bundled_example.PRINCIPAL_MOMENTS
     rate_rpm: tuple[float, float, float] = THESIS_RPM
-    epochs: int = 115
-    interval: float = 0.5
+    epochs: int = bundled_example.EPOCHS
+    interval: float = bundled_example.INTERVAL
     range_m: float = 0.6
     velocity: tuple[float, float, float] = (0.002, 0.001, -0.001)
     center_of_mass_g: tuple[float, float, float] = (0.02, -0.015, 0.01)
     axes_euler_g: tuple[float, float, float] = (0.5, -0.3, 0.2)
-    landmarks: int = 925
-    radius_m: float = 0.11
-    detection: float = 0.9
-    facing_cosine: float = 0.35
-    recognition: Recognition = field(default_factory=EveryAppearance)
-    fewest_observations: int = 0
+    landmarks: int = bundled_example.LANDMARKS
+    radius_m: float = bundled_example.RADIUS_M
+    detection: float = bundled_example.DETECTION
+    facing_cosine: float = bundled_example.FACING_COSINE
+    recognition: Recognition = field(default_factory=lambda: SomeAppearances(*bundled_example.RECOGNITION))
+    fewest_observations: int = bundled_example.FEWEST_OBSERVATIONS
     pixel_std: float = 1.0
     position_std: float = 0.005
     rotation_std: float = 0.01
     gyro_std: float = 0.002
     gyro_bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    noise: ProcessNoise = field(default_factory=ProcessNoise)
-    candidates: int = 1
+    noise: ProcessNoise = THESIS_NOISE
+    candidates: int = bundled_example.CANDIDATES
     inspector: str = STATIC
     beside: tuple[tuple[str, float], ...] = ()
     seed: int = 0
@@ -123,30 +126,32 @@ class Scenario:
             )
 
     @classmethod
+    def simplified(cls, **changes: Any) -> "Scenario":
+        """The example with all landmarks recognised and little force, or with some of the fields changed besides.
+
+        Its 925 landmarks show about 215 an epoch, as the example's; its disturbing force is a twenty-fifth in density.
+        """
+        easy = cls(
+            landmarks=925,
+            radius_m=0.11,
+            detection=0.9,
+            facing_cosine=0.35,
+            recognition=EveryAppearance(),
+            fewest_observations=0,
+            noise=ProcessNoise(),
+            candidates=1,
+        )
+        return replace(easy, **changes)
+
+    @classmethod
     def rich(cls, seed: int = 0) -> "Scenario":
-        """The default body and camera in a motion that makes everything observable."""
-        return cls(rate_rpm=RICH_RPM, seed=seed)
+        """The simplified body and camera in a motion that makes everything observable."""
+        return cls.simplified(rate_rpm=RICH_RPM, seed=seed)
 
     @classmethod
     def common_workload(cls, rate_rpm: tuple[float, float, float] = THESIS_RPM, seed: int = 0) -> "Scenario":
-        """The thesis' own problem (Tweddle 2013, chapter 6): motion, noise and track statistics; the bundled example.
-
-        About 2447 landmarks with 24,723 observations in 115 epochs, 215 in each, at least two of each landmark; percentiles 10, 50,
-        90 and 99 of the observations of a landmark: 2, 8, 22 and 36. A landmark stays for one to five epochs of a revolution and
-        comes back after seven to ten. Of 48 motions the first is taken that the disturbing force does not carry out of view.
-        """
-        return cls(
-            rate_rpm=rate_rpm,
-            landmarks=4250,
-            radius_m=0.12,
-            facing_cosine=0.4,
-            detection=0.88,
-            recognition=SomeAppearances(0.45, 1.4),
-            fewest_observations=2,
-            noise=THESIS_NOISE,
-            candidates=48,
-            seed=seed,
-        )
+        """The bundled example at another rate: what a scenario is by default."""
+        return cls(rate_rpm=rate_rpm, seed=seed)
 
     @property
     def kinds(self) -> tuple[str, ...]:
@@ -182,10 +187,12 @@ def simulate(scenario: Scenario, progress: Progress = silent) -> Dataset:
     layout = StateLayout(FULL_BLOCKS)
     process = TorqueFreeProcess(layout, scenario.noise)
     time = np.unique(np.concatenate(list(scenario.times.values())))
-    starts = np.tile(first_state(scenario, layout), (scenario.candidates, 1))
+    sees = any(dataset_kinds()[kind].has_landmarks for kind in scenario.kinds)
+    candidates = scenario.candidates if sees else 1
+    starts = np.tile(first_state(scenario, layout), (candidates, 1))
     kicks = max(1, round(SUBSTEPS * scenario.epochs / len(time)))
     states = simulate_motion(process, starts, time, generator, progress, kicks)
-    motions = [Motion(layout, time, states[:, k]) for k in range(scenario.candidates)]
+    motions = [Motion(layout, time, states[:, k]) for k in range(candidates)]
     inspector = inspector_of(scenario, time)
     motion = next(
         (m for m in motions if stays_in_view(m.seen_from(inspector), scenario.radius_m)), motions[0]

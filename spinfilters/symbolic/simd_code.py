@@ -134,7 +134,7 @@ def simd_text(function: ca.Function) -> str | None:
 
 
 def scan_text(begin: ca.Function, turn: ca.Function, end: ca.Function) -> str | None:
-    """C of the loop over items of a `spinfilters.symbolic.vectorised.Scan`, or None as in `simd_text`."""
+    """C of the loop over items of a `spinfilters.symbolic.vectorised.VectorisedScan`, or None as in `simd_text`."""
     widths = [begin.numel_in(k) for k in range(begin.n_in())]
     given, kept = _offsets(widths), _offsets(begin.numel_out(k) for k in range(1, begin.n_out()))
     made = _offsets(end.numel_out(k) for k in range(end.n_out()))

@@ -3,7 +3,7 @@
 from itertools import pairwise
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from spinfilters.data.known_map import KnownMap
 from spinfilters.data.measurement_log import MeasurementStream
@@ -39,6 +39,14 @@ def poses_with_map(
 def track_epochs(tracks: MeasurementStream) -> list[tuple[float, slice]]:
     """Each time stamp and the rows that carry it."""
     return [(float(tracks.time[a]), slice(a, b)) for a, b in pairwise(tracks.epoch_offsets.tolist())]
+
+
+def shared_landmarks(tracks: MeasurementStream, times: Float[np.ndarray, " k"]) -> Int[np.ndarray, " k"]:
+    """Numbers of landmarks that an epoch has in common with the epoch before, at some of the times of the tracks (s)."""
+    assert tracks.ids is not None
+    epochs = [tracks.ids[rows] for _, rows in track_epochs(tracks)]
+    shared = [len(epochs[0]), *(len(np.intersect1d(a, b)) for a, b in pairwise(epochs))]
+    return np.array(shared)[np.searchsorted(tracks.epoch_times, times)]
 
 
 def find_landmarks(known: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -23,7 +23,8 @@ def originals(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("originals")
     for kind in ("stereo-tracks", "pose", "gyro"):
         write_dataset(
-            simulate(Scenario(kind=kind, rate_rpm=RICH_RPM, epochs=12, landmarks=40)), folder / kind
+            simulate(Scenario.simplified(kind=kind, rate_rpm=RICH_RPM, epochs=12, landmarks=40)),
+            folder / kind,
         )
     return folder
 
@@ -33,10 +34,10 @@ def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Tracks without a map, the same with it, and a gyro."""
     folder = tmp_path_factory.mktemp("recordings")
     for kind in ("stereo-tracks", "gyro"):
-        scenario = Scenario(kind=kind, rate_rpm=RICH_RPM, epochs=30, interval=0.5, landmarks=150)
+        scenario = Scenario.simplified(kind=kind, rate_rpm=RICH_RPM, epochs=30, interval=0.5, landmarks=150)
         write_dataset(simulate(scenario), folder / kind)
     write_dataset(
-        simulate(Scenario(rate_rpm=RICH_RPM, epochs=30, interval=0.5, landmarks=150)),
+        simulate(Scenario.simplified(rate_rpm=RICH_RPM, epochs=30, interval=0.5, landmarks=150)),
         folder / "unmapped",
     )
     (folder / "unmapped" / "landmarks.csv").unlink()
@@ -58,7 +59,7 @@ def unmapped(recordings: Path, tmp_path_factory: pytest.TempPathFactory) -> Path
 def poses(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """20 frames of poses."""
     folder = tmp_path_factory.mktemp("failing") / "poses"
-    write_dataset(simulate(Scenario(kind="pose", rate_rpm=RICH_RPM, epochs=20)), folder)
+    write_dataset(simulate(Scenario.simplified(kind="pose", rate_rpm=RICH_RPM, epochs=20)), folder)
     return folder
 
 
@@ -66,6 +67,6 @@ def poses(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def tracks(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Tracks without a map."""
     folder = tmp_path_factory.mktemp("failing") / "tracks"
-    dataset = simulate(Scenario(rate_rpm=RICH_RPM, epochs=20, landmarks=80))
+    dataset = simulate(Scenario.simplified(rate_rpm=RICH_RPM, epochs=20, landmarks=80))
     write_dataset(replace(dataset, known_map=None), folder)
     return folder

@@ -25,7 +25,9 @@ def recording(tmp_path: Path) -> Path:
     """A phyphox export of four kept segments; the third lies beyond the end of the recording."""
     folder = tmp_path / "phyphox"
     (folder / "meta").mkdir(parents=True)
-    gyro = simulate(Scenario(kind="gyro", rate_rpm=RICH_RPM, epochs=120, interval=0.1)).log.stream("gyro")
+    gyro = simulate(Scenario.simplified(kind="gyro", rate_rpm=RICH_RPM, epochs=120, interval=0.1)).log.stream(
+        "gyro"
+    )
     rows = np.column_stack([gyro.time, gyro.values, np.linalg.norm(gyro.values, axis=1)])
     lines = [HEADER, *(",".join(map(repr, row)) for row in rows.tolist())]
     (folder / "Raw Data.csv").write_text("\n".join(lines) + "\n")

@@ -29,7 +29,7 @@ Progress = Callable[[str, int, int], None]
 def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """60 frames of poses."""
     folder = tmp_path_factory.mktemp("data") / "poses"
-    write_dataset(simulate(Scenario(kind="pose", rate_rpm=RICH_RPM, epochs=60)), folder)
+    write_dataset(simulate(Scenario.simplified(kind="pose", rate_rpm=RICH_RPM, epochs=60)), folder)
     return folder
 
 

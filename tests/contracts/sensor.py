@@ -27,7 +27,9 @@ def check_sensor(sensor: Sensor, folder: Path) -> None:
     form = sensor.format
     assert form is not None
     assert form.name == sensor.name
-    dataset = simulate(Scenario(kind=form.kind, rate_rpm=RICH_RPM, epochs=40, landmarks=60, seed=3))
+    dataset = simulate(
+        Scenario.simplified(kind=form.kind, rate_rpm=RICH_RPM, epochs=40, landmarks=60, seed=3)
+    )
     assert dataset.log.sensors == (sensor.name,)
     own = with_row_covariances(dataset, form)
     for number, each in enumerate((dataset, own)):

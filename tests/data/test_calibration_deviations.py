@@ -20,7 +20,7 @@ LARGEST_LINE = 300
 @pytest.fixture(scope="module")
 def tracks() -> Dataset:
     """Of a simulator, whose calibration is exact."""
-    return simulate(Scenario(epochs=4, landmarks=20))
+    return simulate(Scenario.simplified(epochs=4, landmarks=20))
 
 
 def written(tracks: Dataset, folder: Path, **changes: float) -> Path:

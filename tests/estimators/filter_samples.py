@@ -37,7 +37,7 @@ class Embedded:
 @cache
 def embedded(seed: int) -> Embedded:
     """Tracks of a known map, an easy motion noise."""
-    dataset = simulate(Scenario(seed=seed))
+    dataset = simulate(Scenario.simplified(seed=seed))
     assert dataset.truth is not None
     return Embedded(dataset, stereo_timeline(dataset, 1.0), true_states(dataset.truth, FULL))
 

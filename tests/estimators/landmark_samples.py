@@ -43,7 +43,7 @@ class Recording:
 @cache
 def recording(seed: int = 0, epochs: int = 30, landmarks: int = 150, pixel_std: float = 1.0) -> Recording:
     """A richly tumbling body."""
-    scenario = Scenario(
+    scenario = Scenario.simplified(
         rate_rpm=RICH_RPM, seed=seed, epochs=epochs, landmarks=landmarks, pixel_std=pixel_std, noise=NOISE
     )
     whole = simulate(scenario)

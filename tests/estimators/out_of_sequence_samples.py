@@ -35,7 +35,7 @@ def arrivals() -> tuple[Arrival, ...]:
     """Gyro, poses and tracks of a known map of one motion, three sensors at every stamp, in the order of time."""
     every: list[Arrival] = []
     for kind in ("gyro", "pose", "stereo-tracks"):
-        dataset = simulate(Scenario(kind=kind, epochs=FRAMES, interval=INTERVAL, landmarks=40))
+        dataset = simulate(Scenario.simplified(kind=kind, epochs=FRAMES, interval=INTERVAL, landmarks=40))
         if kind == "stereo-tracks":
             every += one_by_one(stereo_timeline(dataset, 1.0))
         else:
@@ -46,7 +46,7 @@ def arrivals() -> tuple[Arrival, ...]:
 @cache
 def belief() -> Gaussian:
     """About the true first state."""
-    truth = simulate(Scenario(epochs=FRAMES, interval=INTERVAL, landmarks=40)).truth
+    truth = simulate(Scenario.simplified(epochs=FRAMES, interval=INTERVAL, landmarks=40)).truth
     assert truth is not None
     return Gaussian(FULL, true_states(truth, FULL)[0], 0.01 * np.eye(FULL.error_dim))
 

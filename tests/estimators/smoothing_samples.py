@@ -28,9 +28,9 @@ LAYOUT = StateLayout(FULL_BLOCKS)
 PROCESS = TorqueFreeProcess(LAYOUT, ProcessNoise())
 STD = np.repeat([1e-6, 1.0, 1.0, 0.5], [6, 6, 3, 5])
 """Of the first state, whose pose defines g."""
-SMALL = Scenario(rate_rpm=RICH_RPM, epochs=5, landmarks=40)
-MIDDLE = Scenario(rate_rpm=RICH_RPM, epochs=12, landmarks=150)
-LONG = Scenario(rate_rpm=RICH_RPM, epochs=30, landmarks=120)
+SMALL = Scenario.simplified(rate_rpm=RICH_RPM, epochs=5, landmarks=40)
+MIDDLE = Scenario.simplified(rate_rpm=RICH_RPM, epochs=12, landmarks=150)
+LONG = Scenario.simplified(rate_rpm=RICH_RPM, epochs=30, landmarks=120)
 PLAIN = Stage(LeastSquares())
 SOON = 0.2
 """Standard deviation of the mass distribution that these short recordings reach: with it epochs leave a window."""

@@ -27,7 +27,7 @@ KINDS = {
     "gyro": ("gyro_scale_std",),
     "pose": ("length_scale_std",),
 }
-EXACT = Scenario(
+EXACT = Scenario.simplified(
     principal_moments=(1.0, 0.8, 0.55),
     rate_rpm=(4.0, 9.0, 3.0),
     epochs=20,

@@ -102,7 +102,7 @@ def test_information_is_that_expected_of_the_gradient() -> None:
 @cache
 def prepared(kind: str, correlation: float) -> Setup:
     """With an initialisation that is the smoother of the whole recording, at noise levels of its own."""
-    scenario = Scenario(
+    scenario = Scenario.simplified(
         kind,
         (1.0, 0.8, 0.55),
         RICH_RPM,

@@ -20,7 +20,7 @@ CHOSEN = np.array([0, 3, 4, 11])
 
 def smoothed(kind: str) -> SmoothedMotion:
     """About the initialisation of a short recording; tracks without their map."""
-    scenario = Scenario(kind=kind, rate_rpm=RICH_RPM, epochs=16, landmarks=40)
+    scenario = Scenario.simplified(kind=kind, rate_rpm=RICH_RPM, epochs=16, landmarks=40)
     dataset = simulate(scenario)
     dataset = without_map(dataset) if dataset.known_map is not None else dataset
     settings = Settings(process={"gravity": False}, initialisation={"share": 1.0})  # pyright: ignore[reportArgumentType]

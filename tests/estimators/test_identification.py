@@ -45,7 +45,7 @@ def silent(dataset: Dataset) -> Dataset:
 def case(kind: str, seed: int, noise: ProcessNoise, epochs: int = 60) -> tuple[NoiseModel, Setup]:
     """The first epochs of a simulation with these disturbances, of noise stated too large."""
     dataset = simulate(
-        Scenario(kind=kind, rate_rpm=RICH_RPM, seed=seed, epochs=epochs, interval=0.5, noise=noise)
+        Scenario.simplified(kind=kind, rate_rpm=RICH_RPM, seed=seed, epochs=epochs, interval=0.5, noise=noise)
     )
     dataset = silent(without_map(dataset) if kind == "stereo-tracks" else dataset)
     settings = Settings()

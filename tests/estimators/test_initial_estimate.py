@@ -111,7 +111,7 @@ def test_a_start_from_stereo_converges_to_the_truth(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_start_from_poses_converges_to_the_truth(seed: int) -> None:
-    dataset = simulate(Scenario(kind="pose", rate_rpm=TUMBLING, seed=seed))
+    dataset = simulate(Scenario.simplified(kind="pose", rate_rpm=TUMBLING, seed=seed))
     assert dataset.truth is not None
     timeline = build_timeline(dataset.log, FULL, SensorNoise())
     report = initialise(PROCESS, timeline, _poses(dataset), START)
@@ -121,7 +121,7 @@ def test_a_start_from_poses_converges_to_the_truth(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_start_from_a_gyro_converges_to_the_truth(seed: int) -> None:
-    scenario = Scenario(kind="gyro", rate_rpm=TUMBLING, interval=0.1, epochs=120, seed=seed)
+    scenario = Scenario.simplified(kind="gyro", rate_rpm=TUMBLING, interval=0.1, epochs=120, seed=seed)
     dataset = simulate(scenario)
     assert dataset.truth is not None
     process = TorqueFreeProcess(ROTATION, ProcessNoise())
@@ -134,7 +134,7 @@ def test_a_start_from_a_gyro_converges_to_the_truth(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_a_start_that_hardly_tells_the_body_ends_in_the_likeliest_of_its_optima(seed: int) -> None:
-    dataset = simulate(Scenario(kind="pose", seed=seed))
+    dataset = simulate(Scenario.simplified(kind="pose", seed=seed))
     timeline = build_timeline(dataset.log, FULL, SensorNoise())
     options = InitialisationOptions(epochs=60)
     evidence = initial_motion(_poses(dataset), 60)
@@ -167,11 +167,11 @@ def _not_turning() -> None:
 
 
 def _too_few_poses() -> None:
-    initial_motion(_poses(simulate(Scenario(kind="pose", epochs=3))), 60)
+    initial_motion(_poses(simulate(Scenario.simplified(kind="pose", epochs=3))), 60)
 
 
 def _too_slow_a_camera() -> None:
-    initial_motion(_poses(simulate(Scenario(kind="pose", interval=2.8, epochs=20))), 60)
+    initial_motion(_poses(simulate(Scenario.simplified(kind="pose", interval=2.8, epochs=20))), 60)
 
 
 @pytest.mark.parametrize(

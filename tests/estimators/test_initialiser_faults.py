@@ -27,9 +27,9 @@ TUMBLING = (3.0, 10.0, 4.0)
 TURN = np.array([np.sin(0.8), 0.0, 0.0, np.cos(0.8)])
 """By 92 deg."""
 CASES = {
-    "pose": Scenario(kind="pose", rate_rpm=TUMBLING),
-    "attitude": Scenario(kind="attitude", rate_rpm=TUMBLING),
-    "gyro": Scenario(kind="gyro", rate_rpm=TUMBLING, interval=0.1, epochs=120),
+    "pose": Scenario.simplified(kind="pose", rate_rpm=TUMBLING),
+    "attitude": Scenario.simplified(kind="attitude", rate_rpm=TUMBLING),
+    "gyro": Scenario.simplified(kind="gyro", rate_rpm=TUMBLING, interval=0.1, epochs=120),
 }
 
 
@@ -70,7 +70,7 @@ def test_one_gross_error_in_the_first_epochs_is_left_out(kind: str, epoch: int) 
 @pytest.mark.parametrize("kind", ["stereo-tracks", "mono-tracks"])
 @pytest.mark.parametrize("share", [0.05, 0.3])
 def test_wrong_ids_under_a_known_map_are_left_out(kind: str, share: float) -> None:
-    clean = simulate(Scenario(kind=kind, rate_rpm=TUMBLING, epochs=75))
+    clean = simulate(Scenario.simplified(kind=kind, rate_rpm=TUMBLING, epochs=75))
     found = prepare(with_faults(clean, (WrongAssociations(share),), 0), Settings()).initial
     assert found.converged
     assert found.fit == pytest.approx(1.0, abs=0.05)
@@ -80,7 +80,7 @@ def test_wrong_ids_under_a_known_map_are_left_out(kind: str, share: float) -> No
 
 
 def test_noise_that_is_three_times_the_stated_opens_the_gate_and_shows() -> None:
-    scenario = Scenario(kind="pose", rate_rpm=TUMBLING, position_std=0.03, rotation_std=0.03)
+    scenario = Scenario.simplified(kind="pose", rate_rpm=TUMBLING, position_std=0.03, rotation_std=0.03)
     dataset = simulate(scenario)
     (stream,) = dataset.log.streams
     stated = replace(stream, covariance=np.tile(1e-4 * np.eye(6), (len(stream), 1, 1)))

@@ -46,7 +46,9 @@ def _smoothed(sample: Sample, trial: InitialGuess, iterations: int = 30) -> Init
     return smooth_first_epochs(PROCESS, sample.epochs, trial, _prior(sample), SmoothingOptions(iterations))
 
 
-EXACT = Scenario(rate_rpm=TUMBLING, epochs=12, landmarks=150, pixel_std=1e-9, noise=ProcessNoise(0.0, 0.0))
+EXACT = Scenario.simplified(
+    rate_rpm=TUMBLING, epochs=12, landmarks=150, pixel_std=1e-9, noise=ProcessNoise(0.0, 0.0)
+)
 
 
 def test_exact_data_from_the_true_start_give_zero_error() -> None:
@@ -75,7 +77,7 @@ def test_exact_data_from_a_start_that_is_off_give_the_truth() -> None:
     assert np.abs(whitened).max() < 0.01
 
 
-SMALL = Scenario(rate_rpm=TUMBLING, epochs=5, landmarks=40, noise=ProcessNoise(0.0, 0.0))
+SMALL = Scenario.simplified(rate_rpm=TUMBLING, epochs=5, landmarks=40, noise=ProcessNoise(0.0, 0.0))
 
 
 @cache
@@ -220,7 +222,9 @@ SEEDS = range(6)
 
 
 def _runs(seeds: range, pixel_std: float = 1.0, wrong: float = 0.0) -> tuple[list[InitialEstimate], float]:
-    scenarios = [Scenario(rate_rpm=TUMBLING, epochs=36, landmarks=300, seed=seed) for seed in seeds]
+    scenarios = [
+        Scenario.simplified(rate_rpm=TUMBLING, epochs=36, landmarks=300, seed=seed) for seed in seeds
+    ]
     samples = [recorded(scenario, wrong, pixel_std) for scenario in scenarios]
     reports = [_started(sample, seed) for seed, sample in zip(seeds, samples, strict=True)]
     return reports, sum(_nees(report, sample) for report, sample in zip(reports, samples, strict=True))

@@ -18,7 +18,9 @@ STD = {"gyro": 0.002, "pose": 0.005}
 
 def silent(kind: str, seed: int = 2) -> Dataset:
     """A short rich motion of which nobody states the noise."""
-    return without_noise(simulate(Scenario(kind=kind, rate_rpm=RICH_RPM, epochs=50, interval=0.4, seed=seed)))
+    return without_noise(
+        simulate(Scenario.simplified(kind=kind, rate_rpm=RICH_RPM, epochs=50, interval=0.4, seed=seed))
+    )
 
 
 def with_first_off(dataset: Dataset, kind: str, deviations: float = 10.0) -> Dataset:

@@ -43,7 +43,7 @@ WHOLE = Settings(process={"gravity": False}, initialisation={"share": 1.0})  # p
 
 def recording(kind: str, seed: int = 0) -> Dataset:
     """A short rich motion; tracks without their map."""
-    scenario = Scenario(
+    scenario = Scenario.simplified(
         kind=kind, principal_moments=(1.0, 0.8, 0.55), rate_rpm=RICH_RPM, epochs=40, landmarks=60, seed=seed
     )
     dataset = simulate(scenario)

@@ -9,7 +9,9 @@ from spinfilters.simulation.scenario import RICH_RPM, Scenario
 
 
 def test_a_pose_that_contradicts_the_others_tells_no_rate() -> None:
-    scenario = Scenario(kind="pose", rate_rpm=RICH_RPM, epochs=40, noise=ProcessNoise(1e-12, 1e-12))
+    scenario = Scenario.simplified(
+        kind="pose", rate_rpm=RICH_RPM, epochs=40, noise=ProcessNoise(1e-12, 1e-12)
+    )
     times = scenario.interval * np.arange(scenario.epochs)
     true = motion_at(faulty_motion(scenario, Physics(), np.random.default_rng(0)), times)
     given = true.states.copy()

@@ -54,7 +54,9 @@ class Stated:
 @cache
 def _poses(seed: int, noise: ProcessNoise) -> tuple[Timeline, np.ndarray]:
     dataset = simulate(
-        Scenario(kind="pose", epochs=FRAMES, interval=INTERVAL, noise=noise, seed=seed, velocity=(0, 0, 0))
+        Scenario.simplified(
+            kind="pose", epochs=FRAMES, interval=INTERVAL, noise=noise, seed=seed, velocity=(0, 0, 0)
+        )
     )
     assert dataset.truth is not None
     return build_timeline(dataset.log, FULL, SensorNoise()), true_states(dataset.truth, FULL)
@@ -138,7 +140,7 @@ def test_a_restored_filter_goes_on_adapting_bit_for_bit(build: Build) -> None:
 
 def test_the_ukf_adapts_to_a_gyro_which_has_fewer_numbers_than_its_sigma_points_have_columns() -> None:
     process = TorqueFreeProcess(StateLayout(ROTATION_BLOCKS), ProcessNoise())
-    gyro = simulate(Scenario(kind="gyro", epochs=40, interval=0.1)).log
+    gyro = simulate(Scenario.simplified(kind="gyro", epochs=40, interval=0.1)).log
     timeline = build_timeline(gyro, process.layout, SensorNoise(gyro_noise_std=0.002))
     x = process.layout.origin()
     x[process.layout.mean_slice("w")] = gyro.streams[0].values[0]
@@ -229,7 +231,9 @@ def test_a_filter_goes_on_from_a_wrong_level_to_the_right_one(wrong: float) -> N
 
 def test_the_information_on_a_disturbance_stays_below_that_of_what_was_measured() -> None:
     """About a mean other than the prediction's a thin covariance may grow in an update, and the evidence with it."""
-    dataset = simulate(Scenario(kind="gyro", epochs=115, interval=0.5, noise=ProcessNoise(torque_psd=4e-6)))
+    dataset = simulate(
+        Scenario.simplified(kind="gyro", epochs=115, interval=0.5, noise=ProcessNoise(torque_psd=4e-6))
+    )
     process = TorqueFreeProcess(StateLayout(ROTATION_BLOCKS), ProcessNoise(torque_psd=4e-6))
     timeline = build_timeline(dataset.log, process.layout, SensorNoise(gyro_noise_std=0.002))
     x = process.layout.origin()

@@ -126,7 +126,7 @@ def test_asking_for_the_future_changes_nothing(build: Build) -> None:
 def test_landmarks_of_the_state_come_and_go_in_the_order_of_time(name: str) -> None:
     """Observations of landmarks that nobody knew, from a start that smooths the first of them; all that is remembered is the
     same."""
-    dataset = replace(simulate(Scenario(epochs=24, landmarks=40)), known_map=None)
+    dataset = replace(simulate(Scenario.simplified(epochs=24, landmarks=40)), known_map=None)
     settings = Settings(initialisation=InitialisationOptions(epochs=8))
     setup = prepare(dataset, settings)
     rest = one_by_one(setup.timeline[len(setup.initial.mean) :])

@@ -192,7 +192,7 @@ def test_a_second_sensor_sharpens_the_estimate(mode: WindowPolicy) -> None:
 def _gyro_run(mode: WindowPolicy) -> tuple[SlidingSmoother, float]:
     """A rotation alone, seen by a gyro; and its true speed at the end."""
     layout = StateLayout(ROTATION_BLOCKS)
-    dataset = simulate(Scenario(kind="gyro", rate_rpm=RICH_RPM, epochs=25))
+    dataset = simulate(Scenario.simplified(kind="gyro", rate_rpm=RICH_RPM, epochs=25))
     assert dataset.truth is not None
     epochs = build_timeline(dataset.log, layout, SensorNoise(gyro_noise_std=0.002))
     prior = FirstStatePrior(layout.origin(), np.repeat([1e-6, 1.0, 0.5], [3, 3, 5]))

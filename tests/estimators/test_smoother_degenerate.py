@@ -72,7 +72,7 @@ def test_one_epoch_in_a_batch_takes_no_observations() -> None:
 def test_a_body_that_does_not_tumble_keeps_its_inertia_unknown(
     mode: WindowPolicy, rate: tuple[float, float, float]
 ) -> None:
-    scenario = Scenario(rate_rpm=rate, epochs=12, landmarks=120, axes_euler_g=(0.0, 0.0, 0.0))
+    scenario = Scenario.simplified(rate_rpm=rate, epochs=12, landmarks=120, axes_euler_g=(0.0, 0.0, 0.0))
     here = sample(scenario)
     sliding = run(smoother(here, mode), here.epochs)
     belief = sliding.belief

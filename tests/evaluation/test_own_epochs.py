@@ -71,7 +71,7 @@ def test_a_smoother_is_compared_over_the_epochs_of_the_filters_and_has_its_own_b
     assert theirs["rms_position_m"] > 5
     assert theirs["initialisation"] is None
     rows = table_rows(evaluations)
-    assert rows["own epochs"] == ["25", "40"]
+    assert rows["own epochs"] == ["25", "40, 25 compared"]
     assert rows["position error [mm]"][0] == rows["position error [mm]"][1]
     filters, smoothers = rows["all epochs: position [mm]"]
     assert filters == "-"

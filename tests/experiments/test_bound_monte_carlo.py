@@ -17,7 +17,7 @@ from experiments.bound_monte_carlo import (
 )
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 
-SCENARIO = Scenario(rate_rpm=RICH_RPM, epochs=40, landmarks=60)
+SCENARIO = Scenario.simplified(rate_rpm=RICH_RPM, epochs=40, landmarks=60)
 
 
 def test_the_smoother_scatters_by_the_bound_in_a_few_runs() -> None:

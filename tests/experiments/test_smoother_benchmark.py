@@ -17,7 +17,7 @@ FRAMES = 12
 def workload() -> Workload:
     """Some frames of a rich motion with a few landmarks."""
     return simulated_workload(
-        Scenario(rate_rpm=RICH_RPM, epochs=FRAMES, landmarks=80, fewest_observations=2, seed=4)
+        Scenario.simplified(rate_rpm=RICH_RPM, epochs=FRAMES, landmarks=80, fewest_observations=2, seed=4)
     )
 
 

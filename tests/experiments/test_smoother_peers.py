@@ -26,7 +26,7 @@ needs_gtsam = pytest.mark.skipif(gtsam is None, reason="the optional peer GTSAM 
 @cache
 def workload() -> Workload:
     """Eight frames of a rich motion with a few landmarks."""
-    return simulated_workload(Scenario(rate_rpm=RICH_RPM, epochs=8, landmarks=60, seed=3))
+    return simulated_workload(Scenario.simplified(rate_rpm=RICH_RPM, epochs=8, landmarks=60, seed=3))
 
 
 @cache

@@ -30,7 +30,7 @@ def make_originals(folder: Path) -> None:
     """
     for name, kind in KINDS.items():
         epochs, interval = (40, 0.1) if kind == "gyro" else (14, 0.5)
-        scenario = Scenario(
+        scenario = Scenario.simplified(
             kind=kind, rate_rpm=RICH_RPM, epochs=epochs, interval=interval, landmarks=60, seed=3
         )
         write_dataset(simulate(scenario), folder / name)
@@ -42,7 +42,8 @@ def make_originals(folder: Path) -> None:
     _write_phone(folder / "phone")
     _write_run(folder / "run")
     write_dataset(
-        simulate(Scenario(kind="gyro", rate_rpm=RICH_RPM, epochs=40, interval=0.1)), folder / "settings/data"
+        simulate(Scenario.simplified(kind="gyro", rate_rpm=RICH_RPM, epochs=40, interval=0.1)),
+        folder / "settings/data",
     )
     write_toml(
         folder / "settings/config.toml", {**Settings().document, "estimators": ["mekf", "ukf", "smoother"]}
@@ -62,9 +63,9 @@ def _add_covariances(folder: Path) -> None:
 
 def _write_phone(folder: Path) -> None:
     """A phyphox export of two kept segments and one that is no trial."""
-    gyro = simulate(Scenario(kind="gyro", rate_rpm=(40.0, 90.0, 30.0), epochs=80, interval=0.02)).log.streams[
-        0
-    ]
+    gyro = simulate(
+        Scenario.simplified(kind="gyro", rate_rpm=(40.0, 90.0, 30.0), epochs=80, interval=0.02)
+    ).log.streams[0]
     (folder / "meta").mkdir(parents=True)
     rows = [
         f"{time:.9E}," + ",".join(f"{rate:.9E}" for rate in (*rates, float(np.linalg.norm(rates))))
@@ -78,7 +79,7 @@ def _write_phone(folder: Path) -> None:
 
 
 def _write_run(folder: Path) -> None:
-    data = simulate(Scenario(kind="gyro", rate_rpm=RICH_RPM, epochs=40, interval=0.1))
+    data = simulate(Scenario.simplified(kind="gyro", rate_rpm=RICH_RPM, epochs=40, interval=0.1))
     write_dataset(data, folder / "data")
     made = [
         "compare",

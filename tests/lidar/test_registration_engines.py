@@ -42,7 +42,7 @@ def test_own_engine_is_as_far_off_as_it_says() -> None:
 
 
 def test_small_gicp_agrees_with_the_own_engine() -> None:
-    pytest.importorskip("small_gicp", reason="the extra lidar is not installed")
+    pytest.importorskip("small_gicp", reason="the extra peers is not installed")
     own, _ = found_with(PointToPlane())
     error, information = found_with(SmallGicp())
     assert np.linalg.norm(error[:3] - own[:3]) < 1e-3

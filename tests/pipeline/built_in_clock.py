@@ -64,7 +64,9 @@ def noted(name: str) -> None:
 def dataset(kind: str) -> Dataset:
     """Forty epochs; "map" and "tracks" are stereo tracks with a map and without."""
     stereo = kind in {"map", "tracks"}
-    scenario = Scenario(kind="stereo-tracks" if stereo else kind, rate_rpm=RICH_RPM, epochs=40, landmarks=100)
+    scenario = Scenario.simplified(
+        kind="stereo-tracks" if stereo else kind, rate_rpm=RICH_RPM, epochs=40, landmarks=100
+    )
     found = simulate(scenario)
     return replace(found, known_map=None) if kind == "tracks" else found
 

@@ -24,8 +24,8 @@ from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, withou
 from spinfilters.state.layout import ROTATION_BLOCKS
 from spinfilters.state.status import Verdict
 
-ATTITUDES = Scenario(kind="attitude", rate_rpm=RICH_RPM, epochs=80)
-TRACKS = Scenario(kind="mono-tracks", rate_rpm=RICH_RPM, epochs=40, landmarks=200, pixel_std=0.5)
+ATTITUDES = Scenario.simplified(kind="attitude", rate_rpm=RICH_RPM, epochs=80)
+TRACKS = Scenario.simplified(kind="mono-tracks", rate_rpm=RICH_RPM, epochs=40, landmarks=200, pixel_std=0.5)
 
 
 def estimated(dataset: Dataset, *names: str) -> tuple[Evaluation, ...]:

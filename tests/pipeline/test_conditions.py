@@ -12,7 +12,7 @@ from spinfilters.pipeline.preparation import prepare
 from spinfilters.settings.run_settings import ProcessSettings, Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
 
-TRACKS = Scenario(rate_rpm=RICH_RPM, epochs=12, landmarks=60, seed=5)
+TRACKS = Scenario.simplified(rate_rpm=RICH_RPM, epochs=12, landmarks=60, seed=5)
 
 
 @cache

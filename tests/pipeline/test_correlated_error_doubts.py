@@ -24,7 +24,7 @@ SMOOTHER = Settings(estimators=("smoother",), process={"gravity": False})  # pyr
 def compared(correlation: float) -> Comparison:
     """Of poses that say nothing of their noise."""
     noise = ProcessNoise(1e-6, 1e-6)
-    scenario = Scenario(
+    scenario = Scenario.simplified(
         "pose", rate_rpm=RICH_RPM, epochs=60, position_std=1e-9, rotation_std=1e-9, noise=noise, seed=2
     )
     std, generator = np.repeat([0.005, 0.01], 3), np.random.default_rng(2)
@@ -91,7 +91,7 @@ def test_covariances_hold_with_the_errors_that_widen_them_most(monkeypatch: pyte
 @cache
 def compared_gyro(correlation: float) -> Comparison:
     """Of rates that say nothing of their noise."""
-    scenario = Scenario(
+    scenario = Scenario.simplified(
         "gyro", rate_rpm=RICH_RPM, epochs=115, gyro_std=1e-9, noise=ProcessNoise(1e-6, 1e-6), seed=531
     )
     dataset = without_noise(simulate(scenario))

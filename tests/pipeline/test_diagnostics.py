@@ -95,7 +95,7 @@ def test_any_refused_epoch_is_doubted_where_there_is_no_gate() -> None:
 
 @pytest.mark.parametrize("kind", ["gyro", "pose"])
 def test_nominal_data_are_not_doubted_for_what_a_narrow_gate_refuses(kind: str) -> None:
-    scenario = Scenario(kind=kind, rate_rpm=RICH_RPM, epochs=300, interval=0.2, seed=1)
+    scenario = Scenario.simplified(kind=kind, rate_rpm=RICH_RPM, epochs=300, interval=0.2, seed=1)
     settings = Settings(estimators=("mekf", "smoother"), robust=RobustOptions(gate_probability=0.97))
     settings = replace(settings, smoother=replace(settings.smoother, width=3.5))
     comparison = plain_comparison(simulate(scenario), settings)

@@ -19,7 +19,7 @@ from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
 
 LEFT, RIGHT = (-1.0, 0.5, 0.001, -0.001), (-0.9, 0.4, -0.001, 0.0005)
-SCENARIO = Scenario(rate_rpm=RICH_RPM, epochs=24, landmarks=80, seed=1)
+SCENARIO = Scenario.simplified(rate_rpm=RICH_RPM, epochs=24, landmarks=80, seed=1)
 
 
 @cache

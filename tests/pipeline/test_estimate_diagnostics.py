@@ -126,7 +126,7 @@ def test_the_lack_of_wobble_under_a_disturbance_that_is_not_there_is_no_evidence
 
 
 def test_an_unknown_map_tells_as_well_that_a_motion_is_rich() -> None:
-    dataset = without_map(simulate(Scenario(rate_rpm=RICH_RPM, landmarks=300, epochs=70)))
+    dataset = without_map(simulate(Scenario.simplified(rate_rpm=RICH_RPM, landmarks=300, epochs=70)))
     setup = prepare(dataset, SETTINGS)
     found = inertia_evidence(setup, SETTINGS)
     assert setup.initial.has_landmarks

@@ -25,7 +25,7 @@ def comparisons() -> dict[str, Comparison]:
     settings = Settings(estimators=NAMES)
     found = {}
     for kind in ("stereo-tracks", "gyro"):
-        setup = prepare(simulate(Scenario(kind=kind, epochs=12, landmarks=40)), settings)
+        setup = prepare(simulate(Scenario.simplified(kind=kind, epochs=12, landmarks=40)), settings)
         found[kind] = compare_estimators(setup, settings, lambda *_: None)
     return found
 

@@ -42,7 +42,7 @@ ESTIMATORS = ("mekf", "ukf", "smoother")
 @cache
 def beside_poses(seed: int, size: float = 1.0) -> Dataset:
     """A tumbling body with a pose sensor and a gyro, whose bias is drawn from its prior times ``size``."""
-    poses = simulate(Scenario(kind="pose", rate_rpm=RICH_RPM, epochs=100, interval=0.4, seed=seed))
+    poses = simulate(Scenario.simplified(kind="pose", rate_rpm=RICH_RPM, epochs=100, interval=0.4, seed=seed))
     truth, generator = poses.truth, np.random.default_rng(1000 + seed)
     assert truth is not None
     bias = size * BIAS_STD * generator.standard_normal(3)
@@ -147,7 +147,7 @@ def test_beside_poses_all_of_the_bias_is_told() -> None:
 
 def undisturbed(*moments: float) -> list[EstimateHistory]:
     """Estimates of a gyro alone, with a wide prior of its bias, on a body whose principal axes are those of g."""
-    scenario = Scenario(
+    scenario = Scenario.simplified(
         kind="gyro",
         principal_moments=(moments[0], moments[1], moments[2]),
         rate_rpm=RICH_RPM,

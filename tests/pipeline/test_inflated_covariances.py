@@ -24,7 +24,7 @@ INFLATION = 2.5
 
 @cache
 def _tracks() -> Dataset:
-    return simulate(Scenario(rate_rpm=RICH_RPM, epochs=50, landmarks=40, pixel_std=STD_PX))
+    return simulate(Scenario.simplified(rate_rpm=RICH_RPM, epochs=50, landmarks=40, pixel_std=STD_PX))
 
 
 def _stating(variance: float, inflation: float) -> Dataset:
@@ -65,7 +65,7 @@ def test_inflated_rows_of_poses_may_be_right_with_and_without_their_inflation(
     variance: float, verdict: str
 ) -> None:
     """Errors that poses share may be slow, or be in the residuals: both are told by the inflation."""
-    dataset = simulate(Scenario(kind="pose", rate_rpm=RICH_RPM, epochs=50))
+    dataset = simulate(Scenario.simplified(kind="pose", rate_rpm=RICH_RPM, epochs=50))
     (s,) = dataset.log.streams
     stated = np.diag(np.repeat(list(dataset.options.sensor_noise.values()), 3)) ** 2
     stream = MeasurementStream(s.sensor, s.time, s.values, s.ids, np.tile(variance * stated, (len(s), 1, 1)))

@@ -45,14 +45,14 @@ def test_a_rich_motion_keeps_its_sixty_epochs_and_tries_no_filter(
     kind: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(initialisation_length, "departure_of", lambda *_: np.inf)
-    setup = prepare(simulate(Scenario(kind=kind, rate_rpm=RICH_RPM)), FILTERS)
+    setup = prepare(simulate(Scenario.simplified(kind=kind, rate_rpm=RICH_RPM)), FILTERS)
     assert len(setup.initial.mean) == 60
     assert setup.initial.departure == 0
     assert not filter_diagnostics(setup)
 
 
 def test_a_filter_from_a_well_known_motion_lies_at_the_smoother() -> None:
-    dataset = simulate(Scenario(kind="gyro", rate_rpm=RICH_RPM))
+    dataset = simulate(Scenario.simplified(kind="gyro", rate_rpm=RICH_RPM))
     short, long = (
         prepare(dataset, replace(FILTERS, initialisation=replace(FILTERS.initialisation, epochs=epochs)))
         for epochs in (30, 60)
@@ -62,7 +62,7 @@ def test_a_filter_from_a_well_known_motion_lies_at_the_smoother() -> None:
 
 
 def test_a_gross_error_behind_the_start_is_no_linearisation_that_a_filter_fails_on() -> None:
-    right = simulate(Scenario(kind="gyro", rate_rpm=RICH_RPM))
+    right = simulate(Scenario.simplified(kind="gyro", rate_rpm=RICH_RPM))
     short, long = (
         replace(FILTERS, initialisation=replace(FILTERS.initialisation, epochs=epochs)) for epochs in (30, 60)
     )
@@ -77,7 +77,7 @@ def test_a_gross_error_behind_the_start_is_no_linearisation_that_a_filter_fails_
 def test_a_third_beyond_the_share_is_taken_where_that_and_no_fewer_is_enough(
     enough: int, length: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    dataset = simulate(Scenario(kind="gyro", rate_rpm=RICH_RPM))
+    dataset = simulate(Scenario.simplified(kind="gyro", rate_rpm=RICH_RPM))
     setup = prepare(dataset, FILTERS)
     monkeypatch.setattr(initialisation_length, "_is_enough", lambda found: len(found.mean) >= enough)
 

@@ -24,7 +24,7 @@ MODULES = (initialisation_length, inertia_evidence, calibration_errors)
 @cache
 def dataset() -> spinfilters.Dataset:
     """A gyro whose first epochs leave the moments vague enough that a filter is tried."""
-    return simulate(Scenario(kind="gyro", rate_rpm=RICH_RPM, epochs=60, interval=0.2))
+    return simulate(Scenario.simplified(kind="gyro", rate_rpm=RICH_RPM, epochs=60, interval=0.2))
 
 
 class Presser:

@@ -40,7 +40,7 @@ AT = 50
 
 def scenario(kind: str) -> Scenario:
     """A rich motion that little disturbs."""
-    return Scenario(
+    return Scenario.simplified(
         kind=kind,
         principal_moments=(1.0, 0.8, 0.55),
         rate_rpm=RICH_RPM,

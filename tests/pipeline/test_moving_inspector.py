@@ -40,7 +40,7 @@ from spinfilters.state.status import Verdict
 
 LAYOUT = StateLayout(FULL_BLOCKS)
 QUIET = TorqueFreeProcess(LAYOUT, ProcessNoise(0.0, 0.0), tolerance=1e-12)
-CIRCLING = Scenario(rate_rpm=RICH_RPM, epochs=24, landmarks=80, inspector="circle", seed=1)
+CIRCLING = Scenario.simplified(rate_rpm=RICH_RPM, epochs=24, landmarks=80, inspector="circle", seed=1)
 STATIC = replace(CIRCLING, inspector="static")
 EXACT = replace(CIRCLING, epochs=12, landmarks=150, pixel_std=1e-9, noise=ProcessNoise(0.0, 0.0))
 INSPECTOR_RATE = 2 * np.pi / CIRCLE_PERIOD

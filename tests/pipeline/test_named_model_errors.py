@@ -28,7 +28,7 @@ from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 
 GRAVITY = np.array([0.0, 9.81, 0.0])
 SMOOTHER = Settings(estimators=("smoother",))
-DISTURBED = Scenario(
+DISTURBED = Scenario.simplified(
     principal_moments=(1.0, 0.8, 0.55),
     rate_rpm=RICH_RPM,
     epochs=60,
@@ -39,7 +39,7 @@ DISTURBED = Scenario(
 
 def recording(block: StateBlock | None, value: np.ndarray, interval: float, seed: int = 0) -> Dataset:
     """Poses of a motion with a constant acceleration or torque."""
-    scenario = Scenario(
+    scenario = Scenario.simplified(
         kind="pose",
         principal_moments=(1.0, 0.8, 0.55),
         rate_rpm=tuple(np.multiply(RICH_RPM, 0.4 / interval)),
@@ -143,7 +143,7 @@ def test_settings_in_the_place_of_rows_covariances_are_what_the_run_tells() -> N
 
 
 def test_epochs_that_gates_refuse_in_a_row_are_tested_and_no_outliers() -> None:
-    scenario = Scenario(
+    scenario = Scenario.simplified(
         kind="gyro", principal_moments=(1.0, 0.8, 0.55), rate_rpm=RICH_RPM, epochs=40, interval=0.4
     )
     seeds = tuple(np.random.SeedSequence(3).spawn(3))
@@ -153,7 +153,7 @@ def test_epochs_that_gates_refuse_in_a_row_are_tested_and_no_outliers() -> None:
 
 
 def test_a_contact_that_makes_the_noise_of_a_gyro_look_large_is_named() -> None:
-    scenario = Scenario(
+    scenario = Scenario.simplified(
         kind="gyro", principal_moments=(1.0, 0.8, 0.55), rate_rpm=RICH_RPM, epochs=80, interval=0.4
     )
     seeds = tuple(np.random.SeedSequence(3).spawn(3))
@@ -167,7 +167,7 @@ def test_a_contact_that_makes_the_noise_of_a_gyro_look_large_is_named() -> None:
 
 def slow_gyro(noise: ProcessNoise, fault: str, size: float) -> Dataset:
     """Rates at 2.5 Hz of a body with a fault, without their noise."""
-    scenario = Scenario(
+    scenario = Scenario.simplified(
         kind="gyro",
         principal_moments=(1.0, 0.8, 0.55),
         rate_rpm=RICH_RPM,

@@ -146,7 +146,7 @@ def test_the_correlation_of_corrections_tells_densities_stated_too_small() -> No
 @pytest.mark.parametrize("seed", [0, 2])
 def test_white_noise_of_a_long_gyro_log_is_no_disturbance(seed: int) -> None:
     """Nothing disturbs the motion; the noise that 60 of 1200 epochs identify is too small, as it may be by chance."""
-    scenario = Scenario(
+    scenario = Scenario.simplified(
         kind="gyro",
         principal_moments=(1.0, 0.72, 0.45),
         rate_rpm=(4.8, 11.5, 3.3),

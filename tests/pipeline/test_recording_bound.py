@@ -29,7 +29,7 @@ from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 
 SETTINGS = Settings(estimators=("mekf", "smoother"))
-TRACKS = Scenario(rate_rpm=RICH_RPM, epochs=40, landmarks=100)
+TRACKS = Scenario.simplified(rate_rpm=RICH_RPM, epochs=40, landmarks=100)
 
 
 def silent(*_: object) -> None:

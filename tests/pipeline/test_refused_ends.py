@@ -17,7 +17,7 @@ from spinfilters.simulation.model_faults.faulty_recording import faulty_recordin
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 
 SETTINGS = Settings(estimators=("smoother",), process={"gravity": False})  # pyright: ignore[reportArgumentType]
-SCENARIO = Scenario(
+SCENARIO = Scenario.simplified(
     kind="pose", principal_moments=(1.0, 0.8, 0.55), rate_rpm=RICH_RPM, interval=0.4, epochs=60, seed=2
 )
 

@@ -20,8 +20,8 @@ from spinfilters.pipeline.preparation import prepare
 from spinfilters.settings.run_settings import SensorSettings, Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
 
-GYRO = Scenario(kind="gyro", rate_rpm=RICH_RPM, epochs=150, interval=0.1)
-TRACKS = Scenario(rate_rpm=RICH_RPM, epochs=25, landmarks=120, pixel_std=0.3)
+GYRO = Scenario.simplified(kind="gyro", rate_rpm=RICH_RPM, epochs=150, interval=0.1)
+TRACKS = Scenario.simplified(rate_rpm=RICH_RPM, epochs=25, landmarks=120, pixel_std=0.3)
 STDS = {"gyro": (0.002, 0.02), "stereo": (0.3, 3.0)}
 """Of every other row."""
 SEEDS = range(5)

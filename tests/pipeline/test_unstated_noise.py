@@ -25,7 +25,7 @@ TRUE = {"pose_position_std": 0.002, "pose_rotation_std": 0.004, "force_psd": 1e-
 @cache
 def recording(seed: int) -> Dataset:
     """Poses that say nothing of their noise, five times smaller than the default, and disturbances of ten times."""
-    scenario = Scenario(
+    scenario = Scenario.simplified(
         kind="pose",
         rate_rpm=RICH_RPM,
         epochs=100,
@@ -96,7 +96,9 @@ def test_the_smoother_identifies_noise_over_its_own_epochs_and_filters_over_the_
 
 
 def test_a_disturbance_too_small_to_be_seen_is_said_to_be_below_a_bound() -> None:
-    dataset = simulate(Scenario(kind="pose", rate_rpm=RICH_RPM, epochs=60, noise=ProcessNoise(1e-14, 1e-14)))
+    dataset = simulate(
+        Scenario.simplified(kind="pose", rate_rpm=RICH_RPM, epochs=60, noise=ProcessNoise(1e-14, 1e-14))
+    )
     streams = tuple(replace(stream, covariance=None) for stream in dataset.log.streams)
     dataset = replace(dataset, log=MeasurementLog(streams), options=replace(dataset.options, torque_psd=None))
     document = summary(compared(dataset, Settings()))
@@ -109,7 +111,9 @@ def test_a_disturbance_too_small_to_be_seen_is_said_to_be_below_a_bound() -> Non
 
 def test_a_white_gyro_s_noise_is_identified_with_the_torque() -> None:
     noise_std = 5e-3
-    scenario = Scenario(kind="gyro", rate_rpm=RICH_RPM, gyro_std=noise_std, noise=ProcessNoise(1e-6, 2e-6))
+    scenario = Scenario.simplified(
+        kind="gyro", rate_rpm=RICH_RPM, gyro_std=noise_std, noise=ProcessNoise(1e-6, 2e-6)
+    )
     dataset = simulate(scenario)
     options = replace(dataset.options, force_psd=None, torque_psd=None, sensor_noise={})
     history = compared(replace(dataset, options=options), Settings()).evaluations[1].history
@@ -122,7 +126,9 @@ def test_a_white_gyro_s_noise_is_identified_with_the_torque() -> None:
 def test_levels_of_which_one_takes_what_the_other_leaves_settle(seed: int) -> None:
     true = {"gyro_noise_std": 2.4e-4, "torque_psd": 1.2e-7}
     noise = ProcessNoise(torque_psd=true["torque_psd"])
-    scenario = Scenario("gyro", rate_rpm=RICH_RPM, seed=seed, gyro_std=true["gyro_noise_std"], noise=noise)
+    scenario = Scenario.simplified(
+        "gyro", rate_rpm=RICH_RPM, seed=seed, gyro_std=true["gyro_noise_std"], noise=noise
+    )
     found = {each.name: each for each in prepare(without_noise(simulate(scenario)), Settings()).identified}
     for name, half in (("gyro_noise_std", 0.5), ("torque_psd", 1.0)):
         assert abs(np.log(found[name].value / true[name])) < 4 * half * found[name].log_std
@@ -139,7 +145,9 @@ def test_a_torque_six_decades_below_what_is_assumed_is_found_to_be_small(
 
 @pytest.mark.parametrize("by_settings", [True, False])
 def test_a_stated_level_of_a_gyro_is_used_as_it_is(by_settings: bool) -> None:
-    dataset = without_noise(simulate(Scenario(kind="gyro", rate_rpm=RICH_RPM, epochs=60, gyro_std=0.002)))
+    dataset = without_noise(
+        simulate(Scenario.simplified(kind="gyro", rate_rpm=RICH_RPM, epochs=60, gyro_std=0.002))
+    )
     if by_settings:
         settings = Settings(sensors=SensorSettings(gyro_noise_std=0.007))
     else:

@@ -45,7 +45,7 @@ def test_the_page_of_a_run_with_a_prediction_is_written_once(
     pages = counted(monkeypatch, run_report, "write_run_report", None)
     counted(monkeypatch, comparison_run, "draw_run", [])
     predicted = counted(monkeypatch, predictions, "write_predictions", True)
-    dataset = simulate(Scenario(kind="gyro", rate_rpm=RICH_RPM, epochs=60))
+    dataset = simulate(Scenario.simplified(kind="gyro", rate_rpm=RICH_RPM, epochs=60))
     settings = Settings(estimators=("mekf",))
     optional = OptionalOutputs(predict_s=1.0)
     written = compare_into(dataset, settings, RunOutput(tmp_path / "run", optional_outputs=optional))

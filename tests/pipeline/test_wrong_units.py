@@ -19,7 +19,7 @@ KINDS = ("pose", "gyro", "stereo-tracks")
 
 def scenario(kind: str, **values: float) -> Scenario:
     """Rich and short."""
-    return replace(Scenario(kind=kind, rate_rpm=RICH_RPM, epochs=20, landmarks=30), **values)
+    return replace(Scenario.simplified(kind=kind, rate_rpm=RICH_RPM, epochs=20, landmarks=30), **values)
 
 
 def in_unit(name: str, kind: str, size: float) -> Dataset:
@@ -71,7 +71,7 @@ def test_a_wrong_unit_is_named_with_its_cure(name: str, kind: str, size: float, 
 
 def poses_read(change: Callable[[np.ndarray], np.ndarray], offset: float = 1.0) -> Dataset:
     """Poses whose rows (t, q) are written in another convention, their origin at a share of the usual offset."""
-    center = tuple(offset * each for each in Scenario().center_of_mass_g)
+    center = tuple(offset * each for each in Scenario.simplified().center_of_mass_g)
     made = simulate(replace(scenario("pose", epochs=60), center_of_mass_g=center))
     (stream,) = made.log.streams
     return replace(made, log=MeasurementLog((replace(stream, values=change(stream.values)),)))

@@ -39,7 +39,7 @@ def silent(*_: object) -> None:
 @cache
 def sample() -> Setup:
     """70 epochs of tracks with a known map, 20 of which the start smooths unless it wants more."""
-    return prepare(simulate(Scenario(epochs=70, landmarks=60)), SETTINGS)
+    return prepare(simulate(Scenario.simplified(epochs=70, landmarks=60)), SETTINGS)
 
 
 @cache

@@ -28,7 +28,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run whose epochs are the truth's."""
     folder = tmp_path_factory.mktemp("evo") / "run"
     settings = Settings(estimators=("ukf",))
-    setup = prepare(simulate(Scenario(epochs=40, landmarks=60)), settings)
+    setup = prepare(simulate(Scenario.simplified(epochs=40, landmarks=60)), settings)
     write_run(folder, compare_estimators(setup, settings, lambda *_: None), settings)
     return folder
 

@@ -38,7 +38,7 @@ def compared(dataset: Dataset, settings: Settings) -> Comparison:
 @pytest.fixture
 def gyro() -> Dataset:
     """A short recording."""
-    return simulate(Scenario(kind="gyro", epochs=12))
+    return simulate(Scenario.simplified(kind="gyro", epochs=12))
 
 
 def test_numbers_are_not_taken_for_those_of_segments_made_later_beside_them(
@@ -98,8 +98,8 @@ class Finished:
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Finished:
     """A run on tracks with all that can be known of them."""
-    tracks = simulate(Scenario(rate_rpm=RICH_RPM, epochs=12, landmarks=40))
-    gyro = simulate(Scenario(kind="gyro", epochs=12)).log.stream("gyro")
+    tracks = simulate(Scenario.simplified(rate_rpm=RICH_RPM, epochs=12, landmarks=40))
+    gyro = simulate(Scenario.simplified(kind="gyro", epochs=12)).log.stream("gyro")
     both = replace(tracks, log=MeasurementLog((gyro, *tracks.log.streams)))
     dataset, folder = with_tracks(both, with_covariance), tmp_path_factory.mktemp("finished") / "run"
     write_run(folder, compared(dataset, EKF), EKF)

@@ -204,7 +204,7 @@ def test_a_checkpoint_of_another_start_is_refused(checkpoint: Path) -> None:
 
 def test_a_checkpoint_of_other_measurements_is_refused(checkpoint: Path, tmp_path: Path) -> None:
     """Of the same shape, time stamps and settings: another seed."""
-    other = prepare(simulate(Scenario(epochs=70, landmarks=60, seed=1)), SETTINGS)
+    other = prepare(simulate(Scenario.simplified(epochs=70, landmarks=60, seed=1)), SETTINGS)
     (tmp_path / "mekf").mkdir()
     (tmp_path / "mekf" / CHECKPOINT_FILE).write_bytes(checkpoint.read_bytes())
     with pytest.raises(InputError, match="other measurements"):

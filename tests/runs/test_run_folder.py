@@ -48,7 +48,7 @@ class Run:
 def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     """Both filters on 40 epochs of tracks with a known map."""
     settings, folder = Settings(estimators=NAMES), tmp_path_factory.mktemp("run") / "run"
-    setup = prepare(simulate(Scenario(epochs=40, landmarks=60)), settings)
+    setup = prepare(simulate(Scenario.simplified(epochs=40, landmarks=60)), settings)
     comparison = compare_estimators(setup, settings, silent)
     write_run(folder, comparison, settings)
     with unrendered_pictures():
@@ -184,7 +184,7 @@ def test_a_filter_that_holds_no_landmarks_is_refused_without_a_map(tmp_path: Pat
 
 def read_unmapped(folder: Path) -> Dataset:
     """Tracks whose landmarks are not known."""
-    write_dataset(simulate(Scenario(epochs=20, landmarks=40)), folder)
+    write_dataset(simulate(Scenario.simplified(epochs=20, landmarks=40)), folder)
     (folder / "landmarks.csv").unlink()
     return read_dataset(folder)
 
@@ -194,7 +194,7 @@ def test_a_run_replaces_one_of_another_kind_with_more_estimators(run: Run, tmp_p
     write_run(folder, run.comparison, run.settings)
     settings = Settings(estimators=("mekf",))
     comparison = compare_estimators(
-        prepare(simulate(Scenario(kind="gyro", epochs=12)), settings), settings, silent
+        prepare(simulate(Scenario.simplified(kind="gyro", epochs=12)), settings), settings, silent
     )
     write_run(folder, comparison, settings)
     assert {path.name for path in folder.iterdir()} == {"config.toml", "dataset", "mekf", "summary.json"}
@@ -211,7 +211,7 @@ def test_a_run_of_its_own_data_set_keeps_it(run: Run, tmp_path: Path) -> None:
 
 def test_an_interrupt_between_estimators_keeps_the_finished_ones(monkeypatch: pytest.MonkeyPatch) -> None:
     settings = Settings(estimators=NAMES)
-    setup = prepare(simulate(Scenario(kind="gyro", epochs=12)), settings)
+    setup = prepare(simulate(Scenario.simplified(kind="gyro", epochs=12)), settings)
 
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
@@ -224,7 +224,7 @@ def test_an_interrupt_between_estimators_keeps_the_finished_ones(monkeypatch: py
 
 def test_segments_are_made_again_only_for_other_measurements(tmp_path: Path) -> None:
     settings = Settings(estimators=("mekf",))
-    first, second = (simulate(Scenario(kind="gyro", epochs=12, seed=seed)) for seed in (0, 1))
+    first, second = (simulate(Scenario.simplified(kind="gyro", epochs=12, seed=seed)) for seed in (0, 1))
     path = tmp_path / "segments" / "000" / "summary.json"
     run_segments([first], tmp_path, settings, silent)
     stamp = path.stat().st_mtime_ns

@@ -69,8 +69,8 @@ def test_the_sensor_of_the_how_to_page_keeps_the_contract(distribution: Path, tm
 @pytest.mark.usefixtures("unrendered")
 def test_a_data_set_of_a_sensor_from_outside_is_compared(distribution: Path, tmp_path: Path) -> None:
     installed(distribution, how_to_module())
-    ranges = simulate(Scenario(kind="range", rate_rpm=RICH_RPM, epochs=80, seed=2))
-    poses = simulate(Scenario(kind="pose", rate_rpm=RICH_RPM, epochs=80, seed=2))
+    ranges = simulate(Scenario.simplified(kind="range", rate_rpm=RICH_RPM, epochs=80, seed=2))
+    poses = simulate(Scenario.simplified(kind="pose", rate_rpm=RICH_RPM, epochs=80, seed=2))
     both = replace(ranges, log=MeasurementLog((*poses.log.streams, *ranges.log.streams)))
     write_dataset(both, tmp_path / "data")
     assert main(["compare", str(tmp_path / "data"), "-o", str(tmp_path / "run")]) == 0
@@ -86,7 +86,7 @@ def test_a_sensor_that_tells_no_motion_is_refused_alone(
     distribution: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     installed(distribution, how_to_module())
-    write_dataset(simulate(Scenario(kind="range", epochs=20)), tmp_path / "data")
+    write_dataset(simulate(Scenario.simplified(kind="range", epochs=20)), tmp_path / "data")
     assert main(["compare", str(tmp_path / "data"), "-o", str(tmp_path / "run")]) == 2
     assert "range measurements do not tell how the body moves at first" in capsys.readouterr().err
 

@@ -26,7 +26,7 @@ from spinfilters.simulation.faults import (
 )
 from spinfilters.simulation.scenario import Scenario, simulate
 
-DATASETS = {kind: simulate(Scenario(kind=kind, epochs=20)) for kind in dataset_kinds()}
+DATASETS = {kind: simulate(Scenario.simplified(kind=kind, epochs=20)) for kind in dataset_kinds()}
 TRACKS = DATASETS["stereo-tracks"]
 STEREO_FAULTS = (
     WrongAssociations(0.3),

@@ -9,7 +9,7 @@ from spinfilters.simulation.faults import with_faults
 from spinfilters.simulation.landmark_faults import FewAtFirst, NewIds
 from spinfilters.simulation.scenario import Scenario, simulate
 
-RECORDING = simulate(Scenario(epochs=20, landmarks=100))
+RECORDING = simulate(Scenario.simplified(epochs=20, landmarks=100))
 
 
 def _ids(dataset: Dataset, begin: float, end: float) -> set[int]:

@@ -9,7 +9,9 @@ from spinfilters.simulation.faults import with_faults
 from spinfilters.simulation.gross_error import GrossError
 from spinfilters.simulation.scenario import Scenario, simulate
 
-DATASETS = {kind: simulate(Scenario(kind=kind, epochs=12)) for kind in ("gyro", "pose", "stereo-tracks")}
+DATASETS = {
+    kind: simulate(Scenario.simplified(kind=kind, epochs=12)) for kind in ("gyro", "pose", "stereo-tracks")
+}
 
 
 def changed(dataset: Dataset, error: GrossError) -> tuple[np.ndarray, Dataset]:

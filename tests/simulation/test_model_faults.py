@@ -20,7 +20,7 @@ from spinfilters.simulation.model_faults.faulty_recording import (
 from spinfilters.simulation.model_faults.model_fault import GYRO, POSE, TRACKS
 from spinfilters.simulation.scenario import RICH_RPM, Scenario
 
-SCENARIO = Scenario(
+SCENARIO = Scenario.simplified(
     kind=POSE, principal_moments=(1.0, 0.8, 0.55), rate_rpm=RICH_RPM, epochs=8, interval=0.4, landmarks=30
 )
 UNITS = {"clock-unit", "gyro-unit", "length-unit"}

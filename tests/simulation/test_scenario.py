@@ -19,7 +19,7 @@ from spinfilters.simulation.scenario import RICH_RPM, THESIS_RPM, Scenario, simu
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 
 FULL = StateLayout(FULL_BLOCKS)
-SHORT = Scenario(epochs=20)
+SHORT = Scenario.simplified(epochs=20)
 
 
 def _states(dataset: Dataset) -> np.ndarray:
@@ -61,9 +61,9 @@ def _whitened_noise(dataset: Dataset, scenario: Scenario) -> np.ndarray:
 @pytest.mark.parametrize(
     "scenario",
     [
-        Scenario(epochs=40, pixel_std=0.6),
-        Scenario(kind="pose", epochs=400, position_std=0.002, rotation_std=0.03),
-        Scenario(kind="gyro", epochs=400, gyro_std=0.01),
+        Scenario.simplified(epochs=40, pixel_std=0.6),
+        Scenario.simplified(kind="pose", epochs=400, position_std=0.002, rotation_std=0.03),
+        Scenario.simplified(kind="gyro", epochs=400, gyro_std=0.01),
     ],
     ids=lambda scenario: scenario.kind,
 )
@@ -186,7 +186,7 @@ def test_the_truth_says_the_inertia_that_was_asked_for() -> None:
 )
 def test_a_scenario_that_cannot_be_is_refused(wrong: dict[str, object]) -> None:
     with pytest.raises(InputError):
-        simulate(Scenario(**wrong))  # pyright: ignore[reportArgumentType]
+        simulate(Scenario.simplified(**wrong))  # pyright: ignore[reportArgumentType]
 
 
 def test_a_recording_in_which_nothing_is_ever_seen_is_refused() -> None:
@@ -276,7 +276,7 @@ def test_a_data_set_without_its_map_is_otherwise_the_same() -> None:
 
 
 def test_the_rich_motion_is_the_default_one_with_other_rates() -> None:
-    assert Scenario.rich(7) == Scenario(rate_rpm=(4.0, 9.0, 3.0), seed=7)
+    assert Scenario.rich(7) == Scenario.simplified(rate_rpm=(4.0, 9.0, 3.0), seed=7)
     truth = simulate(replace(Scenario.rich(), epochs=2)).truth
     assert truth is not None
     turning = np.linalg.norm(truth.rate_i[0])

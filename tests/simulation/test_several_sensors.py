@@ -22,7 +22,7 @@ from spinfilters.simulation.scenario import simulate as simulate_scenario
 def recording(epochs: int = 20) -> Dataset:
     beside = (("gyro", 0.1), ("pose", 0.5))
     return simulate_scenario(
-        Scenario(
+        Scenario.simplified(
             kind="lidar-points", interval=1.0, epochs=epochs, rate_rpm=RICH_RPM, landmarks=60, beside=beside
         )
     )

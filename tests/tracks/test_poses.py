@@ -164,7 +164,7 @@ def test_epochs_fitted_together_are_those_fitted_alone(
 @pytest.fixture(scope="module")
 def recording() -> Dataset:
     """30 epochs of 12 degrees: a whole revolution, so that a map must close."""
-    return simulate(Scenario(epochs=32, interval=0.2, landmarks=250, seed=4))
+    return simulate(Scenario.simplified(epochs=32, interval=0.2, landmarks=250, seed=4))
 
 
 def _true_poses(recording: Dataset) -> Float[np.ndarray, "n 7"]:

@@ -95,7 +95,7 @@ def test_a_single_wrong_association_does_not_move_a_landmark() -> None:
 
 @pytest.fixture(scope="module")
 def recording() -> Dataset:
-    return simulate(Scenario(rate_rpm=(4.0, 9.0, 3.0), epochs=20, landmarks=300, seed=4))
+    return simulate(Scenario.simplified(rate_rpm=(4.0, 9.0, 3.0), epochs=20, landmarks=300, seed=4))
 
 
 def _pose_errors(recording: Dataset, poses: MeasurementStream) -> tuple[np.ndarray, np.ndarray]:
@@ -157,7 +157,7 @@ def _never_returning(tracks: MeasurementStream) -> MeasurementStream:
 
 
 def test_tracks_that_never_return_give_poses_to_the_end() -> None:
-    recording = simulate(Scenario(epochs=45, landmarks=500, seed=2))
+    recording = simulate(Scenario.simplified(epochs=45, landmarks=500, seed=2))
     tracks = _never_returning(recording.log.stream("stereo"))
     poses, found, _ = poses_without_map(tracks, RIG.calibration, 1.0)
     assert len(poses) == 45

@@ -8,7 +8,7 @@ the others lie no better.
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from spinfilters.attitude.conversions import (
     integrate_gyro,
@@ -25,6 +25,8 @@ DEGREE = 4
 LARGEST_TURN = 2.2
 """Rad from the middle of a window: well below pi, where rotation vectors stop being unique."""
 LARGEST_WINDOW = 15
+MOST_APART = 0.34
+"""Share of the attitudes that may be farther than `LARGEST_TURN` from both neighbours: wrong ones. More are a fast rotation."""
 
 
 @dataclass(frozen=True)
@@ -55,16 +57,18 @@ def initial_motion(samples: MotionSamples, epochs: int) -> InitialMotion:
 
     Attitudes integrated from rates, or rates differenced from attitudes, as is missing.
 
-    The rate at an attitude is the slope of a polynomial through the rotation vectors around it.
+    The rate at an attitude is the slope of a polynomial through the rotation vectors around it. An attitude that is far from
+    both of its neighbours, such as a pose from too few common landmarks, is left out.
 
     Raises
     ------
-    InputError: neither attitudes nor rates; without rates fewer than 4 attitudes, or a body that turns by more than half a
-        revolution between two of them.
+    InputError: neither attitudes nor rates; without rates fewer than 4 attitudes, or more than `MOST_APART` of them farther than
+        `LARGEST_TURN` from their neighbours.
     """
     first = {name: getattr(samples, name) for name in ("attitude", "rates", "positions")}
+    shared = None if samples.shared is None else samples.shared[:epochs]
     given = {name: None if values is None else values[:epochs] for name, values in first.items()}
-    samples = consistent_samples(replace(samples, time=samples.time[:epochs], **given))
+    samples = consistent_samples(replace(samples, time=samples.time[:epochs], shared=shared, **given))
     time, positions = samples.time, samples.positions
     if samples.attitude is None and samples.rates is None:
         raise InputError(
@@ -74,21 +78,62 @@ def initial_motion(samples: MotionSamples, epochs: int) -> InitialMotion:
         assert samples.rates is not None
         attitude = integrate_gyro(time, samples.rates, np.array([0.0, 0.0, 0.0, 1.0]))
         return InitialMotion(time, attitude, samples.rates, positions, defines_attitude=True)
-    rates = _differenced(time, samples.attitude) if samples.rates is None else samples.rates
-    return InitialMotion(time, samples.attitude, rates, positions)
+    if samples.rates is not None:
+        return InitialMotion(time, samples.attitude, samples.rates, positions)
+    rates = _differenced(time, samples.attitude, samples.shared)
+    near = ~np.isnan(rates[:, 0])
+    positions = None if positions is None else positions[near]
+    return InitialMotion(time[near], samples.attitude[near], rates[near], positions)
 
 
-def _differenced(time: Float[np.ndarray, " k"], q: Float[np.ndarray, "k 4"]) -> Float[np.ndarray, "k 3"]:
-    """Body rates of attitudes."""
+def _differenced(
+    time: Float[np.ndarray, " k"], q: Float[np.ndarray, "k 4"], shared: Int[np.ndarray, " k"] | None
+) -> Float[np.ndarray, "k 3"]:
+    """Body rates of attitudes; NaN of one that is too far from both neighbours.
+
+    Parameters
+    ----------
+    shared: landmarks in common with the epoch before, where the attitudes come from tracks.
+    """
     if len(time) < 4:
         raise InputError(
             f"a start from poses needs at least 4 epochs, got {len(time)}; give a longer recording"
         )
-    return _rates(time, q)
+    rates = _rates(time, q)
+    apart = np.isnan(rates[:, 0])
+    if np.count_nonzero(~apart) < 4 or np.count_nonzero(apart) > MOST_APART * len(time):
+        raise InputError(_too_far_apart(time, q, apart, shared))
+    return rates
+
+
+def _too_far_apart(
+    time: Float[np.ndarray, " k"],
+    q: Float[np.ndarray, "k 4"],
+    apart: Bool[np.ndarray, " k"],
+    shared: Int[np.ndarray, " k"] | None,
+) -> str:
+    """Sentence on attitudes that are too far from their neighbours: why, and the cure."""
+    step = np.linalg.norm(rotation_vector_from_quaternion(multiply(inverse(q[:-1]), q[1:])), axis=1)
+    first = int(np.argmax(apart))
+    beside = int(np.clip(first, 0, len(step) - 1))
+    told = (
+        f"{np.count_nonzero(apart)} of the first {len(time)} epochs have attitudes more than "
+        f"{np.degrees(LARGEST_TURN):.0f} deg from those before and after ({np.degrees(step[beside]):.0f} deg at "
+        f"t = {time[first]:.3f} s), too far to tell a rotation from its opposite"
+    )
+    if shared is None:
+        return f"{told}: the body turns too fast, or the attitudes are wrong; give a faster frame rate"
+    return (
+        f"{told}. The poses rest on {int(np.median(shared[1:]))} landmarks in common with the epoch before (median), "
+        "and may be wrong: give a faster frame rate, or more landmarks"
+    )
 
 
 def _rates(time: Float[np.ndarray, " k"], q: Float[np.ndarray, "k 4"]) -> Float[np.ndarray, "k 3"]:
-    """Slope at every pose of a polynomial through the rotation vectors to the poses around it."""
+    """Slope at every pose of a polynomial through the rotation vectors to the poses around it.
+
+    NaN where both neighbours are farther than `LARGEST_TURN`.
+    """
     half = LARGEST_WINDOW // 2
     around = np.arange(len(time))[:, None] + np.arange(-half, half + 1)
     inside = (around >= 0) & (around < len(time))
@@ -99,19 +144,12 @@ def _rates(time: Float[np.ndarray, " k"], q: Float[np.ndarray, "k 4"]) -> Float[
     reach = np.logical_and.accumulate
     used = np.concatenate([reach(near[:, half::-1], axis=1)[:, :0:-1], reach(near[:, half:], axis=1)], axis=1)
     count = np.count_nonzero(used, axis=1)
-    if count.min() < 2:
-        k = int(np.argmin(count))
-        beside = turn[k, [half - 1, half + 1]][inside[k, [half - 1, half + 1]]]
-        raise InputError(
-            f"the body turns by {np.degrees(beside.min()):.0f} deg between epochs near t = {time[k]:.3f} s; "
-            "more than about half a revolution per epoch cannot be told from its opposite: give a faster frame rate"
-        )
     elapsed = np.where(used, time[around] - time[:, None], 0.0)
-    scale = np.abs(elapsed).max(axis=1, keepdims=True)
+    scale = np.maximum(np.abs(elapsed).max(axis=1, keepdims=True), np.finfo(float).tiny)
     powers = (elapsed / scale)[..., None] ** np.arange(DEGREE + 1)
     told = used[..., None] & (np.arange(DEGREE + 1) < count[:, None, None])
     slope = np.linalg.pinv(np.where(told, powers, 0.0))[:, 1:2] @ phi
-    return slope[:, 0] / scale
+    return np.where(count[:, None] < 2, np.nan, slope[:, 0] / scale)
 
 
 OUTLYING = 8.0
@@ -189,6 +227,7 @@ def consistent_samples(samples: MotionSamples) -> MotionSamples:
         if values is not None
     ]
     good = np.setdiff1d(np.arange(len(samples.time)), np.concatenate(wrong))
+    given["shared"] = samples.shared
     kept = {name: None if values is None else values[good] for name, values in given.items()}
     return replace(samples, time=samples.time[good], **kept)
 

@@ -60,7 +60,7 @@ def _library(modes: int, precision: str) -> ctypes.PyDLL | None:
 
 
 class CompiledSteps:
-    """Landmark steps in C, as `reference.NumpySteps` defines them."""
+    """Landmark steps in C, as `spinfilters.estimators.landmarks.numpy_steps.NumpySteps` defines them."""
 
     def __init__(self, library: ctypes.PyDLL, modes: int, precision: str) -> None:
         self._c, self._modes, self._kept = library, modes, np.dtype(precision)
