@@ -15,18 +15,27 @@ from spinfilters.data.sensor_yaml import deviations_text
 from spinfilters.errors import InputError
 from spinfilters.plots.calibration_figure import calibration_figure
 from spinfilters.plots.style import save_figure
-from spinfilters.vision.calibration_check import BoardMeasurement, CheckResult, checks, measured_board
+from spinfilters.vision.calibration_check import (
+    LARGEST_RELATIVE_STD,
+    BoardMeasurement,
+    CheckResult,
+    checks,
+    determination,
+    measured_board,
+)
 from spinfilters.vision.calibration_images import Board, board_views, image_pairs
+from spinfilters.vision.camera_calibration import PARAMETERS
 from spinfilters.vision.disparity import disparity_map
 from spinfilters.vision.image_folder import read_image
 from spinfilters.vision.loss_count import LossCount
 from spinfilters.vision.raw_rig import RawRig, write_raw_rig
 from spinfilters.vision.rectification import Rectification
 from spinfilters.vision.stereo_calibration import (
-    PARAMETERS,
     StereoCalibration,
     calibrate_stereo,
     standing_out,
+    undetermined,
+    undetermined_text,
 )
 
 COMMAND = "calibrate"
@@ -39,12 +48,15 @@ def calibrate(options: argparse.Namespace) -> int:
     refuse_foreign(folder, COMMAND)
     pairs = image_pairs(source)
     views, size = board_views(pairs, board, losses)
-    found = calibrate_stereo(views, board, size)
+    try:
+        found = calibrate_stereo(views, board, size)
+    except InputError as error:
+        raise InputError(f"{path_text(source)}: {error}") from None
     try:
         measured = measured_board(found.rig, found.views, board)
     except InputError as error:  # left and right exchanged, as a whole
         raise InputError(f"{path_text(source)}: {error} (left* is cam0)") from None
-    results = checks(found.rig, measured, board) if options.check else []
+    results = [*determination(found), *checks(found.rig, measured, board)] if options.check else []
     with output_folder(folder, COMMAND) as place:
         write_raw_rig(found.rig, place, stated_deviations(found))
         write_text(place / "opencv.yml", _opencv_text(found.rig))
@@ -94,7 +106,7 @@ def _document(
         **cameras,
         "stereo_rms_px": found.rms,
         "baseline_m": {
-            "value": float(np.linalg.norm(found.rig.relative_position)),
+            "value": found.baseline,
             "std": found.baseline_std,
         },
         "rotation_std_rad": found.rotation_std,
@@ -102,6 +114,7 @@ def _document(
             view.name: errors for view, errors in zip(found.views, found.view_errors.tolist(), strict=True)
         },
         "dropped": found.dropped,
+        "repeated": found.repeated,
         "images": losses.document,
         "row_error_rms_px": float(np.sqrt(np.mean(measured.rows**2))),
         "square_m": {"mean": float(np.mean(measured.squares)), "std": float(np.std(measured.squares))},
@@ -131,12 +144,21 @@ def _print(
             f"centre {K[0, 2]:.2f}, {K[1, 2]:.2f} px; "
             f"rms {camera.rms:.3f} px"
         )
-    baseline = 1e3 * float(np.linalg.norm(found.rig.relative_position))
     lines.append(
-        f"pair: baseline {baseline:.2f} +- {1e3 * found.baseline_std:.2f} mm; "
+        f"pair: baseline {1e3 * found.baseline:.2f} +- {1e3 * found.baseline_std:.2f} mm; "
         f"rms {found.rms:.3f} px, {len(found.views)} views"
     )
     lines += [f"left out: {name}: {why}" for name, why in found.dropped.items()]
+    if found.repeated:
+        first = next(iter(found.repeated.items()))
+        lines.append(
+            f"counted as one: {len(found.repeated)} views show the board where another does ({first[0]} as {first[1]})"
+        )
+    if not results:  # the checks say it themselves
+        lines += [
+            undetermined_text(what, deviation)
+            for what, deviation in undetermined(found, LARGEST_RELATIVE_STD)
+        ]
     lines += [f"{why}; try --window {max(3, 2 * window // 3)}" for why in standing_out(found)]
     lines += [
         f"{'ok  ' if result.passed else 'BAD '} {result.name}: {result.value} ({result.allowed})"

@@ -10,6 +10,7 @@ from spinfilters.geometry.cameras import stereo_pair
 from spinfilters.vision.calibration_images import Board, BoardView
 from spinfilters.vision.raw_rig import RawCamera, RawRig
 from spinfilters.vision.rectification import Rectification
+from spinfilters.vision.stereo_calibration import StereoCalibration, undetermined, undetermined_text
 
 LARGEST_ROW_ERROR_PX: Final = 1.0
 LARGEST_SQUARE_ERROR: Final = 0.02
@@ -18,6 +19,8 @@ FIELD_OF_VIEW_DEG: Final = (10.0, 150.0)
 LARGEST_CENTRE_OFFSET: Final = 0.15
 """Of the principal point from the middle of the image, over its width."""
 LARGEST_ROTATION_DEG: Final = 15.0
+LARGEST_RELATIVE_STD: Final = 0.02
+"""Of focal length and baseline: beyond that, the views do not determine them."""
 
 
 @dataclass(frozen=True)
@@ -84,6 +87,21 @@ def checks(rig: RawRig, measured: BoardMeasurement, board: Board) -> list[CheckR
         )
     )
     return results
+
+
+def determination(found: StereoCalibration) -> list[CheckResult]:
+    """Checks that the views determine focal length and baseline."""
+    doubted = dict(undetermined(found, LARGEST_RELATIVE_STD))
+    deviations = dict(undetermined(found, 0.0))
+    return [
+        CheckResult(
+            undetermined_text(what, doubted[what]) if what in doubted else f"{what} determined by the views",
+            f"+- {100 * deviation:.2f} %",
+            f"below {100 * LARGEST_RELATIVE_STD:g}",
+            what not in doubted,
+        )
+        for what, deviation in deviations.items()
+    ]
 
 
 def _camera(camera: RawCamera, name: str) -> list[CheckResult]:

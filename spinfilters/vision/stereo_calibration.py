@@ -1,47 +1,34 @@
 """Calibration of a stereo pair from views of a board (Zhang 2000; Tweddle 2013, section 2.8)."""
 
-from dataclasses import dataclass, field
-from typing import Final, NamedTuple
+from dataclasses import dataclass, field, replace
+from typing import Final
 
 import cv2
 import numpy as np
 from jaxtyping import Float
 
 from spinfilters.errors import InputError
+from spinfilters.vision.calibration_covariance import RELATIVE, calibration_covariance
 from spinfilters.vision.calibration_images import FEWEST_PAIRS, Board, BoardView
+from spinfilters.vision.camera_calibration import (
+    ITERATIONS,
+    PARAMETERS,
+    CameraCalibration,
+    CameraPair,
+    RelativePose,
+    calibrated_camera,
+)
+from spinfilters.vision.distinct_views import distinct_views
 from spinfilters.vision.raw_rig import RawCamera, RawRig
 
 OUTLIER: Final = 3.0
 """Times the median error of all views, beyond which a view is left out."""
 LARGEST_ERROR_PX: Final = 1.5
 """Error below which no view is left out, however good the others are."""
-PARAMETERS: Final[tuple[str, ...]] = ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3")
-_ITERATIONS: Final = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 200, 1e-9)
-
-
-@dataclass(frozen=True)
-class CameraCalibration:
-    """Calibration of one camera.
-
-    Attributes
-    ----------
-    K, distortion: found.   std: standard deviation of `PARAMETERS`.   rms: px.
-    view_errors: (v,) rms of each view, px.   poses: of the board in the camera, rotation vector and place, (v, 6).
-    """
-
-    K: Float[np.ndarray, "3 3"]
-    distortion: Float[np.ndarray, " 5"]
-    std: dict[str, float]
-    rms: float
-    view_errors: Float[np.ndarray, " v"]
-    poses: Float[np.ndarray, "v 6"]
-
-
-class CameraPair(NamedTuple):
-    """Calibrations of both cameras, each by itself."""
-
-    left: CameraCalibration
-    right: CameraCalibration
+LEAST_TRANSFER_ERROR_PX: Final = 2.0
+"""Of the right corners where the left image predicts them, below which images are a pair."""
+HOPELESS_STD: Final = 0.1
+"""Relative deviation of focal length or baseline from which there is no calibration at all."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +38,8 @@ class StereoCalibration:
     Attributes
     ----------
     rig: body frame is the left camera.   cameras: left and right.   rms: of the pair, px.   views: that were used.
-    dropped: name of a view and why it was left out.   baseline_std: m.   rotation_std: of the angle between the cameras, rad.
+    dropped: name of a view and why it was left out.   repeated: name of a view, and of the one at whose place it shows the board,
+    with which it counts as one.   baseline_std: m.   rotation_std: of the angle between the cameras, rad.
     view_errors: (v, 2) rms of each used view in both images, px.
     """
 
@@ -60,31 +48,60 @@ class StereoCalibration:
     rms: float
     views: list[BoardView]
     dropped: dict[str, str]
+    repeated: dict[str, str]
     baseline_std: float
     rotation_std: float
     view_errors: Float[np.ndarray, "v 2"] = field(repr=False)
+
+    @property
+    def baseline(self) -> float:
+        """Distance between the cameras, m."""
+        return float(np.linalg.norm(self.rig.relative_position))
 
 
 def calibrate_stereo(views: list[BoardView], board: Board, size: tuple[int, int]) -> StereoCalibration:
     """Calibrate both cameras, then their relative pose.
 
-    Views that disagree with the others are left out and named.
+    Views that disagree with the others are left out and named; those that show the board at one place count as one.
 
     Raises
     ------
-    InputError: fewer than four views that agree.
+    InputError: fewer than four views that differ and agree; views that do not determine focal length or baseline.
     """
     dropped: dict[str, str] = {}
-    views = list(views)
+    views, repeated = distinct_views(views, size)
+    if len(views) < FEWEST_PAIRS <= len(views) + len(repeated):
+        raise InputError(
+            f"the views do not determine the focal length: {len(views) + len(repeated)} views show the board at only {len(views)} "
+            f"of {FEWEST_PAIRS} different places that are needed; move the board and tilt it between the images"
+        )
     while True:
         _require(views, dropped)
-        cameras = CameraPair(*(_calibrated(views, board, size, right=right) for right in (False, True)))
-        reason = _worst_camera(views, cameras) or _worst_pair(views, cameras)
+        cameras = CameraPair(*(calibrated_camera(views, board, size, right=right) for right in (False, True)))
+        reason = _worst_camera(views, cameras) or _worst_pair(views, cameras, board)
         if reason is None:
             break
         row, why = reason
         dropped[views.pop(row).name] = why
-    return _joined(views, cameras, board, size, dropped)
+    found = _joined(views, cameras, board, size, dropped, repeated)
+    for what, deviation in undetermined(found, HOPELESS_STD):
+        raise InputError(f"{undetermined_text(what, deviation)} between the images")
+    return found
+
+
+def undetermined(found: StereoCalibration, limit: float) -> list[tuple[str, float]]:
+    """Focal length and baseline where their relative deviations are not below a limit: name and deviation."""
+    deviations = {
+        "focal length": max(camera.focal_std for camera in found.cameras),
+        "baseline": found.baseline_std / found.baseline,
+    }
+    return [(what, deviation) for what, deviation in deviations.items() if not deviation < limit]
+
+
+def undetermined_text(what: str, deviation: float) -> str:
+    """Sentence that the views do not determine a quantity, with the cure."""
+    known = f"+- {100 * deviation:.1f} %" if deviation < 1 else "known to no digit"
+    return f"the views do not determine the {what} ({known}): move the board and tilt it by 20 to 45 degrees"
 
 
 def _require(views: list[BoardView], dropped: dict[str, str]) -> None:
@@ -93,21 +110,6 @@ def _require(views: list[BoardView], dropped: dict[str, str]) -> None:
         raise InputError(
             f"{len(views)} views of the board agree, {FEWEST_PAIRS} are needed ({left_out}); check the pairs"
         )
-
-
-def _calibrated(
-    views: list[BoardView], board: Board, size: tuple[int, int], right: bool
-) -> CameraCalibration:
-    points = [board.points[view.seen].astype(np.float32) for view in views]
-    pixels = [(view.right if right else view.left)[view.seen].astype(np.float32) for view in views]
-    rms, K, distortion, turns, places, deviations, _, errors = cv2.calibrateCameraExtended(
-        points, pixels, size, np.eye(3), np.zeros(5), criteria=_ITERATIONS
-    )
-    std: dict[str, float] = dict(zip(PARAMETERS, np.asarray(deviations).ravel()[:9].tolist(), strict=True))
-    poses = np.column_stack([np.reshape(turns, (-1, 3)), np.reshape(places, (-1, 3))])
-    return CameraCalibration(
-        np.asarray(K), np.asarray(distortion).ravel()[:5], std, float(rms), np.asarray(errors).ravel(), poses
-    )
 
 
 def _worst_camera(views: list[BoardView], cameras: CameraPair) -> tuple[int, str] | None:
@@ -124,16 +126,21 @@ def _worst_camera(views: list[BoardView], cameras: CameraPair) -> tuple[int, str
     return None
 
 
-def _worst_pair(views: list[BoardView], cameras: CameraPair) -> tuple[int, str] | None:
+def _worst_pair(views: list[BoardView], cameras: CameraPair, board: Board) -> tuple[int, str] | None:
     """The view whose relative camera pose deviates most from the others.
 
-    Its images were not taken together.
+    Its images were not taken together. A far or blurred view has a poor pose of the board: it is left out only if its right corners
+    also stand elsewhere than its left ones say.
     """
     turns, places = _relative(cameras)
-    typical = np.median(places, axis=0)
+    typical_turn, typical = np.median(turns, axis=0), np.median(places, axis=0)
     off = np.linalg.norm(places - typical, axis=1)
-    angle = np.linalg.norm(turns - np.median(turns, axis=0), axis=1)
-    score = np.maximum(off / _limit(off, 0.1 * float(np.linalg.norm(typical))), angle / _limit(angle, 0.02))
+    angle = np.linalg.norm(turns - typical_turn, axis=1)
+    missed = _transfer_errors(views, cameras, board, RelativePose(typical_turn, typical))
+    stands_elsewhere = np.maximum(
+        off / _limit(off, 0.1 * float(np.linalg.norm(typical))), angle / _limit(angle, 0.02)
+    )
+    score = np.minimum(stands_elsewhere, missed / _limit(missed, LEAST_TRANSFER_ERROR_PX))
     row = int(score.argmax())
     if score[row] <= 1:
         return None
@@ -141,6 +148,23 @@ def _worst_pair(views: list[BoardView], cameras: CameraPair) -> tuple[int, str] 
         f"its images are no pair: the cameras stand {1e3 * off[row]:.1f} mm and {np.rad2deg(angle[row]):.2f} deg otherwise than in "
         f"the other views"
     )
+
+
+def _transfer_errors(
+    views: list[BoardView],
+    cameras: CameraPair,
+    board: Board,
+    relative: RelativePose,
+) -> Float[np.ndarray, " v"]:
+    """Rms by which right corners miss those that the left pose of the board predicts, px, of each view."""
+    found = []
+    for view, pose in zip(views, cameras.left.poses, strict=True):
+        turn, place = cv2.composeRT(pose[:3], pose[3:], *relative)[:2]
+        pixels = cv2.projectPoints(board.points, turn, place, cameras.right.K, cameras.right.distortion)[
+            0
+        ].reshape(-1, 2)
+        found.append(np.sqrt(((pixels - view.right)[view.seen] ** 2).sum(axis=1).mean()))
+    return np.array(found)
 
 
 def _limit(values: Float[np.ndarray, " v"], least: float) -> float:
@@ -180,8 +204,9 @@ def _joined(
     board: Board,
     size: tuple[int, int],
     dropped: dict[str, str],
+    repeated: dict[str, str],
 ) -> StereoCalibration:
-    """The relative pose, with both cameras as they are."""
+    """The relative pose, with both cameras as they are, and the covariance of all."""
     left, right = cameras
     turns, places = _relative(cameras)
     middle = cv2.Rodrigues(np.median(turns, axis=0))[0], np.median(places, axis=0).reshape(3, 1)
@@ -190,25 +215,29 @@ def _joined(
         *(left.K, left.distortion.copy(), right.K, right.distortion.copy(), size),
         *middle,
         flags=cv2.CALIB_FIX_INTRINSIC,
-        criteria=_ITERATIONS,
+        criteria=ITERATIONS,
     )
     R, t = np.asarray(solved[5]), np.asarray(solved[6]).ravel()
     first = RawCamera(_four(left.K), left.distortion, *size, np.eye(3), np.zeros(3))
     second = RawCamera(_four(right.K), right.distortion, *size, R.T, -R.T @ t)
+    known = calibration_covariance(views, board, cameras, RelativePose(cv2.Rodrigues(R)[0].ravel(), t), size)
+    deviations = known.std
+    of_pose, along = known.covariance[RELATIVE, RELATIVE], t / np.linalg.norm(t)
     return StereoCalibration(
         RawRig(first, second),
-        cameras,
+        CameraPair(_with_std(left, deviations[:9]), _with_std(right, deviations[9:18])),
         float(solved[0]),
         views,
         dropped,
-        _std_of_mean(np.linalg.norm(places, axis=1)),
-        _std_of_mean(np.linalg.norm(turns - cv2.Rodrigues(R)[0].ravel(), axis=1)),
+        repeated,
+        float(np.sqrt(along @ of_pose[3:, 3:] @ along)),
+        float(np.sqrt(np.trace(of_pose[:3, :3]))),
         np.asarray(solved[-1]).reshape(-1, 2),
     )
 
 
-def _std_of_mean(values: Float[np.ndarray, " v"]) -> float:
-    return float(np.std(values, ddof=1) / np.sqrt(len(values)))
+def _with_std(camera: CameraCalibration, deviations: Float[np.ndarray, " 9"]) -> CameraCalibration:
+    return replace(camera, std=dict(zip(PARAMETERS, deviations.tolist(), strict=True)))
 
 
 def _four(K: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, " 4"]:
