@@ -249,7 +249,8 @@ def _step(
         return np.clip(by, -LONGEST_NEAR, LONGEST_NEAR), np.sqrt(np.diag(covariance))
     information = np.maximum(working.variances_information, TINY)
     gain = np.clip(residuals.squares / (2 * information), *GAINS)
-    return np.clip(gain * logarithms, -LONGEST_STEP, LONGEST_STEP), 1 / np.sqrt(information)
+    # A level far below what the data see has no information of theirs: the prior's bounds how far it may still be from settled.
+    return np.clip(gain * logarithms, -LONGEST_STEP, LONGEST_STEP), 1 / np.sqrt(information + PRIOR_INFORMATION)
 
 
 def _symmetric_sqrt(covariance: Float[np.ndarray, "c c"]) -> Float[np.ndarray, "c c"]:
