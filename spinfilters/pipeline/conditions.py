@@ -14,11 +14,13 @@ from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.data.sensor_format import sensor_format
 from spinfilters.estimators.identification.components import VarianceComponent
 from spinfilters.evaluation.truth_consistency import contradictions
+from spinfilters.pipeline.identified_noise import smallest_level
 from spinfilters.pipeline.setup import Setup
 from spinfilters.sensors.sensor import sensor_of
 
 STATED, IDENTIFIED, PRIOR = "stated", "identified", "prior"
 FORCE_UNIT, TORQUE_UNIT = "(m/s^2)^2/Hz", "(rad/s^2)^2/Hz"
+ROUNDING = 1 + 1e-6
 MOST_LINES, LONGEST = 5, 240
 """Of sentences that are read from a file."""
 
@@ -31,6 +33,7 @@ class StatedNoise:
     ----------
     label: what it is called in a sentence.   source: `STATED`, `IDENTIFIED`, or `PRIOR` where the data only bound it, or nothing.
     std: of an identified value.   upper: bound on one that cannot be told from zero.
+    smallest: level below which none is identified; 0 of what has no such bound.
     """
 
     name: str
@@ -40,6 +43,12 @@ class StatedNoise:
     source: str = STATED
     std: float | None = None
     upper: float | None = None
+    smallest: float = 0.0
+
+    @property
+    def is_absent(self) -> bool:
+        """Whether the measurements show no noise at all, as those of a simulation without it."""
+        return self.source == PRIOR and self.upper is not None and self.value <= ROUNDING * self.smallest
 
     @property
     def document(self) -> dict[str, Any]:
@@ -102,7 +111,8 @@ class Conditions:
         noise = f"Noise: {_listed(self.sensors)}; disturbances: {_listed(self.disturbances)}."
         counted = [_counted(each) for each in self.calibration if each.std > 0]
         calibration = [f"Deviations count errors of {', '.join(counted)}."] if counted else []
-        return [*([" ".join(first)] if first else []), noise, *calibration, *self.contradictions]
+        absent = [_absent(each) for each in self.sensors if each.is_absent]
+        return [*([" ".join(first)] if first else []), noise, *absent, *calibration, *self.contradictions]
 
     @property
     def document(self) -> dict[str, Any]:
@@ -162,7 +172,8 @@ def _sensor_noise(stream: MeasurementStream, setup: Setup) -> Iterator[StatedNoi
         if value > 0:
             own = stream.covariance is not None and option.components is not None
             source = STATED if own else _source(option.name, setup)
-            noise = StatedNoise(option.name, option.words, value, option.allowed.unit or "1", source)
+            smallest, unit = smallest_level(option.name), option.allowed.unit or "1"
+            noise = StatedNoise(option.name, option.words, value, unit, source, smallest=smallest)
             yield noise.identified(setup.identified)
 
 
@@ -198,6 +209,14 @@ def _counted(considered: ConsideredDeviation) -> str:
     parameter, std = considered.parameter, considered.std
     size = f"{100 * std:.2g} %" if parameter.unit == "1" else f"{std:.2g} {parameter.unit}"
     return f"{parameter.words} {size}{' (assumed)' if considered.source == PRIOR else ''}"
+
+
+def _absent(noise: StatedNoise) -> str:
+    """What is assumed of a sensor that shows no noise, and how to assume another."""
+    return (
+        f"No noise is seen in the {noise.label} (a simulation without noise?): {noise.value:.1g} {noise.unit} is assumed and NIS is "
+        f"far below one; state sensors.{noise.name} for another."
+    )
 
 
 def _listed(noise: tuple[StatedNoise, ...]) -> str:

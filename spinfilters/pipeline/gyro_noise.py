@@ -32,6 +32,7 @@ WHOLE_RECORDING = 400
 FIRST_SCALE = 0.01
 """Relative error from which the identification begins: a per cent is what phones do."""
 SMALLEST_SCALE = 1e-5
+"""Relative error below which no gyro is: torque-free motion then explains the rates to what a simulation without noise leaves."""
 WHITE = 2.5
 """Correlation time, in samples, below which an error counts as white: simulated white noise stays below 2, phones lie above 4."""
 LARGEST_ERROR = 0.04
@@ -58,6 +59,14 @@ class GyroNoise:
     def is_white(self) -> bool:
         """Whether errors of successive samples are uncorrelated."""
         return self.correlation_time < WHITE
+
+    @property
+    def is_noise_free(self) -> bool:
+        """Whether it is smaller than that of any gyro, as of a simulation without noise.
+
+        What is left of the rates is rounding, whose correlation says nothing of a gyro.
+        """
+        return self.relative_error < SMALLEST_SCALE
 
     @property
     def is_of_flight(self) -> bool:

@@ -7,7 +7,7 @@ from typing import Final, Protocol
 import numpy as np
 
 from spinfilters.data.measurement_log import MeasurementLog
-from spinfilters.data.sensor_format import sensor_format
+from spinfilters.data.sensor_format import noise_options, sensor_format
 from spinfilters.estimators.identification.components import (
     DISTURBANCES,
     FORCE_PSD,
@@ -32,6 +32,9 @@ SAME_STATES: Final[float] = 0.3
 """Standard deviations of an epoch's whole state, within which two solutions are one."""
 LONGER_ROUNDS: Final[int] = 2
 """Initialisations at most of more epochs than the share."""
+SMALLEST_SHARE_OF_DEFAULT: Final[float] = 1e-4
+"""Of a noise option's default, the least level that is identified: no such sensor is better, and what is less is a simulation without
+noise, whose residuals are those of rounding and of integration (1e-9 of a step) and tell no level."""
 
 
 @dataclass(frozen=True)
@@ -139,6 +142,11 @@ def _agree(start: InitialEstimate, found: Identified) -> bool:
     return bool(normalised_square(away, start.factor).max() < SAME_STATES**2)
 
 
+def smallest_level(option: str) -> float:
+    """Level of a noise option below which none is identified, in its unit."""
+    return SMALLEST_SHARE_OF_DEFAULT * noise_options()[option].default
+
+
 def noise_model(problem: Problem, noise: SensorNoise, unstated: Unstated) -> NoiseModel | None:
     """The problem of some epochs with its unknown levels; None where it has none."""
     seen = (
@@ -154,7 +162,8 @@ def noise_model(problem: Problem, noise: SensorNoise, unstated: Unstated) -> Noi
         rows = {k: own for k, own in rows.items() if own}
         if rows or seen & set(by_sensor):
             value = getattr(noise, option)
-            components.append(ComponentRows(option, value, rows, bool(seen & set(by_sensor))))
+            tracks = bool(seen & set(by_sensor))
+            components.append(ComponentRows(option, value, rows, tracks, smallest_level(option)))
     densities = tuple(name for name in unstated.densities if problem.layout.translates or name != FORCE_PSD)
     return NoiseModel(problem, tuple(components), densities) if components or densities else None
 

@@ -172,7 +172,7 @@ def stated_models(
     if unknown is None:
         return StatedModels(process, noise)
     found, option = recorded_gyro_noise(unknown, process, noise, settings.initialisation)
-    if found.is_white:
+    if found.is_white or found.is_noise_free:
         return StatedModels(process, replace(noise, **white_level(unknown, found)))
     return StatedModels(process, replace(noise, **{option: found.scale_std}), found, unknown)
 

@@ -30,12 +30,14 @@ class ComponentRows:
     name: of the noise option.   value: that the problem was stated with, in the option's unit.
     sensors: rows of the innovation, by the sensor's number in `Motion.sensors`.
     landmarks: whether observations of landmarks are scaled by it.
+    smallest: level below which an identification does not go, in the option's unit; 0 for no bound.
     """
 
     name: str
     value: float
     sensors: Mapping[int, tuple[int, ...]] = field(default_factory=dict)
     landmarks: bool = False
+    smallest: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 Laplace's approximation of the marginal likelihood of theta = ln variances is maximised together with the states: each iteration
 takes one Gauss-Newton step of the states and one of theta,
 
-    theta += min(max(r / 2F, 0.1), 4) ln((r + slope) / S),
+    theta += min(max((r + slope) / (2F + slope), 0.1), 4) ln((r + slope) / S),
 
 with r and S of `residuals` and F the average information F = u' (I - J P J') u / 2 of the working variables (Gilmour, Thompson and
 Cullis 1995), which is exact at the optimum and grows with r far above it.
@@ -169,7 +169,8 @@ def _optimum(
     theta: Float[np.ndarray, " c"],
 ) -> _Optimum | None:
     """The likeliest levels of a model; None where the problem has no solution."""
-    rule = GaussNewton()
+    rule, lowest = GaussNewton(), model.lowest
+    theta = np.maximum(theta, lowest)
     for iteration in range(1, ITERATIONS + 1):
         problem = model.scaled(theta)
         here = problem.at(trajectory, points, STAGE.pose_only_loss)
@@ -179,6 +180,7 @@ def _optimum(
         residuals = residuals_of(problem, here, normal, model.components, model.densities)
         working = WorkingSolutions(problem, here, normal, residuals.sources)
         by, deviations = _step(working, residuals)
+        by = np.maximum(theta + by, lowest) - theta
         away = float(np.max((np.abs(by) - NEGLIGIBLE) / deviations))
         if away <= SETTLED or iteration == ITERATIONS:
             covariance = _covariance(working.information)
@@ -247,8 +249,9 @@ def _step(
         covariance = _covariance(working.information)
         by = covariance @ (residuals.squares / 2 * logarithms)
         return np.clip(by, -LONGEST_NEAR, LONGEST_NEAR), np.sqrt(np.diag(covariance))
-    information = np.maximum(working.variances_information, TINY)
-    gain = np.clip(residuals.squares / (2 * information), *GAINS)
+    # A level far below what the data see has no information of theirs: the prior's bounds how far it may still be from settled.
+    information = working.variances_information + PRIOR_INFORMATION
+    gain = np.clip((residuals.squares + PRIOR_SLOPE) / (2 * information), *GAINS)
     return np.clip(gain * logarithms, -LONGEST_STEP, LONGEST_STEP), 1 / np.sqrt(information)
 
 

@@ -79,6 +79,12 @@ class NoiseModel:
             found[k] = np.log(max(good)) if good else 0.0
         return found
 
+    @property
+    def lowest(self) -> Float[np.ndarray, " c"]:
+        """Least ln variances, of the components' smallest levels; densities have none."""
+        bounds = [2 * np.log(c.smallest / c.value) if c.smallest > 0 else -np.inf for c in self.components]
+        return np.array([*bounds, *(-np.inf for _ in self.densities)])
+
     def values(self, log_variance: Float[np.ndarray, " c"]) -> tuple[float, ...]:
         """Standard deviations and densities."""
         noise, factor = self._noise, np.exp(log_variance)
