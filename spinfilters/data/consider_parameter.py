@@ -4,12 +4,18 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
+import numpy as np
+from jaxtyping import Float
+
 from spinfilters.data.stated_values import NumberRange
 from spinfilters.errors import InputError
 from spinfilters.plugins import PluginGroup
 
 Moved = Callable[[Any, Any, Any], tuple[Any, Any]]
 """Gives measured values and the parameters of a measurement, were the calibration larger by an error: CasADi expressions."""
+Displaced = Callable[[Float[np.ndarray, " k"], Float[np.ndarray, "k 7"]], Float[np.ndarray, "k 6 m"]]
+"""Displacement of a camera's known poses per unit of m errors, from times (k,) s and poses (k, 7)
+(`spinfilters.geometry.camera_displacements`)."""
 
 
 @dataclass(frozen=True)
@@ -22,7 +28,9 @@ class ConsiderParameter:
     default: deviation where nobody states one.
     sensors: that it is of, by name; none of the clock, by which all durations are scaled.
     size: how many independent errors share the deviation.
-    moved: see `Moved`; None of the clock.
+    moved: see `Moved`; None of the clock, and of an inspector.
+    displaced: of the known trajectory of a moving camera, see `Displaced`; None of anything else. What its errors leave in the
+        residuals tells them, so that a run considers what is left of the deviation beside that.
     block: of a state that estimates it, which need not consider it then; empty where none does.
     order: of tables.
     """
@@ -34,6 +42,7 @@ class ConsiderParameter:
     sensors: tuple[str, ...] = ()
     size: int = 1
     moved: Moved | None = None
+    displaced: Displaced | None = None
     block: str = ""
     order: int = 50
 
@@ -42,8 +51,15 @@ class ConsiderParameter:
         """Unit of the deviation; "1" of a relative one."""
         return self.allowed.unit if self.allowed.unit in UNITS else "1"
 
-    def concerns(self, sensors: Iterable[str]) -> bool:
-        """Whether it affects one of these sensors; the clock affects all."""
+    @property
+    def of_clock(self) -> bool:
+        """Whether it scales all durations."""
+        return self.moved is None and self.displaced is None
+
+    def concerns(self, sensors: Iterable[str], inspector: bool = False) -> bool:
+        """Whether it affects one of these sensors; the clock affects all, an inspector's only cameras that move."""
+        if self.displaced is not None and not inspector:
+            return False
         return not self.sensors or bool(set(self.sensors) & set(sensors))
 
 
@@ -61,7 +77,7 @@ class ConsideredDeviation:
     source: str
 
 
-UNITS: Final = ("px",)
+UNITS: Final = ("px", "m/min", "rad/min", "s")
 """Of deviations that are not relative."""
 PARAMETERS: Final = PluginGroup(
     "spinfilters.sensors.calibration", "PARAMETER", ConsiderParameter, group="spinfilters.calibration"
@@ -81,7 +97,13 @@ def consider_parameters() -> Mapping[str, ConsiderParameter]:
     return found
 
 
-def exact_calibration(sensors: Iterable[str]) -> dict[str, float]:
-    """Deviations of a simulated calibration, which has no error, for `DatasetOptions.calibration`."""
+def exact_calibration(sensors: Iterable[str], inspector: bool = False) -> dict[str, float]:
+    """Deviations of a simulated calibration, which has no error, for `DatasetOptions.calibration`.
+
+    Parameters
+    ----------
+    inspector : bool
+        Whether there is a camera that moves, whose poses are exact, too.
+    """
     names = tuple(sensors)
-    return {name: 0.0 for name, each in consider_parameters().items() if each.concerns(names)}
+    return {name: 0.0 for name, each in consider_parameters().items() if each.concerns(names, inspector)}

@@ -15,11 +15,11 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinfilters.data.consider_parameter import ConsideredDeviation
+from spinfilters.data.consider_parameter import ConsideredDeviation, Displaced
 from spinfilters.errors import NUMERICAL_ERRORS
 from spinfilters.estimators.estimator import Measurement
 from spinfilters.estimators.history import EstimateHistory
-from spinfilters.estimators.model_errors.calibration_sensitivity import smoothed_sensitivity
+from spinfilters.estimators.model_errors.calibration_sensitivity import smoothed_sensitivity, told_information
 from spinfilters.estimators.model_errors.hypotheses import solved_near
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
 from spinfilters.estimators.model_errors.solved_columns import Sensitivity
@@ -28,6 +28,8 @@ from spinfilters.estimators.smoothing.factors.sensor_rows import STRETCH
 from spinfilters.estimators.smoothing.problem.least_squares import problem_of
 from spinfilters.estimators.smoothing.solver.batch_smoother import NO_LANDMARKS, smooth_problem
 from spinfilters.estimators.timeline import LogTimeline, Timeline, times_of
+from spinfilters.geometry.camera_displacements import displaced
+from spinfilters.models.sensor_models.camera_landmark import MOVING, CameraLandmark
 from spinfilters.pipeline.estimator_entry import AnyEntry, estimator_entries
 from spinfilters.pipeline.model_errors import MOST_EPOCHS_WITH_MAP, landmarks_placed, linear_problem
 from spinfilters.pipeline.setup import Setup
@@ -61,13 +63,34 @@ class CalibrationErrors:
         try:
             with np.errstate(all="ignore"):  # what is not finite becomes a status
                 errors = self._errors(history, entry)
-                known = errors is not None and np.isfinite(errors).all()
-                counted = history.considering(errors) if errors is not None and known else None
+                told = None if errors is None else self._untold(history)
+                known = errors is not None and told is not None and np.isfinite(errors).all()
+                counted = history.considering(errors @ told) if known else None
         except NUMERICAL_ERRORS:
             counted = None
         if counted is None or not np.isfinite(counted.factor).all():
             return replace(history, status=history.status.degraded(UNKNOWN, "calibration-uncounted"))
         return counted
+
+    def _untold(self, history: EstimateHistory) -> Float[np.ndarray, "c c"] | None:
+        """Factor of what the residuals leave of the considered errors, in their deviations.
+
+        The identity of what no residual shows. Errors of an inspector's poses are told from the motion where it does not move
+        evenly: what is left of them is C C' = (I + F)^-1, with F the information of their score test. A larger one is named.
+        """
+        sizes = [each.parameter.size for each in self.considered]
+        every = np.eye(sum(sizes))
+        of_inspector = np.repeat([each.parameter.displaced is not None for each in self.considered], sizes)
+        if not of_inspector.any():
+            return every
+        epochs = self.setup.timeline[: min(len(history.time), MOST_EPOCHS_WITH_MAP)]
+        motion = self._motion(epochs, history.mean[: len(epochs)])
+        if motion is None:
+            return None
+        considered = [each for each in self.considered if each.parameter.displaced is not None]
+        F = told_information(motion, considered)
+        every[np.ix_(of_inspector, of_inspector)] = np.linalg.cholesky(np.linalg.inv(np.eye(len(F)) + F))
+        return every
 
     def _errors(self, history: EstimateHistory, entry: AnyEntry) -> Float[np.ndarray, "n e c"] | None:
         epochs, first = self.setup.timeline[: len(history.time)], len(self.setup.initial.mean)
@@ -156,26 +179,50 @@ class CalibrationErrors:
         self, epochs: Timeline, trajectory: Float[np.ndarray, "k m"], ids: Int[np.ndarray, " L"] | None = None
     ) -> Sensitivity | None:
         """Sensitivity of epochs smoothed together."""
+        motion = self._motion(epochs, trajectory, ids)
+        return None if motion is None else smoothed_sensitivity(motion, self.considered)
+
+    def _motion(
+        self, epochs: Timeline, trajectory: Float[np.ndarray, "k m"], ids: Int[np.ndarray, " L"] | None = None
+    ) -> SmoothedMotion | None:
+        """The most probable motion near a trajectory; None where there is none."""
         problem = linear_problem(self.setup, epochs, ids)
         solved = solved_near(problem, trajectory, landmarks_placed(problem, trajectory))
-        return (
-            None
-            if solved is None
-            else smoothed_sensitivity(SmoothedMotion(times_of(epochs), solved), self.considered)
-        )
+        return None if solved is None else SmoothedMotion(times_of(epochs), solved)
 
 
 def with_error(epochs: LogTimeline, considered: ConsideredDeviation, error: np.ndarray) -> LogTimeline:
     """Epochs as they would be, were the calibration larger by an error."""
     parameter = considered.parameter
-    if parameter.moved is None:
+    if parameter.of_clock:
         begin = epochs.time[0]
         return replace(epochs, time=begin + (epochs.time - begin) * (1 + error[0]))
+    if parameter.displaced is not None:
+        return _with_displaced_camera(epochs, parameter.displaced, error)
+    assert parameter.moved is not None
     sensors = []
     for part in epochs.sensors:
         every = part.every
         if every.model.name in parameter.sensors:
             changed = every.model.with_error(parameter.moved, error, every.values, every.parameters)
             part = replace(part, every=Measurement(every.model, *changed, every.ids))
+        sensors.append(part)
+    return replace(epochs, sensors=tuple(sensors))
+
+
+def _with_displaced_camera(epochs: LogTimeline, displacement: Displaced, error: np.ndarray) -> LogTimeline:
+    """Epochs with the known poses of the camera displaced."""
+    sensors = []
+    for part in epochs.sensors:
+        model, parameters = part.every.model, part.every.parameters
+        if isinstance(model, CameraLandmark) and model.pose is MOVING:
+            rows = np.concatenate([np.arange(a, b) for a, b in zip(part.first, part.end, strict=True)])
+            time = epochs.time.repeat(part.end - part.first)
+            stamps, first, which = np.unique(time, return_index=True, return_inverse=True)
+            poses = parameters[rows, -MOVING.parameter_dim :]
+            by = displacement(stamps, poses[first]) @ error
+            parameters = parameters.copy()
+            parameters[rows, -MOVING.parameter_dim :] = displaced(poses, by[which.reshape(-1)])
+            part = replace(part, every=replace(part.every, parameters=parameters))
         sensors.append(part)
     return replace(epochs, sensors=tuple(sensors))

@@ -32,7 +32,8 @@ from spinfilters.sensors.feature_tracks import (
 from spinfilters.sensors.sensor import has_error, sensor_of
 from spinfilters.sensors.simulated_scene import Scene, SimulatedStream
 from spinfilters.simulation import bundled_example
-from spinfilters.simulation.inspector import INSPECTORS, STATIC
+from spinfilters.simulation.inspector import INSPECTORS, STATIC, InspectorPath
+from spinfilters.simulation.inspector_errors import require_inspector_errors, told_trajectory
 from spinfilters.simulation.motion import SUBSTEPS, Motion, Progress, silent, simulate_motion
 from spinfilters.state.blocks.gyro_bias import GYRO_BIAS
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
@@ -70,7 +71,9 @@ class Scenario:
     noise: disturbances of the motion; the thesis' are `spinfilters.models.process.THESIS_NOISE`.
     candidates: motions that are drawn where a sensor sees landmarks; the first that keeps the whole body in view is taken, or the
         first of all if none does.
-    inspector: how the camera moves, and is known to (`spinfilters.simulation.inspector.INSPECTORS`).
+    inspector: how the camera moves (`spinfilters.simulation.inspector.INSPECTORS`).
+    inspector_errors: (name, size) of what is wrong with the poses that are told of it
+        (`spinfilters.simulation.inspector_errors.INSPECTOR_ERRORS`).
     beside: (kind, interval s) of other sensors on the same motion; at most one sensor sees landmarks.
     seed: of everything random.
     """
@@ -98,6 +101,7 @@ class Scenario:
     noise: ProcessNoise = THESIS_NOISE
     candidates: int = bundled_example.CANDIDATES
     inspector: str = STATIC
+    inspector_errors: tuple[tuple[str, float], ...] = ()
     beside: tuple[tuple[str, float], ...] = ()
     seed: int = 0
 
@@ -120,6 +124,10 @@ class Scenario:
             raise InputError(f"inspector {self.inspector!r} is unknown; use one of {', '.join(INSPECTORS)}")
         if self.inspector != STATIC and not any(kinds[kind].has_landmarks for kind in self.kinds):
             raise InputError(f"an inspector carries a camera, and a {self.kind} has none; leave it {STATIC}")
+        require_inspector_errors(self.inspector_errors)
+        if self.inspector_errors and self.inspector == STATIC:
+            others = ", ".join(name for name in INSPECTORS if name != STATIC)
+            raise InputError(f"errors are of the poses of an inspector that moves; choose one: {others}")
         if not self.range_m > self.radius_m > 0:
             raise InputError(
                 f"the body of radius {self.radius_m} m must lie in front of the camera, range_m is {self.range_m} m"
@@ -202,7 +210,7 @@ def simulate(scenario: Scenario, progress: Progress = silent) -> Dataset:
 
 def measured(scenario: Scenario, motion: Motion, generator: np.random.Generator) -> Dataset:
     """A data set of a given true motion; surface and measurements are drawn."""
-    inspector = inspector_of(scenario, motion.time)
+    told = _told_inspector(scenario, motion.time)
     surface = ball(scenario.landmarks, scenario.radius_m, generator)
     simulated = [
         _simulated(scenario, kind, motion if not scenario.beside else motion.at(time), surface, generator)
@@ -215,11 +223,11 @@ def measured(scenario: Scenario, motion: Motion, generator: np.random.Generator)
         kind=scenario.kind,
         log=MeasurementLog(tuple(each.stream for each in simulated)),
         description=f"simulated {scenario.kind}, {scenario.epochs} epochs at {scenario.interval} s{others}, seed {scenario.seed}"
-        + ("" if inspector is None else f", inspector: {scenario.inspector}"),
+        + _inspector_words(scenario),
         truth=_truth(scenario, motion),
         rig=next((each.rig for each in simulated if each.rig is not None), None),
         known_map=known_map,
-        inspector=None if inspector is None else MeasurementStream("pose", inspector.time, inspector.poses),
+        inspector=None if told is None else MeasurementStream("pose", told.time, told.poses),
         options=_options(scenario, {name: std for each in simulated for name, std in each.noise.items()}),
     )
 
@@ -249,9 +257,27 @@ def _check_beside(scenario: Scenario) -> None:
 
 
 def inspector_of(scenario: Scenario, time: Float[np.ndarray, " n"]) -> CameraTrajectory | None:
-    """Inspector's trajectory about the body's first place; None of a resting one."""
+    """Inspector's true trajectory about the body's first place; None of a resting one."""
+    path = _path_of(scenario)
+    return None if path is None else CameraTrajectory(time, path(time - time[0]))
+
+
+def _told_inspector(scenario: Scenario, time: Float[np.ndarray, " n"]) -> CameraTrajectory | None:
+    """Trajectory that the data set tells of the inspector."""
+    path = _path_of(scenario)
+    return None if path is None else told_trajectory(path, time, scenario.inspector_errors)
+
+
+def _path_of(scenario: Scenario) -> InspectorPath | None:
     make = INSPECTORS[scenario.inspector]
-    return None if make is None else make(time, np.array([0.0, 0.0, scenario.range_m]))
+    return None if make is None else make(np.array([0.0, 0.0, scenario.range_m]), scenario.seed)
+
+
+def _inspector_words(scenario: Scenario) -> str:
+    if scenario.inspector == STATIC:
+        return ""
+    errors = "".join(f", {name} {size:g}" for name, size in scenario.inspector_errors)
+    return f", inspector: {scenario.inspector}{errors}"
 
 
 def without_map(dataset: Dataset) -> Dataset:
@@ -303,5 +329,6 @@ def _options(scenario: Scenario, sensor_noise: Mapping[str, float]) -> DatasetOp
     """Stated noise of sensor and motion (none of zero), an exact calibration."""
     motion = {"force_psd": scenario.noise.force_psd, "torque_psd": scenario.noise.torque_psd}
     stated = {name: value for name, value in {**motion, **sensor_noise}.items() if value > 0}
-    exact = exact_calibration(dataset_kinds()[kind].name for kind in scenario.kinds)
+    told = scenario.inspector != STATIC and not scenario.inspector_errors  # of wrong poses nothing is said
+    exact = exact_calibration((dataset_kinds()[kind].name for kind in scenario.kinds), inspector=told)
     return replace(DatasetOptions(notes={"seed": scenario.seed}, calibration=exact), **stated)

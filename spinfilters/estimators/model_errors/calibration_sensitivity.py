@@ -6,16 +6,33 @@ solution moves by S e with S = P J'H, from the same factors that solve for the s
 
 from collections.abc import Sequence
 
-from spinfilters.data.consider_parameter import ConsideredDeviation, ConsiderParameter
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.data.consider_parameter import ConsideredDeviation, ConsiderParameter, Displaced
 from spinfilters.estimators.model_errors.columns import Columns
+from spinfilters.estimators.model_errors.displaced_camera import KnownCamera, displaced_camera
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
 from spinfilters.estimators.model_errors.solved_columns import Sensitivity
 
 
 def smoothed_sensitivity(motion: SmoothedMotion, considered: Sequence[ConsideredDeviation]) -> Sensitivity:
     """Errors of states and landmarks by each independent error of the calibration, times its deviation."""
-    right = [calibration_columns(motion, each.parameter).scaled(each.std) for each in considered]
-    return motion.rows.sensitivity(Columns.joined(right))
+    return motion.rows.sensitivity(_columns(motion, considered))
+
+
+def told_information(
+    motion: SmoothedMotion, considered: Sequence[ConsideredDeviation]
+) -> Float[np.ndarray, "c c"]:
+    """Information of residuals about errors of the calibration, H'M H, each in its deviations."""
+    left = motion.rows.residual(_columns(motion, considered))
+    return left.gram(left)
+
+
+def _columns(motion: SmoothedMotion, considered: Sequence[ConsideredDeviation]) -> Columns:
+    return Columns.joined(
+        [calibration_columns(motion, each.parameter).scaled(each.std) for each in considered]
+    )
 
 
 def calibration_columns(motion: SmoothedMotion, parameter: ConsiderParameter) -> Columns:
@@ -23,7 +40,17 @@ def calibration_columns(motion: SmoothedMotion, parameter: ConsiderParameter) ->
 
     Per unit of a parameter, a column for each of its errors.
     """
-    if parameter.moved is None:
+    if parameter.of_clock:
         return motion.longer()
+    if parameter.displaced is not None:
+        return _of_inspector(motion, parameter.displaced, parameter.size)
     found = motion.shifted(lambda each: each.by_calibration(parameter))
     return motion.rows.nothing(parameter.size) if found is None else found
+
+
+def _of_inspector(motion: SmoothedMotion, displaced: Displaced, size: int) -> Columns:
+    """Were the poses displaced: what is expected then is subtracted."""
+    camera = KnownCamera.of(motion)
+    if camera is None:
+        return motion.rows.nothing(size)
+    return displaced_camera(motion, displaced, camera).scaled(-1.0)

@@ -13,13 +13,15 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy.polynomial.legendre import legvander
 
+from spinfilters.attitude.conversions import matrix_from_quaternion
 from spinfilters.data.consider_parameter import ConsiderParameter
 from spinfilters.dynamics.mass_distribution import inertia_matrix
 from spinfilters.estimators.model_errors.columns import Columns
 from spinfilters.estimators.model_errors.linear_rows import LinearRows
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.process import derivative
-from spinfilters.state.blocks.rigid_body import ATTITUDE, MASS_DISTRIBUTION, POSITION, RATE
+from spinfilters.state.blocks.acceleration import ACCELERATION
+from spinfilters.state.blocks.rigid_body import ATTITUDE, CENTRE_OF_MASS, MASS_DISTRIBUTION, POSITION, RATE
 from spinfilters.state.blocks.rigid_body import VELOCITY as CENTRE_VELOCITY
 from spinfilters.state.layout import StateLayout
 from spinfilters.symbolic import Compiled
@@ -143,6 +145,38 @@ class SmoothedMotion:
     def longer(self) -> Columns:
         """Right-hand sides of taking all durations for longer, per unit of their relative error."""
         return self._driven(-self.change[:, :, None])
+
+    def scaling(self, measured: Columns) -> Columns:
+        """Right-hand sides of a unit of length: what disturbs the motion is read in it, too.
+
+        A unit that is wrong by e makes the estimated motion larger by e, with all that disturbs it, and its residuals are as many
+        deviations as the disturbances were. Held to the densities, such residuals would always be least of a motion without any:
+        the score of the unit would be minus their squares, whose expectation is not zero but minus their redundancy. So the
+        densities move with the unit. With `a` the states per unit of scale, about the place of the first pose,
+
+            a: t_k - R_k R_0' t_0,  v,  c + R_0' t_0,  f,      H_steps = -J_steps a,
+
+        which leaves every step as it is along (e, a e). What then tells the unit are lengths beside the motion's own, such as the
+        path of an inspector.
+
+        Parameters
+        ----------
+        measured : Columns
+            One column, the change of the whitened innovations per unit of scale.
+        """
+        layout, dynamics = self.rows.problem.layout, self.rows.here.dynamics.rows
+        ordering, states = self.rows.problem.ordering, np.zeros((len(self.time), layout.error_dim, 1))
+        place, turned = self.block(POSITION.name), matrix_from_quaternion(self.block(ATTITUDE.name))
+        first = turned[0].T @ place[0]  # in g: the origin of a g that the scale leaves at the first pose
+        states[:, layout.slice(POSITION.name), 0] = place - turned @ first
+        states[:, layout.slice(CENTRE_VELOCITY.name), 0] = self.block(CENTRE_VELOCITY.name)
+        states[:, layout.slice(CENTRE_OF_MASS.name), 0] = self.block(CENTRE_OF_MASS.name) + first
+        if layout.has(ACCELERATION):
+            states[:, layout.slice(ACCELERATION.name), 0] = self.block(ACCELERATION.name)
+        d, moving = len(ordering.moving), states[:, ordering.moving]
+        steps = -(dynamics[:, :, :d] @ moving[:-1] + dynamics[:, :, d : 2 * d] @ moving[1:])
+        steps -= dynamics[:, :, 2 * d : -1] @ states[0, ordering.constant]
+        return replace(measured, steps=measured.steps + steps)
 
     def _driven(self, change: Float[np.ndarray, "k n m"]) -> Columns:
         """Right-hand sides of time derivatives of the state, 1/s per unit.

@@ -130,6 +130,11 @@ class Baseline(_CalibrationAlternative):
     cure = "calibrate the pair again (spinfilters calibrate)"
     parameter = baseline.PARAMETER
 
+    def columns(self, motion: SmoothedMotion) -> Columns | None:
+        """One column: the pixels of a longer baseline, and the motion in its unit."""
+        measured = super().columns(motion)
+        return None if measured is None else motion.scaling(measured)
+
 
 class RightCameraTurned(_PairAlternative):
     """Yaw, pitch and roll of the right camera, as far as they move its columns."""

@@ -1,0 +1,82 @@
+"""Errors of an inspector's known trajectory, and a camera that moves and of which no trajectory is given."""
+
+from typing import ClassVar, Final
+
+import numpy as np
+from jaxtyping import Float
+from numpy.polynomial.legendre import legvander
+
+from spinfilters.estimators.model_errors.alternative import Alternative
+from spinfilters.estimators.model_errors.columns import Columns
+from spinfilters.estimators.model_errors.displaced_camera import KnownCamera, displaced_camera
+from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
+from spinfilters.geometry.camera_displacements import Displacement, later, turning
+
+DEGREE: Final = 4
+"""Of the polynomials in time of a camera that moves; places of degree 1 are a velocity of the body."""
+
+
+class _InspectorAlternative(Alternative):
+    """An error of all poses of a moving camera."""
+
+    displacement: ClassVar[Displacement]
+
+    def columns(self, motion: SmoothedMotion) -> Columns | None:
+        """Columns of the displaced poses; None of a camera at rest."""
+        camera = KnownCamera.of(motion)
+        if camera is None or not camera.moves:
+            return None
+        return displaced_camera(motion, type(self).displacement, camera)
+
+
+class InspectorDelay(_InspectorAlternative):
+    """The inspector is where its poses say a moment later: they are late.
+
+    Of a uniform circle about a resting body a turned frame i, which nothing shows.
+    """
+
+    name, phrase, unit = "inspector-delay", "poses of the inspector that are late", "s"
+    plausible = 0.5
+    cure = "give inspector.tum on the clock of the images, or state calibration.inspector_clock_std"
+    displacement = staticmethod(later)
+
+
+class InspectorDrift(_InspectorAlternative):
+    """Attitudes of the inspector drift evenly.
+
+    An even drift of its places is a velocity of the body, which nothing shows.
+    """
+
+    name, phrase, unit = "inspector-drift", "attitudes of the inspector that drift", "rad/min"
+    plausible = 0.2
+    cure = "correct inspector.tum, or state calibration.inspector_rotation_std"
+    displacement = staticmethod(turning)
+
+
+class InspectorMissing(Alternative):
+    """The camera moves smoothly, and no trajectory is given.
+
+    Polynomials in time of its place and attitude, whose first frame is i.
+    """
+
+    name, phrase, unit = "inspector-missing", "a camera that moves", "rad and m"
+    plausible = 2.0
+    cure = "give the camera's known poses (inspector.tum), or fix the camera"
+
+    def columns(self, motion: SmoothedMotion) -> Columns | None:
+        """Columns of the turning, then of the places; None where a trajectory is given."""
+        camera = KnownCamera.of(motion)
+        if camera is None or camera.moves:
+            return None
+        return displaced_camera(motion, _smoothly, camera)
+
+
+def _smoothly(time: Float[np.ndarray, " k"], poses: Float[np.ndarray, "k 7"]) -> Float[np.ndarray, "k 6 m"]:
+    """Legendre polynomials of every axis, zero at the first time."""
+    values = legvander(2 * (time - time[0]) / (time[-1] - time[0]) - 1, DEGREE)
+    values = values - values[0]
+    turns, places = np.eye(6)[:, 3:], np.eye(6)[:, :3]
+    return np.concatenate([np.kron(values[:, None, 1:], turns), np.kron(values[:, None, 2:], places)], axis=2)
+
+
+ALTERNATIVES: Final = (InspectorDelay(), InspectorDrift(), InspectorMissing())

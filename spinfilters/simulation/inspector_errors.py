@@ -1,0 +1,133 @@
+"""What is wrong with the poses of a simulated inspector: told late, drifting, too few, or not at all."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.errors import InputError
+from spinfilters.geometry.camera_displacements import MINUTE, displaced, drifting, turning
+from spinfilters.geometry.camera_trajectory import CameraTrajectory
+from spinfilters.simulation.inspector import InspectorPath
+
+AXIS: Final = np.array([0.6, -0.48, 0.64])
+"""Of errors with a direction, axes i: unit length, and none of the frames' axes."""
+MOST_LATE: Final = 10.0
+"""s."""
+
+
+@dataclass(frozen=True)
+class ToldPoses:
+    """What is told of an inspector.
+
+    Attributes
+    ----------
+    path : InspectorPath
+        Poses by time since the first epoch.
+    time : (n,)
+        Of the poses, s.
+    """
+
+    path: InspectorPath
+    time: Float[np.ndarray, " n"]
+
+    @property
+    def trajectory(self) -> CameraTrajectory:
+        """Poses at all times."""
+        return CameraTrajectory(self.time, self.path(self.time - self.time[0]))
+
+
+@dataclass(frozen=True)
+class InspectorError:
+    """One thing that can be wrong.
+
+    Attributes
+    ----------
+    words : str
+        What it does, with the unit of its size.
+    apply : Callable
+        Told poses with the error, from right ones and its size; None where nothing is told.
+    largest : float
+        Of its size, which is positive; zero of an error without a size.
+    """
+
+    words: str
+    apply: Callable[[ToldPoses, float], ToldPoses | None]
+    largest: float = np.inf
+
+
+def _late(told: ToldPoses, size: float) -> ToldPoses:
+    return replace(told, path=lambda time: told.path(time - size))
+
+
+def _turning(told: ToldPoses, size: float) -> ToldPoses:
+    def path(time: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 7"]:
+        """Attitudes that drift by the size from the first pose to the last."""
+        poses = told.path(time)
+        return displaced(poses, turning(time, poses) @ (size * AXIS * _per_recording(told)))
+
+    return replace(told, path=path)
+
+
+def _drifting(told: ToldPoses, size: float) -> ToldPoses:
+    def path(time: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 7"]:
+        """Places that drift by the size from the first pose to the last."""
+        poses = told.path(time)
+        return displaced(poses, drifting(time, poses) @ (size * AXIS * _per_recording(told)))
+
+    return replace(told, path=path)
+
+
+def _per_recording(told: ToldPoses) -> float:
+    return MINUTE / float(told.time[-1] - told.time[0])
+
+
+def _sparse(told: ToldPoses, size: float) -> ToldPoses:
+    """Poses every ``size`` s, the last at or behind the last epoch."""
+    span = float(told.time[-1] - told.time[0])
+    return replace(told, time=told.time[0] + size * np.arange(int(np.ceil(span / size)) + 1))
+
+
+def _missing(told: ToldPoses, size: float) -> None:
+    return None
+
+
+INSPECTOR_ERRORS: Final[Mapping[str, InspectorError]] = MappingProxyType(
+    {
+        "late": InspectorError("poses are stamped so many s late", _late, MOST_LATE),
+        "turning": InspectorError("attitudes drift by so many rad over the recording", _turning, np.pi),
+        "drifting": InspectorError("places drift by so many m over the recording", _drifting),
+        "sparse": InspectorError("a pose every so many s only", _sparse),
+        "missing": InspectorError("no poses at all, as of a forgotten inspector.tum", _missing, 0.0),
+    }
+)
+"""By name."""
+
+
+def require_inspector_errors(errors: Sequence[tuple[str, float]]) -> None:
+    """InputError: an unknown error, or a size that it cannot have."""
+    for name, size in errors:
+        if name not in INSPECTOR_ERRORS:
+            raise InputError(
+                f"inspector error {name!r} is unknown; use one of {', '.join(INSPECTOR_ERRORS)}"
+            )
+        error = INSPECTOR_ERRORS[name]
+        if not (np.isfinite(size) and 0 < size <= error.largest) and error.largest:
+            most = "" if np.isinf(error.largest) else f" and at most {error.largest:.4g}"
+            raise InputError(
+                f"inspector error {name} of size {size}: {error.words}; give a positive size{most}"
+            )
+
+
+def told_trajectory(
+    path: InspectorPath, time: Float[np.ndarray, " n"], errors: Sequence[tuple[str, float]]
+) -> CameraTrajectory | None:
+    """The trajectory that is told of an inspector, with all its errors; None where none is."""
+    told: ToldPoses | None = ToldPoses(path, time)
+    for name, size in errors:
+        if told is not None:
+            told = INSPECTOR_ERRORS[name].apply(told, size)
+    return None if told is None else told.trajectory
