@@ -2,10 +2,11 @@
 
 Continuous model (`spinfilters.conventions` defines the blocks), with white accelerations n_v, n_w of given densities:
 
-    r = t + R_ig c,  r' = v,  v' = f + n_v,  q_ig' = q_ig (x) [w, 0] / 2,  w' = J(s)^-1 (J(s) w x w) - d |w| w + m + n_w
+    r = t + R_ig c,  r' = v,  v' = f + n_v,  q_ig' = q_ig (x) [w, 0] / 2,  w' = J(s)^-1 ((J(s) w + h) x w) - d |w| w + m + n_w
 
 (Tweddle 2013, Eqs 4.100-4.103, in g axes.) The drag term is the torque -d J w |w|, so that |h| decays
-by exp(-d angle); f is a constant acceleration (gravity), J m a constant body torque. Layouts that lack a block lack its term.
+by exp(-d angle); f is a constant acceleration (gravity), J m a constant body torque, h the constant
+angular momentum of a flywheel inside. Layouts that lack a block lack its term.
 The published linearisation (Eqs 4.80, 4.107) is a factorisation A(x) x, not a Jacobian; here the error is multiplicative, its
 transition is differentiated automatically through the integrator, and its noise covariance is the integral along the motion.
 """
@@ -25,6 +26,9 @@ from spinfilters.models.disturbed_steps import DisturbedSteps
 from spinfilters.models.linearised_step import LinearisedStep, LinearisedSteps
 from spinfilters.models.rotation_integrator import MAX_SUBSTEPS, RotationIntegrator, substeps, turns
 from spinfilters.state.blocks.acceleration import ACCELERATION
+from spinfilters.state.blocks.drag import DRAG
+from spinfilters.state.blocks.rotor import ROTOR
+from spinfilters.state.blocks.torque import TORQUE
 from spinfilters.state.layout import StateLayout
 
 SMALLEST_SQUARE = 1e-300
@@ -59,18 +63,24 @@ THESIS_NOISE = ProcessNoise(force_psd=1e-6, torque_psd=1e-6)
 
 
 def body_acceleration(
-    w: Expression, J: Expression, drag: Expression | None = None, torque: Expression | None = None
+    w: Expression,
+    J: Expression,
+    drag: Expression | None = None,
+    torque: Expression | None = None,
+    rotor: Expression | None = None,
 ) -> Expression:
     """Body acceleration w' in g axes, rad/s^2 (Tweddle 2013, Eq. 4.103).
 
-    w' = J^-1 (J w x w) - d |w| w + m; the sign of 3.16-3.18 is corrected.
+    w' = J^-1 ((J w + h) x w) - d |w| w + m; the sign of 3.16-3.18 is corrected.
 
     Parameters
     ----------
     w: body rate, rad/s.   J: inertia up to scale, 3 x 3.   drag: d, 1/rad.
     torque: m, the angular acceleration of a constant body torque, rad/s^2.
+    rotor: h, the constant angular momentum of a flywheel inside, in units of J times rad/s.
     """
-    acceleration = ca.inv_minor(J) @ ca.cross(J @ w, w)
+    momentum = J @ w if rotor is None else J @ w + rotor
+    acceleration = ca.inv_minor(J) @ ca.cross(momentum, w)
     if drag is not None:
         acceleration = acceleration - drag * ca.sqrt(ca.dot(w, w) + SMALLEST_SQUARE) * w
     return acceleration if torque is None else acceleration + torque
@@ -81,7 +91,8 @@ def derivative(layout: StateLayout, x: Expression) -> Expression:
     values = layout.unpack(x)
     rates = {name: 0 * value for name, value in values.items()}
     rates["q"] = quaternion_rate(values["q"], values["w"])
-    rates["w"] = body_acceleration(values["w"], inertia(values["s"]), values.get("d"), values.get("m"))
+    constants = (values.get(block.symbol) for block in (DRAG, TORQUE, ROTOR))
+    rates["w"] = body_acceleration(values["w"], inertia(values["s"]), *constants)
     if layout.has(ACCELERATION):
         rates["v"] = values["f"]
     if layout.translates:

@@ -15,6 +15,7 @@ from spinfilters.sensors.sensor import sensor_of, sensors_in
 from spinfilters.settings.run_settings import AUTO, Settings
 from spinfilters.state.blocks.acceleration import ACCELERATION
 from spinfilters.state.blocks.drag import DRAG
+from spinfilters.state.blocks.rotor import ROTOR
 from spinfilters.state.blocks.torque import TORQUE
 from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
 
@@ -136,6 +137,8 @@ def layout_of(log: MeasurementLog, settings: Settings) -> StateLayout:
         layout = layout.joined(ACCELERATION)
     if settings.process.body_torque:
         layout = layout.joined(TORQUE)
+    if settings.process.rotor:
+        layout = layout.joined(ROTOR)
     for block in (block for sensor in sensors for block in sensor.error_blocks):
         if settings.initialisation.states_prior(block):
             layout = layout.joined(block)

@@ -106,6 +106,7 @@ class ProcessSettings:
     drag: whether the state has an aerodynamic drag coefficient.
     gravity: whether the state has a constant acceleration; "auto" where the first epochs of a sensor of places ask for it.
     body_torque: whether the state has a constant body torque.
+    rotor: whether the state has the angular momentum of a flywheel that turns steadily inside the body.
     tolerance: of the integrator, rad and relative rate per step.
     """
 
@@ -114,6 +115,7 @@ class ProcessSettings:
     drag: Annotated[bool, TruthValue()] = False
     gravity: Auto | Annotated[bool, TruthValue()] = AUTO
     body_torque: Annotated[bool, TruthValue()] = False
+    rotor: Annotated[bool, TruthValue()] = False
     tolerance: Annotated[float, NumberRange(1e-12, 1e-2)] = 1e-8
 
     def noise(self, automatic: ProcessNoise) -> ProcessNoise:

@@ -1,4 +1,4 @@
-"""What moves inside a body: it dissipates energy, or holds angular momentum of its own."""
+"""What sloshes or flexes inside a body: it dissipates energy."""
 
 from typing import Final
 
@@ -32,21 +32,4 @@ class EnergyLoss(Alternative):
         return motion.disturbed(angular=-lost[:, :, None])
 
 
-class Rotor(Alternative):
-    """Constant angular momentum h_r of a rotor inside.
-
-    J w' gains h_r x w; h_r in units of J times rad/s.
-    """
-
-    name, phrase, unit = "rotor", "a rotor turning inside", "rad/s"
-    plausible = 1.0
-    cure = "the body is a gyrostat and its moments cannot be told; stop the rotor while recording"
-
-    def columns(self, motion: SmoothedMotion) -> Columns | None:
-        """Three columns of the rotor's angular momentum, g axes."""
-        cross = np.cross(np.eye(3)[:, None], motion.rates[None])  # h_r along each axis, epoch
-        gained = np.linalg.solve(motion.inertia, np.moveaxis(cross, 0, 2))
-        return motion.disturbed(angular=gained)
-
-
-ALTERNATIVES: Final = (EnergyLoss(), Rotor())
+ALTERNATIVES: Final = (EnergyLoss(),)

@@ -1,0 +1,194 @@
+"""Causes that verdicts name first, of motions, bodies and sizes that are drawn.
+
+    python -m experiments.named_causes [--sensors pose,gyro,tracks] [--causes rotor,hinge,...] [--seeds 20] [--first 0] [-o FILE]
+
+Every seed draws its own body, motion, interval, length, noise and size of a cause, and whether the noise is stated. Printed are of
+each sensor and cause the runs, those that are doubted, in how many the right cause is first or among the first two, and what was
+named instead; of ``none`` the false alarms. A run that is ``ok`` with an error beyond 4 stated deviations is a defect. ``-o`` keeps
+a line of JSON for each run.
+"""
+
+import argparse
+import json
+import time
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from experiments.command_line import run_study
+from spinfilters.campaigns.metric_columns import metrics
+from spinfilters.campaigns.stated_errors import LARGEST
+from spinfilters.data.dataset import Dataset
+from spinfilters.errors import SpinfiltersError
+from spinfilters.models.process import ProcessNoise
+from spinfilters.pipeline.estimation import compare_estimators
+from spinfilters.pipeline.preparation import prepare
+from spinfilters.settings.run_settings import Settings
+from spinfilters.simulation.model_faults.faulty_recording import faulty_recording, model_faults
+from spinfilters.simulation.model_faults.model_fault import ModelFault
+from spinfilters.simulation.scenario import Scenario, without_map, without_noise
+
+KINDS: Final = {"pose": "pose", "gyro": "gyro", "tracks": "stereo-tracks"}
+CAUSES: Final = (
+    "rotor",
+    "hinge",
+    "slip",
+    "contact-at-begin",
+    "contact-amid",
+    "contact-at-end",
+    "clock-drift",
+    "clock-jitter",
+)
+SIZES: Final = (0.5, 5.0)
+"""Between which multiples of a plain size are drawn, evenly in their logarithm."""
+AXES: Final = {"rotor": "rotor"}
+"""Physics whose direction is drawn, too, by cause."""
+ALIKE: Final = {"contact-at-begin": "contact", "contact-amid": "contact", "contact-at-end": "contact"}
+"""Names that are one cause."""
+NONE: Final = "none"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Of one run: its cause, verdict, largest error in stated deviations, and named classes of causes."""
+
+    sensor: str
+    cause: str
+    seed: int
+    size: float
+    verdict: str
+    error: float
+    named: tuple[tuple[str, ...], ...]
+    reasons: tuple[str, ...]
+    seconds: float
+
+    def is_among(self, count: int) -> bool:
+        """Whether the right cause is among so many that are named first."""
+        right = _class_of(self.cause)
+        return any(right in map(_class_of, own) for own in self.named[:count])
+
+
+def _class_of(name: str) -> str:
+    return ALIKE.get(name, name)
+
+
+def main() -> None:
+    """Run and print."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--sensors", default="pose,gyro,tracks")
+    parser.add_argument("--causes", default=",".join(CAUSES))
+    parser.add_argument("--seeds", type=int, default=20)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("-o", "--output", type=Path, default=None)
+    options = parser.parse_args()
+    for sensor in options.sensors.split(","):
+        for cause in options.causes.split(","):
+            if cause != NONE and KINDS[sensor] not in model_faults()[cause].kinds:
+                continue
+            runs = []
+            for seed in range(options.first, options.first + options.seeds):
+                runs.append(outcome(sensor, cause, seed))
+                if options.output is not None:
+                    with options.output.open("a", encoding="utf-8") as file:
+                        file.write(json.dumps(_document(runs[-1])) + "\n")
+            print(line_of(sensor, cause, runs), flush=True)
+
+
+def outcome(sensor: str, cause: str, seed: int) -> Outcome:
+    """One run of the smoother."""
+    begin = time.perf_counter()
+    scenario, fault, size, stated = drawn(sensor, cause, seed)
+    dataset = _recorded(scenario, fault, size, stated)
+    settings = Settings(estimators=("smoother",))
+    try:
+        comparison = compare_estimators(prepare(dataset, settings), settings, lambda *_: None)
+        (evaluation,) = comparison.evaluations
+        status, names = evaluation.history.status, comparison.models.names
+        error = metrics(evaluation, dataset.truth).get("worst_error")
+        verdict, reasons = str(status.verdict), tuple(status.reasons)
+    except SpinfiltersError as refusal:
+        verdict, reasons, names, error = "refused", (str(refusal),), (), None
+    return Outcome(
+        sensor,
+        cause,
+        seed,
+        size,
+        verdict,
+        np.nan if error is None else float(error),
+        tuple(tuple(each.split("/")) for each in names),
+        reasons,
+        time.perf_counter() - begin,
+    )
+
+
+def drawn(sensor: str, cause: str, seed: int) -> tuple[Scenario, ModelFault | None, float, bool]:
+    """Scenario, fault, its size and whether noise is stated, of a seed."""
+    draws = np.random.default_rng([seed, *cause.encode()])
+    second = np.sort(draws.uniform(0.15, 1.0, 3))[::-1]  # second moments: every such body is possible
+    moments = np.array([second[1] + second[0], second[0] + second[2], second[1] + second[2]])
+    while True:  # a spin near a principal axis tells no cause from another
+        direction = draws.standard_normal(3)
+        direction /= np.linalg.norm(direction)
+        if np.sort(np.abs(direction))[1] > 0.25:
+            break
+    rate = float(np.exp(draws.uniform(np.log(0.4), np.log(2.0))))  # rad/s
+    interval = float(draws.uniform(0.15, 0.4) / rate)
+    scenario = Scenario(
+        kind=KINDS[sensor],
+        principal_moments=tuple(moments / moments.max()),
+        rate_rpm=tuple(direction * rate * 30 / np.pi),
+        epochs=int(draws.integers(60, 121)),
+        interval=interval,
+        landmarks=120,
+        gyro_std=float(np.exp(draws.uniform(np.log(0.001), np.log(0.01)))),
+        noise=ProcessNoise(4e-8, 1e-6 * 10.0 ** draws.uniform(-2, 0)),
+        seed=seed,
+    )
+    size, stated = float(np.exp(draws.uniform(*np.log(SIZES)))), bool(draws.random() < 0.5)
+    if cause == NONE:
+        return scenario, None, 0.0, stated
+    fault = model_faults()[cause]
+    if cause in AXES:
+        axis = draws.standard_normal(3)
+        fault = replace(fault, physics={AXES[cause]: axis / np.linalg.norm(axis)})
+    return scenario, fault, size, stated
+
+
+def _recorded(scenario: Scenario, fault: ModelFault | None, size: float, stated: bool) -> Dataset:
+    own = ModelFault("", 0.0, (scenario.kind,)) if fault is None else fault
+    seeds = tuple(np.random.SeedSequence(scenario.seed).spawn(3))
+    dataset = without_map(faulty_recording(scenario, own, size * own.size, seeds))
+    dataset = dataset if stated else without_noise(dataset)
+    return replace(dataset, options=replace(dataset.options, calibration={}))
+
+
+def line_of(sensor: str, cause: str, runs: Sequence[Outcome]) -> str:
+    """The runs of a sensor and a cause in one line."""
+    silent = sum(each.verdict == "ok" and each.error > LARGEST for each in runs)
+    head = f"{sensor:6s} {cause:16s} {len(runs):3d} runs, {sum(e.verdict == 'ok' for e in runs):3d} ok, {silent} ok and wrong"
+    if cause == NONE:
+        return f"{head}, {sum(bool(each.named) for each in runs)} named: {dict(Counter(_names(runs)))}"
+    doubted = [each for each in runs if each.verdict != "ok"]
+    first, two = (sum(each.is_among(count) for each in doubted) for count in (1, 2))
+    instead = Counter(_names([each for each in doubted if not each.is_among(2)]))
+    seconds = np.mean([each.seconds for each in runs])
+    return f"{head}; of {len(doubted)} doubted {first} first, {two} among two; else {dict(instead)}; {seconds:.1f} s each"
+
+
+def _names(runs: Sequence[Outcome]) -> Iterator[str]:
+    for each in runs:
+        yield from ("/".join(own) for own in each.named) if each.named else ("nothing",)
+
+
+def _document(run: Outcome) -> dict[str, Any]:
+    return {**run.__dict__, "error": None if np.isnan(run.error) else run.error}
+
+
+if __name__ == "__main__":
+    run_study(main)
