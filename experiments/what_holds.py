@@ -260,13 +260,19 @@ def lines_of(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
     wrong = [each for each in every if each.is_wrong]
     yield f"wrong: {len(wrong)} of {len(every)}, of these said to hold {sum(each.is_held for each in wrong)}"
     yield from (f"  {each.text}" for each in wrong if each.is_held)
+    far = [each for each in every if each.is_held and not each.is_wrong and each.numbers["largest"] > LARGEST]
+    yield f"said to hold and beyond {LARGEST:g} at some epochs, not counted as wrong: {len(far)}"
+    yield from (f"  {each.text}" for each in far)
     degraded = [row for row in rows if row["verdict"] == "degraded"]
     for name in QUANTITIES:
         own = [JudgedQuantity(row, name) for row in degraded if name in row["quantities"]]
         right = [each for each in own if each.numbers["largest"] <= LARGEST]
         held = sum(each.is_held for each in right)
         yield f"  degraded, {name:15s} {len(own):4d} runs, right in {len(right):4d}, of these said to hold {held:4d}"
-    yield f"checks that failed: {dict(Counter(c.split(':')[0] for row in degraded for c in row['checks']).most_common())}"
+    right = [row for row in rows if not row["fault"]]
+    alarms = Counter(c.split(":")[0] for row in right for c in row.get("checks", ()))
+    yield f"of {len(right)} estimates of right recordings, checks that failed: {dict(alarms.most_common())}"
+    yield f"of all degraded estimates: {dict(Counter(c.split(':')[0] for row in degraded for c in row['checks']).most_common())}"
 
 
 def _held_lines(title: str, every: Sequence[JudgedQuantity]) -> Iterator[str]:
