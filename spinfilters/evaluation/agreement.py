@@ -19,19 +19,23 @@ from jaxtyping import Float
 
 from spinfilters.estimators.history import EstimateHistory, by_stretches
 from spinfilters.evaluation.consistency import finite_epochs, normalised_trace
+from spinfilters.state.blocks.rigid_body import MASS_DISTRIBUTION
 from spinfilters.state.layout import StateLayout
 
 WHOLE: Final = "state"
 """Name of the whole error beside that of a block."""
 
 
-def whole_and_blocks(layout: StateLayout) -> dict[str, slice]:
-    """Components that are compared with the smoother's, by name: the whole error, and every block of it."""
-    return {WHOLE: slice(0, layout.error_dim)} | {name: layout.slice(name) for name in layout.blocks}
+def compared_parts(layout: StateLayout) -> dict[str, slice]:
+    """Components that are compared with the smoother's, by name.
+
+    The whole error, and the mass distribution, whose errors the others would hide.
+    """
+    return {WHOLE: slice(0, layout.error_dim), MASS_DISTRIBUTION.name: layout.slice(MASS_DISTRIBUTION.name)}
 
 
 def expected_nees(history: EstimateHistory, smoother: EstimateHistory) -> dict[str, Float[np.ndarray, " n"]]:
-    """Expected NEES per degree of freedom of a filter's own epochs, by `whole_and_blocks`.
+    """Expected NEES per degree of freedom of a filter's own epochs, by `compared_parts`.
 
     Those that both have; infinite where its covariance is singular.
     Epochs in which either is not finite are left out.
@@ -40,7 +44,7 @@ def expected_nees(history: EstimateHistory, smoother: EstimateHistory) -> dict[s
     rows = np.arange(history.initialisation, count)
     rows = rows[finite_epochs(history)[rows] & finite_epochs(smoother)[rows]]
 
-    parts = whole_and_blocks(layout)
+    parts = compared_parts(layout)
 
     def of(stretch: slice) -> dict[str, Float[np.ndarray, " n"]]:
         """Of some of the epochs."""

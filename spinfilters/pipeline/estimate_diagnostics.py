@@ -18,6 +18,7 @@ from spinfilters.pipeline.initialisation_length import (
 from spinfilters.pipeline.setup import Setup
 from spinfilters.pipeline.smoother_run import smooth_at_once
 from spinfilters.settings.run_settings import Settings
+from spinfilters.state.quantities import BODY, ROTATION
 from spinfilters.state.status import Finding, Verdict
 from spinfilters.verdict.agreement_tests import over_confidence
 from spinfilters.verdict.checks import finding
@@ -74,4 +75,14 @@ def motion_diagnostics(setup: Setup, settings: Settings) -> list[Finding]:
     few = evidence.epochs < FEWEST_EPOCHS
     why = "they are too few" if few else "a steady spin shows its axis only"
     numbers = {"epochs": evidence.epochs, "evidence": evidence.total, "limit": LEAST_EVIDENCE, "why": why}
-    return [finding("motion-shows-no-moments", numbers)]
+    return [finding("motion-shows-no-moments", numbers, BODY | _resting_on_moments(setup))]
+
+
+def _resting_on_moments(setup: Setup) -> frozenset[str]:
+    """Quantities that need the moments besides the body itself.
+
+    Of a gyro alone an undetermined body and an identified density of torques explain the same changes of the rates: the body takes
+    a part of the disturbances, the density comes out too small, and with it the deviations of rate and attitude.
+    """
+    is_gyro_alone = not setup.process.layout.translates
+    return ROTATION if is_gyro_alone and "torque_psd" in setup.unstated else BODY

@@ -29,7 +29,7 @@ def write_history(path: Path, history: EstimateHistory) -> None:
         "blocks": np.array(history.layout.blocks),
         "verdict": np.array(str(history.status.verdict)),
         "reasons": np.array(history.status.reasons, dtype=str),
-        FINDINGS: np.array([status_text(each) for each in history.status.findings], dtype=str),
+        FINDINGS: np.array([finding_text(each) for each in history.status.findings], dtype=str),
         HOLDS: np.array([f"{name}={state}" for name, state in history.status.holds.items()], dtype=str),
     }
     epochs = {INITIALISATION: np.array(history.initialisation)}
@@ -74,7 +74,7 @@ def read_history(path: Path, cure: str = "make the run again") -> EstimateHistor
     )
 
 
-def status_text(found: Finding) -> str:
+def finding_text(found: Finding) -> str:
     """A finding as JSON, its words with its cure in one."""
     return json.dumps(
         {"check": found.check, "numbers": finite_numbers(found.numbers), "about": _about(found)}
@@ -99,8 +99,11 @@ def _status(arrays: Mapping[str, np.ndarray]) -> EstimatorStatus:
     verdict, reasons = Verdict(str(arrays["verdict"])), tuple(map(str, arrays["reasons"]))
     found = tuple(Finding(OWN_STATUS, each) for each in reasons)
     if FINDINGS in arrays:
-        told = [json.loads(str(text)) for text in arrays[FINDINGS]]
-        found = tuple(_finding(each, reason) for each, reason in zip(told, reasons, strict=True))
+        try:
+            told = [json.loads(str(text)) for text in arrays[FINDINGS]]
+            found = tuple(_finding(each, reason) for each, reason in zip(told, reasons, strict=True))
+        except (AttributeError, RecursionError) as error:
+            raise ValueError(f"its findings are not as they were written ({error})") from None
     pairs = [str(text).rsplit("=", 1) for text in arrays.get(HOLDS, ())]
     holds = {name: Holds(state) for name, state in pairs if name in ALL}
     return EstimatorStatus(verdict, found, holds)

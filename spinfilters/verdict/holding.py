@@ -88,9 +88,13 @@ def determined_quantities(evidence: Evidence) -> frozenset[str]:
 
 def some_epochs(history: EstimateHistory) -> EstimateHistory:
     """A history of at most `MOST_EPOCHS` of the estimator's own epochs, evenly spread, the last among them."""
-    first = min(history.initialisation, len(history.time) - 1)
-    rows = np.unique(np.linspace(first, len(history.time) - 1, MOST_EPOCHS).round().astype(int))
-    return history_at(history, rows)
+    return history_at(history, own_rows(history))
+
+
+def own_rows(history: EstimateHistory) -> Int[np.ndarray, " k"]:
+    """Indices of these epochs."""
+    last = len(history.time) - 1
+    return np.unique(np.linspace(min(history.initialisation, last), last, MOST_EPOCHS).round().astype(int))
 
 
 def history_at(history: EstimateHistory, rows: Int[np.ndarray, " k"]) -> EstimateHistory:

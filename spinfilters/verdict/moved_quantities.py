@@ -11,23 +11,11 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.attitude.conversions import inverse, multiply, rotation_vector_from_quaternion
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.estimators.model_errors.score_test import ScoreTest
-from spinfilters.evaluation.body import BodyEstimate, body_estimate
-from spinfilters.evaluation.estimated_motion import trajectory_of
-from spinfilters.state.quantities import (
-    ALL,
-    ATTITUDE,
-    AXES,
-    CENTRE,
-    MOMENTS,
-    NOTHING,
-    POSITION,
-    RATE,
-    VELOCITY,
-)
+from spinfilters.state.quantities import ALL, NOTHING
 from spinfilters.verdict.holding import history_at
+from spinfilters.verdict.quantity_differences import quantity_differences
 
 LARGEST_MOVE: Final = 1.0
 """Of a quantity that still holds, in its deviations. An error that is normal about a mean of one deviation is beyond four with a
@@ -63,38 +51,4 @@ def moved_quantities(history: EstimateHistory, shift: Float[np.ndarray, "k n"]) 
     here = history_at(history, np.arange(len(shift)))
     with np.errstate(all="ignore"):
         there = replace(here, mean=here.layout.retract(here.mean, shift))
-        before, after = trajectory_of(here), trajectory_of(there)
-        angles = rotation_vector_from_quaternion(multiply(inverse(before.q_ig), after.q_ig))
-        found = {
-            ATTITUDE: _largest(angles, before.std_attitude),
-            RATE: _largest(after.rate_i - before.rate_i, before.std_rate),
-        }
-        if before.sees_position:
-            found[POSITION] = _largest(after.position - before.position, before.std_position)
-            found[VELOCITY] = _largest(after.velocity - before.velocity, before.std_velocity)
-        return found | _of_body(body_estimate(here.belief(-1)), body_estimate(there.belief(-1)))
-
-
-def _of_body(before: BodyEstimate, after: BodyEstimate) -> dict[str, float]:
-    away = np.append(
-        after.principal_moments[:2] - before.principal_moments[:2],
-        [after.k1 - before.k1, after.k2 - before.k2],
-    )
-    std = np.append(before.principal_moments_std[:2], [before.k1_std, before.k2_std])
-    R = before.principal_axes_g @ after.principal_axes_g.T
-    R = R * np.sign(np.diag(R))[np.newaxis]  # an axis has no direction
-    turn = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-    found = {MOMENTS: _largest(away, std), AXES: _largest(turn, before.principal_axes_std)}
-    if (
-        before.center_of_mass_g is not None
-        and after.center_of_mass_g is not None
-        and before.center_of_mass_std is not None
-    ):
-        found[CENTRE] = _largest(after.center_of_mass_g - before.center_of_mass_g, before.center_of_mass_std)
-    return found
-
-
-def _largest(away: np.ndarray, std: np.ndarray) -> float:
-    """Largest of deviations; infinite where one is not finite."""
-    value = float(np.max(np.abs(away) / np.where(std > 0, std, np.inf)))
-    return value if np.isfinite(value) else float("inf")
+        return {name: each.largest for name, each in quantity_differences(here, there).items()}

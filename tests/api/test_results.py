@@ -10,6 +10,7 @@ import spinfilters
 from spinfilters.api.results import flattened, html_table
 from spinfilters.evaluation.comparison import ComparisonCells
 from spinfilters.evaluation.estimated_motion import TRAJECTORY_COLUMNS
+from spinfilters.state.quantities import QUANTITIES
 
 
 def test_a_run_is_a_mapping_from_names_to_results(run: spinfilters.Run) -> None:
@@ -24,6 +25,9 @@ def test_a_result_tells_status_body_and_trajectory_with_deviations(run: spinfilt
     result = run["mekf"]
     assert result.status in ("ok", "degraded")
     assert (result.status == "ok") == (result.reasons == ())
+    assert (result.status == "ok") == (result.checks == ())
+    assert set(result.holds) == set(QUANTITIES)
+    assert result.holds["position"] == "not determined"  # a gyro sees none
     body, path = result.body, result.trajectory
     assert (
         body.principal_moments.shape
@@ -51,6 +55,7 @@ def test_printed_it_is_the_table_with_every_remark(run: spinfilters.Run) -> None
     text = str(run)
     assert repr(run) == text
     assert "J smallest / largest" in text
+    assert "what holds" in text
     assert "\x1b" not in text
     assert all(remark in text for remark in run.remarks)
     assert "<mekf: " in repr(run["mekf"])

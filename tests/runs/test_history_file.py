@@ -9,11 +9,18 @@ import pytest
 
 from spinfilters.errors import InputError
 from spinfilters.estimators.history import EstimateHistory, GrowingHistory
-from spinfilters.runs.history_file import INITIALISATION, OBSERVATIONS, read_history, write_history
+from spinfilters.runs.history_file import (
+    FINDINGS,
+    HOLDS,
+    INITIALISATION,
+    OBSERVATIONS,
+    read_history,
+    write_history,
+)
 from spinfilters.runs.npz_file import read_arrays, write_arrays
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
-from spinfilters.state.status import EstimatorStatus
+from spinfilters.state.status import OWN_STATUS, EstimatorStatus, Finding, Holds, Verdict
 
 LAYOUT, EPOCHS = StateLayout(ROTATION_BLOCKS), 5
 
@@ -46,6 +53,27 @@ def test_the_initialisation_and_the_observations_survive_a_file(tmp_path: Path) 
     np.testing.assert_array_equal(copy.observations, np.ones(EPOCHS))
 
 
+def test_findings_and_what_holds_survive_a_file(tmp_path: Path) -> None:
+    found = Finding(
+        "gap", "nothing was measured", "cut it", {"seconds": 3.0, "other": "a word"}, frozenset({"rate"})
+    )
+    status = EstimatorStatus(Verdict.DEGRADED, (found,), {"rate": Holds.DOUBTFUL, "moments": Holds.OK})
+    write_history(tmp_path / "history.npz", replace(filtered(), status=status))
+    copy = read_history(tmp_path / "history.npz").status
+    assert copy.verdict is Verdict.DEGRADED
+    assert copy.reasons == status.reasons
+    assert dict(copy.holds) == dict(status.holds)
+    (again,) = copy.findings
+    assert (again.check, dict(again.numbers), again.about) == ("gap", {"seconds": 3.0}, frozenset({"rate"}))
+
+
+def test_reasons_of_an_older_version_have_no_check_of_their_own(tmp_path: Path) -> None:
+    old = {FINDINGS: None, HOLDS: None, "reasons": np.array(["something"])}
+    copy = read_history(changed(tmp_path / "history.npz", **old)).status
+    assert [(each.check, each.reason) for each in copy.findings] == [(OWN_STATUS, "something")]
+    assert dict(copy.holds) == {}
+
+
 def test_a_file_of_an_older_version_is_read_and_its_initialisation_took_no_time(tmp_path: Path) -> None:
     old = {INITIALISATION: None, OBSERVATIONS: None}
     copy = read_history(changed(tmp_path / "history.npz", **old))
@@ -57,6 +85,13 @@ def test_a_file_of_an_older_version_is_read_and_its_initialisation_took_no_time(
 @pytest.mark.parametrize(
     "wrong",
     [
+        {FINDINGS: np.array(["["]), "reasons": np.array(["a"])},
+        {FINDINGS: np.array(["[]"]), "reasons": np.array(["a"])},
+        {FINDINGS: np.array(["[" * 100_000]), "reasons": np.array(["a"])},
+        {FINDINGS: np.array(['{"check": "gap", "numbers": [1], "about": null}']), "reasons": np.array(["a"])},
+        {FINDINGS: np.array([]), "reasons": np.array(["a"])},
+        {HOLDS: np.array(["rate=fine"])},
+        {HOLDS: np.array(["rate"])},
         {INITIALISATION: np.array(EPOCHS + 1)},
         {INITIALISATION: np.array(-1)},
         {INITIALISATION: np.array(1.5)},

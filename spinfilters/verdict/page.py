@@ -1,0 +1,92 @@
+"""The page of all checks, made from their list.
+
+    python -m spinfilters.verdict.page [docs/reference/checks.md]
+
+Writes the page, or prints it where no file is given; ``make docs`` writes it before the site is built.
+"""
+
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+from spinfilters.data.atomic_write import write_text
+from spinfilters.estimators.model_errors.alternative import table
+from spinfilters.estimators.model_errors.jumps import KINDS
+from spinfilters.state.quantities import ALL, LABELS, QUANTITIES
+from spinfilters.state.status import Holds
+from spinfilters.verdict.check import Check
+from spinfilters.verdict.checks import CHECKS
+
+HEAD = """# All checks of the verdict
+
+This page is made from the code by `python -m spinfilters.verdict.page docs/reference/checks.md`; a test compares the two.
+
+An estimate is `ok` when none of these checks fails. `summary.json` names those that fail under `checks`, with their numbers, and
+says under `holds` of each quantity whether it is `ok`, `doubtful` or `not determined`. A quantity holds where it is determined and
+no failed check is about it ([how](../theory/verdict.md#what-still-holds)). Words in italics are numbers of the finding.
+
+False alarms are probabilities that a check fails although nothing is wrong, by the distribution of its test. Measured on simulated
+recordings they are printed by `python -m experiments.what_holds` (every check, mixed motions) and `python -m experiments.honesty`
+(model errors, campaigns of right recordings).
+"""
+MODEL_ERRORS = """
+## Errors of the models
+
+`model-error` looks for each of these about the smoothed motion; its finding is called by the name behind a colon, such as
+`model-error:drag`, with those that look alike joined by `/`. Sizes are in the unit.
+
+| name | sentence | unit | cure |
+|---|---|---|---|
+"""
+
+
+def page() -> str:
+    """The page as Markdown."""
+    return HEAD + "".join(_section(each) for each in CHECKS) + MODEL_ERRORS + "".join(_error_rows())
+
+
+def _section(check: Check) -> str:
+    rows = {
+        "test": check.asks,
+        "computed from": str(check.needs),
+        "false alarm": check.false_alarm,
+        "sentence": _shown(check.sentence),
+        "cure": _shown(check.cure),
+        "about": _about(check),
+    }
+    lines = "".join(f"- **{name}**: {text}\n" for name, text in rows.items() if text)
+    return f"\n## `{check.name}`\n\n{lines}"
+
+
+def _about(check: Check) -> str:
+    left = "not determined" if check.leaves is Holds.NOT_DETERMINED else "doubtful"
+    if not check.about:
+        return "no quantity, unless the finding names some: what it finds does not reach the estimates"
+    own = ", ".join(LABELS[name] for name in QUANTITIES if name in check.about)
+    return f"{'all quantities' if check.about == ALL else own}, {left} then"
+
+
+def _shown(template: str) -> str:
+    """A template with its numbers by name."""
+    if template in ("{text}", "{cure}"):
+        return "that of what was found, in words of its own"
+    return re.sub(r"\{(\w+)[^}]*\}", r"*\1*", template).replace("{", "").replace("}", "")
+
+
+def _error_rows() -> Iterator[str]:
+    for each in (*table().values(), *KINDS):
+        yield f"| `{each.name}` | {each.phrase} | {each.unit} | {each.cure} |\n"
+
+
+def main(arguments: list[str]) -> int:
+    """Write the page to a file, or print it."""
+    if not arguments:
+        sys.stdout.write(page())
+        return 0
+    write_text(Path(arguments[0]), page())
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main(sys.argv[1:]))

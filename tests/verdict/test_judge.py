@@ -1,0 +1,138 @@
+"""The verdict on an estimate, and what holds of it."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from experiments.honest_cases import RecordingCase, recordings
+from spinfilters.evaluation.held_quantities import held_text
+from spinfilters.pipeline.estimation import Comparison, compare_estimators
+from spinfilters.pipeline.preparation import prepare
+from spinfilters.settings.run_settings import Settings
+from spinfilters.simulation.scenario import RICH_RPM
+from spinfilters.state.quantities import MOMENTS, QUANTITIES, TRANSLATION
+from spinfilters.state.status import EstimatorStatus, Finding, Holds, Verdict
+from spinfilters.verdict.agreement_tests import over_confident_quantities
+from spinfilters.verdict.checks import CHECKS, finding
+from spinfilters.verdict.evidence import Evidence
+from spinfilters.verdict.judge import judge
+from spinfilters.verdict.moved_quantities import moved_quantities
+
+SETTINGS = Settings(estimators=("mekf",))
+
+
+@cache
+def compared(kind: str, steady: bool = False) -> Comparison:
+    """A recording whose stated noise is true."""
+    rate = (9.0, 0.0, 0.0) if steady else RICH_RPM
+    case = RecordingCase(
+        f"{kind} of the verdict", kind, moments=(1.0, 0.8, 0.55), rate_rpm=rate, epochs=60, psd=1e-9
+    )
+    settings = replace(SETTINGS, estimators=("mekf", "smoother"))
+    return compare_estimators(prepare(recordings(case, 1)[0].dataset, settings), settings, lambda *_: None)
+
+
+def evidence(*found: Finding) -> Evidence:
+    """Of poses of a rich motion of which these checks failed."""
+    evaluation = compared("pose").evaluations[0]
+    clean = replace(evaluation.history, status=EstimatorStatus())
+    return Evidence(evaluation.with_fields(history=clean), found=found)
+
+
+def test_an_estimate_of_which_nothing_was_found_is_ok_and_holds() -> None:
+    status = judge(evidence())
+    assert status.verdict is Verdict.OK
+    assert status.reasons == ()
+    assert dict(status.holds) == dict.fromkeys(QUANTITIES, Holds.OK)
+
+
+def test_findings_are_told_in_the_order_of_the_list() -> None:
+    late = finding("vague-initialisation", {"epochs": 10, "std": 0.2})
+    early = finding("models-not-tested", {"text": "no factor"})
+    own = Finding("of-a-plug-in", "its battery is low")
+    status = judge(evidence(own, late, early))
+    assert [each.check for each in status.findings] == [
+        "models-not-tested",
+        "vague-initialisation",
+        "of-a-plug-in",
+    ]
+    names = [check.name for check in CHECKS]
+    assert names.index("models-not-tested") < names.index("vague-initialisation")
+
+
+def test_a_check_about_the_moments_leaves_the_rest() -> None:
+    numbers = {"epochs": 40, "evidence": 2.0, "limit": 30.0, "why": "a steady spin shows its axis only"}
+    holds = judge(evidence(finding("motion-shows-no-moments", numbers))).holds
+    assert holds[MOMENTS] is Holds.NOT_DETERMINED
+    assert all(holds[name] is Holds.OK for name in (*TRANSLATION, "rate", "attitude"))
+
+
+def test_what_a_finding_is_about_goes_before_what_its_check_is_about() -> None:
+    every, rate = (
+        finding("models-not-tested", {"text": "no factor"}, about) for about in (None, frozenset({"rate"}))
+    )
+    assert set(judge(evidence(every)).holds.values()) == {Holds.DOUBTFUL}
+    assert [name for name, state in judge(evidence(rate)).holds.items() if state is not Holds.OK] == ["rate"]
+
+
+def test_words_that_were_written_elsewhere_get_the_cure_of_their_check() -> None:
+    (reason,) = judge(evidence(Finding("sensor-data", "3 gyro samples are saturated"))).reasons
+    assert reason == "3 gyro samples are saturated: choose a larger range of the sensor, or cut the recording"
+
+
+def test_nothing_of_a_failed_estimate_holds() -> None:
+    given = evidence()
+    failed = replace(given.evaluation.history, status=EstimatorStatus().failed("no factor"))
+    status = judge(replace(given, evaluation=given.evaluation.with_fields(history=failed)))
+    assert status.verdict is Verdict.FAILED
+    assert set(status.holds.values()) == {Holds.NOT_DETERMINED}
+
+
+@pytest.mark.parametrize(("share", "state"), [(0.1, Holds.OK), (2.0, Holds.NOT_DETERMINED)])
+def test_a_rate_is_determined_where_its_deviation_is_smaller_than_itself(share: float, state: Holds) -> None:
+    given = evidence()
+    history = given.evaluation.history
+    factor, rate = history.factor.copy(), history.layout.slice("w")
+    size = np.linalg.norm(history.mean[:, history.layout.mean_slice("w")], axis=1).mean()
+    factor[:, rate] = 0.0
+    factor[:, rate, rate] = share * size * np.eye(3)
+    wide = given.evaluation.with_fields(history=replace(history, factor=factor))
+    assert judge(replace(given, evaluation=wide)).holds["rate"] is state
+
+
+def test_a_gyro_sees_no_position() -> None:
+    evaluation = compared("gyro").evaluations[0]
+    holds = evaluation.history.status.holds
+    assert {name for name, state in holds.items() if state is Holds.NOT_DETERMINED} == TRANSLATION
+    assert held_text(evaluation) == "all"
+
+
+def test_a_steady_spin_shows_position_and_rate_but_no_moments() -> None:
+    evaluation = compared("pose", steady=True).evaluations[-1]
+    status = evaluation.history.status
+    assert status.verdict is Verdict.DEGRADED
+    assert status.holds[MOMENTS] is Holds.NOT_DETERMINED
+    assert {status.holds[name] for name in ("position", "rate", "velocity", "attitude")} == {Holds.OK}
+    assert held_text(evaluation).startswith("position, attitude, velocity, rate")
+    assert "not moments" in held_text(evaluation)
+
+
+def test_a_filter_is_doubted_in_what_it_states_too_small_beside_the_smoother() -> None:
+    mekf, smoother = (each.history for each in compared("pose").evaluations)
+    assert "rate" not in over_confident_quantities(mekf, smoother)
+    factor = mekf.factor.copy()
+    factor[:, mekf.layout.slice("w")] /= 4.0
+    assert "rate" in over_confident_quantities(replace(mekf, factor=factor), smoother)
+    assert "moments" not in over_confident_quantities(replace(mekf, factor=factor), smoother)
+
+
+def test_an_error_of_the_models_leaves_quantities_that_it_does_not_move() -> None:
+    history = compared("pose").evaluations[-1].history
+    std = np.linalg.norm(history.factor, axis=2)
+    shift, velocity = np.zeros_like(std), history.layout.slice("v")
+    shift[:, velocity] = 3.0 * std[:, velocity]
+    moved = moved_quantities(history, shift)
+    assert moved["velocity"] == pytest.approx(3.0, rel=1e-6)
+    assert all(size < 1e-6 for name, size in moved.items() if name != "velocity")
