@@ -60,7 +60,8 @@ def campaign(
     )
     from spinfilters.campaigns.rows_folder import read_rows
 
-    return read_rows(folder, _study(study).columns).to_pandas()
+    checked = _study(study)
+    return read_rows(folder, checked.columns, levels=checked.levels).to_pandas()
 
 
 def campaign_rows(

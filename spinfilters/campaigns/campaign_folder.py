@@ -130,7 +130,7 @@ def merge(shards: Sequence[Path], output: Path) -> int:
         raise InputError(f"{path_text(output)}: is not empty; choose another folder with -o")
     import pyarrow as pa
 
-    table = pa.concat_tables([read_rows(folder, first.columns) for folder in shards])
+    table = pa.concat_tables([read_rows(folder, first.columns, levels=first.levels) for folder in shards])
     table = table.sort_by("run")
     runs = table["run"].to_numpy()
     table = table.filter(pa.array([True, *(runs[1:] != runs[:-1]).tolist()]))

@@ -3,11 +3,13 @@
 import json
 import logging
 import queue
+import re
 import selectors
+import sys
 import threading
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -24,6 +26,12 @@ AHEAD: Final = 3
 """Chunks per thread of the cluster that are under way."""
 CHECKED_EVERY: Final = 2.0
 """Seconds without a row after which it is looked whether the scheduler is still there."""
+
+PROTOCOLS: Final = ("tcp", "tls", "ucx", "ws", "wss")
+"""Of a scheduler's address; tcp where none is given."""
+_ADDRESS: Final = re.compile(
+    r"(?:(?P<protocol>[A-Za-z]\w*)://)?(?:\[[0-9A-Fa-f:.%]+\]|[\w.-]+):(?P<port>[0-9]{1,9})", re.ASCII
+)
 
 _kept = threading.local()
 
@@ -162,23 +170,54 @@ def _key(study: Study, chunk: Chunk) -> str:
 
 
 def _connected(address: str, patience: float) -> Any:
-    """A client. InputError: no scheduler answers in time."""
-    from distributed import Client
-
+    """A client. InputError: no address, or no scheduler answers in time."""
     begin, why = time.monotonic(), ""
+    _require_address(address)
     while time.monotonic() - begin < patience:
         try:
-            return Client(address, timeout="5s", set_as_default=False)
+            with _silent_finalisers():
+                return _client(address)
         except ValueError as error:
-            raise InputError(
-                f"scheduler {value_text(address)} is no address ({reason(error)}); give tcp://HOST:PORT"
-            ) from None
-        except (OSError, TimeoutError) as error:
+            raise _no_address(address, reason(error)) from None
+        except OSError as error:
             why = reason(error)
         time.sleep(1.0)
     raise InputError(
         f"no Dask scheduler answers at {value_text(address)} ({why}); start 'dask scheduler', or go on with --resume"
     )
+
+
+def _client(address: str) -> Any:
+    from distributed import Client
+
+    return Client(address, timeout="5s", set_as_default=False)
+
+
+def _require_address(address: str) -> None:
+    """InputError: no [PROTOCOL://]HOST:PORT. A client made of anything else complains on its own when it is destroyed."""
+    if address.startswith("inproc://"):  # a cluster of this very process
+        return
+    found = _ADDRESS.fullmatch(address)
+    if found is None:
+        raise _no_address(address, "it has no host and port")
+    if found["protocol"] not in (None, *PROTOCOLS):
+        raise _no_address(address, f"its protocol is none of {', '.join(PROTOCOLS)}")
+    if not 0 < int(found["port"]) < 65536:
+        raise _no_address(address, "ports are 1 to 65535")
+
+
+def _no_address(address: str, why: str) -> InputError:
+    return InputError(f"scheduler {value_text(address)} is no address ({why}); give tcp://HOST:PORT")
+
+
+@contextmanager
+def _silent_finalisers() -> Iterator[None]:
+    """Drop what destroyed objects complain of: a client that never connected cannot be closed in time."""
+    before, sys.unraisablehook = sys.unraisablehook, lambda _: None
+    try:
+        yield
+    finally:
+        sys.unraisablehook = before
 
 
 def _close(client: Any) -> None:

@@ -147,7 +147,7 @@ def run_campaign(
 def _opened(folder: Path, study: Study, resume: bool) -> RowsFolder:
     """Rows of a folder that is this study's."""
     open_folder(folder, study, resume)
-    return RowsFolder(folder, study.columns)
+    return RowsFolder(folder, study.columns, study.levels)
 
 
 def usable_processors() -> int:

@@ -1,12 +1,13 @@
 """Rows of a campaign as Parquet parts and a journal.
 
 A row is in the journal as soon as it is there, as a line of JSON, so that a kill at any moment loses none; parts are written whole
-and then take the journal's place. A line that a kill has cut short is no row.
+and then take the journal's place. A line that a kill has cut short is no row. Whole lines that are none (a flipped bit, a run that
+the study has not) are kept in a file of their own, ``.damaged``, and their runs are made again.
 """
 
 import json
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
@@ -16,14 +17,17 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from spinfilters.campaigns.journal_rows import SET_ASIDE, RowRules, read_journal
 from spinfilters.campaigns.schema import schema
-from spinfilters.data.atomic_write import atomic_file, make_folder
-from spinfilters.data.input_file import path_text, reason
+from spinfilters.data.atomic_write import atomic_file, make_folder, write_bytes
+from spinfilters.data.input_file import path_text, reason, require_file
 from spinfilters.errors import InputError
 
 ROWS: Final = "rows"
 PART_ROWS: Final = 5_000
 """Rows of a part, at most."""
+LARGEST_PART: Final = 4 << 30
+"""Bytes of a part that are read: merged campaigns are one part."""
 _PART, _JOURNAL = ".parquet", ".jsonl"
 
 
@@ -32,16 +36,18 @@ class RowsFolder:
 
     Parameters
     ----------
-    folder: of the campaign.   factors: names of the study's factors.
+    folder: of the campaign.   factors: names of the study's factors.   levels: of every cell, against which rows are checked.
 
     Raises
     ------
     InputError: at opening, a part that is damaged or of another study; it cannot be written.
     """
 
-    def __init__(self, folder: Path, factors: Sequence[str]) -> None:
+    def __init__(
+        self, folder: Path, factors: Sequence[str], levels: Sequence[Mapping[str, str]] = ()
+    ) -> None:
         self.folder = folder / ROWS
-        self._schema = schema(list(factors))
+        self._rules = RowRules(schema(list(factors)), levels)
         self._journal: BinaryIO | None = None
         self._journal_length = 0
         make_folder(self.folder)
@@ -64,7 +70,7 @@ class RowsFolder:
         """Numbers of the runs that had a row when the folder was opened."""
         found: set[int] = set()
         for path in part_files(self.folder):
-            found.update(_read(path, self._schema, ["run"])["run"].to_pylist())
+            found.update(_read(path, self._rules, ["run"])["run"].to_pylist())
         return found
 
     def append(self, row: Mapping[str, Any]) -> None:
@@ -93,14 +99,14 @@ class RowsFolder:
         if self._journal is None:
             return
         journal = Path(self._journal.name)
-        _take_over(journal, self._schema)
+        _take_over(journal, self._rules)
         self._journal.close()
         self._journal, self._journal_length = None, 0
 
     def _recover(self) -> None:
         """Parts in the place of journals that a kill has left."""
         for journal in sorted(self.folder.glob(f"*{_JOURNAL}")):
-            _take_over(journal, self._schema)
+            _take_over(journal, self._rules)
         for left in self.folder.glob(".*.part"):
             with suppress(OSError):
                 left.unlink()
@@ -109,11 +115,15 @@ class RowsFolder:
         return 1 + max((int(path.stem) for path in part_files(self.folder)), default=0)
 
 
-def _take_over(journal: Path, wanted: pa.Schema) -> None:
-    """Put a part in the place of a journal."""
+def _take_over(journal: Path, rules: RowRules) -> None:
+    """Put a part in the place of a journal, and what is no row beside it."""
     part = journal.with_suffix(_PART)
-    if not part.exists() and (rows := list(_journal_rows(journal))):
-        write_part(part, rows, wanted)
+    if not part.exists():
+        rows, damaged = read_journal(journal, rules)
+        if damaged:
+            write_bytes(journal.with_suffix(SET_ASIDE), b"\n".join([*damaged, b""]))
+        if rows:
+            write_part(part, rows, rules.schema)
     journal.unlink()
 
 
@@ -122,18 +132,27 @@ def part_files(folder: Path) -> list[Path]:
     return sorted(path for path in folder.glob(f"*{_PART}") if path.stem.isdecimal())
 
 
-def read_rows(folder: Path, factors: Sequence[str], columns: Sequence[str] | None = None) -> pa.Table:
+def read_rows(
+    folder: Path,
+    factors: Sequence[str],
+    columns: Sequence[str] | None = None,
+    levels: Sequence[Mapping[str, str]] = (),
+) -> pa.Table:
     """Rows of a campaign's folder, journal included, in the order of runs.
+
+    Parameters
+    ----------
+    levels: of every cell of the study: rows of runs that it does not have are left out.
 
     Raises
     ------
     InputError: there are none, or a part is damaged or of another study.
     """
-    rows, wanted = folder / ROWS, schema(list(factors))
-    tables = [_read(path, wanted, columns) for path in part_files(rows)]
+    rows, rules = folder / ROWS, RowRules(schema(list(factors)), levels)
+    tables = [_read(path, rules, columns) for path in part_files(rows)]
     for journal in sorted(rows.glob(f"*{_JOURNAL}")):
         if not journal.with_suffix(_PART).exists():
-            table = _table(list(_journal_rows(journal)), wanted)
+            table = _table(read_journal(journal, rules)[0], rules.schema)
             tables.append(table if columns is None else table.select(list(columns)))
     if not sum(len(table) for table in tables):
         raise InputError(f"{path_text(folder)}: holds no rows yet; run the campaign first")
@@ -161,24 +180,18 @@ def _table(rows: Sequence[Mapping[str, Any]], wanted: pa.Schema) -> pa.Table:
     )
 
 
-def _journal_rows(path: Path) -> Iterator[dict[str, Any]]:
-    """Rows of the whole lines."""
-    for line in path.read_bytes().split(b"\n"):
-        with suppress(ValueError):  # cut short by a kill
-            row = json.loads(line)
-            if isinstance(row, dict) and isinstance(row.get("run"), int):
-                yield row
-
-
-def _read(path: Path, wanted: pa.Schema, columns: Sequence[str] | None) -> pa.Table:
+def _read(path: Path, rules: RowRules, columns: Sequence[str] | None) -> pa.Table:
+    require_file(path, LARGEST_PART)
     try:
         with pq.ParquetFile(path) as file:
-            if file.schema_arrow.remove_metadata() != wanted:
+            if file.schema_arrow.remove_metadata() != rules.schema:
                 raise InputError(
                     f"{path_text(path)}: has other columns than the study; it is of another version or study"
                 )
-            return file.read(None if columns is None else list(columns))
+            table = file.read(None if columns is None else sorted({"run", "cell", "seed", *columns}))
     except (pa.ArrowException, OSError, ValueError) as error:
         raise InputError(
             f"{path_text(path)}: is no Parquet file of a campaign ({reason(error)}); remove it and resume"
         ) from None
+    table = rules.rows_of(table)
+    return table if columns is None else table.select(list(columns))

@@ -64,6 +64,11 @@ class Study:
         return hashlib.sha256(text.encode()).hexdigest()[:24]
 
     @property
+    def levels(self) -> list[Mapping[str, str]]:
+        """Levels of the factors, of every cell."""
+        return [cell.levels for cell in self.cells]
+
+    @property
     def columns(self) -> list[str]:
         """Names of the factors."""
         return list(self.cells[0].levels)

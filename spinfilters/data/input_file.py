@@ -71,9 +71,7 @@ def require_file(path: Path, max_bytes: int) -> int:
     if stat.S_ISDIR(status.st_mode):
         raise InputError(f"{path_text(path)}: is a directory, expected a file; give the file inside it")
     if not stat.S_ISREG(status.st_mode):
-        raise InputError(
-            f"{path_text(path)}: is a device or pipe, expected a file; copy its content to a file"
-        )
+        raise _no_file(path)
     if not os.access(path, os.R_OK):
         raise InputError(f"{path_text(path)}: permission denied; make the file readable (chmod u+r)")
     if status.st_size == 0:
@@ -84,6 +82,47 @@ def require_file(path: Path, max_bytes: int) -> int:
             "cut it into smaller files"
         )
     return status.st_size
+
+
+def read_bytes(path: Path, max_bytes: int, may_be_empty: bool = False) -> bytes:
+    """Content of a regular file of at most so many bytes.
+
+    Never waits: a pipe, socket or device is refused, also one that takes the file's place after it was looked at.
+
+    Raises
+    ------
+    InputError: as `require_file`; it cannot be read.
+    """
+    if not (may_be_empty and os.path.isfile(path) and os.path.getsize(path) == 0):
+        require_file(path, max_bytes)
+    try:
+        with open(os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK), "rb") as stream:
+            if not stat.S_ISREG(os.fstat(stream.fileno()).st_mode):
+                raise _no_file(path)
+            data = stream.read(max_bytes + 1)
+    except OSError as error:
+        raise InputError(f"{path_text(path)}: cannot be read ({reason(error)}); copy it again") from None
+    if len(data) > max_bytes:
+        raise InputError(f"{path_text(path)}: grows while it is read; give a file that is finished")
+    return data
+
+
+def _no_file(path: Path) -> InputError:
+    return InputError(f"{path_text(path)}: is a device or pipe, expected a file; copy its content to a file")
+
+
+def plain_number(text: str | bytes) -> float:
+    """Number of a text of any length, nearest float64; ValueError: none, or one in Python's own notation (1_0).
+
+    Arrays of fixed-width text cut long numbers off in silence, so that readers take this instead.
+    """
+    odd = "_" in text if isinstance(text, str) else b"_" in text
+    if odd or not text.isascii():
+        raise ValueError(f"{value_text(text)} is no number")
+    try:
+        return float(text)
+    except ValueError:
+        raise ValueError(f"{value_text(text)} is no number") from None
 
 
 def require_folder(path: Path) -> None:
@@ -128,17 +167,14 @@ def read_settings_text(path: Path) -> str:
     ------
     InputError: as `require_file` with 1 MiB, or a file that is not UTF-8 text.
     """
-    require_file(path, MAX_SETTINGS_BYTES)
+    raw = read_bytes(path, MAX_SETTINGS_BYTES)
     try:
-        raw = path.read_bytes()
         return raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         byte, line = error.object[error.start], error.object.count(b"\n", 0, error.start) + 1
         raise InputError(
             f"{path_text(path)}: line {line}: byte 0x{byte:02x} is not UTF-8; save it as UTF-8 text"
         ) from None
-    except OSError as error:
-        raise InputError(f"{path_text(path)}: cannot be read ({reason(error)}); copy it again") from None
 
 
 def read_toml(path: Path) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinfilters.data.input_file import path_text, reason, require_file, value_text
+from spinfilters.data.input_file import path_text, plain_number, read_bytes, require_file, value_text
 from spinfilters.errors import InputError
 from spinfilters.lidar.mesh import TriangleMesh, cleaned_mesh
 from spinfilters.lidar.ply_files import read_ply
@@ -43,16 +43,8 @@ def read_mesh(path: str | os.PathLike[str]) -> TriangleMesh:
 _Surface = tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]
 
 
-def file_bytes(path: Path) -> bytes:
-    """Content of a file. InputError: it cannot be read."""
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path_text(path)}: cannot be read ({reason(error)}); copy it again") from None
-
-
 def _read_stl(path: Path) -> _Surface:
-    data = file_bytes(path)
+    data = read_bytes(path, MAX_MESH_BYTES)
     told = int.from_bytes(data[80:84], "little") if len(data) >= _STL_HEADER else -1
     if told >= 0 and len(data) == _STL_HEADER + _STL_TRIANGLE * told:
         return _binary_stl(data, told)
@@ -82,7 +74,7 @@ def _ascii_stl(path: Path, data: bytes) -> _Surface:
             f"{path_text(path)}: {opened} facets begin, {closed} end, with {len(vertices)} vertices: truncated; export it again"
         )
     try:
-        values = np.array(vertices, dtype="S64").astype(np.float64)
+        values = np.array([[plain_number(word) for word in vertex] for vertex in vertices])
     except ValueError:
         raise InputError(f"{path_text(path)}: a vertex is no number; export it again") from None
     return values.reshape(-1, 3), np.arange(len(values)).reshape(-1, 3)
@@ -95,11 +87,13 @@ def _read_obj(path: Path, first: int = 1) -> _Surface:
     """
     vertices: list[list[float]] = []
     triangles: list[tuple[int, int, int]] = []
-    for number, line in enumerate(file_bytes(path).decode("utf-8", "replace").splitlines(), 1):
+    for number, line in enumerate(
+        read_bytes(path, MAX_MESH_BYTES).decode("utf-8", "replace").splitlines(), 1
+    ):
         words = line.split()
         try:
             if words[:1] == ["v"]:
-                x, y, z = map(float, words[1:4])
+                x, y, z = map(plain_number, words[1:4])
                 vertices.append([x, y, z])
             elif words[:1] == ["f"]:
                 corners = [_obj_index(word, len(vertices), first) for word in words[1:]]
@@ -114,25 +108,33 @@ def _read_obj(path: Path, first: int = 1) -> _Surface:
 def _obj_index(word: str, count: int, first: int) -> int:
     index = int(word.split("/", 1)[0])
     place = index - first if index >= first else count + index
-    if place < 0 or (index < first and index >= 0):
+    if not 0 <= place < MAX_MESH_BYTES or (
+        index < first and index >= 0
+    ):  # of as many bytes, no file holds more
         raise IndexError(word)
     return place
 
 
 def _read_tab(path: Path) -> _Surface:
     """Rows as of an OBJ, whose indices begin at 0 where a face says so."""
-    return _read_obj(path, 0 if re.search(rb"^f(\s+\d+)*\s+0\s", file_bytes(path), re.MULTILINE) else 1)
+    return _read_obj(
+        path, 0 if re.search(rb"^f(\s+\d+)*\s+0\s", read_bytes(path, MAX_MESH_BYTES), re.MULTILINE) else 1
+    )
 
 
 def _read_counted(path: Path) -> _Surface:
     """A line with the numbers of vertices and faces, then their rows; indices from 1."""
+    head, *lines = read_bytes(path, MAX_MESH_BYTES).decode("utf-8", "replace").splitlines()
     try:
-        head, *lines = file_bytes(path).decode("utf-8", "replace").splitlines()
         count, faces = (int(word) for word in head.split())
+        if not 0 < count <= len(lines) or not 0 < faces <= len(lines) - count:
+            raise ValueError(f"{count} vertices and {faces} faces in {len(lines)} lines")
         rows = [line.split() for line in lines[: count + faces]]
-        return np.array(rows[:count], dtype=np.float64).reshape(-1, 3), np.array(
-            rows[count:], dtype=np.int64
-        ).reshape(-1, 3) - 1
+        vertices = np.array([[plain_number(word) for word in row] for row in rows[:count]])
+        corners = [[int(word) for word in row] for row in rows[count:]]
+        if any(not 1 <= corner <= count for row in corners for corner in row):
+            raise ValueError("a face names a vertex that is not there")
+        return vertices.reshape(count, 3), np.array(corners, dtype=np.int64).reshape(faces, 3) - 1
     except ValueError:
         raise InputError(
             f"{path_text(path)}: is no table of vertices and faces below their numbers; export it again"

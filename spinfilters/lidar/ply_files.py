@@ -8,11 +8,14 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from spinfilters.data.atomic_write import write_bytes
-from spinfilters.data.input_file import path_text, reason, require_file, value_text
+from spinfilters.data.input_file import path_text, plain_number, read_bytes, value_text
 from spinfilters.errors import InputError
 
 MAX_PLY_BYTES: Final = 1 << 30
 """Largest PLY that is read (1 GiB)."""
+CORNERS: Final = ("vertex_indices", "vertex_index")
+"""Names of the list of a face's corners."""
+ASCII: Final = "="
 _TYPES: Final = {
     **dict.fromkeys(("char", "int8"), "i1"),
     **dict.fromkeys(("uchar", "uint8"), "u1"),
@@ -23,7 +26,7 @@ _TYPES: Final = {
     **dict.fromkeys(("float", "float32"), "f4"),
     **dict.fromkeys(("double", "float64"), "f8"),
 }
-_ORDERS: Final = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": "="}
+_ORDERS: Final = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": ASCII}
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +64,12 @@ class _Element:
         """Whether all properties are single numbers."""
         return all(len(each) == 2 for each in self.properties)
 
+    @property
+    def corners(self) -> int:
+        """Index of the list of a face's corners: that of the known names, else the first one."""
+        lists = [k for k, each in enumerate(self.properties) if len(each) == 3]
+        return next((k for k in lists if self.properties[k][0] in CORNERS), lists[0])
+
 
 def read_ply(path: Path) -> PlyContent:
     """Vertices and faces of a PLY; other elements are passed over.
@@ -69,14 +78,10 @@ def read_ply(path: Path) -> PlyContent:
     ------
     InputError: missing, too large, no PLY, truncated, without x, y, z, a face that names no vertex.
     """
-    require_file(path, MAX_PLY_BYTES)
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path_text(path)}: cannot be read ({reason(error)}); copy it again") from None
+    data = read_bytes(path, MAX_PLY_BYTES)
     try:
         return _parsed(data)
-    except (ValueError, IndexError, KeyError, OverflowError) as error:
+    except (ValueError, IndexError, KeyError, OverflowError, TypeError) as error:
         raise InputError(
             f"{path_text(path)}: is no whole PLY ({value_text(' '.join(str(error).split())[:80])}); export it again"
         ) from None
@@ -112,7 +117,7 @@ def write_ply(
 
 def _parsed(data: bytes) -> PlyContent:
     order, elements, comments, start = _header(data)
-    source = _AsciiRows(data[start:]) if order == "=" else _BinaryRows(data, start, order)
+    source = _AsciiRows(data[start:]) if order == ASCII else _BinaryRows(data, start, order)
     columns: dict[str, np.ndarray] = {}
     triangles = np.zeros((0, 3), np.int64)
     for element in elements:
@@ -120,7 +125,7 @@ def _parsed(data: bytes) -> PlyContent:
             table = source.table(element)
             columns = table if element.name == "vertex" else columns
         else:
-            polygons = source.lists(element, element.name == "face")
+            polygons = source.lists(element)
             triangles = _fans(polygons) if element.name == "face" else triangles
     if any(axis not in columns for axis in "xyz"):
         raise ValueError("no vertices with x, y, z")
@@ -156,6 +161,12 @@ def _header(data: bytes) -> tuple[str, list[_Element], tuple[str, ...], int]:
             )
             last = elements[-1]
             elements[-1] = _Element(last.name, last.count, (*last.properties, kind))
+    if not order:
+        raise ValueError("no line that names the format")
+    for element in elements:
+        names = [each[0] for each in element.properties]
+        if len(set(names)) < len(names):
+            raise ValueError(f"{element.name} has a property twice")
     return order, elements, tuple(comments), body
 
 
@@ -165,31 +176,50 @@ def _fans(polygons: list[np.ndarray]) -> Int[np.ndarray, "f 3"]:
 
 
 class _AsciiRows:
-    """Lines of an ASCII body, taken in order."""
+    """Lines of an ASCII body that are not blank, taken in order."""
 
     def __init__(self, body: bytes) -> None:
-        self._lines, self._at = body.split(b"\n"), 0
+        self._lines, self._at = [line for line in body.splitlines() if line.strip()], 0
 
     def _take(self, count: int) -> list[bytes]:
         lines = self._lines[self._at : self._at + count]
         self._at += count
-        if len(lines) < count or (lines and not lines[-1].strip()):
+        if len(lines) < count:
             raise ValueError("fewer lines than the header tells")
         return lines
 
     def table(self, element: _Element) -> dict[str, np.ndarray]:
         """Columns of an element of single numbers, by name."""
-        values = np.array(b" ".join(self._take(element.count)).split(), dtype="S32").astype(np.float64)
+        words = b" ".join(self._take(element.count)).split()
+        values = np.fromiter(map(plain_number, words), np.float64, len(words))
         values = values.reshape(element.count, len(element.properties))
         return {each[0]: values[:, k] for k, each in enumerate(element.properties)}
 
-    def lists(self, element: _Element, kept: bool) -> list[np.ndarray]:
-        """Integer list of each row, empty where not ``kept``."""
-        lines = self._take(element.count)
-        if not kept:
-            return []
-        rows = [np.array(line.split(), dtype=np.float64).astype(np.int64) for line in lines]
-        return [row[1 : 1 + row[0]] for row in rows]
+    def lists(self, element: _Element) -> list[np.ndarray]:
+        """List of corners of each row."""
+        return [self._list(line.split(), element) for line in self._take(element.count)]
+
+    def _list(self, words: list[bytes], element: _Element) -> np.ndarray:
+        at, kept = 0, np.zeros(0, np.int64)
+        for k, kinds in enumerate(element.properties):
+            size = 1
+            if len(kinds) == 3:
+                size, at = _whole(words[at]), at + 1
+            if not 0 <= size <= len(words) - at:
+                raise ValueError(f"a list of {size} numbers in a row of {len(words)}")
+            if k == element.corners:
+                kept = np.array([_whole(word) for word in words[at : at + size]], dtype=np.int64)
+            at += size
+        if at != len(words):
+            raise ValueError(f"a row of {len(words)} numbers, expected {at}")
+        return kept
+
+
+def _whole(word: bytes) -> int:
+    number = plain_number(word)
+    if not number.is_integer():
+        raise ValueError(f"{value_text(word)} is no whole number")
+    return int(number)
 
 
 class _BinaryRows:
@@ -199,6 +229,8 @@ class _BinaryRows:
         self._data, self._at, self._order = data, start, order
 
     def _take(self, layout: np.dtype, count: int) -> np.ndarray:
+        if not 0 <= count * layout.itemsize <= len(self._data) - self._at:
+            raise ValueError(f"{count} numbers are told where {len(self._data) - self._at} bytes are left")
         taken = np.frombuffer(self._data, layout, count, self._at) if count else np.empty(0, layout)
         self._at += count * layout.itemsize
         return taken
@@ -209,14 +241,23 @@ class _BinaryRows:
         rows = self._take(layout, element.count)
         return {name: rows[name] for name, _ in element.properties}
 
-    def lists(self, element: _Element, kept: bool) -> list[np.ndarray]:
-        """Integer list of each row, empty where not ``kept``."""
+    def lists(self, element: _Element) -> list[np.ndarray]:
+        """List of corners of each row."""
         types = [tuple(np.dtype(self._order + kind) for kind in each[1:]) for each in element.properties]
-        rows = []
+        corners, rows = element.corners, []
         for _ in range(element.count):
             for k, kinds in enumerate(types):
                 size = int(self._take(kinds[0], 1)[0]) if len(kinds) == 2 else 1
                 items = self._take(kinds[-1], size)
-                if kept and k == 0:
-                    rows.append(items)
+                if k == corners:
+                    rows.append(_whole_indices(items))
         return rows
+
+
+def _whole_indices(items: np.ndarray) -> Int[np.ndarray, " n"]:
+    """Indices as int64. ValueError: one that is no whole number, or beyond all vertices."""
+    if items.dtype.kind == "f" and not (np.isfinite(items).all() and (items == np.round(items)).all()):
+        raise ValueError("a face names a vertex by a number that is not whole")
+    if len(items) and float(np.abs(items.astype(np.float64)).max()) > MAX_PLY_BYTES:
+        raise ValueError("a face names a vertex that is not there")
+    return items.astype(np.int64)

@@ -13,7 +13,13 @@ import cv2
 import numpy as np
 from jaxtyping import UInt8, UInt16
 
-from spinfilters.data.input_file import path_text, require_folder, require_text_table, value_text
+from spinfilters.data.input_file import (
+    path_text,
+    read_bytes,
+    require_folder,
+    require_text_table,
+    value_text,
+)
 from spinfilters.errors import InputError
 from spinfilters.vision.image_header import PNG_BEGIN, claimed_size, is_damaged_png
 from spinfilters.vision.loss_count import LossCount
@@ -118,25 +124,32 @@ def read_image(path: Path) -> tuple[UInt8[np.ndarray, "h w"] | None, str | None]
 
 def _decoded(path: Path) -> tuple[Grey | None, str | None]:
     """Grey values as the file has them, or why there are none."""
-    try:
-        if os.stat(path).st_size > LARGEST_IMAGE_FILE:
-            return None, "larger than an image file may be"
-        data = np.fromfile(path, dtype=np.uint8)
-    except (OSError, ValueError):
+    if not os.path.exists(path):
         return None, "missing"
-    if not data.size:
+    if not os.path.isfile(path):  # a pipe or device, which would be waited for
+        return None, "not a file"
+    if os.path.getsize(path) > LARGEST_IMAGE_FILE:
+        return None, "larger than an image file may be"
+    try:
+        content = read_bytes(path, LARGEST_IMAGE_FILE, may_be_empty=True)
+    except InputError:
+        return None, "not readable"
+    if not content:
         return None, "empty"
-    begin, end = data[:8].tobytes(), data[-LONGEST_TRAILER:].tobytes()
+    begin, end = content[:8], content[-LONGEST_TRAILER:]
     if any(begin.startswith(first) and last not in end for first, last in FIRST_AND_LAST):
         return None, "cut short"
-    content = data.tobytes()
-    width, height = claimed_size(content) or (0, 0)
-    if width * height > MOST_PIXELS:
+    size = claimed_size(content)
+    if size is None:  # of another format, whose decoder may take all memory
+        return None, "not an image"
+    if not 0 < size[0] * size[1] <= MOST_PIXELS:
         return None, "of more pixels than an image may have"
     if is_damaged_png(content):
         return None, "damaged"
     try:
-        image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH)
+        image = cv2.imdecode(
+            np.frombuffer(content, dtype=np.uint8), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH
+        )
     except cv2.error:
         image = None
     if image is None:

@@ -23,6 +23,10 @@ def test_a_cluster_gives_the_rows_of_one_process() -> None:
 
 
 @pytest.mark.filterwarnings("default")
-def test_what_is_no_address_is_refused_in_one_line() -> None:
+@pytest.mark.parametrize(
+    "address", ["ftp:/nowhere", "word", "", "tcp://", "a b:1", "foo://host:1", "host:99999"]
+)
+def test_what_is_no_address_is_refused_in_one_line(address: str, capfd: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(InputError, match="no address"):
-        list(DaskCluster("ftp:/nowhere").rows(gyro_study(), [(0,)]))
+        list(DaskCluster(address).rows(gyro_study(), [(0,)]))
+    assert capfd.readouterr().err == ""

@@ -1,15 +1,52 @@
 """Rows survive a kill at any moment and a full disk; none stands twice."""
 
 import json
+import os
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from spinfilters.campaigns.rows_folder import ROWS, RowsFolder, part_files, read_rows
+from spinfilters.campaigns.rows_folder import ROWS, RowsFolder, part_files, read_rows, write_part
+from spinfilters.campaigns.schema import schema
 from spinfilters.errors import InputError
 
 FACTORS = ["estimator"]
+LEVELS = [{"estimator": "mekf"}, {"estimator": "ukf"}]
+"""Of a study of two cells."""
+DAMAGE = {
+    "a negative run": {"run": -1},
+    "a run of another study": {"run": 1000},
+    "a run beyond 64 bits": {"run": 2**70},
+    "a run that is true": {"run": True},
+    "a run that is a text": {"run": "2"},
+    "a run that is no whole number": {"run": 2.0},
+    "another seed": {"seed": 7},
+    "a cell that is not there": {"cell": 5},
+    "another level": {"estimator": "magic"},
+    "a number as a text": {"nees": "0.1"},
+    "a number that is a list": {"nees": [0.1]},
+    "a truth value that is a number": {"right": 2},
+    "a whole number with a fraction": {"epochs": 1.5},
+    "a whole number beyond 64 bits": {"epochs": 2**64},
+    "a number of 400 digits": {"nees": 10**400},
+    "a text that is a number": {"reason": 3},
+    "a text that is no Unicode": {"reason": "\ud800"},
+    "a list of texts": {"nees_over_time": ["x"]},
+    "a list that is a mapping": {"nees_over_time": {}},
+    "an unknown outcome": {"outcome": "dine"},
+    "an unknown column": {"neer": 1.0},
+}
+LINES = {
+    "no JSON": b'{"run": 2, "ce',
+    "not UTF-8": b'{"run": 2, "outcome": "\xff"}',
+    "of zeros": bytes(40),
+    "nested without end": b"[" * 200_000,
+    "a list": b"[2]",
+    "a number of 5000 digits": b'{"run": ' + b"9" * 5000 + b"}",
+    "two rows in one": b'{"run": 2}{"run": 3}',
+    "null": b"null",
+}
 
 
 def _row(run: int) -> dict[str, Any]:
@@ -77,3 +114,36 @@ def test_a_damaged_part_and_a_foreign_one_are_refused(tmp_path: Path) -> None:
     (tmp_path / ROWS / "000001.parquet").write_bytes(b"PAR1 nothing PAR1")
     with pytest.raises(InputError, match="no Parquet file"):
         read_rows(tmp_path, FACTORS)
+
+
+def _study_row(run: int) -> dict[str, Any]:
+    return {"run": run, "cell": run % 2, "seed": run // 2, **LEVELS[run % 2], "outcome": "done", "nees": 0.1}
+
+
+@pytest.mark.parametrize("damage", [*DAMAGE, *LINES])
+def test_a_damaged_row_is_set_aside_and_its_run_made_again(damage: str, tmp_path: Path) -> None:
+    line = LINES.get(damage) or json.dumps(_study_row(2) | DAMAGE[damage]).encode()
+    (tmp_path / ROWS).mkdir()
+    journal = tmp_path / ROWS / "000001.jsonl"
+    whole = [json.dumps(_study_row(run)).encode() for run in (0, 1)]
+    journal.write_bytes(b"\n".join([whole[0], line, whole[1], b""]))
+    assert read_rows(tmp_path, FACTORS, levels=LEVELS)["run"].to_pylist() == [0, 1]
+    assert RowsFolder(tmp_path, FACTORS, LEVELS).done() == {0, 1}
+    assert journal.with_suffix(".damaged").read_bytes() == line + b"\n"
+    assert read_rows(tmp_path, FACTORS, levels=LEVELS)["run"].to_pylist() == [0, 1]
+
+
+def test_a_part_that_an_earlier_version_spoiled_counts_its_true_rows_alone(tmp_path: Path) -> None:
+    with RowsFolder(tmp_path, FACTORS) as rows:
+        for row in (_study_row(0), _study_row(1), _study_row(2) | {"run": -1}, _study_row(3) | {"seed": 9}):
+            rows.append(row)
+    write_part(tmp_path / ROWS / "000002.parquet", [_study_row(2) | {"run": -1}], schema(FACTORS))
+    assert RowsFolder(tmp_path, FACTORS, LEVELS).done() == {0, 1}
+    assert read_rows(tmp_path, FACTORS, levels=LEVELS)["run"].to_pylist() == [0, 1]
+
+
+def test_a_journal_that_is_a_pipe_is_refused_and_not_waited_for(tmp_path: Path) -> None:
+    (tmp_path / ROWS).mkdir()
+    os.mkfifo(tmp_path / ROWS / "000001.jsonl")
+    with pytest.raises(InputError, match="pipe"):
+        RowsFolder(tmp_path, FACTORS)

@@ -58,7 +58,7 @@ def write_report(folder: Path) -> Path:
     InputError: no campaign's folder, no rows, damaged rows, a report that cannot be written.
     """
     study, document = read_folder(folder)
-    table = read_rows(folder, study.columns)
+    table = read_rows(folder, study.columns, levels=study.levels)
     cells = list(cell_summaries(study, table))
     varied = study.varied or ["estimator"]
     target = folder / REPORT

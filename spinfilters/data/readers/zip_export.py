@@ -3,7 +3,6 @@
 import os
 import tempfile
 import zipfile
-import zlib
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Final
@@ -15,6 +14,8 @@ from spinfilters.data.stated_values import NOTHING_STATED, ReadingOptions
 from spinfilters.errors import InputError
 
 MOST_MEMBERS: Final = 1000
+SMALL, LARGEST_RATIO = 64 << 20, 100
+"""Bounds of what an archive unpacks to: tables shrink to a third when packed, a bomb to a thousandth."""
 _READ = (".csv", ".tsv", ".txt", ".tum", ".toml")
 _CHUNK = 1024**2
 
@@ -75,14 +76,10 @@ class _Unpacked:
             folder = Path(self.place.name) / self.path.stem
             folder.mkdir()
             return _unpack(self.path, folder)
-        except (
-            zipfile.BadZipFile,
-            zlib.error,
-            EOFError,
-            RuntimeError,  # an encrypted member, an unknown compression
-            OSError,
-            ValueError,
-        ) as error:
+        except InputError:
+            self.place.cleanup()
+            raise
+        except Exception as error:  # the package meets a damaged archive with whatever its parsers raise
             self.place.cleanup()
             raise InputError(
                 f"{path_text(self.path)}: cannot be unpacked ({reason(error)}); unpack it yourself and give the folder"
@@ -104,7 +101,8 @@ def _unpack(path: Path, place: Path) -> Path:
     """Write the tables of an archive, by their file names, into a folder; returns that."""
     with zipfile.ZipFile(path) as archive:
         members = [m for m in archive.infolist() if _is_table(m)]
-        if len(members) > MOST_MEMBERS or sum(m.file_size for m in members) > MAX_TABLE_BYTES:
+        allowed = min(MAX_TABLE_BYTES, SMALL + LARGEST_RATIO * path.stat().st_size)
+        if len(members) > MOST_MEMBERS or sum(m.file_size for m in members) > allowed:
             raise InputError(
                 f"{path_text(path)}: holds too much; unpack it and give the folder of one recording"
             )
