@@ -218,6 +218,21 @@ def test_a_measurement_that_is_not_finite_changes_nothing() -> None:
     np.testing.assert_array_equal(filter_.belief.factor, before.factor)
 
 
+@pytest.mark.parametrize("step", [1e3, 1e6])
+def test_a_step_whose_deviations_would_not_be_finite_is_left_out_and_said(step: float) -> None:
+    """The place's variance is beyond float: that of the velocity, which is not, times the square of the step."""
+    _, belief = first_belief(FULL)
+    factor = belief.factor.copy()
+    factor[FULL.layout.slice("v")] *= 1e18
+    filter_ = EmbeddedFilter(FULL, replace(OPTIONS, real="float"))
+    filter_.start(Gaussian(FULL.layout, belief.mean, factor))
+    before = filter_.belief
+    filter_.predict(step)
+    assert np.isfinite(filter_.belief.std).all()
+    np.testing.assert_array_equal(filter_.belief.factor, before.factor)
+    assert any("would not have stayed finite" in reason for reason in filter_.status.reasons)
+
+
 def test_it_goes_on_from_a_snapshot_to_the_same_bits() -> None:
     rng, points = np.random.default_rng(1), ball(30)
     truth, belief = first_belief(FULL)

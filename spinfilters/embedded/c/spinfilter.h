@@ -26,7 +26,7 @@ enum sf_status {
   SF_OK = 0,
   SF_REFUSED = 1,    /* every value lies outside the gate, or is not usable: nothing has changed */
   SF_FAST = 2,       /* done, but the body turned further than SF_LARGEST_TURN rad in one prediction: call more often */
-  SF_NOT_FINITE = 3, /* the result would not be finite, or the covariance not positive: nothing has changed */
+  SF_NOT_FINITE = 3, /* state or deviations would not be finite, or the covariance not positive: nothing has changed */
   SF_INVALID = 4     /* an argument that no filter can use: nothing has changed */
 };
 

@@ -13,11 +13,21 @@ void sf_copy_filter(sf_filter *to, const sf_filter *from)
   to->refused = from->refused;
 }
 
+static sf_real variance(const sf_filter *f, int i) /* row i of U D U' */
+{
+  sf_real sum = f->d[i];
+  for (int k = i + 1; k < SF_N; ++k) sum += SF_COLUMN(f->u, k)[i] * SF_COLUMN(f->u, k)[i] * f->d[k];
+  return sum;
+}
+
 int sf_is_finite(const sf_filter *f)
 {
   int good = 1;
   for (int k = 0; k < SF_NX; ++k) good &= f->x[k] - f->x[k] == SF_R(0.0);
-  for (int k = 0; k < SF_N; ++k) good &= f->d[k] > SF_R(0.0) && f->d[k] - f->d[k] == SF_R(0.0);
+  for (int k = 0; k < SF_N; ++k) {
+    const sf_real total = variance(f, k); /* beyond the numbers before D and U are: of a place whose velocity is vague */
+    good &= f->d[k] > SF_R(0.0) && total - total == SF_R(0.0);
+  }
   return good;
 }
 
@@ -84,9 +94,5 @@ void sf_covariance(const sf_filter *f, sf_real *out)
 
 void sf_deviations(const sf_filter *f, sf_real *out)
 {
-  for (int i = 0; i < SF_N; ++i) {
-    sf_real sum = f->d[i];
-    for (int k = i + 1; k < SF_N; ++k) sum += SF_COLUMN(f->u, k)[i] * SF_COLUMN(f->u, k)[i] * f->d[k];
-    out[i] = SF_SQRT(sum);
-  }
+  for (int i = 0; i < SF_N; ++i) out[i] = SF_SQRT(variance(f, i));
 }

@@ -13,7 +13,7 @@ typedef struct {
 } sf_correction;
 
 void sf_copy_filter(sf_filter *to, const sf_filter *from);
-int sf_is_finite(const sf_filter *f); /* and D is positive */
+int sf_is_finite(const sf_filter *f); /* state and deviations, and D is positive */
 
 /* One scalar measurement: residual = row . error[SF_SEEN...] + unit noise; takes residual^2 / alpha into the nis. */
 void sf_update_scalar(sf_filter *f, sf_correction *c, const sf_real *row, sf_real residual);
