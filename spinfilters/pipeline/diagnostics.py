@@ -8,6 +8,7 @@ from scipy.special import pdtrc
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.pipeline.initialisation_length import DETERMINED_STD, moments_std_of
+from spinfilters.pipeline.inspector_poses import sparse_poses
 from spinfilters.pipeline.setup import Setup
 from spinfilters.sensors.sensor import sensor_of
 from spinfilters.state.status import EstimatorStatus, Verdict
@@ -32,7 +33,7 @@ DISAGREEMENT_STD, DISAGREEMENT = 4.0, 0.01
 
 def shared_diagnostics(setup: Setup) -> list[str]:
     """Reasons that concern every estimator of a run."""
-    reasons = [*setup.initial.status.reasons, *setup.dataset.doubts]
+    reasons = [*setup.initial.status.reasons, *setup.dataset.doubts, *sparse_poses(setup)]
     noise = setup.gyro_noise
     if noise is not None and not noise.is_of_flight:
         reasons.append(
