@@ -81,6 +81,7 @@ def simulate(
     known_map: bool = False,
     gyro_bias: Sequence[float] | None = None,
     inspector: str = STATIC,
+    inspector_errors: Mapping[str, float] | None = None,
     beside: Mapping[str, float] | None = None,
     progress: Progress = silent,
 ) -> Dataset:
@@ -96,7 +97,10 @@ def simulate(
     rate_rpm: (3,) initial rate about the principal axes x, y, z, rpm.   moments: (3,) principal moments about them, any scale.
     known_map: whether the data set tells the landmarks' positions; of tracks only.
     gyro_bias: (3,) constant error of a gyro's rates, g axes, rad/s; of that kind only.
-    inspector: "static", or "circle" of a camera that flies about the body on a known trajectory; of tracks only.
+    inspector: "static", or how the camera moves on a known trajectory: "circle" about the body, "sway", or "dead-band" of thrusters
+        that fire at the edges of one; of tracks only.
+    inspector_errors: sizes, by name, of what is wrong with its poses: "late" s, "turning" rad and "drifting" m over the recording,
+        "sparse" s between them, "missing" (any size). Nothing is stated then of how well they are known.
     beside: intervals, s, of other kinds of sensors that see the same motion.
     progress: called after every epoch of the motion with how many are done, and of how many.
 
@@ -115,6 +119,7 @@ def simulate(
         rate_rpm=(rate[0], rate[1], rate[2]),
         principal_moments=(inertia[0], inertia[1], inertia[2]),
         inspector=inspector,
+        inspector_errors=tuple((inspector_errors or {}).items()),
         beside=tuple(others.items()),
         gyro_bias=Scenario.gyro_bias if gyro_bias is None else _checked_bias(gyro_bias, (kind, *others)),
         seed=seed,

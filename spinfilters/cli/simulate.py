@@ -43,6 +43,7 @@ def simulate(options: argparse.Namespace) -> int:
             known_map=options.known_map,
             gyro_bias=options.gyro_bias,
             inspector=options.inspector,
+            inspector_errors=_inspector_errors(options),
             beside=_beside(options),
             progress=lambda done, total: report("motion", done, total),
         )
@@ -78,13 +79,30 @@ def _beside(options: argparse.Namespace) -> dict[str, float]:
     return beside
 
 
+def _inspector_errors(options: argparse.Namespace) -> dict[str, float]:
+    """Size by name, 0 of an error without one. InputError: no number, too many, a name twice."""
+    errors: dict[str, float] = {}
+    for name, *size in options.inspector_error or ():
+        if name in errors:
+            raise InputError(f"--inspector-error {name} is given twice; give it once")
+        try:
+            errors[name] = float(size[0]) if size else 0.0
+        except ValueError:
+            raise InputError(
+                f"--inspector-error {name} {value_text(size[0])}: give its size as a number, such as 0.1"
+            ) from None
+        if len(size) > 1:
+            raise InputError(f"--inspector-error {name} {' '.join(size)}: give one size; repeat the option")
+    return errors
+
+
 def _simulate_images(options: argparse.Namespace, folder: Path) -> int:
     """Render the motion's stereo images."""
     from spinfilters.api.image_recordings import ImageScenario, render
 
-    if options.known_map or options.gyro_bias is not None or options.beside:
+    if options.known_map or options.gyro_bias is not None or options.beside or options.inspector_error:
         raise InputError(
-            f"--known-map, --gyro-bias and --beside are not for --kind {IMAGE_KIND}; leave them out"
+            f"--known-map, --gyro-bias, --beside and --inspector-error are not for --kind {IMAGE_KIND}; leave them out"
         )
     scenario = ImageScenario(
         shape=options.shape or ImageScenario.shape,

@@ -67,6 +67,37 @@ class CameraTrajectory:
         found = np.where(share == 0, start, np.where(share == 1, end, found))
         return found[which.reshape(-1)]
 
+    def interpolation_errors(
+        self, time: Float[np.ndarray, " k"]
+    ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+        """How far interpolated poses are off where the path bends as its poses do: (k,) m and (k,) rad.
+
+        At a share s between two poses h apart s (1 - s) h^2 / 2 times the second derivative there, the mean of those at both poses
+        by divided differences; zero at the stamps of the poses, and of less than three.
+
+        Raises
+        ------
+        InputError: a time before the first pose or after the last.
+        """
+        self.require_cover(time)
+        if len(self.time) < 3:
+            return np.zeros(len(time)), np.zeros(len(time))
+        h = np.diff(self.time)
+        q = self.poses[:, 3:]
+        rates = np.concatenate(
+            [
+                np.diff(self.poses[:, :3], axis=0) / h[:, None],
+                rotation_vector_from_quaternion(multiply(inverse(q[:-1]), q[1:])) / h[:, None],
+            ],
+            axis=1,
+        )
+        inner = np.diff(rates, axis=0) * (2 / (h[:-1] + h[1:]))[:, None]
+        bends = np.concatenate([inner[:1], inner, inner[-1:]])  # at every pose, of the ends that of the next
+        before = np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, len(h) - 1)
+        share = (time - self.time[before]) / h[before]
+        off = (share * (1 - share) * h[before] ** 2 / 2)[:, None] * (bends[before] + bends[before + 1]) / 2
+        return np.linalg.norm(off[:, :3], axis=1), np.linalg.norm(off[:, 3:], axis=1)
+
     def require_cover(self, time: Float[np.ndarray, " k"]) -> None:
         """InputError: a time before the first pose or after the last."""
         first, last = float(np.min(time)), float(np.max(time))

@@ -2,6 +2,7 @@
 
 from spinfilters.pipeline.gyro_noise import LARGEST_ERROR
 from spinfilters.pipeline.initialisation_length import DETERMINED_STD, moments_std_of
+from spinfilters.pipeline.inspector_poses import sparse_poses
 from spinfilters.pipeline.setup import Setup
 from spinfilters.sensors.sensor import sensor_of
 from spinfilters.state.status import Finding
@@ -11,6 +12,7 @@ from spinfilters.verdict.checks import finding
 def shared_diagnostics(setup: Setup) -> list[Finding]:
     """Findings that concern every estimator of a run."""
     found = [*setup.initial.status.findings, *(Finding("data-set", text) for text in setup.dataset.doubts)]
+    found += sparse_poses(setup)
     noise = setup.gyro_noise
     if noise is not None and not noise.is_of_flight:
         numbers = {"percent": 100 * noise.relative_error, "limit": 100 * LARGEST_ERROR}

@@ -50,12 +50,13 @@ class InspectorError:
         What it does, with the unit of its size.
     apply : Callable
         Told poses with the error, from right ones and its size; None where nothing is told.
-    largest : float
-        Of its size, which is positive; zero of an error without a size.
+    smallest, largest : float
+        Of its size; a largest of zero of an error without a size.
     """
 
     words: str
     apply: Callable[[ToldPoses, float], ToldPoses | None]
+    smallest: float = 1e-6
     largest: float = np.inf
 
 
@@ -97,11 +98,11 @@ def _missing(told: ToldPoses, size: float) -> None:
 
 INSPECTOR_ERRORS: Final[Mapping[str, InspectorError]] = MappingProxyType(
     {
-        "late": InspectorError("poses are stamped so many s late", _late, MOST_LATE),
-        "turning": InspectorError("attitudes drift by so many rad over the recording", _turning, np.pi),
+        "late": InspectorError("poses are stamped so many s late", _late, largest=MOST_LATE),
+        "turning": InspectorError("attitudes drift by so many rad over the recording", _turning, largest=np.pi),
         "drifting": InspectorError("places drift by so many m over the recording", _drifting),
-        "sparse": InspectorError("a pose every so many s only", _sparse),
-        "missing": InspectorError("no poses at all, as of a forgotten inspector.tum", _missing, 0.0),
+        "sparse": InspectorError("a pose every so many s only", _sparse, smallest=1e-3),
+        "missing": InspectorError("no poses at all, as of a forgotten inspector.tum", _missing, largest=0.0),
     }
 )
 """By name."""
@@ -115,10 +116,10 @@ def require_inspector_errors(errors: Sequence[tuple[str, float]]) -> None:
                 f"inspector error {name!r} is unknown; use one of {', '.join(INSPECTOR_ERRORS)}"
             )
         error = INSPECTOR_ERRORS[name]
-        if not (np.isfinite(size) and 0 < size <= error.largest) and error.largest:
-            most = "" if np.isinf(error.largest) else f" and at most {error.largest:.4g}"
+        if error.largest and not (np.isfinite(size) and error.smallest <= size <= error.largest):
+            most = "or more" if np.isinf(error.largest) else f"to {error.largest:.4g}"
             raise InputError(
-                f"inspector error {name} of size {size}: {error.words}; give a positive size{most}"
+                f"inspector error {name} of size {size}: {error.words}; give a size of {error.smallest:g} {most}"
             )
 
 

@@ -132,6 +132,15 @@ CHECKS: Final[tuple[Check, ...]] = (
         "cut the recording to the flight (--segment), or check axes, range and unit of the gyro",
     ),
     Check(
+        "sparse-inspector-poses", ALL, Needs.RECORDING,
+        "Are the inspector's poses dense enough for the bends of its path? Errors of interpolation at most the pixel noise over "
+        "the root of an image's observations",
+        CERTAIN,
+        "the inspector's poses are too sparse for the bends of its path: between them, {interval:.3g} s apart, it is off by about "
+        "{millimetres:.2g} mm and {rotation:.2g} rad, which is {pixels:.2g} px",
+        "give poses at the stamps of the images, or more of them (inspector.tum)",
+    ),
+    Check(
         "motion-shows-no-moments", BODY, Needs.FILTER,
         "Does the estimated body predict the epochs behind the initialisation better than a sphere does? "
         "Twice the log likelihood ratio is at least 30",

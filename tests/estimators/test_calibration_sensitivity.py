@@ -8,11 +8,12 @@ import pytest
 
 from spinfilters.attitude.conversions import matrix_from_quaternion
 from spinfilters.data.consider_parameter import ConsideredDeviation, consider_parameters
-from spinfilters.estimators.model_errors.calibration_sensitivity import smoothed_sensitivity
+from spinfilters.estimators.model_errors.calibration_sensitivity import smoothed_sensitivity, told_information
 from spinfilters.estimators.model_errors.hypotheses import solved_near
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
 from spinfilters.estimators.model_errors.solved_columns import Sensitivity
 from spinfilters.estimators.timeline import LogTimeline, times_of
+from spinfilters.geometry.camera_displacements import MINUTE
 from spinfilters.models.process import ProcessNoise
 from spinfilters.pipeline.calibration_errors import with_error
 from spinfilters.pipeline.model_errors import landmarks_placed, linear_problem
@@ -26,7 +27,9 @@ KINDS = {
     "stereo-tracks": ("focal_std", "center_std", "baseline_std"),
     "gyro": ("gyro_scale_std",),
     "pose": ("length_scale_std",),
+    "inspector": ("inspector_position_std", "inspector_rotation_std", "inspector_clock_std"),
 }
+"""Parameters of kinds of data sets, and of tracks of a camera that moves."""
 EXACT = Scenario.simplified(
     principal_moments=(1.0, 0.8, 0.55),
     rate_rpm=(4.0, 9.0, 3.0),
@@ -54,7 +57,8 @@ def prepared(kind: str) -> Setup:
         sensors=STATED,  # pyright: ignore[reportArgumentType]
         initialisation={"share": 1.0},  # pyright: ignore[reportArgumentType]
     )
-    return prepare(without_map(simulate(replace(EXACT, kind=kind))), settings)
+    own = replace(EXACT, inspector="sway") if kind == "inspector" else replace(EXACT, kind=kind)
+    return prepare(without_map(simulate(own)), settings)
 
 
 def solved(setup: Setup, timeline: LogTimeline) -> SmoothedMotion:
@@ -145,10 +149,24 @@ def test_a_sensitivity_is_what_solving_with_another_calibration_says(kind: str, 
     setup, motion, parameter = prepared(kind), smoothed(kind), PARAMETERS[name]
     timeline = setup.timeline
     assert isinstance(timeline, LogTimeline)
-    small = 1e-3 if parameter.unit == "px" else 1e-6
+    small = {"px": 1e-3, "s": 1e-4, "m/min": 1e-5, "rad/min": 1e-5}.get(parameter.unit, 1e-6)
     considered = ConsideredDeviation(parameter, small, "stated")
     for number, error in enumerate(small * np.eye(parameter.size)):
         moved = solved(setup, with_error(timeline, considered, error))
         away = setup.process.layout.local(motion.rows.here.trajectory, moved.rows.here.trajectory) / small
         states = sensitivity(kind, name).states[:, :, number]
         np.testing.assert_allclose(away, states, atol=0.01 * np.abs(states).max())
+
+
+def test_positions_of_an_inspector_that_drift_are_a_velocity_of_the_body() -> None:
+    found = sensitivity("inspector", "inspector_position_std").states
+    np.testing.assert_allclose(block("inspector", "v", found[..., 0])[:, 0], 1 / MINUTE, rtol=0.02)
+    assert told_information(
+        smoothed("inspector"), [ConsideredDeviation(PARAMETERS["inspector_position_std"], 0.01, "stated")]
+    ) == pytest.approx(np.zeros((3, 3)), abs=1e-6)
+
+
+def test_residuals_tell_the_delay_of_an_inspector_that_sways() -> None:
+    considered = [ConsideredDeviation(PARAMETERS["inspector_clock_std"], 1.0, "stated")]
+    ((information,),) = told_information(smoothed("inspector"), considered)
+    assert 0.001 < information**-0.5 < 0.3

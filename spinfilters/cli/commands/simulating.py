@@ -47,8 +47,17 @@ def _add_sensor_options(simulate: argparse.ArgumentParser) -> None:
     simulate.add_argument(
         "--inspector",
         default="static",
-        metavar="static|circle",
-        help="circle: the camera flies about the body, and inspector.tum says how",
+        metavar="static|circle|sway|dead-band",
+        help="how the camera moves, and inspector.tum says how: circle, about the body; sway, it swings; dead-band, it keeps its place "
+        "by pulses of thrusters",
+    )
+    simulate.add_argument(
+        "--inspector-error",
+        nargs="+",
+        action="append",
+        metavar=("NAME", "SIZE"),
+        help="what is wrong with inspector.tum: late S, turning RAD, drifting M (both over the recording), sparse S, missing; may be "
+        "repeated",
     )
 
 

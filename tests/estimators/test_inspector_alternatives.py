@@ -1,0 +1,92 @@
+"""Errors of an inspector's poses about a smoothed motion: their columns, and a unit of length that moves with its disturbances."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from spinfilters.estimators.model_errors.alternative import table
+from spinfilters.estimators.model_errors.hypotheses import NOTHING_KNOWN, noise_of, solved_near
+from spinfilters.estimators.model_errors.score_test import ScoreTest
+from spinfilters.estimators.model_errors.score_tests import score_tests
+from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
+from spinfilters.estimators.timeline import times_of
+from spinfilters.models.process import ProcessNoise
+from spinfilters.pipeline.identified_noise import Unstated, noise_model
+from spinfilters.pipeline.model_errors import landmarks_placed, linear_problem
+from spinfilters.pipeline.preparation import prepare
+from spinfilters.settings.run_settings import Settings
+from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
+
+MOVING = Scenario(
+    rate_rpm=RICH_RPM, epochs=40, landmarks=100, noise=ProcessNoise(1e-6, 1e-6), inspector="sway", seed=4
+)
+
+
+@cache
+def score_tested(scenario: Scenario) -> tuple[SmoothedMotion, dict[str, ScoreTest]]:
+    """The whole recording smoothed, and its score tests by name."""
+    settings = Settings(
+        initialisation={"share": 1.0},  # pyright: ignore[reportArgumentType]
+        process={"gravity": False},  # pyright: ignore[reportArgumentType]
+    )
+    setup = prepare(without_map(simulate(scenario)), settings)
+    problem, trajectory = linear_problem(setup, setup.timeline), setup.initial.mean
+    rows = solved_near(problem, trajectory, landmarks_placed(problem, trajectory))
+    assert rows is not None
+    model = noise_model(problem, setup.noise, Unstated.of_all(setup.log, setup.process.noise))
+    assert model is not None
+    motion = SmoothedMotion(times_of(setup.timeline), rows)
+    tests = score_tests(motion, noise_of(model, rows, NOTHING_KNOWN), table().values())
+    return motion, {each.error.name: each for each in tests}
+
+
+def away(scenario: Scenario, name: str) -> float:
+    """Of the size of an error without a direction from zero, in deviations."""
+    test = score_tested(scenario)[1][name]
+    return float(test.size[0] / test.std[0])
+
+
+@pytest.mark.parametrize("late", [0.2, 0.5])
+def test_late_poses_of_an_inspector_are_told_with_their_delay(late: float) -> None:
+    found = score_tested(replace(MOVING, inspector_errors=(("late", late),)))[1]["inspector-delay"]
+    assert found.size[0] == pytest.approx(late, abs=max(4 * found.std[0], 0.1 * late))
+    assert found.p_value < 1e-3
+
+
+def test_attitudes_of_an_inspector_that_drift_are_told_with_their_direction() -> None:
+    span = (MOVING.epochs - 1) * MOVING.interval
+    found = score_tested(replace(MOVING, inspector_errors=(("turning", 0.1),)))[1]["inspector-drift"]
+    per_minute = -0.1 * 60.0 / span * np.array([0.6, -0.48, 0.64])  # where it is, seen from what is told
+    assert found.size @ per_minute > 0.5 * per_minute @ per_minute  # about the angular momentum it is hardly told
+    assert found.p_value < 1e-4
+
+
+def test_the_delay_of_a_uniform_circle_is_hardly_told() -> None:
+    _, circle = score_tested(replace(MOVING, inspector="circle"))
+    _, sway = score_tested(MOVING)
+    assert "inspector-delay" not in circle or circle["inspector-delay"].std > 5 * sway["inspector-delay"].std
+
+
+def test_a_camera_at_rest_has_no_errors_of_an_inspector_but_that_it_moves() -> None:
+    _, found = score_tested(replace(MOVING, inspector="static"))
+    assert {name for name in found if name.startswith("inspector")} == {"inspector-missing"}
+
+
+def test_a_known_trajectory_is_not_missing() -> None:
+    assert "inspector-missing" not in score_tested(MOVING)[1]
+
+
+def test_a_resting_camera_does_not_tell_its_baseline() -> None:
+    """Scene, velocity and disturbances are all larger by the same factor, and nothing else has a length."""
+    motion, _ = score_tested(replace(MOVING, inspector="static"))
+    columns = table()["baseline"].columns(motion)
+    assert columns is not None
+    assert motion.rows.residual(columns).squares[0] < 1e-6 * columns.squares[0]
+
+
+def test_a_baseline_score_of_right_recordings_is_zero_in_the_mean() -> None:
+    """Held to the force's density it was some -3 deviations in the mean, for it has minus the squares of the force in it."""
+    scores = [away(replace(MOVING, inspector="circle", seed=seed), "baseline") for seed in range(5)]
+    assert abs(np.mean(scores)) < 3 / np.sqrt(len(scores))
