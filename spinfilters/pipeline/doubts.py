@@ -13,13 +13,15 @@ from spinfilters.pipeline.estimate_diagnostics import (
     reference_smoother,
 )
 from spinfilters.pipeline.estimator_entry import AnyEntry, estimator_entries
-from spinfilters.pipeline.model_errors import tested_models
+from spinfilters.pipeline.flywheel_refit import with_flywheel_refit
+from spinfilters.pipeline.model_errors import tested_history, tested_models
 from spinfilters.pipeline.noise_diagnostics import filter_noise_diagnostics
 from spinfilters.pipeline.setup import Setup
 from spinfilters.pipeline.smoother_run import NAME as SMOOTHER
 from spinfilters.pipeline.stated_levels import stated_level_diagnostics
 from spinfilters.pipeline.tested_models import NOT_TESTED, TestedModels
 from spinfilters.settings.run_settings import Settings
+from spinfilters.state.status import Verdict
 
 
 @dataclass(frozen=True)
@@ -103,7 +105,7 @@ def doubts_of(evaluations: Sequence[Evaluation], setup: Setup, settings: Setting
         shared, reference = shared_diagnostics(setup), reference_smoother([], setup, settings)
         return Doubts(setup, settings, evaluations, shared, filter_diagnostics(setup), reference)
     smoothers = [each.history for each in evaluations if each.name == SMOOTHER]
-    models = tested_models(setup, evaluations)
+    models = _explained(setup, settings, evaluations)
     return Doubts(
         setup,
         settings,
@@ -117,3 +119,11 @@ def doubts_of(evaluations: Sequence[Evaluation], setup: Setup, settings: Setting
         reference_smoother(smoothers, setup, settings),
         models,
     )
+
+
+def _explained(setup: Setup, settings: Settings, evaluations: Sequence[Evaluation]) -> TestedModels:
+    """Score tests of the models, with a flywheel fitted where anything is suspected."""
+    models, best = tested_models(setup, evaluations), tested_history(setup, evaluations)
+    if best is None or not (models.is_suspect or best.status.verdict is not Verdict.OK):
+        return models
+    return with_flywheel_refit(models, setup, settings, best.mean)

@@ -58,12 +58,11 @@ def tested_models(setup: Setup, evaluations: Sequence[Evaluation]) -> TestedMode
 
     None where nothing can be linearised.
     """
-    best, units = _best(setup, evaluations), tuple(wrong_units(setup.dataset))
+    best, units = tested_history(setup, evaluations), tuple(wrong_units(setup.dataset))
     if best is None:
         return replace(NOT_TESTED, units=units)
-    most = MOST_EPOCHS_WITH_MAP if setup.initial.has_landmarks else MOST_EPOCHS
-    std = np.linalg.norm(best.factor[:most], axis=2)
-    found = tested_about(setup, best.mean[:most], table().values(), jumps)
+    std = np.linalg.norm(best.factor, axis=2)
+    found = tested_about(setup, best.mean, table().values(), jumps)
     correlated = possible_correlation(setup, found.solved, stated_levels(setup))
     return replace(found, units=units, std=std, correlated=correlated, solved=None)
 
@@ -145,8 +144,8 @@ def _correlation(setup: Setup) -> dict[str, float]:
     }
 
 
-def _best(setup: Setup, evaluations: Sequence[Evaluation]) -> EstimateHistory | None:
-    """The estimator that used most measurements of each epoch.
+def tested_history(setup: Setup, evaluations: Sequence[Evaluation]) -> EstimateHistory | None:
+    """First epochs of the estimator that used most measurements of each epoch.
 
     The smoother if it runs, else the first that has not failed.
     """
@@ -157,7 +156,9 @@ def _best(setup: Setup, evaluations: Sequence[Evaluation]) -> EstimateHistory | 
         and each.history.layout == setup.process.layout
         and np.isfinite(each.history.mean).all()
     ]
-    return next((each for each in good if each.name == "smoother"), good[0] if good else None)
+    best = next((each for each in good if each.name == "smoother"), good[0] if good else None)
+    most = MOST_EPOCHS_WITH_MAP if setup.initial.has_landmarks else MOST_EPOCHS
+    return None if best is None else replace(best, mean=best.mean[:most], factor=best.factor[:most])
 
 
 def stated_levels(setup: Setup) -> frozenset[str]:

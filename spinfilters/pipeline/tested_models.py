@@ -83,6 +83,11 @@ class TestedModels:
         return next((each for each in self._beyond_chance if each.slow > SLOW and self._counts(each)), None)
 
     @property
+    def is_suspect(self) -> bool:
+        """Whether any error is improbable enough, or the noise contradicted, to look closer."""
+        return self.contradicted or bool(self.trouble) or any(each.is_telling for each in self.tests)
+
+    @property
     def _beyond_chance(self) -> list[ScoreTest]:
         return [each for each in self.tests if self.is_beyond_chance(each)]
 
