@@ -1,7 +1,7 @@
 """Doubts about estimates from other estimates, models and noise levels."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from spinfilters.estimators.history import EstimateHistory
@@ -14,6 +14,7 @@ from spinfilters.pipeline.estimate_diagnostics import (
 )
 from spinfilters.pipeline.estimator_entry import AnyEntry, estimator_entries
 from spinfilters.pipeline.flywheel_refit import with_flywheel_refit
+from spinfilters.pipeline.front_end_slips import front_end_slips
 from spinfilters.pipeline.model_errors import tested_history, tested_models
 from spinfilters.pipeline.noise_diagnostics import filter_noise_diagnostics
 from spinfilters.pipeline.setup import Setup
@@ -122,8 +123,10 @@ def doubts_of(evaluations: Sequence[Evaluation], setup: Setup, settings: Setting
 
 
 def _explained(setup: Setup, settings: Settings, evaluations: Sequence[Evaluation]) -> TestedModels:
-    """Score tests of the models, with a flywheel fitted where anything is suspected."""
+    """Score tests of the models, with slips of front ends, and a flywheel fitted where anything is suspected."""
     models, best = tested_models(setup, evaluations), tested_history(setup, evaluations)
-    if best is None or not (models.is_suspect or best.status.verdict is not Verdict.OK):
+    is_suspect = models.is_suspect or best is None or best.status.verdict is not Verdict.OK
+    models = replace(models, slips=front_end_slips(setup, with_landmarks=is_suspect))
+    if best is None or not is_suspect or models.slips:
         return models
     return with_flywheel_refit(models, setup, settings, best.mean)
