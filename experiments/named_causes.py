@@ -150,7 +150,7 @@ def drawn(sensor: str, cause: str, seed: int) -> tuple[Scenario, ModelFault | No
         noise=ProcessNoise(4e-8, 1e-6 * 10.0 ** draws.uniform(-2, 0)),
         seed=seed,
     )
-    size, stated = float(np.exp(draws.uniform(*np.log(SIZES)))), bool(draws.random() < 0.5)
+    size, stated = 1.0 if cause == "slip" else float(np.exp(draws.uniform(*np.log(SIZES)))), bool(draws.random() < 0.5)
     if cause == NONE:
         return scenario, None, 0.0, stated
     fault = model_faults()[cause]

@@ -122,6 +122,10 @@ class TorqueFreeProcess:
         """The same body with other disturbances."""
         return TorqueFreeProcess(self.layout, noise, self._tolerance)
 
+    def with_layout(self, layout: StateLayout) -> "TorqueFreeProcess":
+        """The same disturbances over another layout."""
+        return TorqueFreeProcess(layout, self.noise, self._tolerance)
+
     def step(self, x: Float[np.ndarray, "*batch m"], dt: float) -> Float[np.ndarray, "*batch m"]:
         """Points after ``dt`` seconds (dt > 0) without noise."""
         return self._integrator.step(x, dt)

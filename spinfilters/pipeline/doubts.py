@@ -1,7 +1,7 @@
 """Findings about estimates from other estimates, models and noise levels."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from spinfilters.estimators.history import EstimateHistory
@@ -13,7 +13,9 @@ from spinfilters.pipeline.estimate_diagnostics import (
     reference_smoother,
 )
 from spinfilters.pipeline.estimator_entry import AnyEntry, estimator_entries
-from spinfilters.pipeline.model_errors import tested_estimate, tested_models
+from spinfilters.pipeline.flywheel_refit import with_flywheel_refit
+from spinfilters.pipeline.front_end_slips import front_end_slips
+from spinfilters.pipeline.model_errors import tested_epochs, tested_estimate, tested_models
 from spinfilters.pipeline.model_findings import model_findings
 from spinfilters.pipeline.noise_diagnostics import filter_noise_diagnostics
 from spinfilters.pipeline.setup import Setup
@@ -21,7 +23,7 @@ from spinfilters.pipeline.smoother_run import NAME as SMOOTHER
 from spinfilters.pipeline.stated_levels import stated_level_diagnostics
 from spinfilters.pipeline.tested_models import NOT_TESTED, TestedModels
 from spinfilters.settings.run_settings import Settings
-from spinfilters.state.status import Finding
+from spinfilters.state.status import Finding, Verdict
 
 
 @dataclass(frozen=True)
@@ -105,7 +107,7 @@ def doubts_of(evaluations: Sequence[Evaluation], setup: Setup, settings: Setting
         shared, reference = shared_diagnostics(setup), reference_smoother([], setup, settings)
         return Doubts(setup, settings, evaluations, shared, filter_diagnostics(setup), reference)
     smoothers = [each.history for each in evaluations if each.name == SMOOTHER]
-    models = tested_models(setup, evaluations)
+    models = _explained(setup, settings, evaluations)
     return Doubts(
         setup,
         settings,
@@ -119,3 +121,13 @@ def doubts_of(evaluations: Sequence[Evaluation], setup: Setup, settings: Setting
         reference_smoother(smoothers, setup, settings),
         models,
     )
+
+
+def _explained(setup: Setup, settings: Settings, evaluations: Sequence[Evaluation]) -> TestedModels:
+    """Score tests of the models, with slips of front ends, and a flywheel fitted where anything is suspected."""
+    models, best = tested_models(setup, evaluations), tested_estimate(setup, evaluations)
+    is_suspect = models.is_suspect or best is None or best.status.verdict is not Verdict.OK
+    models = replace(models, slips=front_end_slips(setup, with_landmarks=is_suspect))
+    if best is None or not is_suspect or models.slips:
+        return models
+    return with_flywheel_refit(models, setup, settings, best.mean[: tested_epochs(setup)])

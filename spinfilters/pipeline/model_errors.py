@@ -61,7 +61,7 @@ def tested_models(setup: Setup, evaluations: Sequence[Evaluation]) -> TestedMode
     best, units = tested_estimate(setup, evaluations), tuple(wrong_units(setup.dataset))
     if best is None:
         return replace(NOT_TESTED, units=units)
-    most = MOST_EPOCHS_WITH_MAP if setup.initial.has_landmarks else MOST_EPOCHS
+    most = tested_epochs(setup)
     std = np.linalg.norm(best.factor[:most], axis=2)
     found = tested_about(setup, best.mean[:most], table().values(), jumps)
     correlated = possible_correlation(setup, found.solved, stated_levels(setup))
@@ -158,6 +158,11 @@ def tested_estimate(setup: Setup, evaluations: Sequence[Evaluation]) -> Estimate
         and np.isfinite(each.history.mean).all()
     ]
     return next((each for each in good if each.name == "smoother"), good[0] if good else None)
+
+
+def tested_epochs(setup: Setup) -> int:
+    """Number of first epochs in which models are tested, at most."""
+    return MOST_EPOCHS_WITH_MAP if setup.initial.has_landmarks else MOST_EPOCHS
 
 
 def stated_levels(setup: Setup) -> frozenset[str]:

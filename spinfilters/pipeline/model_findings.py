@@ -19,7 +19,8 @@ def model_findings(models: TestedModels, tested: EstimateHistory | None) -> list
         Estimate about which the models were tested.
     """
     about = _moved(models, tested)
-    found = [*models.correlated.doubts, *map(_of_unit, models.units)]
+    found = [finding("front-end-slip", {"text": each.sentence, "cure": each.cure}) for each in models.slips]
+    found += [*models.correlated.doubts, *map(_of_unit, models.units)]
     if models.slow is not None:
         numbers = {"text": slow_phrase(models.slow), **_numbers(models.slow)}
         found.append(finding("slow-change", numbers, about))

@@ -1,6 +1,5 @@
 """Score tests of a recording, and what a verdict says of them."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
@@ -11,6 +10,7 @@ from jaxtyping import Float
 from spinfilters.estimators.model_errors.linear_rows import LinearRows
 from spinfilters.estimators.model_errors.score_test import TELLING, Effect, ScoreTest
 from spinfilters.pipeline.correlation_verdict import NO_CORRELATION, PossibleCorrelation
+from spinfilters.pipeline.front_end_slips import Slip
 from spinfilters.verdict.wrong_units import WrongUnit
 
 FALSE_ALARM: Final = 1e-2
@@ -51,6 +51,7 @@ class TestedModels:
     correlated: errors of the measurements that are, or may be, correlated in time.   solved: what was tested, while it is.
     score_inflation: by which errors may enlarge a score that are known to be correlated and for which a noise level stands;
         infinite where it is not known, None where there are none.
+    slips: of front ends, beside which residuals tell of no other cause.
     """
 
     tests: tuple[ScoreTest, ...] = ()
@@ -61,13 +62,17 @@ class TestedModels:
     correlated: PossibleCorrelation = NO_CORRELATION
     solved: LinearRows | None = None
     score_inflation: float | None = None
+    slips: tuple[Slip, ...] = ()
 
     @cached_property
     def classes(self) -> tuple[tuple[ScoreTest, ...], ...]:
         """Classes of alike model errors that a verdict names.
 
         The likeliest beyond chance that matter to the estimates, with those that look alike.
+        None beside a slip of a front end, which looks like a touch, a jump and more.
         """
+        if self.slips:
+            return ()
         possible = [each for each in self._beyond_chance if each.is_possible]
         left, likely = [each for each in possible if not self._is_slow(each)], []
         while left and len(likely) < NAMED:
@@ -83,6 +88,11 @@ class TestedModels:
         return next((each for each in self._beyond_chance if each.slow > SLOW and self._counts(each)), None)
 
     @property
+    def is_suspect(self) -> bool:
+        """Whether any error is improbable enough, or the noise contradicted, to look closer."""
+        return self.contradicted or bool(self.trouble) or any(each.is_telling for each in self.tests)
+
+    @property
     def _beyond_chance(self) -> list[ScoreTest]:
         return [each for each in self.tests if self.is_beyond_chance(each)]
 
@@ -90,7 +100,7 @@ class TestedModels:
     def unexplained(self) -> list[str]:
         """Doubt where only an impossible error would explain the residuals."""
         found = [each for each in self._beyond_chance if not each.is_possible and self._counts(each)]
-        if not found or self.classes or self.slow is not None:
+        if not found or self.classes or self.slips or self.slow is not None:
             return []
         return [
             f"the residuals are beyond chance (chi-square {found[0].statistic:.0f}), and no error that is looked for explains "
@@ -153,15 +163,33 @@ class TestedModels:
         """
         found = ("/".join(each.error.name for each in own) for own in self.classes)
         slow = () if self.slow is None else (SLOW_CHANGE,)
-        return (*(each.name for each in self.units), *slow, *found)
+        slips = {each.name: None for each in self.slips}
+        return (*(each.name for each in self.units), *slips, *slow, *found)
+
+    def share(self, test: ScoreTest) -> float:
+        """Share that an error explains of what the likeliest explains: the falls of -2 ln likelihood, numbers that are free off.
+
+        1 where nothing is explained.
+        """
+        best = max((each.merit for own in self.classes for each in own), default=0.0)
+        return float(np.clip(test.merit / best, 0.0, 1.0)) if best > 0 else 1.0
 
     @property
     def reasons(self) -> list[str]:
         """For doubt: the errors that explain most, with what to do."""
-        shown = (
-            [f"the residuals show {'; or '.join(map(_alike_phrase, self.classes))}"] if self.classes else []
-        )
-        return [*self.beside, *shown]
+        return [*self.beside, *([self._causes] if self.classes else [])]
+
+    @property
+    def _causes(self) -> str:
+        """The likeliest cause with its cure, and what else is possible, by the share that it explains.
+
+        A score is evidence for a cause, not proof of it: what nobody has put on the list may look like one that is.
+        """
+        (first, *alike), *others = self.classes
+        like = " or, which looks alike, ".join(map(_phrase, [first, *alike]))
+        possible = [f"{_sized(each)}, explains {self.share(each):.0%} as much)" for own in others for each in own]
+        sentence = f"the residuals are most like {like}"
+        return f"{sentence}; also possible: {', '.join(possible)}" if possible else sentence
 
     @property
     def beside(self) -> list[str]:
@@ -171,6 +199,7 @@ class TestedModels:
         """
         slow = [] if self.slow is None else [slow_phrase(self.slow)]
         units = [
+            *(each.reason for each in self.slips),
             *(each.reason for each in self.correlated.doubts),
             *(each.reason for each in self.units),
             *slow,
@@ -185,11 +214,6 @@ class TestedModels:
 NOT_TESTED: Final = TestedModels()
 
 
-def _alike_phrase(alike: Sequence[ScoreTest]) -> str:
-    """Errors that the data do not tell apart, with what to do about each."""
-    return " or, which looks alike, ".join(map(_phrase, alike))
-
-
 def slow_phrase(test: ScoreTest) -> str:
     """Slow changes of a spin about one axis, of which the likeliest explanation is given."""
     return (
@@ -199,6 +223,11 @@ def slow_phrase(test: ScoreTest) -> str:
 
 
 def _phrase(test: ScoreTest) -> str:
+    return f"{_sized(test)}, chi-square {test.statistic:.0f}): {test.error.cure}"
+
+
+def _sized(test: ScoreTest) -> str:
+    """An error with its size, the bracket left open."""
     error, size = test.error, float(np.linalg.norm(test.size))
     std = float(np.sqrt(test.std**2 @ test.size**2) / max(size, np.finfo(float).tiny))
-    return f"{error.phrase} ({size:.2g} +- {std:.1g} {error.unit}, chi-square {test.statistic:.0f}): {error.cure}"
+    return f"{error.phrase} ({size:.2g} +- {std:.1g} {error.unit}"

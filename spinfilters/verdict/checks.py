@@ -152,6 +152,11 @@ CHECKS: Final[tuple[Check, ...]] = (
     ),
     # ---- errors of the models
     Check(
+        "front-end-slip", ALL, Needs.RECORDING,
+        "Does the attitude jump by more than 60 deg, 6 times its usual departure, with the same rate before and behind?",
+        "below 1e-6 of white errors of attitudes", "{text}", "{cure}",
+    ),
+    Check(
         "correlated-errors", ALL, Needs.RESIDUALS,
         "Are errors of the measurements that last as likely as disturbances? Probability above 0.8 and an expected NEES above 2",
         "at most 0.2 of the cases in which it speaks",

@@ -19,6 +19,7 @@ FAULTS: Final = (
     ModelFault("rotor", 0.1, ALL, {"rotor": AXIS}),
     ModelFault("hinge", 0.1, ALL, {"hinge": OPENED.ravel()}),
     ModelFault("contact-at-begin", 0.2, ALL, {"begin": TOUCH}),
+    ModelFault("contact-amid", 0.2, ALL, {"amid": TOUCH}),
     ModelFault("contact-at-end", 0.2, ALL, {"end": TOUCH}),
     ModelFault("acceleration", 3e-3, PLACES, {"acceleration": AXIS}),
     ModelFault("air-resistance", 0.5, PLACES, {"air": 1.0}),

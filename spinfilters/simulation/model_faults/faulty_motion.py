@@ -25,6 +25,8 @@ SUBSTEPS: Final = 20
 """Between two epochs."""
 TOUCHED: Final = 0.05
 """Share of a recording within which a contact ends or begins."""
+TOUCHED_AMID: Final = 0.55
+"""Share of a recording about which a contact amid it lasts, for half as long."""
 Vector = Float[np.ndarray, "3"]
 
 
@@ -37,7 +39,7 @@ class Physics:
     torque: rad/s^2, g axes.   acceleration: m/s^2, i axes.   drag: of the rotation, 1/rad.   air: of the path, 1/m.
     loss: of energy, k in J w' = ... - k |h| (w less its part along h).   rotor: h inside, in units of J times rad/s.
     hinge: (9,) what the inertia gains from begin to end, the body's own in the middle, relative to its largest entry.
-      begin, end: (6,) rad/s^2 and m/s^2 while something touches the body.
+      begin, amid, end: (6,) rad/s^2 and m/s^2 while something touches the body.
     """
 
     torque: Vector = field(default_factory=lambda: np.zeros(3))
@@ -49,6 +51,7 @@ class Physics:
     hinge: Float[np.ndarray, "9"] = field(default_factory=lambda: np.zeros(9))
     begin: Float[np.ndarray, "6"] = field(default_factory=lambda: np.zeros(6))
     end: Float[np.ndarray, "6"] = field(default_factory=lambda: np.zeros(6))
+    amid: Float[np.ndarray, "6"] = field(default_factory=lambda: np.zeros(6))
 
     @classmethod
     def of(cls, per_unit: Mapping[str, Float[np.ndarray, " n"] | float], size: float) -> "Physics":
@@ -58,7 +61,8 @@ class Physics:
 
     def touch(self, share: float) -> Float[np.ndarray, "6"]:
         """rad/s^2 and m/s^2 at a share of the recording."""
-        return self.begin * (share < TOUCHED) + self.end * (share > 1 - TOUCHED)
+        middle = self.amid * (abs(share - TOUCHED_AMID) < TOUCHED / 4)
+        return self.begin * (share < TOUCHED) + middle + self.end * (share > 1 - TOUCHED)
 
     def rate_change(self, inertia: Float[np.ndarray, "3 3"], w: Vector, share: float, span: float) -> Vector:
         """w' at a share of the recording of ``span`` s."""

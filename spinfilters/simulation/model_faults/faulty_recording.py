@@ -48,6 +48,9 @@ def faulty_recording(
     if fault.late is not None:
         moved = Motion(truth.layout, time, motion_at(fine, np.maximum(time + late, fine.time[0])).states)
         dataset = replace(dataset, log=measured(scenario, moved, np.random.default_rng(values)).log)
+    if fault.seen is not None:
+        taken = fault.seen(truth, size, drawn)
+        dataset = replace(dataset, log=measured(scenario, taken, np.random.default_rng(values)).log)
     stream = dataset.log.streams[0]
     if fault.rates is not None:
         rates = FaultyRates(time, truth.block("w"), fine, size)

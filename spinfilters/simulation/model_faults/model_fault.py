@@ -51,6 +51,7 @@ class ModelFault:
     ----------
     name: of the alternative that describes it.   size: a plain one, in the unit of that.   kinds: of data sets that can have it.
     physics: of `faulty_motion`, per unit.   late: of epochs, s per unit, from (time, generator).
+    seen: what a front end takes the true motion for, from (motion, size, generator).
     pixels, rates: change of the measured values.   recording: what becomes of the data set, at a size.
     """
 
@@ -59,6 +60,7 @@ class ModelFault:
     kinds: tuple[str, ...]
     physics: Mapping[str, Float[np.ndarray, " n"] | float] = field(default_factory=dict)
     late: Callable[[Float[np.ndarray, " k"], np.random.Generator], Float[np.ndarray, " k"]] | None = None
+    seen: Callable[[Motion, float, np.random.Generator], Motion] | None = None
     pixels: Callable[[FaultyView], Float[np.ndarray, "n 3"]] | None = None
     rates: Callable[[FaultyRates], Float[np.ndarray, "k 3"]] | None = None
     recording: Callable[[Dataset, float], Dataset] | None = None
