@@ -13,7 +13,7 @@ from spinfilters.pipeline.estimate_diagnostics import (
     reference_smoother,
 )
 from spinfilters.pipeline.estimator_entry import AnyEntry, estimator_entries
-from spinfilters.pipeline.model_errors import tested_estimate, tested_models
+from spinfilters.pipeline.model_errors import tested_history, tested_models
 from spinfilters.pipeline.model_findings import model_findings
 from spinfilters.pipeline.noise_diagnostics import filter_noise_diagnostics
 from spinfilters.pipeline.setup import Setup
@@ -113,7 +113,7 @@ def doubts_of(evaluations: Sequence[Evaluation], setup: Setup, settings: Setting
         [
             *shared_diagnostics(setup),
             *motion_diagnostics(setup, settings),
-            *model_findings(models, tested_estimate(setup, evaluations)),
+            *model_findings(models, tested_history(setup, evaluations)),
         ],
         filter_diagnostics(setup),
         reference_smoother(smoothers, setup, settings),
