@@ -6,7 +6,7 @@ from spinfilters.state.status import Holds, Verdict
 
 
 def held_text(evaluation: Evaluation) -> str:
-    """What holds of an estimate, "position, rate; not moments".
+    """What holds of an estimate, "all but moments, axes" or "only position, rate", whichever is shorter.
 
     Quantities that its sensors cannot see are left out; empty of an estimate that has not been judged.
     """
@@ -18,4 +18,6 @@ def held_text(evaluation: Evaluation) -> str:
         return ""
     if not good or status.verdict is Verdict.FAILED:
         return "nothing"
-    return f"{', '.join(good)}; not {', '.join(other)}" if other else "all"
+    if not other:
+        return "all"
+    return f"all but {', '.join(other)}" if len(other) <= len(good) else f"only {', '.join(good)}"

@@ -15,7 +15,7 @@ from spinfilters.pipeline.estimate_diagnostics import (
 from spinfilters.pipeline.estimator_entry import AnyEntry, estimator_entries
 from spinfilters.pipeline.flywheel_refit import with_flywheel_refit
 from spinfilters.pipeline.front_end_slips import front_end_slips
-from spinfilters.pipeline.model_errors import tested_epochs, tested_estimate, tested_models
+from spinfilters.pipeline.model_errors import tested_epochs, tested_history, tested_models
 from spinfilters.pipeline.model_findings import model_findings
 from spinfilters.pipeline.noise_diagnostics import filter_noise_diagnostics
 from spinfilters.pipeline.setup import Setup
@@ -115,7 +115,7 @@ def doubts_of(evaluations: Sequence[Evaluation], setup: Setup, settings: Setting
         [
             *shared_diagnostics(setup),
             *motion_diagnostics(setup, settings),
-            *model_findings(models, tested_estimate(setup, evaluations)),
+            *model_findings(models, tested_history(setup, evaluations)),
         ],
         filter_diagnostics(setup),
         reference_smoother(smoothers, setup, settings),
@@ -125,7 +125,7 @@ def doubts_of(evaluations: Sequence[Evaluation], setup: Setup, settings: Setting
 
 def _explained(setup: Setup, settings: Settings, evaluations: Sequence[Evaluation]) -> TestedModels:
     """Score tests of the models, with slips of front ends, and a flywheel fitted where anything is suspected."""
-    models, best = tested_models(setup, evaluations), tested_estimate(setup, evaluations)
+    models, best = tested_models(setup, evaluations), tested_history(setup, evaluations)
     is_suspect = models.is_suspect or best is None or best.status.verdict is not Verdict.OK
     models = replace(models, slips=front_end_slips(setup, with_landmarks=is_suspect))
     if best is None or not is_suspect or models.slips:

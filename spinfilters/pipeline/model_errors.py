@@ -58,7 +58,7 @@ def tested_models(setup: Setup, evaluations: Sequence[Evaluation]) -> TestedMode
 
     None where nothing can be linearised.
     """
-    best, units = tested_estimate(setup, evaluations), tuple(wrong_units(setup.dataset))
+    best, units = tested_history(setup, evaluations), tuple(wrong_units(setup.dataset))
     if best is None:
         return replace(NOT_TESTED, units=units)
     most = tested_epochs(setup)
@@ -145,7 +145,7 @@ def _correlation(setup: Setup) -> dict[str, float]:
     }
 
 
-def tested_estimate(setup: Setup, evaluations: Sequence[Evaluation]) -> EstimateHistory | None:
+def tested_history(setup: Setup, evaluations: Sequence[Evaluation]) -> EstimateHistory | None:
     """The estimate about which models are tested: the estimator that used most measurements of each epoch.
 
     The smoother if it runs, else the first that has not failed.

@@ -92,7 +92,8 @@ def test_planes_that_contradict_the_drift_are_a_doubt_of_every_estimate(dataset:
     settings, doubted = Settings(estimators=("mekf",)), replace(dataset, doubts=("7 of 25 scans",))
     (found,) = plain_comparison(doubted, settings).evaluations
     assert found.history.status.verdict is Verdict.DEGRADED
-    assert "7 of 25 scans" in found.history.status.reasons
+    (doubt,) = (each for each in found.history.status.findings if each.check == "data-set")
+    assert doubt.sentence == "7 of 25 scans"
 
 
 def test_stamps_that_fall_with_the_names_are_refused(folder: Path, tmp_path: Path) -> None:

@@ -115,8 +115,24 @@ def test_a_steady_spin_shows_position_and_rate_but_no_moments() -> None:
     assert status.verdict is Verdict.DEGRADED
     assert status.holds[MOMENTS] is Holds.NOT_DETERMINED
     assert {status.holds[name] for name in ("position", "rate", "velocity", "attitude")} == {Holds.OK}
-    assert held_text(evaluation).startswith("position, attitude, velocity, rate")
-    assert "not moments" in held_text(evaluation)
+    assert held_text(evaluation).startswith("all but moments")
+
+
+@pytest.mark.parametrize(
+    ("held", "text"),
+    [
+        (QUANTITIES, "all"),
+        (QUANTITIES[:5], "all but axes, centre of mass"),
+        (("position", "rate"), "only position, rate"),
+        ((), "nothing"),
+    ],
+)
+def test_what_holds_is_told_in_the_fewest_words(held: tuple[str, ...], text: str) -> None:
+    evaluation = compared("pose").evaluations[0]
+    holds = {name: Holds.OK if name in held else Holds.DOUBTFUL for name in QUANTITIES}
+    status = EstimatorStatus(Verdict.DEGRADED, (), holds)
+    assert held_text(evaluation.with_status(status)) == text
+    assert held_text(evaluation.with_status(EstimatorStatus())) == ""
 
 
 def test_a_filter_is_doubted_in_what_it_states_too_small_beside_the_smoother() -> None:
