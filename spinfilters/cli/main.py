@@ -42,7 +42,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stdout.reconfigure(errors="backslashreplace")
     with noted_interrupts() as pressed:
         try:
-            options = _parser().parse_args(arguments)
+            options = parser().parse_args(arguments)
         except KeyboardInterrupt:
             return _complain(INTERRUPTED)
         code = _run(options, pressed)
@@ -174,7 +174,8 @@ class _Parser(argparse.ArgumentParser):
         raise SystemExit(_complain(f"{message}; see '{self.prog} --help'"))
 
 
-def _parser() -> argparse.ArgumentParser:
+def parser() -> argparse.ArgumentParser:
+    """Parser of all commands."""
     parser = _Parser(prog="spinfilters", description="How does that unknown object spin?")
     parser.add_argument("--version", action="version", version=f"spinfilters {__version__}")
     subparsers = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")

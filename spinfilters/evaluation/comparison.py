@@ -62,6 +62,7 @@ def comparison_cells(evaluations: Sequence[Evaluation], conditions: Sequence[str
     begin = shared_begin(evaluations)
     columns = [_column(evaluation, begin) for evaluation in evaluations]
     bounded = any(evaluation.bound is not None for evaluation in evaluations)
+    missing = [f"No BOUND: {e.bound_missing}." for e in evaluations if e.bound_missing is not None]
     headings = [column.evaluation.name.upper() for column in columns]
     rows = [[_filled(row, columns, bounded) for row in section] for section in SECTIONS]
     return ComparisonCells(
@@ -70,7 +71,7 @@ def comparison_cells(evaluations: Sequence[Evaluation], conditions: Sequence[str
         sections=tuple(tuple(row for row in section if row is not None) for section in rows),
         captions=(
             *epoch_sentences(evaluations),
-            *([BOUND_CAPTION] if bounded else []),
+            *([BOUND_CAPTION] if bounded else missing[:1]),
             *([PARTS_CAPTION] if any(e.history.calibration is not None for e in evaluations) else []),
         ),
     )

@@ -49,7 +49,7 @@ class Evaluation:
     alignment: that was applied before the estimate was compared with the truth.
     errors, body_errors: against the truth, None without one.
     nees: None when the truth does not tell the whole state in the estimate's frames.
-    bound: beside the errors, where it was asked for and exists.
+    bound: beside the errors, where it was asked for and exists.   bound_missing: why there is none, in words.
     """
 
     history: EstimateHistory
@@ -58,6 +58,7 @@ class Evaluation:
     body_errors: BodyErrors | None = None
     nees: NormalisedErrors | None = None
     bound: ErrorBound | None = None
+    bound_missing: str | None = None
 
     @property
     def name(self) -> str:

@@ -88,6 +88,7 @@ def _error_numbers(evaluation: Evaluation, shared: float) -> dict[str, Any]:
         **_body_numbers(body),
         **_nees_numbers(own),
         "bound": None if evaluation.bound is None else _bound_numbers(evaluation.bound, own, late),
+        **({} if evaluation.bound_missing is None else {"bound_missing": evaluation.bound_missing}),
         "shared_epochs": None
         if begin is None
         else _span_numbers(span_errors(evaluation, max(shared, begin))),

@@ -1,8 +1,11 @@
 """The Cramer-Rao bound of a recording with a truth.
 
 The smoother's linear problem where the body really was.
-It takes the noise as the estimators are told it, and the measurements that are what they claim to be. Where the landmarks are
-not known, their true points are not either: one step at the true poses settles them.
+It takes stated noise as the estimators are told it, and the measurements that are what they claim to be. Of disturbances that
+nobody states it takes no more than the truth shows: what an estimator identifies of a few epochs may be far more, and would be
+no bound. Where the measurements lie much nearer to the truth than they state, as registered scans without noise do, or farther,
+their noise is not the stated, and there is no bound. Where the landmarks are not known, their true points are not either: one
+step at the true poses settles them.
 """
 
 from collections.abc import Callable, Sequence
@@ -12,6 +15,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from spinfilters.data.input_file import reason
 from spinfilters.data.truth import Truth
 from spinfilters.errors import NUMERICAL_ERRORS, InputError
 from spinfilters.estimators.history import EstimateHistory
@@ -21,6 +25,7 @@ from spinfilters.estimators.smoothing.factors.landmark_observations import (
     collect_observations,
     seen_ids,
 )
+from spinfilters.estimators.smoothing.factors.motion_factors import STRETCH
 from spinfilters.estimators.smoothing.linear.marginals import Marginals
 from spinfilters.estimators.smoothing.problem.landmark_reinitialisation import reinitialised
 from spinfilters.estimators.smoothing.problem.least_squares import (
@@ -31,11 +36,13 @@ from spinfilters.estimators.smoothing.problem.least_squares import (
 )
 from spinfilters.estimators.smoothing.solver.batch_smoother import NO_LANDMARKS
 from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
+from spinfilters.estimators.timeline import times_of
 from spinfilters.evaluation.consistency import finite_epochs, true_states
 from spinfilters.evaluation.error_bound import error_bound
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.evaluation.trajectory_errors import Alignment, common_stamps
 from spinfilters.evaluation.truth_frames import truth_in_first_frame, truth_in_inertial_frame
+from spinfilters.models.process import ProcessNoise
 from spinfilters.pipeline.setup import Setup
 from spinfilters.state.layout import POSE_BLOCKS
 
@@ -45,8 +52,14 @@ ROUGH_GATE: Final = 4 * GATE
 """The same before the landmarks are settled."""
 INLIERS_NEEDED: Final = 0.5
 """Share of the measurements below which their noise is not what the estimators are told, and the bound says nothing."""
-MOST_WITH_LANDMARKS, MOST_WITHOUT = 200, 4000
-"""Epochs beyond which the bound is left out, with unknown landmarks and without: it would take longer than it is worth."""
+LEAST_RESIDUAL: Final = 0.1
+"""Mean squared residual at the truth, in stated variances, below which the same holds: half the components of a scan's pose may
+be undetermined and have none."""
+LEAST_DISTURBANCE: Final = 1e-4
+"""Share of the assumed density that is kept where the truth shows none: beyond, steps and measurements share no digits."""
+MOST_WITH_LANDMARKS, MOST_WITHOUT = 200, 100_000
+"""Epochs beyond which the bound is left out, with unknown landmarks and without. Landmarks join all poses in one system, of which
+time grows with the cube of the epochs; without them it grows with their number, 0.3 s for a thousand, as does memory."""
 
 Bounding = Callable[[Sequence[Evaluation], Setup], list[Evaluation]]
 """Puts the bound beside the errors of evaluations, as `with_bounds` does."""
@@ -60,9 +73,11 @@ def with_bounds(evaluations: Sequence[Evaluation], setup: Setup) -> list[Evaluat
     """
     truth, epochs = setup.dataset.truth, len(setup.timeline)
     whole = [each for each in evaluations if each.errors is not None and _is_whole(each.history, epochs)]
-    limits = None if truth is None or not whole else cramer_rao_bound(setup, truth, whole[0])
-    if limits is None:
+    if truth is None:
         return list(evaluations)
+    limits = bound_or_reason(setup, truth, whole[0]) if whole else "no estimate of all epochs has errors"
+    if isinstance(limits, str):
+        return [each.with_fields(bound_missing=limits) for each in evaluations]
     return [
         each.with_fields(bound=error_bound(limits, each.errors, each.alignment is Alignment.BODY_FRAME))
         if each.errors is not None and _is_whole(each.history, epochs)
@@ -81,23 +96,36 @@ def _is_whole(history: EstimateHistory, epochs: int) -> bool:
 
 
 def cramer_rao_bound(setup: Setup, truth: Truth, evaluation: Evaluation) -> EstimateHistory | None:
-    """True states with their Cramer-Rao bound, or None; see `with_bounds`.
+    """True states with their Cramer-Rao bound, or None; see `bound_or_reason`."""
+    found = bound_or_reason(setup, truth, evaluation)
+    return None if isinstance(found, str) else found
+
+
+def bound_or_reason(setup: Setup, truth: Truth, evaluation: Evaluation) -> EstimateHistory | str:
+    """True states with their Cramer-Rao bound, or why there is none, in words; see `with_bounds`.
 
     Parameters
     ----------
     evaluation: of all epochs, whose frames i and g are those of the bound.
     """
-    if len(setup.timeline) > (MOST_WITH_LANDMARKS if _is_separator(setup) else MOST_WITHOUT):
-        return None
+    epochs, most = len(setup.timeline), MOST_WITH_LANDMARKS if _is_separator(setup) else MOST_WITHOUT
+    if epochs > most:
+        seen = "with unknown landmarks " if _is_separator(setup) else ""
+        return f"{seen}it is computed of at most {most} epochs, these are {epochs}"
     try:
         states = _states(setup, truth, evaluation)
         if states is None:
-            return None
+            return "the truth does not tell the whole state at every epoch in frames that are known"
         factors = _factors(setup, states)
-    except (InputError, *NUMERICAL_ERRORS):  # the truth, or the problem at it, is not one to be bounded
-        return None
-    if factors is None or not np.isfinite(factors).all():
-        return None
+    except (
+        InputError,
+        *NUMERICAL_ERRORS,
+    ) as error:  # the truth, or the problem at it, is not one to be bounded
+        return f"it cannot be computed at the truth ({reason(error)})"
+    if isinstance(factors, str):
+        return factors
+    if not np.isfinite(factors).all():
+        return "the measurements leave something undetermined"
     return replace(evaluation.history, name="bound", mean=states, factor=factors)
 
 
@@ -117,11 +145,8 @@ def _states(setup: Setup, truth: Truth, evaluation: Evaluation) -> Float[np.ndar
     return true_states(truth, history.layout)[true_rows] if len(rows) == len(setup.timeline) else None
 
 
-def _factors(setup: Setup, states: Float[np.ndarray, "k m"]) -> Float[np.ndarray, "k n n"] | None:
-    """Covariance factors of every epoch given all measurements.
-
-    None where something is undetermined or the noise is not as it is told.
-    """
+def _factors(setup: Setup, states: Float[np.ndarray, "k m"]) -> Float[np.ndarray, "k n n"] | str:
+    """Covariance factors of every epoch given all measurements, or why there are none."""
     ids, points = _landmarks(setup, states)
     problem = _problem(setup, states, ids)
     here = problem.at(states, points)
@@ -129,8 +154,13 @@ def _factors(setup: Setup, states: Float[np.ndarray, "k m"]) -> Float[np.ndarray
     if rough is not None:
         here = problem.at(states, points + rough.points_step(np.zeros((len(states), 6))))
     normal = problem.normal(here, Stage(Gate(GATE, GATE)))
-    if normal.solution is None or _inliers(problem, here, normal.used) < INLIERS_NEEDED:
-        return None
+    if normal.solution is None:
+        return "the measurements leave something undetermined"
+    if _inliers(problem, here, normal.used) < INLIERS_NEEDED:
+        return "most measurements lie farther from the truth than their stated noise allows"
+    ratio = _squared_residual(problem, here)
+    if ratio is not None and ratio < LEAST_RESIDUAL:
+        return f"the measurements lie nearer to the truth than they state ({np.sqrt(ratio):.1g} of their standard deviations)"
     return Marginals(normal.solution, normal.eliminated).factors
 
 
@@ -141,7 +171,36 @@ def _problem(setup: Setup, states: Float[np.ndarray, "k m"], ids: Int[np.ndarray
     for block in set(layout.blocks).intersection(POSE_BLOCKS):
         mean[layout.mean_slice(block)] = states[0, layout.mean_slice(block)]
     loss, own = Gate(GATE, GATE), FirstStatePrior(mean, prior.std)
-    return problem_of(setup.process, setup.timeline, ids, own, OBSERVATIONS_NEEDED, loss)
+    process = setup.process.with_noise(true_disturbances(setup, states))
+    return problem_of(process, setup.timeline, ids, own, OBSERVATIONS_NEEDED, loss)
+
+
+def true_disturbances(setup: Setup, states: Float[np.ndarray, "k m"]) -> ProcessNoise:
+    """Densities of the disturbances: stated ones as they are, others no larger than true states show.
+
+    The most likely density of a disturbance is the mean square of what the steps leave unexplained over their durations.
+
+    Parameters
+    ----------
+    states: true ones at every epoch.
+    """
+    process, noise = setup.process, setup.process.noise
+    layout, time = process.layout, times_of(setup.timeline)
+    sought = {"force_psd": "v", "torque_psd": "w"}
+    sought = {
+        name: block for name, block in sought.items() if name in setup.unstated and block in layout.blocks
+    }
+    if not sought:
+        return noise
+    dt, step = np.diff(time), np.empty_like(states[1:])
+    for each in np.unique(dt):
+        step[dt == each] = process.step(states[:-1][dt == each], float(each))
+    left = layout.local(step, states[1:]) / np.sqrt(dt)[:, None]
+    shown = {name: float(np.mean(left[:, layout.slice(block)] ** 2)) for name, block in sought.items()}
+    assumed = {name: getattr(noise, name) for name in sought}
+    return replace(
+        noise, **{name: max(min(shown[name], own), LEAST_DISTURBANCE * own) for name, own in assumed.items()}
+    )
 
 
 def _landmarks(
@@ -173,6 +232,18 @@ def _inliers(problem: Problem, here: LinearizationPoint, used: Bool[np.ndarray, 
     flags += [] if used is None else [used]
     counts = np.concatenate([np.zeros(0, dtype=bool), *flags])
     return float(counts.mean()) if len(counts) else 0.0
+
+
+def _squared_residual(problem: Problem, here: LinearizationPoint) -> float | None:
+    """Mean squared residual of a component in stated variances, of sensors without landmarks; None without any."""
+    squares, components = 0.0, 0
+    for sensor in problem.motion.sensors:
+        for first in range(0, len(sensor.epoch), STRETCH):
+            part = sensor.part(slice(first, first + STRETCH))
+            found = problem.motion.sensor_rows(part, here.trajectory)
+            squares += float(found.squares[found.counted].sum())
+            components += int(np.count_nonzero(found.counted)) * sensor.model.dim
+    return squares / components if components else None
 
 
 def _is_separator(setup: Setup) -> bool:

@@ -20,13 +20,14 @@ from spinfilters.data.truth import Truth
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.comparison import BOUND_CAPTION, comparison_table
 from spinfilters.evaluation.consistency import true_states
+from spinfilters.models.process import ProcessNoise
 from spinfilters.pipeline import recording_bound
 from spinfilters.pipeline.estimation import Comparison, compare_estimators
 from spinfilters.pipeline.preparation import prepare
 from spinfilters.pipeline.recording_bound import cramer_rao_bound, with_bounds
 from spinfilters.runs.run_folder import write_run
 from spinfilters.settings.run_settings import Settings
-from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
+from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_noise
 
 SETTINGS = Settings(estimators=("mekf", "smoother"))
 TRACKS = Scenario.simplified(rate_rpm=RICH_RPM, epochs=40, landmarks=100)
@@ -177,6 +178,54 @@ def test_there_is_none_of_a_plate_or_of_long_recordings(monkeypatch: pytest.Monk
     assert bounds_with(without_map(), plate) == [False, False]
     monkeypatch.setattr(recording_bound, "MOST_WITH_LANDMARKS", 39)
     assert bounds_with(without_map(), truth) == [False, False]
+
+
+def test_a_long_recording_without_landmarks_has_one() -> None:
+    assert recording_bound.MOST_WITHOUT >= 20 * 4000
+    assert bounds_with(of_kind("gyro"), truth_of(of_kind("gyro"))) == [True, True]
+
+
+def reason_of(comparison: Comparison, truth: Truth) -> str | None:
+    """Why there is no bound with another truth."""
+    dataset = replace(comparison.setup.dataset, truth=truth)
+    bare = [replace(each, bound=None) for each in comparison.evaluations]
+    return with_bounds(bare, replace(comparison.setup, dataset=dataset))[0].bound_missing
+
+
+def test_why_there_is_none_is_in_table_and_summary(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    whole, truth, stream = without_map(), truth_of(without_map()), StringIO()
+    assert reason_of(whole, truth) is None
+    assert "does not tell all" in str(reason_of(whole, replace(truth, principal_moments=None)))
+    monkeypatch.setattr(recording_bound, "MOST_WITH_LANDMARKS", 39)
+    bare = with_bounds([replace(each, bound=None) for each in whole.evaluations], whole.setup)
+    assert bare[0].bound_missing == "with unknown landmarks it is computed of at most 39 epochs, these are 40"
+    Console(file=stream, width=170).print(comparison_table(bare))
+    assert "No BOUND: with unknown landmarks" in stream.getvalue()
+    write_run(tmp_path / "run", replace(whole, evaluations=tuple(bare)), SETTINGS)
+    document = json.loads((tmp_path / "run" / "summary.json").read_text())
+    errors = document["estimators"]["mekf"]["errors"]
+    assert errors["bound"] is None
+    assert "at most 39 epochs" in errors["bound_missing"]
+
+
+def test_measurements_much_better_than_they_state_leave_none() -> None:
+    exact = without_noise(simulate(replace(TRACKS, kind="pose", position_std=1e-6, rotation_std=1e-6)))
+    options = replace(exact.options, pose_position_std=0.005, pose_rotation_std=0.01)
+    found = compared(replace(exact, options=options))
+    assert "nearer to the truth than they state" in str(reason_of(found, truth_of(found)))
+
+
+def test_of_disturbances_that_nobody_states_it_takes_those_of_the_truth() -> None:
+    calm = ProcessNoise(force_psd=1e-12, torque_psd=1e-12)
+    dataset = simulate(replace(TRACKS, kind="pose", noise=calm))
+    silent_options = replace(dataset.options, force_psd=None, torque_psd=None)
+    setup = prepare(replace(dataset, options=silent_options), SETTINGS)
+    assert setup.process.noise.torque_psd > 1e-11  # what few noisy poses leave open
+    assert dataset.truth is not None
+    states = true_states(dataset.truth, setup.process.layout)
+    found = recording_bound.true_disturbances(setup, states)
+    assert found.torque_psd < max(2e-12, 1e-4 * setup.process.noise.torque_psd) * 1.01
+    assert recording_bound.true_disturbances(prepare(dataset, SETTINGS), states) == calm
 
 
 def test_there_is_none_where_the_noise_is_not_what_the_estimators_are_told() -> None:

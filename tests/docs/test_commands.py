@@ -1,0 +1,250 @@
+"""Every command that README, docs and help offer for pasting runs, on small sizes, and none ends in a trace."""
+
+import importlib.util
+import os
+import re
+import shlex
+import shutil
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from docs.pasted_commands import (
+    MODULE,
+    PAGES,
+    REWRITINGS,
+    ROOT,
+    arguments_of,
+    blocks_of,
+    inline_of,
+    rewriting_of,
+)
+from flight.throws import carried
+
+from spinfilters.api.image_recordings import ImageScenario, render
+from spinfilters.cli.main import main, parser
+from spinfilters.data.dataset_writing import write_dataset
+from spinfilters.lidar.mesh import TriangleMesh, box
+from spinfilters.plots import style
+from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
+
+SHARED = ROOT / ".." / "shared" / "data"
+WITH_COMMANDS = [page for page in PAGES if blocks_of(page)]
+MISSED_DEADLINE = 1  # of ``live`` on a busy machine
+STUDY = """
+[study]
+name = "small"
+seeds = 1
+bound = "none"
+
+[factors]
+estimator = ["mekf"]
+motion = ["short"]
+sensor = ["gyro"]
+
+[motion.short]
+rate_rpm = [4.0, 9.0, 3.0]
+epochs = 40
+
+[sensor.gyro]
+kind = "gyro"
+"""
+SMALLEST_RUN = 1  # of a campaign of two runs: in place of run 1234
+
+
+def _write_stl(mesh: TriangleMesh, path: Path) -> None:
+    """A mesh as ASCII STL."""
+    lines = ["solid body"]
+    for corners in mesh.vertices[mesh.triangles]:
+        lines += ["facet normal 0 0 0", "outer loop"]
+        lines += [f"vertex {x} {y} {z}" for x, y, z in corners.tolist()]
+        lines += ["endloop", "endfacet"]
+    path.write_text("\n".join([*lines, "endsolid body", ""]))
+
+
+def _write_obj(mesh: TriangleMesh, path: Path) -> None:
+    """A mesh as OBJ, whose indices begin at 1."""
+    lines = [f"v {x} {y} {z}" for x, y, z in mesh.vertices.tolist()]
+    path.write_text(
+        "\n".join([*lines, *(f"f {a + 1} {b + 1} {c + 1}" for a, b, c in mesh.triangles.tolist()), ""])
+    )
+
+
+def _recording(folder: Path) -> None:
+    """Poses for all that asks for a recording, and lines of them for ``live``."""
+    dataset = simulate(Scenario.simplified(kind="pose", rate_rpm=RICH_RPM, epochs=40))
+    write_dataset(dataset, folder / "my-recording")
+    (stream,) = dataset.log.streams
+    rows = np.column_stack([stream.time, stream.values])[-10:]
+    lines = ["pose," + ",".join(f"{value:.9g}" for value in row) for row in rows]
+    (folder / "pipe").write_text("\n\n".join([*lines, ""]))
+
+
+def _tosses(folder: Path) -> None:
+    """Two throws of a body, whose columns do not say their unit, alone and in a folder of recordings."""
+    log = carried(0.005, np.random.default_rng(1))
+    table = np.column_stack([log.time, np.rad2deg(log.rates)])
+    np.savetxt(folder / "toss.csv", table, delimiter=",", header="time,gyroX,gyroY,gyroZ", comments="")
+    (folder / "tosses").mkdir()
+    told = np.column_stack([log.time, log.rates])
+    np.savetxt(folder / "tosses" / "1.csv", told, delimiter=",", header="time_s,wx,wy,wz", comments="")
+
+
+@pytest.fixture(scope="session")
+def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What the pages take as given: a recording, throws, meshes, a study, images and their calibration."""
+    folder = tmp_path_factory.mktemp("inputs")
+    _recording(folder)
+    _tosses(folder)
+    body = box((1.0, 1.4, 0.7))
+    _write_stl(replace(body, vertices=1000 * body.vertices), folder / "body.stl")
+    _write_obj(body, folder / "body.obj")
+    (folder / "study.toml").write_text(STUDY)
+    images = ImageScenario(rate_rpm=RICH_RPM, frames=8, interval=0.5, seed=3, size=(320, 240))
+    render(images, folder / "images")
+    return folder
+
+
+@pytest.fixture
+def place(inputs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with the inputs, where commands are run; figures are drawn coarsely."""
+    for each in inputs.iterdir():
+        (shutil.copytree if each.is_dir() else shutil.copy)(each, tmp_path / each.name)
+    (tmp_path / "runs").mkdir()
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(style, "_DPI", 30)
+    return tmp_path
+
+
+def _code(arguments: list[str]) -> int:
+    """Exit code of ``spinfilters`` in this process."""
+    try:
+        return int(main(arguments) or 0)
+    except SystemExit as stop:
+        return int(stop.code or 0)
+
+
+@contextmanager
+def _standard_input(path: str | None) -> Iterator[None]:
+    """Standard input from a file, as a shell's ``<`` gives it."""
+    if path is None:
+        yield
+        return
+    saved, given = os.dup(0), os.open(path, os.O_RDONLY)
+    os.dup2(given, 0)
+    try:
+        yield
+    finally:
+        os.dup2(saved, 0)
+        os.close(saved)
+        os.close(given)
+
+
+@pytest.mark.parametrize("page", WITH_COMMANDS, ids=lambda page: page.stem)
+def test_every_command_of_a_page_runs(page: Path, place: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    ran = 0
+    for command in blocks_of(page):
+        small = _small(command)
+        if small is None:
+            continue
+        ran += 1
+        code = _run(small, place)
+        said = capfd.readouterr()
+        fine = (0, MISSED_DEADLINE) if small.startswith("spinfilters live") else (0,)
+        assert code in fine, (small, said.err)
+        assert "Traceback" not in said.err + said.out, small
+        assert "unexpected" not in said.err, small
+    assert ran or all(_small(command) is None for command in blocks_of(page))
+
+
+def _small(command: str) -> str | None:
+    """A command at reduced size; None of one that a test does not run."""
+    if "calibrate boards" in command and not SHARED.is_dir():
+        return None
+    change = rewriting_of(command)
+    if change is not None and change.added is None:
+        return None
+    redirected = re.search(r"\s+[<>]\s*\S+", command)
+    tail = "" if redirected is None else redirected[0]
+    body = command.replace(tail, "") if tail else command
+    if "toss.csv" in body and "--unit" not in body:
+        tail = f" --unit deg/s{tail}"  # the pages' own recording says its unit
+    for old, new in (
+        (" 1234 -o", f" {SMALLEST_RUN - 1} -o"),
+        ("shard-$I --shard $I/100", "shard-1 --shard 1/1"),
+        ("-o runs/study", "-o runs/merged") if "merge" in body else ("", ""),
+        ("--segment 6.55:7.4", "--segment 2.0:3.0"),
+        ("-o images", "-o rendered") if "simulate" in body else ("", ""),
+        ("body.stl --scans", "body.stl --scale 0.001 --scans"),
+    ):
+        body = body.replace(old, new) if old else body
+    return f"{body} {'' if change is None else change.added}".strip() + tail
+
+
+def _run(command: str, place: Path) -> int:
+    """Exit code of a command."""
+    words = shlex.split(command)
+    if words[0] != "spinfilters":
+        return subprocess.run(command, shell=True, cwd=place, check=False, capture_output=True).returncode
+    if "boards" in words:
+        _boards(place)
+    source = words[words.index("<") + 1] if "<" in words else None
+    kept = words[1:]
+    for sign in "<>":
+        if sign in kept:
+            at = kept.index(sign)
+            kept = kept[:at] + kept[at + 2 :]
+    kept = [
+        name for word in kept for name in (sorted(map(str, Path().glob(word))) if "*" in word else [word])
+    ]
+    with _standard_input(source):
+        return _code(kept)
+
+
+def _boards(place: Path) -> None:
+    """Images of a real chessboard, those of which both cameras have one."""
+    folder = place / "boards"
+    if not folder.exists():
+        folder.mkdir()
+        for path in sorted((SHARED / "opencv_stereo_calib").glob("*[0-9].jpg")):
+            shutil.copy(path, folder / path.name)
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if inline_of(page)], ids=lambda page: page.stem)
+def test_the_options_of_a_command_in_prose_exist(page: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for command in inline_of(page):
+        with suppress(SystemExit):  # of a command that is quoted in part
+            parser().parse_args(arguments_of(command))
+        said = capsys.readouterr().err
+        assert not said or "required" in said or "expected" in said, (command, said)
+
+
+def test_a_command_that_help_quotes_exists(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        parser().parse_args(["--help"])
+    names = re.findall(r"^    (\w+)  ", capsys.readouterr().out, re.MULTILINE)
+    assert len(names) > 10
+    quoted: set[str] = set()
+    for name in names:
+        with pytest.raises(SystemExit):
+            parser().parse_args([name, "--help"])
+        text = " ".join(capsys.readouterr().out.split())
+        quoted |= {each.split()[0] for each in re.findall(r"'spinfilters ([^']*)'", text)}
+    assert quoted <= set(names)
+
+
+def test_a_module_that_a_page_runs_exists() -> None:
+    named = {module for page in PAGES for module in MODULE.findall(page.read_text())}
+    assert len(named) > 10
+    assert not {module for module in named if importlib.util.find_spec(module) is None}
+
+
+def test_every_rewriting_serves_a_command_and_gives_its_reason() -> None:
+    commands = [command for page in PAGES for command in blocks_of(page)]
+    for each in REWRITINGS:
+        assert any(rewriting_of(command) is each for command in commands), each.words
+        assert each.reason
