@@ -21,6 +21,7 @@ from spinfilters.data.input_file import (
     value_text,
 )
 from spinfilters.errors import InputError
+from spinfilters.vision.image_decoder import decode_grey
 from spinfilters.vision.image_header import PNG_BEGIN, claimed_size, is_damaged_png
 from spinfilters.vision.loss_count import LossCount
 
@@ -146,14 +147,11 @@ def _decoded(path: Path) -> tuple[Grey | None, str | None]:
         return None, "of more pixels than an image may have"
     if is_damaged_png(content):
         return None, "damaged"
-    try:
-        image = cv2.imdecode(
-            np.frombuffer(content, dtype=np.uint8), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH
-        )
-    except cv2.error:
-        image = None
+    image, complained = decode_grey(content)
     if image is None:
         return None, "not an image"
+    if complained:
+        return None, "damaged"
     if image.dtype not in (np.uint8, np.uint16):
         return None, "not of 8 or 16 bits"
     return image, None

@@ -1,6 +1,7 @@
 """Exports of phones as folders and archives, and ROS bags."""
 
 import zipfile
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -115,6 +116,19 @@ def test_a_bag_gives_the_rates_and_forces_of_a_topic(bag: Path) -> None:
         np.testing.assert_allclose(stream.time - 1.7e9, expected.time, atol=1e-6)
         assert dataset.acceleration is not None
         assert dataset.acceleration.values[0, 2] == 9.8
+
+
+def test_an_mcap_whose_data_have_another_checksum_is_refused(bag: Path, tmp_path: Path) -> None:
+    whole = next(bag.glob("*.mcap")).read_bytes()
+    end = whole.index(b"\x0f\x04" + bytes(11))  # the record DataEnd, which states no checksum
+    stated = zlib.crc32(whole[:end]).to_bytes(4, "little")
+    path = tmp_path / "a.mcap"
+    told = whole[: end + 9] + stated + whole[end + 13 :]
+    path.write_bytes(told)
+    assert len(read_dataset(path, options=ReadingOptions(topic="/imu")).log.stream("gyro").time) == 20
+    path.write_bytes(told[:2000] + bytes([told[2000] ^ 1]) + told[2001:])
+    with pytest.raises(InputError, match="checksum"):
+        read_dataset(path, options=ReadingOptions(topic="/imu"))
 
 
 def test_a_bag_with_several_topics_asks_for_one(bag: Path) -> None:

@@ -1,4 +1,4 @@
-"""A seeded sample of the hostile inputs; all of them are ``python -m tests.hostile.malformed`` and ``.fuzz``."""
+"""A seeded sample of the hostile inputs; all of them are ``python -m tests.hostile.malformed``, ``.attacks`` and ``.fuzz``."""
 
 from pathlib import Path
 
@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from pictures import unrendered_pictures
 
+from .attacks import attack_cases
 from .case import COMPARE, Case
 from .fuzz import fuzzed_cases
 from .malformed import malformed_cases
@@ -13,7 +14,7 @@ from .originals import make_originals
 from .trial import tried
 
 SEED = 10
-MALFORMED, FUZZED = 40, 15
+MALFORMED, FUZZED, ATTACKS = 40, 15, 50
 READ_ONLY = (
     "stereo/",
     "gyro/",
@@ -29,10 +30,16 @@ READ_ONLY = (
 
 
 def sample() -> list[Case]:
-    """Some of those, and some mutations."""
+    """Some of those, some mutations, and some attacks."""
     quick = [case for case in malformed_cases() if case.name.startswith(READ_ONLY)]
     chosen = np.random.default_rng(SEED).choice(len(quick), MALFORMED, replace=False)
-    return [*(quick[k] for k in chosen), *fuzzed_cases(FUZZED, SEED)]
+    attacks = attack_cases()
+    attacked = np.random.default_rng(SEED).choice(len(attacks), ATTACKS, replace=False)
+    return [
+        *(quick[k] for k in chosen),
+        *fuzzed_cases(FUZZED, SEED),
+        *(attacks[k] for k in sorted(attacked)),
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -50,8 +57,8 @@ def test_a_hostile_input_ends_in_one_line_or_a_status(case: Case, folders: Path,
 
 
 def test_every_hostile_input_has_its_name() -> None:
-    names = [case.name for case in (*malformed_cases(), *fuzzed_cases(300, 0))]
-    assert len(set(names)) == len(names) >= 900
+    names = [case.name for case in (*malformed_cases(), *fuzzed_cases(300, 0), *attack_cases())]
+    assert len(set(names)) == len(names) >= 1200
 
 
 def test_a_violation_is_seen(folders: Path, tmp_path: Path) -> None:

@@ -77,6 +77,43 @@ def test_every_format_gives_the_same_watertight_cube(name: str, content: bytes, 
     np.testing.assert_allclose(mass_properties(mesh).inertia, np.eye(3) / 6, atol=1e-15)
 
 
+def _lists_of(count: int) -> bytes:
+    """A PLY of ten thousand faces, each of so many corners by its own word."""
+    head = (
+        "ply\nformat binary_little_endian 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n"
+        "element face 10000\nproperty list int int vertex_indices\nend_header\n"
+    )
+    return head.encode() + bytes(12) + count.to_bytes(4, "little", signed=True) * 10_000
+
+
+@pytest.mark.parametrize("name", ["long.ply", "long.stl", "long.obj", "long.txt"])
+def test_numbers_of_many_digits_are_read_to_the_last(name: str, tmp_path: Path) -> None:
+    number = "0." + "0" * 70 + "2e71"
+    rows = [f"{x * 1000} {y} {z}".replace("1000", number) for x, y, z in ((0, 0, 0), (1, 0, 0), (0, 1, 0))]
+    header = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+    texts = {
+        ".ply": [
+            header + "element face 1\nproperty list uchar int vertex_index\nend_header",
+            *rows,
+            "3 0 1 2",
+        ],
+        ".stl": ["solid a\nfacet normal 0 0 1", *(f"vertex {row}" for row in rows), "endfacet\nendsolid"],
+        ".obj": [*(f"v {row}" for row in rows), "f 1 2 3"],
+        ".txt": ["3 1", *rows, "1 2 3"],
+    }
+    path = tmp_path / name
+    path.write_text("\n".join([*texts[path.suffix], ""]))
+    assert read_mesh(path).vertices.max() == 2.0
+
+
+def test_a_face_with_other_numbers_before_its_corners_is_read(tmp_path: Path) -> None:
+    head = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+    face = "element face 1\nproperty uchar flags\nproperty list uchar float weights\nproperty list uchar int vertex_index\n"
+    path = tmp_path / "a.ply"
+    path.write_text(f"{head}{face}end_header\n0 0 0\n1 0 0\n0 1 0\n7 2 0.5 0.5 3 0 1 2\n")
+    assert len(read_mesh(path).triangles) == 1
+
+
 @pytest.mark.parametrize(
     ("name", "content", "says"),
     [
@@ -96,6 +133,14 @@ def test_every_format_gives_the_same_watertight_cube(name: str, content: bytes, 
         ("mesh.step", b"x", "no known kind of mesh"),
         ("words.txt", b"some notes\n", "no table of vertices and faces"),
         ("empty.stl", b"", "is empty"),
+        ("beyond.obj", obj(box()) + b"\nf 1 2 9223372036854775808\n", "no vertex or face"),
+        ("python.obj", obj(box()) + b"\nv 1_0 2 3\n", "no vertex or face"),
+        ("beyond.txt", counted(box())[:-1] + b"9" * 30 + b"\n", "no table of vertices and faces"),
+        ("minus.txt", b"-1 " + counted(box()), "no table of vertices and faces"),
+        ("minus.ply", _lists_of(-1), "numbers are told where"),
+        ("many.ply", _lists_of(2**31 - 1), "numbers are told where"),
+        ("format.ply", ply(box()).replace(b"format", b"comment", 1), "names the format"),
+        ("twice.ply", ply(box()).replace(b" y\n", b" x\n", 1), "property twice"),
     ],
 )
 def test_a_file_that_is_no_mesh_is_refused_in_one_line(

@@ -15,16 +15,13 @@ from jaxtyping import Float
 from spinfilters.data.accelerometer import Acceleration
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.dataset_reader import DatasetReader
-from spinfilters.data.input_file import MAX_TABLE_ROWS, path_text, printable, reason, require_file, value_text
+from spinfilters.data.input_file import MAX_TABLE_ROWS, path_text, printable, reason, value_text
 from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.data.motion_table import MotionTable
+from spinfilters.data.readers.bag_container import FIRST_BYTES, require_bag
 from spinfilters.data.readers.motion_file import motion_dataset
 from spinfilters.data.stated_values import NOTHING_STATED, ReadingOptions
 from spinfilters.errors import InputError
-
-LARGEST_BAG: Final = 64 * 1024**3
-"""Bytes: messages are read one by one, so that a bag with images may be large."""
-_SUFFIXES = (".bag", ".mcap", ".db3")
 
 
 def _imu(message: Any) -> list[float]:
@@ -68,7 +65,7 @@ class RosBagReader(DatasetReader):
         """Whether a path is named as a bag of ROS 1 or 2, or MCAP."""
         if os.path.isdir(path):
             return os.path.isfile(path / "metadata.yaml")
-        return path.suffix.lower() in _SUFFIXES
+        return path.suffix.lower() in FIRST_BYTES
 
     def read(self, path: Path, segment: int | None) -> Dataset:
         """Rates or poses of one topic."""
@@ -117,7 +114,7 @@ def _messages(path: Path, topic: str | None) -> tuple[str, str, Float[np.ndarray
             f"{path_text(path)}: a ROS bag needs the package rosbags; install it with pip install 'spinfilters[ros]'"
         ) from None
     if not os.path.isdir(path):
-        require_file(path, LARGEST_BAG)
+        require_bag(path)
     try:
         with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as bag:
             connection = _connection(path, bag.connections, topic)
