@@ -14,6 +14,15 @@ D = V diag(l) V',
 
 The gradients of a needle that is hardly a body lead nowhere. So the sphere and discs about three axes are looked at, too,
 wherever they lie within R: with S = U exp(2 M) U' and L = U exp(M) V' they are at D = V (E - 2 M) V', E that of the disc.
+
+An error of y at r deviations of the mass distribution is within r of its own where these are
+
+    max |y(u) - y(0)| / |u|,   |u| <= R,
+
+which is more than a quarter of the farthest departure where y does not grow any further: the estimate of a near-sphere is a body off
+it, and J_min / J_max = 1 is as near as it is from there. The estimate of the sphere itself is off it in all five directions of D: its
+distance r has the distribution of a chi of five degrees of freedom, of which R5 is as improbable as R of a normal number. So its
+departure counts R5 / R times.
 """
 
 from dataclasses import dataclass
@@ -21,22 +30,29 @@ from typing import Final
 
 import numpy as np
 from jaxtyping import Float
+from scipy.special import chdtrc, chdtri
 
 from spinfilters.dynamics.mass_distribution import DIMENSION
 from spinfilters.evaluation.body_spread import axis_turns, principal_steps
 
 REACH: Final[float] = 4.0
 """Standard deviations of the mass distribution at which the interval ends: those that ``ok`` speaks of."""
+SPHERE_REACH: Final[float] = float(np.sqrt(chdtri(DIMENSION, chdtrc(1, REACH**2))))
+"""R5: length of the errors of all five directions that is as improbable."""
 STEPS: Final[int] = 3
 """Of a search along the gradient."""
-FRACTIONS: Final = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
+FRACTIONS: Final = np.array([0.25, 0.5, 0.75, 1.0])
 """Of a direction that are looked at: a ratio that is bounded by one is nearest to it inside."""
+NEAREST: Final[float] = 1.0
+"""Deviations from which on a departure is taken over its distance."""
 UPPER, LOWER = [0, 1, 0], [2, 2, 1]
 """Moments (ascending) of the log ratios y: numerator and denominator."""
 AFTER, LAST = [1, 2, 0], [2, 0, 1]
 """Axes that a turn about each axis takes into each other."""
 SIGNS, SOUGHT = np.repeat([1.0, -1.0], 6), np.tile(np.arange(6), 2)
 """Of the twelve searches: largest (1) or smallest (-1), and of which y."""
+SMALLEST_MOMENTS: Final = np.array([0.0, 0.5])
+"""That the smallest and the middle moment of any body have, over the largest."""
 LARGEST_LOG: Final = 30.0
 """Of second moments of determinant one, beyond which they differ by more than numbers resolve."""
 ROUND: Final = np.concatenate([np.zeros((1, 3)), 3.0 - 9.0 * np.eye(3)])
@@ -53,7 +69,7 @@ Departures = tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 2"], Float[np.
 def widest_departures(
     s: Float[np.ndarray, "n 5"], factor: Float[np.ndarray, "n 5 e"], axes: Float[np.ndarray, "n 3 3"]
 ) -> Departures:
-    """Largest departures within `REACH` deviations, over `REACH`.
+    """Deviations of which no error within `REACH` of the mass distribution's is more than it is of those.
 
     Parameters
     ----------
@@ -68,12 +84,14 @@ def widest_departures(
     absurd = ~(2 * np.abs(np.log(lengths)).max(axis=1) < LARGEST_LOG)
     L = np.where(absurd[:, np.newaxis, np.newaxis], np.eye(3), L)
     bodies = _Bodies(L, principal_steps(factor, _round_errors(L)[:, 0]), axes)
-    y, lowest, highest = _intervals(bodies)
+    y, at, distance = _extremes(bodies)
     y[absurd] = np.nan
-    far = np.maximum(highest - y, y - lowest) / REACH
-    moments = np.maximum(np.exp(highest) - np.exp(y), np.exp(y) - np.exp(lowest))[:, :3] / REACH
-    moments[:, 2] = 0.0
-    return moments, far[:, 1:3], far[:, 3:]
+    away, shares = np.abs(at - y[:, np.newaxis]), _shares(distance)
+    moments, scaled = np.zeros((len(s), 3)), np.exp(y[:, :2])
+    departure = np.max(np.abs(np.exp(at[..., :2]) - scaled[:, np.newaxis]) * shares, axis=1)
+    moments[:, :2] = np.minimum(departure, np.maximum(1.0 - scaled, scaled - SMALLEST_MOMENTS) / REACH)
+    ratios, turns = np.max(away[..., 1:3] * shares, axis=1), np.max(away[..., 3:], axis=1) / REACH
+    return moments, ratios, turns
 
 
 @dataclass(frozen=True)
@@ -136,24 +154,44 @@ class _Bodies:
         return SIGNS * y[:, each, SOUGHT], slope / np.where(length > 0, length, 1.0)
 
 
-def _intervals(
+def _extremes(
     bodies: _Bodies,
-) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6"], Float[np.ndarray, "n 6"]]:
-    """Each y itself, the smallest and the largest within `REACH` deviations."""
+) -> tuple[Float[np.ndarray, "n 6"], Float[np.ndarray, "n p 6"], Float[np.ndarray, "n p"]]:
+    """Each y itself, where it is small or large within reach, and how far these points are, in deviations.
+
+    The first of the points is the sphere; a round body that is out of reach stands at the mean, with a distance of zero.
+    """
     n = len(bodies.L)
     y = bodies.values(np.broadcast_to(REACH * DIRECTIONS, (n, *DIRECTIONS.shape)))
     u = _farthest(bodies, REACH * DIRECTIONS[np.concatenate([y.argmax(axis=1), y.argmin(axis=1)], axis=1)])
     inside = (FRACTIONS[:, np.newaxis, np.newaxis] * u[:, np.newaxis]).reshape(n, -1, DIMENSION)
-    found = bodies.values(np.concatenate([inside, _round_bodies(bodies)], axis=1))
-    return found[:, 0], found.min(axis=1), found.max(axis=1)
+    points = np.concatenate([_round_bodies(bodies), inside, np.zeros((n, 1, DIMENSION))], axis=1)
+    found = bodies.values(points)
+    return found[:, -1], found, np.linalg.norm(points, axis=2)
+
+
+def _shares(distance: Float[np.ndarray, "n p"]) -> Float[np.ndarray, "n p 1"]:
+    """Deviations over departures at points of these distances: 1 / r, and R5 / R / r of the sphere, which is the first.
+
+    None of a point nearer than `NEAREST`, where a departure over its distance is the first order's, which is counted otherwise.
+    """
+    shares = np.where(distance >= NEAREST, 1.0 / np.maximum(distance, NEAREST), 0.0)
+    shares[:, 0] *= SPHERE_REACH / REACH
+    return shares[..., np.newaxis]
+
+
+def _in_deviations(bodies: _Bodies, errors: Float[np.ndarray, "n k 5"]) -> Float[np.ndarray, "n k 5"]:
+    """u of errors D; infinite along what is known exactly."""
+    lengths = np.linalg.norm(bodies.steps, axis=1)[:, np.newaxis]
+    along = errors @ bodies.steps  # columns are orthogonal
+    return np.divide(along, lengths**2, out=np.full_like(along, np.inf), where=lengths > 0)
 
 
 def _round_bodies(bodies: _Bodies) -> Float[np.ndarray, "n 4 5"]:
-    """The sphere and the discs, those within `REACH` deviations; others are left at the mean."""
-    lengths = np.linalg.norm(bodies.steps, axis=1)[:, np.newaxis]
-    along = _round_errors(bodies.L) @ bodies.steps  # columns are orthogonal
-    u = np.divide(along, lengths**2, out=np.full_like(along, np.inf), where=lengths > 0)
-    return np.where(np.linalg.norm(u, axis=2, keepdims=True) <= REACH, u, 0.0)
+    """The sphere and the discs, those within their reach; others are left at the mean."""
+    u = _in_deviations(bodies, _round_errors(bodies.L))
+    reach = np.array([SPHERE_REACH, REACH, REACH, REACH])[:, np.newaxis]
+    return np.where(np.linalg.norm(u, axis=2, keepdims=True) <= reach, u, 0.0)
 
 
 def _round_errors(L: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 4 5"]:
