@@ -22,7 +22,7 @@ from spinfilters.models.process import derivative
 from spinfilters.state.blocks.rigid_body import ATTITUDE, MASS_DISTRIBUTION, POSITION, RATE
 from spinfilters.state.blocks.rigid_body import VELOCITY as CENTRE_VELOCITY
 from spinfilters.state.layout import StateLayout
-from spinfilters.symbolic import Compiled
+from spinfilters.symbolic import Compiled, building
 
 
 @dataclass(frozen=True)
@@ -265,6 +265,7 @@ class SmoothedMotion:
 
 
 @cache
+@building()
 def _derivative(layout: StateLayout) -> Compiled:
     """Time derivative of a state without noise.
 
