@@ -34,6 +34,7 @@ from observability.scope import (
     scope_sentences,
     title,
 )
+from spinfilters.symbolic import building
 
 WORTH_SAYING = 0.05
 """Share of the information that is the priors' from which it is told beside a result."""
@@ -127,6 +128,7 @@ class Report:
         }
 
 
+@building()
 def analyse(case: Case, frames: int, interval: float) -> Report:
     """Rank, bound and verdicts of a case after so many frames at such an interval, s."""
     certificate = case.certificate()

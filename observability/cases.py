@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cache, cached_property
+from functools import cache
 from typing import Final
 
 import numpy as np
@@ -33,6 +33,7 @@ from spinfilters.errors import InputError
 from spinfilters.models.process import THESIS_NOISE, ProcessNoise, TorqueFreeProcess
 from spinfilters.sensors.sensor import model_over
 from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
+from spinfilters.symbolic import built_property
 
 CHARTS: Final = ("principal", "tensor", "filter")
 UNKNOWNS: Final = ("ratios", "moments")
@@ -160,12 +161,12 @@ class Case:
         attitude = every[self.layout.slice("a")]
         return (*place, *(attitude[axis] for axis in self.free_rotations))
 
-    @cached_property
+    @built_property
     def system(self) -> System:
         """System that the analyser examines."""
         return self._system(self._chart)
 
-    @cached_property
+    @built_property
     def filter_system(self) -> System:
         """The system in the filters' state, with the inertia's scale under torques."""
         return self._system(FilterChart(self.layout, self.has_torque))
@@ -249,7 +250,7 @@ class Case:
     def _system(self, chart: Chart) -> System:
         return System(chart, self._sensors, tuple(self.inputs), principal_axes(chart))
 
-    @cached_property
+    @built_property
     def _chart(self) -> Chart:
         if self.chart == "tensor":
             return TensorChart(self.has_attitude, self.has_place)
@@ -257,7 +258,7 @@ class Case:
             return FilterChart(self.layout)
         return PrincipalChart(MOMENTS if self.holds_scale else RATIOS, self.has_attitude, self.has_place)
 
-    @cached_property
+    @built_property
     def _sensors(self) -> list[SystemSensor]:
         seeing = [each for each in self.sensors if analysed(each).sees_points]
         others = [each for each in self.sensors if each not in seeing]

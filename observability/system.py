@@ -15,6 +15,7 @@ from observability.rational import Rationals, rationals
 from observability.tape import Tape, tape_of
 from spinfilters.errors import InputError, ShapeError
 from spinfilters.models.measurement import MeasurementModel
+from spinfilters.symbolic import built_property
 
 AXES_OF_G: Final[tuple[Rationals, ...]] = tuple(
     tuple(Fraction(int(row == column)) for row in range(3)) for column in range(3)
@@ -124,7 +125,7 @@ class System:
         """Unknowns: directions of the chart and unknown parameters."""
         return self.chart.error_dim + sum(sensor.unknown * sensor.count for sensor in self.sensors)
 
-    @cached_property
+    @built_property
     def motion(self) -> Tape:
         """(x, u) -> x'."""
         x, u = ca.SX.sym("x", self.chart.mean_dim), ca.SX.sym("u", len(self.inputs))
@@ -139,13 +140,13 @@ class System:
                 rates[name] = rates[name] + column * u[index]
         return self.chart.pack(rates)
 
-    @cached_property
+    @built_property
     def directions(self) -> Tape:
         """x -> change of a point per error component, column by column."""
         x = ca.SX.sym("x", self.chart.mean_dim)
         return tape_of("the chart", [x], ca.vec(self.chart.directions(self.chart.unpack(x))))
 
-    @cached_property
+    @built_property
     def outputs(self) -> tuple[Tape, ...]:
         """Functions (x, parameters) -> value, one per sensor."""
         return tuple(self._output(sensor) for sensor in self.sensors)

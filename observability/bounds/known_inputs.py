@@ -5,7 +5,6 @@ What free motion lacks, for the bound.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import casadi as ca
 import numpy as np
@@ -19,7 +18,7 @@ from spinfilters.models.linearised_step import LinearisedStep
 from spinfilters.models.measurement import row_by_row
 from spinfilters.models.process import TorqueFreeProcess, derivative
 from spinfilters.state.layout import StateLayout
-from spinfilters.symbolic import Compiled
+from spinfilters.symbolic import Compiled, built_property
 
 SUBSTEP_TURN, SUBSTEPS_OF_A_PERIOD = 0.1, 60
 """Angle in rad and share of a period of the inputs that a substep of Runge-Kutta 4 takes: local errors of some 1e-7 rad."""
@@ -121,7 +120,7 @@ class DrivenMotion:
                 acting[3 + each.axis.axis] -= each.at(time)
         return acting
 
-    @cached_property
+    @built_property
     def _substep(self) -> Compiled:
         layout = self._process.layout
         x, d, e = ca.SX.sym("x", layout.mean_dim), ca.SX.sym("d", layout.error_dim), ca.SX.sym("e")

@@ -11,7 +11,7 @@ from observability.bounds.reference_trajectory import ReferenceTrajectory
 from spinfilters.attitude.expressions import rotate
 from spinfilters.dynamics.mass_distribution import inertia, inertia_matrix
 from spinfilters.state.layout import StateLayout
-from spinfilters.symbolic import Compiled
+from spinfilters.symbolic import Compiled, building
 
 BLOCK_NAMES = {
     "a": ("attitude", "rad"),
@@ -120,6 +120,7 @@ def _moment_jacobian(s: Float[np.ndarray, " 5"]) -> Float[np.ndarray, "3 5"]:
 
 
 @cache
+@building()
 def _place(layout: StateLayout) -> Compiled:
     x, d = ca.SX.sym("x", layout.mean_dim), ca.SX.sym("d", layout.error_dim)
     values = layout.unpack(layout.retract_expression(x, d))
@@ -128,6 +129,7 @@ def _place(layout: StateLayout) -> Compiled:
 
 
 @cache
+@building()
 def _inertia_jacobian() -> Compiled:
     """s -> derivatives of J, flattened, by the multiplicative error."""
     layout = StateLayout(("a", "w", "s"))

@@ -13,7 +13,7 @@ from spinfilters.errors import InputError, ShapeError
 from spinfilters.models.measurement import MeasurementModel, row_by_row
 from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.models.sensor_models.camera_landmark import MOVING, with_camera_poses
-from spinfilters.symbolic import Compiled
+from spinfilters.symbolic import Compiled, building
 
 
 @dataclass(frozen=True)
@@ -152,6 +152,7 @@ def rows_at(
 
 
 @cache
+@building()
 def derivatives(model: MeasurementModel, unknown: int) -> Compiled:
     """(x, p) -> whitened derivatives of the innovation's negative.
 

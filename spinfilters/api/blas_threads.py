@@ -4,7 +4,9 @@ The matrices here are so small that more only wait for each other.
 """
 
 import os
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import wraps
 from typing import Final, ParamSpec, TypeVar
 
@@ -27,7 +29,32 @@ def on_one_blas_thread(call: Callable[P, T]) -> Callable[P, T]:
         """The call on one thread."""
         if any(name in os.environ for name in ASKED_FOR):
             return call(*args, **kwargs)
-        with threadpool_limits(1, user_api="blas"):
+        with _limit():
             return call(*args, **kwargs)
 
     return limited
+
+
+class _Limit:
+    """The limit of this process, and how many calls are inside it: BLAS counts its threads for all of them together."""
+
+    lock = threading.Lock()
+    inside = 0
+    limits: threadpool_limits | None = None
+
+
+@contextmanager
+def _limit() -> Iterator[None]:
+    """Within it BLAS has one thread; the first call in sets the limit, the last one out lifts it."""
+    with _Limit.lock:
+        if _Limit.limits is None:
+            _Limit.limits = threadpool_limits(1, user_api="blas")
+        _Limit.inside += 1
+    try:
+        yield
+    finally:
+        with _Limit.lock:
+            _Limit.inside -= 1
+            if not _Limit.inside and _Limit.limits is not None:
+                _Limit.limits.restore_original_limits()
+                _Limit.limits = None

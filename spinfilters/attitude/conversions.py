@@ -20,7 +20,7 @@ from jaxtyping import Float
 
 from spinfilters.attitude import expressions
 from spinfilters.errors import InputError, ShapeError
-from spinfilters.symbolic import Compiled
+from spinfilters.symbolic import Compiled, building
 
 Angles = Float[np.ndarray, "*batch"]
 Vectors = Float[np.ndarray, "*batch 3"]
@@ -158,6 +158,7 @@ def _prefix_products(q: np.ndarray) -> np.ndarray:
 
 
 @cache
+@building()
 def _numeric(expression: Callable[..., Any], *shapes: int | tuple[int, int]) -> Compiled:
     """The expression on arrays, its inputs named as its parameters and shaped as given."""
     names = list(signature(expression).parameters)

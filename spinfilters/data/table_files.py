@@ -2,7 +2,6 @@
 
 import csv
 import math
-import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from spinfilters.data.atomic_write import atomic_file
+from spinfilters.data.ignored_warnings import ignored_warnings
 from spinfilters.data.input_file import path_text, reason, require_text_table, value_text
 from spinfilters.data.stated_values import NumberRange
 from spinfilters.errors import InputError
@@ -181,8 +181,8 @@ def _table(path: Path, names: tuple[str, ...], layout: TableFormat) -> Table:
 
 
 def _load(path: Path, layout: TableFormat) -> Float[np.ndarray, "n m"]:
-    with open(path, encoding="utf-8-sig") as stream, warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # "no data": reported by the caller as an error
+    # "no data" is reported by the caller as an error
+    with open(path, encoding="utf-8-sig") as stream, ignored_warnings(UserWarning):
         if layout.header:
             stream.readline()
         lines = (line.replace(",", ".") for line in stream) if layout.decimal_comma else stream

@@ -4,7 +4,6 @@ import codecs
 import csv
 import math
 import os
-import warnings
 from array import array
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -15,6 +14,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
+from spinfilters.data.ignored_warnings import ignored_warnings
 from spinfilters.data.input_file import (
     MAX_LINE_BYTES,
     MAX_TABLE_BYTES,
@@ -178,8 +178,7 @@ def _plain_columns(
             yield line.replace(",", ".") if layout.decimal_comma else line
 
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # "no data": the caller says so
+        with ignored_warnings(UserWarning):  # "no data": the caller says so
             values = np.loadtxt(
                 texts(), delimiter=delimiter, usecols=columns, ndmin=2, comments=None, quotechar='"'
             )

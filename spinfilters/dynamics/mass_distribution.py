@@ -21,6 +21,7 @@ from jaxtyping import Float
 from spinfilters.attitude.expressions import Expression
 from spinfilters.errors import InputError
 from spinfilters.linear_algebra.definite import SINGULAR
+from spinfilters.symbolic import building
 
 DIMENSION = 5
 
@@ -85,7 +86,8 @@ def reset_mass_jacobian(d: Expression) -> Expression:
 
 def inertia_matrix(s: Float[np.ndarray, " 5"]) -> Float[np.ndarray, "3 3"]:
     """J(s) in g axes up to scale, as numbers."""
-    return np.asarray(inertia(ca.DM(s)))
+    with building():
+        return np.asarray(inertia(ca.DM(s)))
 
 
 def from_inertia(J: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, " 5"]:

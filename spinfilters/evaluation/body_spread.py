@@ -21,7 +21,7 @@ from jaxtyping import Float
 
 from spinfilters.attitude.conversions import quaternion_from_matrix, rotation_vector_from_quaternion
 from spinfilters.dynamics.mass_distribution import DIMENSION, inertia, retract_mass
-from spinfilters.symbolic import Compiled
+from spinfilters.symbolic import Compiled, building
 
 WIDEST: Final[float] = 2.0
 """Of a deviation of the mass distribution (log second moments): beyond it are plates and rods alone, and overflow."""
@@ -98,6 +98,7 @@ def axis_turns(
 
 
 @cache
+@building()
 def _moved_inertia() -> Compiled:
     """J (9 x 1) at s [+] d.
 

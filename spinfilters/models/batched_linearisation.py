@@ -6,7 +6,7 @@ same expressions and with the same control of their number, evaluated in lanes.
 
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import casadi as ca
 import numpy as np
@@ -24,7 +24,7 @@ from spinfilters.models.linearised_step import LinearisedSteps
 from spinfilters.models.rotation_integrator import FEWEST, IntegrationError, RotationIntegrator
 from spinfilters.models.rotation_substeps import boole_weights, rotation_difference, rotation_parameters
 from spinfilters.state.layout import StateLayout
-from spinfilters.symbolic import VectorisedScan, building
+from spinfilters.symbolic import VectorisedScan, built_property
 
 ROTATION = 7
 """Numbers of (q, w)."""
@@ -113,8 +113,7 @@ class BatchedLinearisation:
         k, n = defect.shape
         return LinearisedSteps(defect, transition.reshape(k, n, n), noise.reshape(k, n, noise.shape[1] // n))
 
-    @cached_property
-    @building()
+    @built_property
     def _scan(self) -> VectorisedScan:
         """The state of the scan.
 

@@ -99,12 +99,14 @@ def _directions(layout: StateLayout) -> Compiled:
 
 
 @cache
+@building()
 def _moved_state(layout: StateLayout) -> Compiled:
     x, move = ca.SX.sym("x", layout.mean_dim), ca.SX.sym("move", GAUGE_DIM)
     return Compiled(ca.Function("moved_state", [x, move], [gauge_move(layout, x, move)]))
 
 
 @cache
+@building()
 def _moved_point() -> Compiled:
     p, move = ca.SX.sym("p", 3), ca.SX.sym("move", GAUGE_DIM)
     return Compiled(

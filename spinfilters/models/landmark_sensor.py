@@ -4,7 +4,7 @@ Also differentiated by, and solved for, the landmark.
 """
 
 from abc import abstractmethod
-from functools import cached_property, reduce
+from functools import reduce
 from operator import mul
 from typing import NamedTuple
 
@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float
 
 from spinfilters.attitude.expressions import Expression
 from spinfilters.models.measurement import MeasurementModel, row_by_row
-from spinfilters.symbolic import Compiled, Vectorised, building
+from spinfilters.symbolic import Compiled, Vectorised, built_property
 
 
 class LandmarkLinearisation(NamedTuple):
@@ -115,8 +115,7 @@ class LandmarkSensor(MeasurementModel):
         """Build the function of `new_landmarks` in advance."""
         self._new_landmarks.build()
 
-    @cached_property
-    @building()
+    @built_property
     def observation_rows(self) -> Vectorised:
         """`linearise_landmarks` for many states, landmarks and observations side by side.
 
@@ -133,8 +132,7 @@ class LandmarkSensor(MeasurementModel):
         outputs = [row_by_row(rows), valid, ca.dot(away, away), self._noise_determinant(x, p)]
         return Vectorised(ca.Function(f"{self.name}_observation_rows", [x, p[:3], p[3:], z], outputs))
 
-    @cached_property
-    @building()
+    @built_property
     def observation_innovations(self) -> Vectorised:
         """Whitened innovations, validity and determinant of the noise factor.
 
@@ -152,8 +150,7 @@ class LandmarkSensor(MeasurementModel):
         factor = ca.SX(self.noise_factor(self.layout.unpack(x), p))
         return reduce(mul, ca.vertsplit(ca.diag(factor)))
 
-    @cached_property
-    @building()
+    @built_property
     def _linearise_landmarks(self) -> Compiled:
         x, p, z = self._symbols
         whitening, here, jacobian, by_landmark = self._derivatives(x, p, z)
@@ -177,8 +174,7 @@ class LandmarkSensor(MeasurementModel):
         jacobian = ca.substitute(-ca.jacobian(expected, d)[:, self.columns], d, ca.SX.zeros(*d.shape))
         return self._whitening_expression(x, p)[0], here, jacobian, -ca.jacobian(here, p)[:, :3]
 
-    @cached_property
-    @building()
+    @built_property
     def _new_landmarks(self) -> Compiled:
         x, p, z = self._symbols
         at, d = self._moved(x)

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int
 
 from spinfilters.attitude.expressions import Expression
 from spinfilters.state.layout import StateLayout
-from spinfilters.symbolic import Compiled, Vectorised, building
+from spinfilters.symbolic import Compiled, Vectorised, building, built_property
 
 if TYPE_CHECKING:
     from spinfilters.models.landmark_sensor import LandmarkSensor
@@ -181,11 +181,14 @@ class MeasurementModel(ABC):
         parameters: Float[np.ndarray, "k p"],
     ) -> tuple[Float[np.ndarray, "k v"], Float[np.ndarray, "k p"]]:
         """Values and parameters of measurements, were the calibration larger by an error."""
-        _, p, z = self._symbols
-        e = ca.SX.sym("e", len(error))
-        function = ca.Function("with_error", [z, p, e], list(moved(z, p, e)))
-        changed, accompanying = Compiled.interpreted(function)(values, parameters, error)
+        changed, accompanying = self._build_with_error(moved, len(error))(values, parameters, error)
         return changed, accompanying
+
+    @building()
+    def _build_with_error(self, moved: ByError, size: int) -> Compiled:
+        _, p, z = self._symbols
+        e = ca.SX.sym("e", size)
+        return Compiled.interpreted(ca.Function("with_error", [z, p, e], list(moved(z, p, e))))
 
     @cached_property
     def _by_error(self) -> Callable[[ByError, int], Compiled]:
@@ -201,7 +204,7 @@ class MeasurementModel(ABC):
         function = ca.Function(f"{self.name.replace('-', '_')}_by_error", [x, p], [row_by_row(jacobian)])
         return Compiled.interpreted(function)
 
-    @cached_property
+    @built_property
     def _symbols(self) -> tuple[ca.SX, ca.SX, ca.SX]:
         x = ca.SX.sym("x", self.layout.mean_dim)
         return x, ca.SX.sym("p", self.parameter_dim), ca.SX.sym("z", self.value_dim)
@@ -209,14 +212,12 @@ class MeasurementModel(ABC):
     def _function(self, name: str, inputs: list[Expression], outputs: list[Expression]) -> Compiled:
         return Compiled(ca.Function(f"{self.name.replace('-', '_')}_{name}", inputs, outputs))
 
-    @cached_property
-    @building()
+    @built_property
     def _predict(self) -> Compiled:
         x, p, _ = self._symbols
         return self._function("predict", [x, p], [self.symbolic(self.layout.unpack(x), p)])
 
-    @cached_property
-    @building()
+    @built_property
     def _innovations(self) -> Compiled:
         x, p, z = self._symbols
         state = self.layout.unpack(x)
@@ -248,8 +249,7 @@ class MeasurementModel(ABC):
             f"innovations_{count}", [points, at, p, z], [row_by_row(innovation), ca.mmin(valid), log_noise]
         )
 
-    @cached_property
-    @building()
+    @built_property
     def _whitening(self) -> Compiled:
         x, p, _ = self._symbols
         root = self.noise_factor(self.layout.unpack(x), p)
@@ -260,8 +260,7 @@ class MeasurementModel(ABC):
         factor = ca.SX(self.noise_factor(self.layout.unpack(x), p))
         return ca.solve(factor, ca.SX.eye(self.dim)), _log_determinant(factor)
 
-    @cached_property
-    @building()
+    @built_property
     def linearisation(self) -> Vectorised:
         """Linearisation of many values side by side.
 

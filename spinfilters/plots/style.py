@@ -1,5 +1,6 @@
 """Figure style: colours for colour-blind readers, a line per estimator, saving."""
 
+import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from io import BytesIO
@@ -36,6 +37,8 @@ INITIALISATION: Final[str] = "initialisation (smoothed)"
 """What the epochs are called that a smoother made for the filters to begin from."""
 SIGMAS: Final[float] = 3.0
 """Half width of every band, in standard deviations."""
+_ONE_DRAWS: Final = threading.RLock()
+"""Held while matplotlib works: its parser of formulas, fonts and settings belong to the whole process."""
 _RESERVED = {"mekf": BLUE, "ukf": RED}
 _OTHERS = (GREEN, PURPLE, ORANGE, SKY)
 _DASHES: Final[tuple[tuple[float, tuple[float, ...]], ...]] = (
@@ -190,7 +193,7 @@ def drawn(draw: Callable[[], Figure], name: str) -> Figure:
     ``name`` is for the note.
     """
     try:
-        with np.errstate(all="ignore"):
+        with _ONE_DRAWS, np.errstate(all="ignore"):
             return draw()
     except (*NUMERICAL_ERRORS, InputError) as error:  # an estimated body need not be one that a model takes
         return _undrawable(name, error)
@@ -215,7 +218,8 @@ def save_figure(figure: Figure, path: Path) -> None:
     InputError: as `spinfilters.data.atomic_write.write_bytes`.
     """
     target = BytesIO()
-    figure.savefig(target, format="png", dpi=_DPI)
+    with _ONE_DRAWS:
+        figure.savefig(target, format="png", dpi=_DPI)
     write_bytes(path, target.getvalue())
 
 

@@ -4,7 +4,6 @@ import io
 import lzma
 import math
 import tokenize
-import warnings
 import zlib
 from collections.abc import Mapping
 from pathlib import Path
@@ -14,6 +13,7 @@ from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile
 import numpy as np
 
 from spinfilters.data.atomic_write import atomic_file
+from spinfilters.data.ignored_warnings import ignored_warnings
 from spinfilters.data.input_file import path_text, reason, require_file
 from spinfilters.errors import InputError
 
@@ -100,7 +100,7 @@ def _array(data: bytes) -> np.ndarray:
     version = np.lib.format.read_magic(stream)
     if version not in ((1, 0), (2, 0)):
         raise ValueError(f"arrays of format {version} are not written here")
-    with warnings.catch_warnings(action="ignore"):  # of the format of Python 2: a second line to the user
+    with ignored_warnings(Warning):  # of the format of Python 2: a second line to the user
         read = (
             np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
         )

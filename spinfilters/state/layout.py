@@ -15,7 +15,7 @@ from spinfilters.errors import InputError
 from spinfilters.state.block import PointAndError, StateBlock
 from spinfilters.state.blocks import BLOCKS
 from spinfilters.state.blocks.rigid_body import BLOCKS as RIGID_BODY
-from spinfilters.symbolic import Compiled, building
+from spinfilters.symbolic import Compiled, building, built_property
 
 FULL_BLOCKS = tuple(block.name for block in RIGID_BODY)
 """Pose, velocities, centre of mass and mass distribution."""
@@ -169,18 +169,15 @@ class StateLayout:
     def _mean_slices(self) -> dict[str, builtins.slice]:
         return _slices(self.blocks, [block.mean_size for block in self.members])
 
-    @cached_property
-    @building()
+    @built_property
     def _retract(self) -> Compiled:
         return _retract_function(self)
 
-    @cached_property
-    @building()
+    @built_property
     def _local(self) -> Compiled:
         return _local_function(self)
 
-    @cached_property
-    @building()
+    @built_property
     def _reset(self) -> Compiled:
         return _reset_function(self)
 
@@ -199,6 +196,7 @@ class StateLayout:
         return np.array([number for block in self.members for number in block.origin])
 
 
+@building()
 def with_error_jacobian(layout: StateLayout, name: str, quantity: Quantity) -> Compiled:
     """x -> (y, dy/dd at d = 0) with y = quantity(x [+] d).
 
@@ -215,6 +213,7 @@ def with_error_jacobian(layout: StateLayout, name: str, quantity: Quantity) -> C
 
 
 @cache
+@building()
 def _retract_function(layout: StateLayout) -> Compiled:
     """Retraction as a function, cached for equal layouts."""
     x, d = ca.SX.sym("x", layout.mean_dim), ca.SX.sym("d", layout.error_dim)
@@ -226,12 +225,14 @@ def _retract_function(layout: StateLayout) -> Compiled:
 
 
 @cache
+@building()
 def _local_function(layout: StateLayout) -> Compiled:
     x, y = ca.SX.sym("x", layout.mean_dim), ca.SX.sym("y", layout.mean_dim)
     return Compiled(ca.Function("local", [x, y], [layout.local_expression(x, y)], ["x", "y"], ["d"]))
 
 
 @cache
+@building()
 def _reset_function(layout: StateLayout) -> Compiled:
     d = ca.SX.sym("d", layout.error_dim)
     jacobian = ca.SX.eye(layout.error_dim)

@@ -2,6 +2,6 @@
 
 from spinfilters.symbolic.compiled import Compiled
 from spinfilters.symbolic.vectorised import Vectorised, VectorisedScan
-from spinfilters.symbolic.working_time import building, working_seconds
+from spinfilters.symbolic.working_time import building, built_property, working_seconds
 
-__all__ = ["Compiled", "Vectorised", "VectorisedScan", "building", "working_seconds"]
+__all__ = ["Compiled", "Vectorised", "VectorisedScan", "building", "built_property", "working_seconds"]

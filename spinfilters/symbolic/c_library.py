@@ -74,8 +74,10 @@ def load_text(name: str, text: str, flags: tuple[str, ...]) -> ctypes.PyDLL | No
     cc = compiler()
     if cc is None:
         return None
+    with building():
+        version = ca.CasadiMeta.version()
     machine = (platform.system(), platform.machine(), processor() if NATIVE in flags else "")
-    key = "\0".join((text, cc, " ".join(flags), ca.CasadiMeta.version(), *machine))
+    key = "\0".join((text, cc, " ".join(flags), version, *machine))
     stem = f"{name}-{_digest(key.encode())}"
     try:
         with building():

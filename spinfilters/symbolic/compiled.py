@@ -5,16 +5,20 @@ Calls run generated C where a compiler is there.
 
 import ctypes
 import math
+from collections import deque
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Final, NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from spinfilters.errors import ShapeError
 from spinfilters.symbolic.c_library import load_loop, no_library
+from spinfilters.symbolic.working_time import building
 
 _FLOAT = np.dtype(np.float64)
+MOST_IDLE: Final = 16
+"""Buffers of a function that are kept while no call needs them: as many as threads have called it at once."""
 MOST_MAPPED = 1024
 """Items that one virtual machine takes at once: to build one takes as long as to run it, and counts vary."""
 Loader = Callable[[ca.Function], ctypes.PyDLL | None]
@@ -29,6 +33,8 @@ class Compiled:
     and share no memory with later calls. The C code and CasADi's virtual machine round alike, so a machine
     without a compiler gives the same numbers.
 
+    Any number of threads may call one instance: each call takes buffers that no other has.
+
     Parameters
     ----------
     function: the expression; every output is made dense here, because bound buffers would keep only
@@ -42,20 +48,21 @@ class Compiled:
 
     def __init__(self, function: ca.Function, load: Loader = load_loop) -> None:
         self._load = load
-        self._function = _densified(function)
-        self.name: str = function.name()
-        names = [self._function.name_in(k) for k in range(self._function.n_in())]
-        self._inputs = list(zip(names, map(self._function.size_in, range(len(names))), strict=True))
-        self._outputs = [self._function.size_out(k) for k in range(self._function.n_out())]
+        with building():
+            self._function = _densified(function)
+            self.name: str = function.name()
+            names = [self._function.name_in(k) for k in range(self._function.n_in())]
+            self._inputs = list(zip(names, map(self._function.size_in, range(len(names))), strict=True))
+            self._outputs = [self._function.size_out(k) for k in range(self._function.n_out())]
         self._library: ctypes.PyDLL | None = None
         self._loaded = False
-        self._virtual_machines: dict[int, tuple[Any, Callable[[], None]]] = {}
+        self._idle_machines: dict[int, deque[_VirtualMachine]] = {}
         self._widths = [rows if cols == 1 else 0 for _, (rows, cols) in self._inputs]
         self._pointers_in = ctypes.c_void_p * len(self._inputs)
         self._pointers_out = ctypes.c_void_p * len(self._outputs)
         self._longs_in = ctypes.c_longlong * len(self._inputs)
         self._strides_out = _long_array([rows * cols for rows, cols in self._outputs])
-        self._bound = _BoundBuffers([size for _, size in self._inputs], self._outputs)
+        self._idle_buffers = deque([self._new_buffers()], MOST_IDLE)
 
     @classmethod
     def interpreted(cls, function: ca.Function) -> "Compiled":
@@ -82,18 +89,30 @@ class Compiled:
     def build(self) -> None:
         """Make the library now, where it otherwise would be made at the first call."""
         if not self._loaded:
-            self._library, self._loaded = self._load(self._function), True
+            with building():
+                if not self._loaded:
+                    self._library = self._load(self._function)
+                    self._loaded = True
 
     def __reduce__(self) -> tuple[type["Compiled"], tuple[ca.Function, Loader]]:
         """Buffers and libraries do not pickle: another process builds its own from the expression."""
         return Compiled, (self._function, self._load)
 
     def __call__(self, *arguments: np.ndarray | float) -> tuple[np.ndarray, ...]:
-        """Evaluate; returns one array per output (see the class for shapes). Use one instance per thread."""
+        """Evaluate; returns one array per output (see the class for shapes)."""
         if not self._loaded:
             self.build()
-        if self._library is not None and self._bound.accept(arguments):
-            return self._bound.run(self._library, self._strides_out)
+        if self._library is not None:
+            # taken out and put back in one step each, so that no other thread has the same; lost, if the call fails
+            idle = self._idle_buffers
+            try:
+                bound = idle.pop()
+            except IndexError:
+                bound = self._new_buffers()
+            results = bound.run(self._library, self._strides_out) if bound.accept(arguments) else None
+            idle.append(bound)
+            if results is not None:
+                return results
         if len(arguments) != len(self._inputs):
             raise ShapeError(f"{self.name} takes {len(self._inputs)} arguments, got {len(arguments)}")
         count, strides = _plain_batch(arguments, self._widths)
@@ -108,6 +127,9 @@ class Compiled:
         if count:
             self._run(count, arrays, strides, results)
         return tuple(self._natural(k, result, batch) for k, result in enumerate(results))
+
+    def _new_buffers(self) -> "_BoundBuffers":
+        return _BoundBuffers([size for _, size in self._inputs], self._outputs)
 
     def _empty_results(self, count: int) -> list[np.ndarray]:
         """Room for each output of ``count`` items, (count, rows), or column by column (count, cols, rows)."""
@@ -140,22 +162,31 @@ class Compiled:
         self, count: int, arrays: Sequence[Any], strides: list[int], results: list[np.ndarray]
     ) -> None:
         """Evaluate at most `MOST_MAPPED` items by CasADi's virtual machine."""
-        buffer, evaluate = self._virtual_machine(count)
+        idle = self._machines(count)
+        try:
+            machine = idle.pop()
+        except IndexError:
+            machine = self._new_machine(count)
         full = [_repeated(a, count, stride) for a, stride in zip(arrays, strides, strict=True)]
         for k, array in enumerate(full):
-            buffer.set_arg(k, array.data)  # pyright: ignore[reportCallIssue]
+            machine.buffer.set_arg(k, array.data)  # pyright: ignore[reportCallIssue]
         for k, result in enumerate(results):
-            buffer.set_res(k, result.data)  # pyright: ignore[reportCallIssue]
-        evaluate()
+            machine.buffer.set_res(k, result.data)  # pyright: ignore[reportCallIssue]
+        machine.evaluate()
+        idle.append(machine)
 
-    def _virtual_machine(self, count: int) -> tuple[Any, Callable[[], None]]:
-        """Buffers of so many items, and what evaluates them."""
-        if count not in self._virtual_machines:
-            if len(self._virtual_machines) > 64:
-                self._virtual_machines.clear()
-            function = self._function if count == 1 else self._function.map(count)
-            self._virtual_machines[count] = function.buffer()
-        return self._virtual_machines[count]
+    def _machines(self, count: int) -> "deque[_VirtualMachine]":
+        """Virtual machines of so many items that no thread is using."""
+        idle = self._idle_machines.get(count)
+        if idle is None:
+            if len(self._idle_machines) > 64:
+                self._idle_machines.clear()
+            idle = self._idle_machines.setdefault(count, deque(maxlen=MOST_IDLE))
+        return idle
+
+    def _new_machine(self, count: int) -> "_VirtualMachine":
+        with building():  # a buffer takes memory of its own out of the function
+            return _VirtualMachine(*(self._function if count == 1 else self._function.map(count)).buffer())
 
     def _column_major(self, index: int, argument: np.ndarray | float) -> np.ndarray:
         name, (rows, cols) = self._inputs[index]
@@ -175,6 +206,13 @@ class Compiled:
         if cols == 1:
             return result.reshape(*batch, rows)
         return np.swapaxes(result, 1, 2).reshape(*batch, rows, cols)
+
+
+class _VirtualMachine(NamedTuple):
+    """Addresses of arguments and results, and what evaluates the function there."""
+
+    buffer: Any
+    evaluate: Callable[[], None]
 
 
 class _BoundBuffers:

@@ -6,7 +6,6 @@ machine.
 """
 
 import ctypes
-from functools import cached_property
 from typing import Any
 
 import casadi as ca
@@ -17,6 +16,7 @@ from spinfilters.errors import ShapeError
 from spinfilters.symbolic.c_library import FLAGS, NATIVE, load_text
 from spinfilters.symbolic.compiled import Compiled, address
 from spinfilters.symbolic.simd_code import scan_text, simd_text
+from spinfilters.symbolic.working_time import built_property
 
 SIMD_FLAGS = (*FLAGS, "-O3", NATIVE, "-fopenmp-simd", "-fno-math-errno", "-fno-trapping-math")
 
@@ -68,7 +68,7 @@ class Vectorised:
         """The expression, for others to be made of it."""
         return self._function
 
-    @cached_property
+    @built_property
     def loop(self) -> int | None:
         """Address of the compiled loop, for other compiled code to call; None where there is none."""
         return self._library and ctypes.cast(self._library.spinfilters_lanes, ctypes.c_void_p).value
@@ -88,7 +88,7 @@ class Vectorised:
             raise ShapeError(f"{self.name}: arguments have {sorted(counts)} items; give the same number")
         return counts.pop() if counts else 1
 
-    @cached_property
+    @built_property
     def _library(self) -> ctypes.PyDLL | None:
         text = simd_text(self._plain.function)
         return None if text is None else load_text(f"{self.name}_lanes", text, SIMD_FLAGS)
@@ -149,7 +149,7 @@ class VectorisedScan:
             (x,) = turn(x, *same, np.tile(numbers, (len(x), 1)))
         return end(*arguments, x)
 
-    @cached_property
+    @built_property
     def _library(self) -> ctypes.PyDLL | None:
         text = scan_text(*[plain.function for plain in self._plain])
         return None if text is None else load_text(f"{self.name}_fold", text, SIMD_FLAGS)

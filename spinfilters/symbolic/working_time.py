@@ -1,30 +1,78 @@
-"""Processing time without the compilation of functions."""
+"""Building of functions: one thread at a time, and left out of processing times.
 
-from collections.abc import Iterator
+CasADi's expressions are not safe to be written down by two threads at once: its Python package lets go of the interpreter's lock
+in every call, and reference counts, caches of constants and the marks of its sorting are shared by all expressions of a process.
+What has been built is evaluated by any number of threads.
+"""
+
+import threading
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from time import perf_counter
+from typing import Any, Final, Generic, TypeVar, overload
+
+T = TypeVar("T")
+_LOCK: Final = threading.RLock()
+"""Held by the one thread that writes down, differentiates, copies or translates expressions."""
 
 
-class _Building:
-    """Seconds spent on building in this process, and how many builds are nested at the moment."""
+class _Building(threading.local):
+    """Seconds that this thread has spent on building, and how many builds are nested at the moment."""
 
     seconds = 0.0
     depth = 0
 
 
+_building = _Building()
+
+
 def working_seconds() -> float:
-    """A clock that stands still while functions are built."""
-    return perf_counter() - _Building.seconds
+    """A clock that stands still while this thread builds functions, or waits for another that does."""
+    return perf_counter() - _building.seconds
+
+
+def is_building() -> bool:
+    """Whether this thread may write down expressions."""
+    return _building.depth > 0
 
 
 @contextmanager
 def building() -> Iterator[None]:
-    """Within it functions are built."""
+    """Within it this thread alone builds functions; it may be nested."""
     begin = perf_counter()
-    _Building.depth += 1
-    try:
-        yield
-    finally:
-        _Building.depth -= 1
-        if not _Building.depth:
-            _Building.seconds += perf_counter() - begin
+    with _LOCK:
+        _building.depth += 1
+        try:
+            yield
+        finally:
+            _building.depth -= 1
+            if not _building.depth:
+                _building.seconds += perf_counter() - begin
+
+
+class built_property(Generic[T]):  # noqa: N801  (a decorator, as functools.cached_property)
+    """A cached property that is built once, whichever threads ask for it.
+
+    ``functools.cached_property`` of Python 3.11 holds a lock of its own while it computes. Two threads that take that one and the
+    lock of building in different orders would wait for each other for ever; here there is only the latter.
+    """
+
+    def __init__(self, build: Callable[[Any], T]) -> None:
+        self._build, self.__doc__ = build, build.__doc__
+        self._name = build.__name__
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = name
+
+    @overload
+    def __get__(self, instance: None, owner: type) -> "built_property[T]": ...
+    @overload
+    def __get__(self, instance: object, owner: type) -> T: ...
+    def __get__(self, instance: object | None, owner: type) -> "T | built_property[T]":
+        if instance is None:
+            return self
+        kept = instance.__dict__  # found there first from now on: this descriptor has no __set__
+        with building():
+            if self._name not in kept:
+                kept[self._name] = self._build(instance)
+            return kept[self._name]

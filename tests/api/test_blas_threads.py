@@ -1,8 +1,11 @@
 """Calls of the Python interface on one thread of BLAS."""
 
+import threading
+
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
+from spinfilters.api import blas_threads as blas_threads_module
 from spinfilters.api.blas_threads import ASKED_FOR, on_one_blas_thread
 from spinfilters.api.recording_comparison import compare
 
@@ -44,3 +47,34 @@ def test_estimators_are_compared_on_one_thread(tmp_path):
     compare(path, "mekf", progress=lambda *_: seen.append(blas_threads()))
     assert seen
     assert all(each == {1} for each in seen)
+
+
+def test_the_last_of_several_calls_at_once_puts_the_number_back(monkeypatch: pytest.MonkeyPatch):
+    number = [2]  # of a BLAS that counts for the whole process
+
+    class Limits:
+        def __init__(self, count: int, user_api: str) -> None:
+            self._before, number[0] = number[0], count
+
+        def restore_original_limits(self) -> None:
+            number[0] = self._before
+
+    monkeypatch.setattr(blas_threads_module, "threadpool_limits", Limits)
+    begun, may_end = threading.Event(), threading.Event()
+
+    @on_one_blas_thread
+    def wait() -> None:
+        begun.set()
+        may_end.wait()
+
+    @on_one_blas_thread
+    def outlast_the_other() -> int:
+        may_end.set()
+        other.join()
+        return number[0]
+
+    other = threading.Thread(target=wait)
+    other.start()
+    begun.wait()
+    assert outlast_the_other() == 1
+    assert number == [2]

@@ -75,7 +75,6 @@ class CompiledUpdate:
         sizes = (self._point, model.parameter_dim, model.value_dim, model.dim)
         self._model = np.array([*loops, address(self._columns), *sizes], dtype=np.int64)
         self._address, self._each = address(self._model), model.dim * (len(self._columns) + 1) + 2
-        self._room = np.empty(0)
 
     def __call__(
         self,
@@ -94,15 +93,13 @@ class CompiledUpdate:
         count, n = len(measurement.values), self._size
         if not count or limit < 0 or factor.shape != (n, n):
             return None
-        if len(self._room) < count * self._each:
-            self._room = np.empty(count * self._each)
-        made = np.empty(3 + 2 * n + 3 * n * n + self._point)
+        room, made = np.empty(count * self._each), np.empty(3 + 2 * n + 3 * n * n + self._point)
         given = (x, measurement.parameters, measurement.values)
         x, parameters, values = (np.ascontiguousarray(array, dtype=float) for array in given)
         before = np.ascontiguousarray(factor)
         used = self._update(
             *(self._address, count, address(x), address(parameters), address(values), 1 / scale, limit),
-            *(address(before), address(self._room), address(made)),
+            *(address(before), address(room), address(made)),
         )
         return self._taken(made, used * self._dim) if used else None
 

@@ -3,7 +3,7 @@
 One vector of plain numbers: attitude as its total 4 x MRP, the rest as it is.
 """
 
-from functools import cache, cached_property
+from functools import cache
 
 import casadi as ca
 import numpy as np
@@ -13,7 +13,7 @@ from spinfilters.attitude.expressions import Expression, mrp_from_quaternion, qu
 from spinfilters.state.blocks.rigid_body import ATTITUDE
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import StateLayout
-from spinfilters.symbolic import Compiled, building
+from spinfilters.symbolic import Compiled, built_property
 
 LARGEST_MRP = 4.0
 """|a| at half a revolution: beyond it the shadow set is the shorter name of the same attitude."""
@@ -92,8 +92,7 @@ class GlobalCoordinates:
         P = (P + P.T) / 2 / np.outer(scale, scale)
         return Gaussian(self.layout, self.point(xi), scale[:, None] * np.linalg.cholesky(P))
 
-    @cached_property
-    @building()
+    @built_property
     def _coordinates(self) -> Compiled:
         x = ca.SX.sym("x", self.layout.mean_dim)
         return Compiled(ca.Function("coordinates", [x], [self._coordinates_of(x)], ["x"], ["xi"]))
@@ -104,8 +103,7 @@ class GlobalCoordinates:
             values["q"] = mrp_from_quaternion(values["q"])
         return self.layout.pack(values)
 
-    @cached_property
-    @building()
+    @built_property
     def _point(self) -> Compiled:
         xi = ca.SX.sym("xi", self.layout.error_dim)
         return Compiled(ca.Function("point", [xi], [self._point_of(xi)], ["xi"], ["x"]))
@@ -116,16 +114,14 @@ class GlobalCoordinates:
             values[ATTITUDE.symbol] = quaternion_from_mrp(values[ATTITUDE.symbol])
         return self.layout.pack(values)
 
-    @cached_property
-    @building()
+    @built_property
     def _derivative(self) -> Compiled:
         xi, d = ca.SX.sym("xi", self.layout.error_dim), ca.SX.sym("d", self.layout.error_dim)
         moved = self._coordinates_of(self.layout.retract_expression(self._point_of(xi), d))
         C = ca.substitute(ca.jacobian(moved, d), d, ca.SX.zeros(*d.shape))
         return Compiled(ca.Function("chart_derivative", [xi], [C], ["xi"], ["C"]))
 
-    @cached_property
-    @building()
+    @built_property
     def _shadow(self) -> Compiled:
         xi, a = ca.SX.sym("xi", self.layout.error_dim), self.layout.slice("a")
         switched = ca.vertcat(xi[: a.start], shadow_mrp(xi[a]), xi[a.stop :])

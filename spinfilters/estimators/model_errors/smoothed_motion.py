@@ -24,7 +24,7 @@ from spinfilters.state.blocks.acceleration import ACCELERATION
 from spinfilters.state.blocks.rigid_body import ATTITUDE, CENTRE_OF_MASS, MASS_DISTRIBUTION, POSITION, RATE
 from spinfilters.state.blocks.rigid_body import VELOCITY as CENTRE_VELOCITY
 from spinfilters.state.layout import StateLayout
-from spinfilters.symbolic import Compiled
+from spinfilters.symbolic import Compiled, building
 
 
 @dataclass(frozen=True)
@@ -299,6 +299,7 @@ class SmoothedMotion:
 
 
 @cache
+@building()
 def _derivative(layout: StateLayout) -> Compiled:
     """Time derivative of a state without noise.
 

@@ -18,7 +18,11 @@ KEPT = 6
 ALIGNMENT = 8
 """Numbers in a vector of the machine, at whose multiples an array begins."""
 
-_pool: list[np.ndarray] = []
+_pool: dict[int, np.ndarray] = {}
+"""Spare arrays by identity, the oldest first.
+
+Each step on it is one call that no other thread, nor a finalizer, can divide. A lock would not do: a finalizer that runs in the
+middle of a search would wait for it in vain."""
 
 
 def pooled_zeros(*shape: int) -> np.ndarray:
@@ -44,12 +48,13 @@ def pooled_array(*shape: int) -> np.ndarray:
 
 def _taken(count: int) -> np.ndarray | None:
     """A spare array that is long enough and not much too long."""
-    for place, raw in enumerate(_pool):
-        if count + ALIGNMENT <= len(raw) <= 2 * (count + ALIGNMENT):
-            return _pool.pop(place)
+    for key, raw in list(_pool.items()):
+        if count + ALIGNMENT <= len(raw) <= 2 * (count + ALIGNMENT) and _pool.pop(key, None) is raw:
+            return raw
     return None
 
 
 def _give_back(raw: np.ndarray) -> None:
-    _pool.append(raw)
-    del _pool[:-KEPT]
+    _pool[id(raw)] = raw
+    for key in list(_pool)[:-KEPT]:
+        _pool.pop(key, None)
