@@ -32,8 +32,8 @@ def sparse_poses(setup: Setup) -> list[str]:
     apart = float(np.median(np.diff(trajectory.time)))
     return [
         f"the inspector's poses are too sparse for the bends of its path: between them, {apart:.3g} s apart, it is off by about "
-        f"{1e3 * _rms(place):.2g} mm and {_rms(turn):.2g} rad, which is {pixels:.2g} px: give poses at the stamps of the images, or "
-        "more of them (inspector.tum)"
+        f"{1e3 * _rms(place):.2g} mm and {_rms(turn):.2g} rad, which is {pixels:.2g} px: give poses at the stamps of the images, "
+        "or more of them (inspector.tum)"
     ]
 
 
