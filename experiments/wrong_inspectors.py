@@ -2,11 +2,11 @@
 
 Run: python -m experiments.wrong_inspectors [--cases late,clean] [--inspectors sway,dead-band] [--seeds 10] [--first 0]
 
-Of every case: how many estimates are ``ok``, how many of these have an error of a published quantity beyond 4 stated deviations, the
-largest such error, the mean NEES per degree of freedom (the whole covariance), and in how many recordings that are not ``ok`` the
-inspector is among the first two causes, or the reading of its poses has said that they are sparse. Motion, noise and tracks are those
-of the bundled example, with fewer landmarks (``--landmarks``). Wrong poses are stated to be nothing: the deviations of a calibration
-are the defaults.
+Of every case: how many estimates are ``ok``, how many of these have an error of a published quantity beyond 4 stated
+deviations, the largest such error, the mean NEES per degree of freedom (the whole covariance), and in how many recordings that
+are not ``ok`` the inspector is among the first two causes, or its poses are said to be sparse. Motion, noise and tracks are those
+of the bundled example, with fewer landmarks (``--landmarks``). Of wrong poses nothing is stated: the deviations of the
+calibration are the defaults.
 """
 
 import argparse
@@ -67,8 +67,8 @@ def outcomes(scenario: Scenario, estimators: tuple[str, ...]) -> list[Outcome]:
         worst = max((size, name) for name, size in errors.items())
         found.append(Outcome(status.verdict == "ok", worst, nees, named or sparse))
         print(
-            f"  {scenario.inspector} {scenario.inspector_errors} seed {scenario.seed} {each.name}: {status.verdict}, NEES {nees:.2f}, "
-            f"{worst[1]} {worst[0]:.1f}, {compared.models.names}{' sparse' if sparse else ''}",
+            f"  {scenario.inspector} {scenario.inspector_errors} seed {scenario.seed} {each.name}: {status.verdict}, "
+            f"NEES {nees:.2f}, {worst[1]} {worst[0]:.1f}, {compared.models.names}{' sparse' if sparse else ''}",
             flush=True,
         )
     return found
@@ -92,9 +92,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             sizes = tuple(map(float, options.sizes.split(","))) if options.sizes else CASES[case]
             for size in sizes:
                 errors = () if case == "clean" else ((case, size),)
-                own = replace(
-                    usual, inspector=name, inspector_errors=errors, landmarks=options.landmarks
-                )
+                own = replace(usual, inspector=name, inspector_errors=errors, landmarks=options.landmarks)
                 every = [
                     outcomes(replace(own, seed=seed), tuple(options.estimators.split(",")))
                     for seed in range(options.first, options.first + options.seeds)
@@ -110,7 +108,8 @@ def _summary(every: Sequence[Sequence[Outcome]]) -> str:
     named = sum(any(outcome.is_named for outcome in recording) for recording in doubted)
     worst = max((outcome.error for outcome in ok), default=(0.0, "-"))
     return (
-        f"{len(ok)} of {len(each)} ok, {len(wrong)} of these beyond {LARGEST:g} deviations (largest {worst[0]:.1f}, {worst[1]}), NEES "
+        f"{len(ok)} of {len(each)} ok, {len(wrong)} of these beyond {LARGEST:g} deviations "
+        f"(largest {worst[0]:.1f}, {worst[1]}), NEES "
         f"{np.nanmean([outcome.nees for outcome in each]):.2f}, inspector named in {named} of {len(doubted)} doubted recordings"
     )
 

@@ -56,7 +56,9 @@ def drifting(time: Float[np.ndarray, " k"], poses: Float[np.ndarray, "k 7"]) -> 
 def turning(time: Float[np.ndarray, " k"], poses: Float[np.ndarray, "k 7"]) -> Float[np.ndarray, "k 6 3"]:
     """Attitudes that drift evenly from the first time on, by a radian about each axis of i in a minute."""
     found = np.zeros((len(time), 6, 3))
-    to_camera = np.swapaxes(matrix_from_quaternion(poses[:, 3:]), 1, 2)  # a rotation about axes i in those of the camera
+    to_camera = np.swapaxes(
+        matrix_from_quaternion(poses[:, 3:]), 1, 2
+    )  # a rotation about axes i in those of the camera
     found[:, 3:] = _since(time)[:, None, None] * to_camera
     return found
 

@@ -62,10 +62,10 @@ class CalibrationErrors:
             return history
         try:
             with np.errstate(all="ignore"):  # what is not finite becomes a status
-                errors = self._errors(history, entry)
-                told = None if errors is None else self._untold(history)
-                known = errors is not None and told is not None and np.isfinite(errors).all()
-                counted = history.considering(errors @ told) if known else None
+                errors, untold = self._errors(history, entry), self._untold(history)
+                counted = None
+                if errors is not None and untold is not None and np.isfinite(errors).all():
+                    counted = history.considering(errors @ untold)
         except NUMERICAL_ERRORS:
             counted = None
         if counted is None or not np.isfinite(counted.factor).all():

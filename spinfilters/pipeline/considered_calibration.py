@@ -20,7 +20,10 @@ def considered_deviations(
     """
     found = []
     for name, parameter in consider_parameters().items():
-        if not parameter.concerns(dataset.log.sensors, dataset.inspector is not None) or parameter.block in layout.blocks:
+        if (
+            not parameter.concerns(dataset.log.sensors, dataset.inspector is not None)
+            or parameter.block in layout.blocks
+        ):
             continue
         stated = getattr(settings.calibration, name, AUTO)  # of a plug-in that came after the settings
         told = dataset.options.calibration.get(name) if stated == AUTO else float(stated)

@@ -99,7 +99,9 @@ def _missing(told: ToldPoses, size: float) -> None:
 INSPECTOR_ERRORS: Final[Mapping[str, InspectorError]] = MappingProxyType(
     {
         "late": InspectorError("poses are stamped so many s late", _late, largest=MOST_LATE),
-        "turning": InspectorError("attitudes drift by so many rad over the recording", _turning, largest=np.pi),
+        "turning": InspectorError(
+            "attitudes drift by so many rad over the recording", _turning, largest=np.pi
+        ),
         "drifting": InspectorError("places drift by so many m over the recording", _drifting),
         "sparse": InspectorError("a pose every so many s only", _sparse, smallest=1e-3),
         "missing": InspectorError("no poses at all, as of a forgotten inspector.tum", _missing, largest=0.0),
@@ -112,9 +114,7 @@ def require_inspector_errors(errors: Sequence[tuple[str, float]]) -> None:
     """InputError: an unknown error, or a size that it cannot have."""
     for name, size in errors:
         if name not in INSPECTOR_ERRORS:
-            raise InputError(
-                f"inspector error {name!r} is unknown; use one of {', '.join(INSPECTOR_ERRORS)}"
-            )
+            raise InputError(f"inspector error {name!r} is unknown; use one of {', '.join(INSPECTOR_ERRORS)}")
         error = INSPECTOR_ERRORS[name]
         if error.largest and not (np.isfinite(size) and error.smallest <= size <= error.largest):
             most = "or more" if np.isinf(error.largest) else f"to {error.largest:.4g}"

@@ -7,6 +7,8 @@ from jaxtyping import Float
 
 LEAD = 20.0
 """Simulated before time zero, s: further back the cycle is as it was then."""
+SHORTEST = 1e-6
+"""Of an arc, s: an edge that it begins at is not where it ends."""
 SPREAD = 0.2
 """Of the velocity behind a pulse, relative."""
 
@@ -55,6 +57,5 @@ def _leaves(x: float, v: float, a: float, band: float) -> tuple[float, float]:
     found = []
     for edge in (-band, band):
         roots = np.roots([a / 2, v, x - edge]) if a else np.array([(edge - x) / v])
-        real = roots[np.isreal(roots)].real
-        found += [(float(t), edge) for t in real if t > 1e-6]
+        found += [(float(np.real(t)), edge) for t in roots if np.isreal(t) and np.real(t) > SHORTEST]
     return min(found)

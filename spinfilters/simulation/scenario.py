@@ -276,7 +276,9 @@ def _path_of(scenario: Scenario) -> InspectorPath | None:
 def _inspector_words(scenario: Scenario) -> str:
     if scenario.inspector == STATIC:
         return ""
-    errors = "".join(f", poses {name}" + (f" {size:g}" if size else "") for name, size in scenario.inspector_errors)
+    errors = "".join(
+        f", poses {name}" + (f" {size:g}" if size else "") for name, size in scenario.inspector_errors
+    )
     return f", inspector: {scenario.inspector}{errors}"
 
 

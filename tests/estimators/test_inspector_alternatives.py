@@ -59,7 +59,9 @@ def test_attitudes_of_an_inspector_that_drift_are_told_with_their_direction() ->
     span = (MOVING.epochs - 1) * MOVING.interval
     found = score_tested(replace(MOVING, inspector_errors=(("turning", 0.1),)))[1]["inspector-drift"]
     per_minute = -0.1 * 60.0 / span * np.array([0.6, -0.48, 0.64])  # where it is, seen from what is told
-    assert found.size @ per_minute > 0.5 * per_minute @ per_minute  # about the angular momentum it is hardly told
+    assert (
+        found.size @ per_minute > 0.5 * per_minute @ per_minute
+    )  # about the angular momentum it is hardly told
     assert found.p_value < 1e-4
 
 

@@ -48,15 +48,15 @@ def _add_sensor_options(simulate: argparse.ArgumentParser) -> None:
         "--inspector",
         default="static",
         metavar="static|circle|sway|dead-band",
-        help="how the camera moves, and inspector.tum says how: circle, about the body; sway, it swings; dead-band, it keeps its place "
-        "by pulses of thrusters",
+        help="how the camera moves, as inspector.tum says: circle, about the body; sway, it swings; dead-band, pulses of thrusters "
+        "keep its place",
     )
     simulate.add_argument(
         "--inspector-error",
         nargs="+",
         action="append",
         metavar=("NAME", "SIZE"),
-        help="what is wrong with inspector.tum: late S, turning RAD, drifting M (both over the recording), sparse S, missing; may be "
+        help="what is wrong with inspector.tum: late S, turning RAD or drifting M over the recording, sparse S, missing; may be "
         "repeated",
     )
 

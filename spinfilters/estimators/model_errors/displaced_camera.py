@@ -1,8 +1,8 @@
 """Right-hand sides of errors of a camera's known trajectory about a smoothed motion.
 
-A camera that stands displaced sees the body displaced the other way: with the camera's pose (t_ic, R_ic), displaced by d (axes i) and
-turned by phi (its own axes), a point of the body at p_i is seen where one displaced by -d - R_ic phi x (p_i - t_ic) would be, which
-is a displacement of the body's pose. So the rows' own derivatives by the pose tell those by the camera's.
+A camera that stands displaced sees the body displaced the other way: with the camera's pose (t_ic, R_ic), displaced by d (axes i)
+and turned by phi (its own axes), a point of the body at p_i is seen where one displaced by -d - R_ic phi x (p_i - t_ic) would be,
+which is a displacement of the body's pose. So the rows' own derivatives by the pose tell those by the camera's.
 """
 
 from dataclasses import dataclass, replace

@@ -1,7 +1,7 @@
 """Even drift of an inspector's known positions, along any axis of frame i.
 
-It is a velocity of the body, which no residual shows. How well inspectors know their paths differs by orders of magnitude; the default
-is that of a good visual navigation at a few metres.
+It is a velocity of the body, which no residual shows. How well inspectors know their paths differs by orders of magnitude; the
+default is that of a good visual navigation at a few metres.
 """
 
 from typing import Final
