@@ -62,11 +62,8 @@ def with_verdict(
     status = evaluation.history.status
     if not np.isfinite(evaluation.body.principal_moments_std).all() and status.verdict is not Verdict.FAILED:
         status = status.failed("the moments of inertia at the end are not finite")
-    for reason in [
-        *diagnostics,
-        *_own_diagnostics(evaluation, false_alarm),
-        *_disagreements(evaluation, others),
-    ]:
+    own = _own_diagnostics(evaluation, false_alarm)
+    for reason in dict.fromkeys([*diagnostics, *own, *_disagreements(evaluation, others)]):
         status = status.degraded(reason)
     return status
 
@@ -95,18 +92,22 @@ def _own_diagnostics(evaluation: Evaluation, false_alarm: float) -> list[str]:
 
 def _left_out(history: EstimateHistory, false_alarm: float) -> list[str]:
     """Doubts about measurements that were not there or not believed."""
-    reasons = []
-    all_rejected, all_accepted = history.rejected[history.own], history.accepted[history.own]
-    rejected, total = int(all_rejected.sum()), int((all_rejected + all_accepted).sum())
-    if total and rejected > LARGEST_REJECTED * total:
-        reasons.append(f"{rejected} of {total} measurements could not be used or were not believed")
-    reasons += _empty_epochs(history, false_alarm)
+    reasons = [*rejection_diagnostics(history), *_empty_epochs(history, false_alarm)]
     gaps = np.diff(history.time)
     if gaps.size and gaps.max() > LARGEST_GAP * np.median(gaps):
         reasons.append(
             f"nothing was measured for {gaps.max():.3g} s after t = {history.time[gaps.argmax()]:.3f} s"
         )
     return reasons
+
+
+def rejection_diagnostics(history: EstimateHistory) -> list[str]:
+    """Doubt where more measurements are left out than can be trusted to be wrong alone."""
+    all_rejected, all_accepted = history.rejected[history.own], history.accepted[history.own]
+    rejected, total = int(all_rejected.sum()), int((all_rejected + all_accepted).sum())
+    if not total or rejected <= LARGEST_REJECTED * total:
+        return []
+    return [f"{rejected} of {total} measurements could not be used or were not believed"]
 
 
 def _empty_epochs(history: EstimateHistory, false_alarm: float) -> list[str]:

@@ -6,7 +6,11 @@ from functools import cached_property
 
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.estimator_evaluation import Evaluation
-from spinfilters.pipeline.diagnostics import filter_diagnostics, shared_diagnostics
+from spinfilters.pipeline.diagnostics import (
+    filter_diagnostics,
+    rejection_diagnostics,
+    shared_diagnostics,
+)
 from spinfilters.pipeline.estimate_diagnostics import (
     agreement_diagnostics,
     motion_diagnostics,
@@ -115,6 +119,7 @@ def doubts_of(evaluations: Sequence[Evaluation], setup: Setup, settings: Setting
             *shared_diagnostics(setup),
             *motion_diagnostics(setup, settings),
             *models.reasons,
+            *data_diagnostics(smoothers, evaluations),
         ],
         filter_diagnostics(setup),
         reference_smoother(smoothers, setup, settings),
@@ -130,3 +135,17 @@ def _explained(setup: Setup, settings: Settings, evaluations: Sequence[Evaluatio
     if best is None or not is_suspect or models.slips:
         return models
     return with_flywheel_refit(models, setup, settings, best.mean)
+
+
+def data_diagnostics(smoothers: Sequence[EstimateHistory], evaluations: Sequence[Evaluation]) -> list[str]:
+    """Doubts about a recording's measurements, the same for all of its estimators.
+
+    Of the smoother, which sees all measurements at once; without one, of the estimator that leaves out fewest. What another one
+    leaves out more is its own failing.
+    """
+    histories = [*smoothers] or [each.history for each in evaluations]
+    told = [each for each in histories if each.status.verdict is not Verdict.FAILED]
+    if not told:
+        return []
+    best = min(told, key=lambda each: int(each.rejected[each.own].sum()))
+    return rejection_diagnostics(best)
