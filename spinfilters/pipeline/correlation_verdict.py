@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
+from spinfilters.data.sensor_format import sensor_format
 from spinfilters.estimators.model_errors.correlated_errors import CorrelatedErrors, correlated_errors
 from spinfilters.estimators.model_errors.correlated_observations import (
     ObservationCorrelation,
@@ -39,11 +40,14 @@ class PossibleCorrelation:
     doubts: findings of those that are likely.
     widening: B of the first epochs, by which F B is a covariance factor that holds with them; None where F is one.
     undecided: a finding of errors that only may be correlated.
+    score_inflation: by which errors of landmarks' observations that last enlarge scores, beyond what is stated of them; 1 where
+        they are white.
     """
 
     doubts: tuple[Finding, ...] = ()
     widening: Float[np.ndarray, "k e e"] | None = None
     undecided: Finding | None = None
+    score_inflation: float = 1.0
 
 
 NO_CORRELATION: Final = PossibleCorrelation()
@@ -65,8 +69,12 @@ def possible_correlation(
     levels = Unstated.of_all(setup.log, setup.process.noise)
     model = noise_model(rows.problem, setup.noise, levels)
     seen = observation_correlation(rows)
-    if seen is not None and seen.score > LARGEST_SCORE and seen.inflation > LARGEST_NEES:
-        return PossibleCorrelation((_of_landmarks(seen),))
+    if seen is not None and seen.score > LARGEST_SCORE:
+        left = seen.inflation / _stated_inflation(setup)
+        if left > LARGEST_NEES:
+            return PossibleCorrelation((_of_landmarks(seen, left),), score_inflation=left)
+        if seen.inflation > LARGEST_NEES:
+            return NO_CORRELATION
     found = [] if model is None else correlated_errors(rows, model, stated)
     if not found:
         return NO_CORRELATION
@@ -79,8 +87,15 @@ def _is_doubt(found: CorrelatedErrors) -> bool:
     return found.probability > LIKELY and found.expected_nees > LARGEST_NEES
 
 
-def _of_landmarks(seen: ObservationCorrelation) -> Finding:
-    numbers = {"correlation": seen.value, "score": seen.score, "inflation": seen.inflation}
+def _stated_inflation(setup: Setup) -> float:
+    """Factor by which the variances of landmarks' observations are stated to be larger for errors that they have in common."""
+    formats = [sensor_format(stream.sensor) for stream in setup.log.streams]
+    names = {option.name for form in formats if form.has_landmarks for option in form.noise}
+    return max((by for name, by in setup.inflation.items() if name in names), default=1.0)
+
+
+def _of_landmarks(seen: ObservationCorrelation, left: float) -> Finding:
+    numbers = {"correlation": seen.value, "score": seen.score, "inflation": left}
     return finding("correlated-observations", numbers)
 
 

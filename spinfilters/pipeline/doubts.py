@@ -24,6 +24,8 @@ from spinfilters.pipeline.stated_levels import stated_level_diagnostics
 from spinfilters.pipeline.tested_models import NOT_TESTED, TestedModels
 from spinfilters.settings.run_settings import Settings
 from spinfilters.state.status import Finding, Verdict
+from spinfilters.verdict.checks import finding
+from spinfilters.verdict.estimate_tests import LEFT_OUT, rejected_share
 
 
 @dataclass(frozen=True)
@@ -116,6 +118,7 @@ def doubts_of(evaluations: Sequence[Evaluation], setup: Setup, settings: Setting
             *shared_diagnostics(setup),
             *motion_diagnostics(setup, settings),
             *model_findings(models, tested_history(setup, evaluations)),
+            *_of_measurements(smoothers, evaluations),
         ],
         filter_diagnostics(setup),
         reference_smoother(smoothers, setup, settings),
@@ -131,3 +134,20 @@ def _explained(setup: Setup, settings: Settings, evaluations: Sequence[Evaluatio
     if best is None or not is_suspect or models.slips:
         return models
     return with_flywheel_refit(models, setup, settings, best.mean[: tested_epochs(setup)])
+
+
+def _of_measurements(
+    smoothers: Sequence[EstimateHistory], evaluations: Sequence[Evaluation]
+) -> list[Finding]:
+    """Findings about a recording's measurements, the same for all of its estimators.
+
+    Of the smoother, which sees all measurements at once; without one, of the estimator that leaves out fewest. What another one
+    leaves out more is its own failing.
+    """
+    histories = [*smoothers] or [each.history for each in evaluations]
+    finished = [each for each in histories if each.status.verdict is not Verdict.FAILED]
+    if not finished:
+        return []
+    best = min(finished, key=lambda each: int(each.rejected[each.own].sum()))
+    numbers = rejected_share(best)
+    return [] if numbers is None else [finding(LEFT_OUT, numbers)]

@@ -120,10 +120,10 @@ def slipped_steps(
 
     Step j leads from epoch j to epoch j + 1.
     """
-    nothing = np.zeros(0, dtype=int), np.zeros(0)
-    R, dt = matrix_from_quaternion(attitude), np.diff(time)
+    nothing, dt = (np.zeros(0, dtype=int), np.zeros(0)), np.diff(time)
     if len(dt) < FEWEST or not (np.isfinite(attitude).all() and dt.min() > 0):
         return nothing
+    R = matrix_from_quaternion(attitude)
     steps = R[1:] @ np.swapaxes(R[:-1], 1, 2)
     rates = _rotation_vectors(steps) / dt[:, None]
     expected = np.array([_median_of_neighbours(rates, j) for j in range(len(dt))]) * dt[:, None]

@@ -169,7 +169,7 @@ CHECKS: Final[tuple[Check, ...]] = (
         "Are a landmark's residuals correlated from epoch to epoch? 5 deviations of chance and an expected NEES above 2", "3e-7",
         "errors of a landmark's observations are correlated ({correlation:.2g} from epoch to epoch, {score:.2g} deviations of "
         "chance): squared errors of the estimates may be {inflation:.2g} times what is stated",
-        "use images further apart",
+        "use images further apart, or state the covariances of the rows with covariance_inflation",
     ),
     Check(
         "correlation-undecided", BODY, Needs.RESIDUALS,

@@ -6,6 +6,7 @@ from typing import Final
 import numpy as np
 from scipy.special import pdtrc
 
+from spinfilters.estimators.history import EstimateHistory
 from spinfilters.state.status import Verdict
 from spinfilters.verdict.check import Failure
 from spinfilters.verdict.evidence import Evidence
@@ -18,6 +19,8 @@ LARGEST_NIS: Final = 2.5
 """NIS per degree of freedom above which measurement or process noise is clearly understated."""
 LARGEST_REJECTED: Final = 0.2
 """Share of measurements left out, beyond which whatever makes them cannot be trusted."""
+LEFT_OUT: Final = "measurements-left-out"
+"""Check of measurements that were refused, of a recording or of one estimator."""
 FALSE_ALARM: Final = 1e-6
 """Probability that a recording whose noise is what it is said to be, of any length, is doubted for what gates refused."""
 LARGEST_GAP: Final = 10.0
@@ -51,12 +54,19 @@ def innovations_too_large(evidence: Evidence) -> Iterator[Failure]:
 
 
 def measurements_left_out(evidence: Evidence) -> Iterator[Failure]:
-    """A large share of measurements that were refused."""
-    history = evidence.evaluation.history
+    """A large share of measurements that were refused, where the recording is not doubted for it already."""
+    numbers = rejected_share(evidence.evaluation.history)
+    if numbers is not None and not any(each.check == LEFT_OUT for each in evidence.found):
+        yield Failure(numbers)
+
+
+def rejected_share(history: EstimateHistory) -> dict[str, float | str] | None:
+    """Numbers of measurements that an estimator refused at its own epochs; None up to `LARGEST_REJECTED`."""
     rejected = int(history.rejected[history.own].sum())
     total = rejected + int(history.accepted[history.own].sum())
-    if total and rejected > LARGEST_REJECTED * total:
-        yield Failure({"rejected": rejected, "total": total, "percent": 100.0 * rejected / total})
+    if not total or rejected <= LARGEST_REJECTED * total:
+        return None
+    return {"rejected": rejected, "total": total, "percent": 100.0 * rejected / total}
 
 
 def epochs_refused(evidence: Evidence) -> Iterator[Failure]:

@@ -99,7 +99,7 @@ def test_a_constant_torque_is_named_with_its_cure_and_its_refit_is_right() -> No
     (evaluation,) = comparison.evaluations
     status = evaluation.history.status
     assert status.verdict == "degraded"
-    (reason,) = (each for each in status.reasons if "residuals show" in each)
+    (reason,) = (each for each in status.reasons if "residuals are most like" in each)
     assert "a constant body torque" in reason
     assert "process.body_torque = true" in reason
     _, refits = explanations(comparison, SMOOTHER)

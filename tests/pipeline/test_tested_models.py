@@ -132,3 +132,28 @@ def test_beside_slow_changes_an_error_is_named_by_what_they_leave(
     drag = ScoreTest(table()["drag"], one, one, 90.0, 1.0, 90.0, 1e-9, std, slow=0.99, beside_slow=0.1)
     touch = replace(drag, error=table()["contact-at-end"], slow=0.5, beside_slow=left)
     assert tested_models.TestedModels((drag, touch), std=std).names == names
+
+
+def test_a_cause_is_the_likeliest_of_several_and_others_have_their_share() -> None:
+    one = np.ones(1)
+    tests = tuple(
+        ScoreTest(table()[name], one, one, gain, 1.0, gain, 1e-9)
+        for name, gain in (("rotor", 102.0), ("hinge", 72.0), ("clock-drift", 52.0))
+    )
+    models = tested_models.TestedModels(tests)
+    (reason,) = models.reasons
+    assert models.names == ("rotor", "hinge")
+    assert reason.startswith("the residuals are most like a flywheel turning inside (1 +- 1 rad/s")
+    assert reason.endswith("explains 70% as much)")
+    assert "also possible: parts that move inside" in reason
+
+
+@pytest.mark.parametrize(("inflation", "names"), [(1.0, ("right-camera-turned",)), (5.0, ()), (2.0, ())])
+def test_a_score_that_lasting_errors_of_landmarks_feign_is_not_named(
+    inflation: float, names: tuple[str, ...]
+) -> None:
+    one = np.ones(1)
+    test = ScoreTest(table()["right-camera-turned"], one, one, 20.0, 1.0, 20.0, 1e-5)
+    others = tuple(replace(test, error=error, p_value=1.0) for error in list(table().values())[:9])
+    correlated = replace(tested_models.NO_CORRELATION, score_inflation=inflation)
+    assert tested_models.TestedModels((test, *others), correlated=correlated).names == names
