@@ -34,7 +34,7 @@ test-quick:
 
 docs:
 	$(environment) docs
-	@$(bin)/python -m spinfilters.verdict.page docs/reference/checks.md
+	@$(bin)/python -m spinfilters.verdict.checks_page docs/reference/checks.md
 	@NO_MKDOCS_2_WARNING=1 $(bin)/mkdocs build --quiet --config-file .mkdocs.yml
 	@echo build/site/index.html
 

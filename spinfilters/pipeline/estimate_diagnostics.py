@@ -18,7 +18,7 @@ from spinfilters.pipeline.initialisation_length import (
 from spinfilters.pipeline.setup import Setup
 from spinfilters.pipeline.smoother_run import smooth_at_once
 from spinfilters.settings.run_settings import Settings
-from spinfilters.state.quantities import BODY, ROTATION
+from spinfilters.state.quantities import BODY, CENTRE, POSITION, ROTATION
 from spinfilters.state.status import Finding, Verdict
 from spinfilters.verdict.agreement_tests import over_confidence
 from spinfilters.verdict.checks import finding
@@ -75,14 +75,16 @@ def motion_diagnostics(setup: Setup, settings: Settings) -> list[Finding]:
     few = evidence.epochs < FEWEST_EPOCHS
     why = "they are too few" if few else "a steady spin shows its axis only"
     numbers = {"epochs": evidence.epochs, "evidence": evidence.total, "limit": LEAST_EVIDENCE, "why": why}
-    return [finding("motion-shows-no-moments", numbers, BODY | _resting_on_moments(setup))]
+    return [finding("motion-shows-no-moments", numbers, _resting_on_moments(setup))]
 
 
 def _resting_on_moments(setup: Setup) -> frozenset[str]:
-    """Quantities that need the moments besides the body itself.
+    """Quantities that rest on the wobble as the moments do.
 
-    Of a gyro alone an undetermined body and an identified density of torques explain the same changes of the rates: the body takes
-    a part of the disturbances, the density comes out too small, and with it the deviations of rate and attitude.
+    A steady spin shows the centre of mass across its axis only; along it the centre, and its place with it, follow from the same
+    wobble. Of a gyro alone an undetermined body and an identified density of torques explain the same changes of the rates: the
+    body takes a part of the disturbances, the density comes out too small, and with it the deviations of rate and attitude.
     """
-    is_gyro_alone = not setup.process.layout.translates
-    return ROTATION if is_gyro_alone and "torque_psd" in setup.unstated else BODY
+    if setup.process.layout.translates:
+        return BODY | {CENTRE, POSITION}
+    return ROTATION if "torque_psd" in setup.unstated else BODY

@@ -39,6 +39,7 @@ NAME = "smoother"
 NO_FILTER = (
     "the filter that the smoother sets out from failed: it began from what the measurements say directly"
 )
+SOME_DIRECTIONS = "some directions are not determined at all, so that the estimate has no covariance"
 ANNEALED_ITERATIONS = 30
 """At most, from a trajectory that no filter has made."""
 
@@ -70,7 +71,7 @@ def smoothed_history(smoother: RecursiveSmoother, passed: EstimateHistory, setup
         status = status.doubted(doubt)
     factor = np.array([row.factor for row in rows])
     if not np.isfinite(factor).all():
-        status = status.failed("; ".join(status.reasons) or "some directions are not determined")
+        status = status.failed(SOME_DIRECTIONS, "unobservable")
     accepted, rejected = _counts(smoother, passed)
     nothing = np.zeros(len(rows))
     return EstimateHistory(
@@ -186,7 +187,7 @@ def _batch_history(
     for doubt in found.unobservable:
         status = status.doubted(doubt)
     if not np.isfinite(found.factor).all():
-        status = status.failed("some directions are not determined")
+        status = status.failed(SOME_DIRECTIONS, "unobservable")
     nothing = np.zeros(count)
     return EstimateHistory(
         name=NAME,

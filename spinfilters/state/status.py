@@ -49,8 +49,12 @@ class Finding:
 
     @property
     def reason(self) -> str:
-        """The sentence with its cure."""
-        return f"{self.sentence}: {self.cure}" if self.cure else self.sentence
+        """The sentence with its cure, behind a colon unless it has one already."""
+        if not self.cure:
+            return self.sentence
+        if ": " in self.sentence:
+            return f"{self.sentence}. {self.cure[0].upper()}{self.cure[1:]}"
+        return f"{self.sentence}: {self.cure}"
 
 
 @dataclass(frozen=True)

@@ -83,7 +83,7 @@ CHECKS: Final[tuple[Check, ...]] = (
     Check(
         "live", ALL, Needs.FILTER, "Running tests of a filter's latest epochs: NIS, refusals, levels of noise",
         "of the order of 1e-6 a window", "the filter's latest epochs are not as they are expected",
-        "see the check of the same sentence in a recording",
+        "look at what the sentence names: noise, clock and gross errors of the source",
     ),
     Check(
         "no-smoother", NOTHING, Needs.SMOOTHER, "Is the smoother alive that a live filter is rebased on?", CERTAIN,

@@ -53,8 +53,10 @@ def holding(evidence: Evidence, status: EstimatorStatus) -> dict[str, Holds]:
     for found in status.findings:
         check = check_of(found)
         for name in check.about if found.about is None else found.about:
-            if check.leaves is Holds.NOT_DETERMINED or holds[name] is Holds.OK:
-                holds[name] = check.leaves
+            # what a finding is about beyond its check follows from what is not determined, and is doubtful
+            state = check.leaves if name in check.about or not check.about else Holds.DOUBTFUL
+            if state is Holds.NOT_DETERMINED or holds[name] is Holds.OK:
+                holds[name] = state
     return holds
 
 

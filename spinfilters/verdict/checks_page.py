@@ -1,6 +1,6 @@
 """The page of all checks, made from their list.
 
-    python -m spinfilters.verdict.page [docs/reference/checks.md]
+    python -m spinfilters.verdict.checks_page [docs/reference/checks.md]
 
 Writes the page, or prints it where no file is given; ``make docs`` writes it before the site is built.
 """
@@ -20,7 +20,7 @@ from spinfilters.verdict.checks import CHECKS
 
 HEAD = """# All checks of the verdict
 
-This page is made from the code by `python -m spinfilters.verdict.page docs/reference/checks.md`; a test compares the two.
+This page is made from the code by `python -m spinfilters.verdict.checks_page docs/reference/checks.md`; a test compares the two.
 
 An estimate is `ok` when none of these checks fails. `summary.json` names those that fail under `checks`, with their numbers, and
 says under `holds` of each quantity whether it is `ok`, `doubtful` or `not determined`. A quantity holds where it is determined and
