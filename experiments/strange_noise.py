@@ -136,7 +136,7 @@ def rows_of(kind: str, name: str, seed: int, recorded: Recorded) -> list[NoiseRo
 def recording(kind: str, name: str, seed: int, recorded: Recorded) -> Dataset:
     """A motion under one kind of noise, which is not stated."""
     scenario = Scenario.simplified(
-        "stereo-tracks" if kind == "tracks" else kind,
+        kind="stereo-tracks" if kind == "tracks" else kind,
         rate_rpm=recorded.rate_rpm,
         epochs=recorded.epochs,
         landmarks=TRACKED,

@@ -133,7 +133,8 @@ class _Levels:
     def _tests(self) -> list[LevelTest]:
         """Tests of all levels, inflated rows of poses within their inflation.
 
-        Such rows are too small only where they are so with it.
+        Such rows are too small only where they are so with it, and never too large: they hold errors of the map, which all
+        poses share, and directions that a scan does not determine; residuals show neither.
         Poses share the errors of a map, which residuals show as far as the view changes: how much nobody knows. Those of images
         are slow.
         """
@@ -143,7 +144,8 @@ class _Levels:
         whole = _deflated(self.model, {name: 1 / factor for name, factor in inflated.items()})
         most = {t.name: max(t.score, 0.0) for t in level_tests(whole, self.trajectory, self.points)}
         return [
-            LevelTest(t.name, min(t.score, most.get(t.name, 0.0))) if t.name in inflated else t for t in tests
+            LevelTest(t.name, max(min(t.score, most.get(t.name, 0.0)), 0.0)) if t.name in inflated else t
+            for t in tests
         ]
 
     def _finding(self, found: Identified, number: int, score: float, about: frozenset[str]) -> Finding:

@@ -30,12 +30,10 @@ CHOSEN, ALTERNATIVE = 0, 1
 class MapInProgress:
     """Information sums of every landmark. Its point is the information-weighted mean of the observations that agree.
 
-    An observation is poor along its line of sight, so points seen from several sides are far better than any one observation. Each
-    landmark has two candidates. An observation joins the chosen one if it agrees with it, else the alternative, else it becomes the
-    alternative of
-    a landmark whose alternative nothing has confirmed. The one with more observations is the chosen one: a landmark whose first
-    observation was
-    a wrong association is so found again as soon as two later ones agree.
+    An observation is poor along its line of sight, so points seen from several sides are far better than any one observation.
+    Each landmark has two candidates. An observation joins the chosen one if it agrees with it, else the alternative, else it
+    becomes the alternative of a landmark whose alternative nothing has confirmed. The one with more observations is the chosen
+    one: a landmark whose first observation was a wrong association is so found again as soon as two later ones agree.
 
     Attributes
     ----------

@@ -5,7 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from spinfilters.attitude.conversions import angle_between
 from spinfilters.cli.main import main
+from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.data.truth import read_truth
 from spinfilters.lidar.scan_files import read_scan
 
@@ -95,3 +97,22 @@ def test_the_number_of_scans_needed_is_told_with_a_picture(
 def test_scans_needed_of_nothing_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["lidar", "needed", str(tmp_path), "-o", str(tmp_path / "out")]) == 2
     assert "holds no .ply" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("body", "rays", "count"), [("cube", 30, 6), ("cube", 30, 12), ("spacecraft", 60, 6)]
+)
+def test_scans_without_noise_become_regular_poses(body: str, rays: int, count: int, tmp_path: Path) -> None:
+    command = ["lidar", "scan", body, "--scans", str(count), "--rays", str(rays), str(rays)]
+    assert main([*command, "-o", str(tmp_path / "s")]) == 0
+    dataset = read_dataset(tmp_path / "s")
+    (stream,), truth = dataset.log.streams, dataset.truth
+    assert len(stream) == count
+    assert stream.covariance is not None
+    assert truth is not None
+    std = np.sqrt(np.linalg.eigvalsh(stream.covariance))
+    assert std.min() > 5e-6  # no face is flatter
+    apart = angle_between(truth.q_ig, stream.values[:, 3:])
+    sure = np.sqrt(np.linalg.eigvalsh(stream.covariance[:, 3:, 3:])[:, -1]) < 1e-2
+    assert sure.sum() >= 3
+    assert apart[sure].max() < 1e-6  # and the poses are exact all the same

@@ -37,10 +37,11 @@ REWRITINGS = (
     Rewriting(
         "spinfilters simulate --kind lidar-points", "--frames 25 --interval 0.5", "a shorter recording"
     ),
-    Rewriting("spinfilters simulate", "--frames 40", "a shorter recording"),
+    Rewriting("spinfilters simulate", "--frames 30", "a shorter recording"),
     Rewriting("spinfilters lidar scan --preset", "", "as it stands"),
     Rewriting("spinfilters lidar scan body.stl --scale", "--rays 40 40", "fewer rays"),
     Rewriting("spinfilters lidar scan", "--rays 40 40 --scans 8", "fewer scans of fewer rays"),
+    Rewriting("spinfilters compare toss", "--estimators mekf", "one estimator"),
     Rewriting("spinfilters compare", SMALL_RUN, "two estimators"),
     Rewriting("spinfilters observe", "--frames 20", "fewer epochs"),
     Rewriting("spinfilters live", "--speed 1000 --deadline-ms 10000", "faster than it was recorded"),

@@ -103,10 +103,10 @@ def test_information_is_that_expected_of_the_gradient() -> None:
 def prepared(kind: str, correlation: float) -> Setup:
     """With an initialisation that is the smoother of the whole recording, at noise levels of its own."""
     scenario = Scenario.simplified(
-        kind,
-        (1.0, 0.8, 0.55),
-        RICH_RPM,
-        30 if kind == "stereo-tracks" else 60,
+        kind=kind,
+        principal_moments=(1.0, 0.8, 0.55),
+        rate_rpm=RICH_RPM,
+        epochs=30 if kind == "stereo-tracks" else 60,
         pixel_std=EXACT,
         position_std=EXACT,
         rotation_std=EXACT,

@@ -25,7 +25,7 @@ def compared(correlation: float) -> Comparison:
     """Of poses that say nothing of their noise."""
     noise = ProcessNoise(1e-6, 1e-6)
     scenario = Scenario.simplified(
-        "pose", rate_rpm=RICH_RPM, epochs=60, position_std=1e-9, rotation_std=1e-9, noise=noise, seed=2
+        kind="pose", rate_rpm=RICH_RPM, epochs=60, position_std=1e-9, rotation_std=1e-9, noise=noise, seed=2
     )
     std, generator = np.repeat([0.005, 0.01], 3), np.random.default_rng(2)
     dataset = with_gauss_markov_errors(without_noise(simulate(scenario)), std, correlation, generator)
@@ -92,7 +92,7 @@ def test_covariances_hold_with_the_errors_that_widen_them_most(monkeypatch: pyte
 def compared_gyro(correlation: float) -> Comparison:
     """Of rates that say nothing of their noise."""
     scenario = Scenario.simplified(
-        "gyro", rate_rpm=RICH_RPM, epochs=115, gyro_std=1e-9, noise=ProcessNoise(1e-6, 1e-6), seed=531
+        kind="gyro", rate_rpm=RICH_RPM, epochs=115, gyro_std=1e-9, noise=ProcessNoise(1e-6, 1e-6), seed=531
     )
     dataset = without_noise(simulate(scenario))
     if correlation:

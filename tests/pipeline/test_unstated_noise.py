@@ -127,7 +127,7 @@ def test_levels_of_which_one_takes_what_the_other_leaves_settle(seed: int) -> No
     true = {"gyro_noise_std": 2.4e-4, "torque_psd": 1.2e-7}
     noise = ProcessNoise(torque_psd=true["torque_psd"])
     scenario = Scenario.simplified(
-        "gyro", rate_rpm=RICH_RPM, seed=seed, gyro_std=true["gyro_noise_std"], noise=noise
+        kind="gyro", rate_rpm=RICH_RPM, seed=seed, gyro_std=true["gyro_noise_std"], noise=noise
     )
     found = {each.name: each for each in prepare(without_noise(simulate(scenario)), Settings()).identified}
     for name, half in (("gyro_noise_std", 0.5), ("torque_psd", 1.0)):

@@ -25,7 +25,7 @@ def add_lidar(commands: Subparsers) -> argparse.ArgumentParser:
         "scan",
         help="scan a mesh with a simulated lidar",
         description="Writes scan.ply, scan.png and metadata; with --scans a data set of scans of the tumbling body, with truth, "
-        "for 'spinfilters compare'. Epoch of the lidar: x along its axis, y towards elevation, z towards azimuth.",
+        "for 'spinfilters compare'. Frame of the lidar: x along its axis, y towards elevation, z towards azimuth.",
     )
     scan.add_argument(
         "mesh",
