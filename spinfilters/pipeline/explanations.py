@@ -10,6 +10,7 @@ import numpy as np
 
 from spinfilters.data.atomic_write import write_text
 from spinfilters.data.dataset import Dataset
+from spinfilters.data.input_file import read_settings_text
 from spinfilters.errors import InputError
 from spinfilters.estimators.model_errors.alternative import Alternative
 from spinfilters.estimators.model_errors.score_test import ScoreTest
@@ -121,9 +122,9 @@ def read_sentences(folder: Path) -> Sequence[str]:
     None where it is not there or damaged.
     """
     try:
-        document = json.loads((folder / EXPLANATIONS_FILE).read_text(encoding="utf-8"))
+        document = json.loads(read_settings_text(folder / EXPLANATIONS_FILE))
         return [str(each) for each in document["sentences"]]
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+    except (InputError, ValueError, KeyError, TypeError, RecursionError):
         return []
 
 

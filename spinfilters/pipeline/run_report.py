@@ -13,7 +13,7 @@ import numpy as np
 
 from spinfilters.attitude.conversions import matrix_from_quaternion
 from spinfilters.data.atomic_write import write_text
-from spinfilters.data.input_file import printable, read_settings_text
+from spinfilters.data.input_file import printable, read_bytes, read_settings_text
 from spinfilters.errors import InputError
 from spinfilters.evaluation.comparison import comparison_cells
 from spinfilters.evaluation.estimator_evaluation import Evaluation
@@ -144,9 +144,9 @@ def _dense_sections(folder: Path) -> dict[str, str]:
     place = folder / RECONSTRUCTION_FOLDER
     sections: dict[str, str] = {}
     try:
-        document = json.loads((place / RECONSTRUCTION_FILE).read_text(encoding="utf-8"))
+        document = json.loads(read_settings_text(place / RECONSTRUCTION_FILE))
         sections["Dimensions"] = _dimensions(document)
-    except (OSError, ValueError, KeyError, TypeError):
+    except (InputError, ValueError, KeyError, TypeError, RecursionError):
         return sections
     picture = _file(place / ANIMATION_FILE, "left image and the model where the estimate puts it")
     if picture:
@@ -183,8 +183,8 @@ def _pictures(figure_data: FigureData, folder: Path) -> Iterator[str]:
 def _file(path: Path, words: str) -> str:
     """A picture's HTML; nothing where there is none."""
     try:
-        data = path.read_bytes() if path.stat().st_size <= LARGEST_PICTURE else b""
-    except OSError:
+        data = read_bytes(path, LARGEST_PICTURE)
+    except InputError:
         return ""
     return image(data, words, path.suffix[1:]) if data else ""
 

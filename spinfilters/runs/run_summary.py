@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from spinfilters.data.dataset_reader import has_images
-from spinfilters.data.input_file import reason
+from spinfilters.data.input_file import path_text, read_bytes, reason
 from spinfilters.errors import InputError
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.estimator_evaluation import Evaluation
@@ -52,18 +52,14 @@ def read_summary(folder: Path) -> dict[str, Any]:
     InputError: missing, too large, not JSON, another schema.
     """
     path = folder / SUMMARY_FILE
-    try:
-        if path.stat().st_size > LARGEST_SUMMARY:
-            raise InputError(
-                f"{path}: {path.stat().st_size} bytes is no summary of a run; make the run again"
-            )
-        document = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
+    if not path.exists():
         raise InputError(
-            f"{path}: cannot be read ({error.strerror}); give a folder made by 'spinfilters compare'"
-        ) from None
+            f"{path_text(path)}: cannot be read (No such file or directory); give a folder made by 'spinfilters compare'"
+        )
+    try:
+        document = json.loads(read_bytes(path, LARGEST_SUMMARY).decode("utf-8"))
     except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: is not JSON ({reason(error)}); make the run again") from None
+        raise InputError(f"{path_text(path)}: is not JSON ({reason(error)}); make the run again") from None
     if not isinstance(document, dict) or document.get("schema") != SCHEMA:
         raise InputError(f"{path}: schema is not {SCHEMA}; make the run again with this version")
     return document

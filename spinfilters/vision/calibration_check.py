@@ -39,11 +39,11 @@ class BoardMeasurement:
 
     Attributes
     ----------
-    rows: (n,) px by which rectified corners of a pair miss one another.   squares: (m,) measured sides, m.
+    rows: (n,) px by which rectified corners of a pair miss one another.   squares: (v,) measured side of a square in each view, m.
     """
 
     rows: Float[np.ndarray, " n"]
-    squares: Float[np.ndarray, " m"]
+    squares: Float[np.ndarray, " v"]
 
 
 def measured_board(rig: RawRig, views: list[BoardView], board: Board) -> BoardMeasurement:
@@ -56,12 +56,18 @@ def measured_board(rig: RawRig, views: list[BoardView], board: Board) -> BoardMe
         points = stereo_pair(rectification.stereo.calibration).points_of(
             values, rectification.stereo.calibration
         )
-        points[~view.seen] = np.nan
-        grid = points.reshape(board.rows, board.columns, 3)
-        for axis in (0, 1):
-            squares.append(np.linalg.norm(np.diff(grid, axis=axis), axis=2).ravel())
-    sides = np.concatenate(squares)
-    return BoardMeasurement(np.concatenate(rows), sides[np.isfinite(sides)])
+        seen = view.seen & np.isfinite(points).all(axis=1)
+        squares.append(board.square * _scale(board.points[seen], points[seen]))
+    return BoardMeasurement(np.concatenate(rows), np.array(squares))
+
+
+def _scale(true: Float[np.ndarray, "n 3"], measured: Float[np.ndarray, "n 3"]) -> float:
+    """Scale s of the similarity that takes true points to measured ones, tr(R' M) / sum |x|^2 (Umeyama 1991).
+
+    Its mean is right; that of measured sides is too large, by their noise squared over the side.
+    """
+    x, y = true - true.mean(axis=0), measured - measured.mean(axis=0)
+    return float(np.linalg.svd(x.T @ y, compute_uv=False)[:2].sum() / (x**2).sum())
 
 
 def checks(rig: RawRig, measured: BoardMeasurement, board: Board) -> list[CheckResult]:

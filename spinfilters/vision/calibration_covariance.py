@@ -11,6 +11,9 @@ Errors of corners have three parts, each with its own level, taken from the resi
    is how much more they disagree about the intrinsics than part 1 explains;
 3. the same in every view for each corner of the board, as of printing, or of a board that does not move: N such views count as one.
 
+Beside that model stands the jackknife, which assumes no error model: the spread of calibrations that each leave out one view. Of
+eight views or more, the larger deviation of both counts for each parameter.
+
 A board that hardly moves leaves directions of x almost free. Beyond the first order, the cost is therefore computed again with the
 focal length moved by four standard deviations: where it rises less than the first order says, the deviations are widened.
 """
@@ -22,6 +25,7 @@ from typing import Final
 import cv2
 import numpy as np
 from jaxtyping import Float
+from scipy.special import ndtr, stdtrit
 
 from spinfilters.vision.calibration_images import Board, BoardView
 from spinfilters.vision.camera_calibration import (
@@ -39,11 +43,14 @@ PROFILE: Final = 4.0
 """Standard deviations at which the cost is computed again."""
 LARGEST_STEP: Final = 0.5
 """Of ln(focal length) in that: a calibration that free is refused anyway."""
+FEWEST_LEFT_OUT: Final = 8
+"""Views from which the jackknife counts: of fewer, what is left without one may determine nothing."""
 LINEAR: Final = 1e-4
 """Relative deviation of the focal length up to which the first order is exact enough."""
 LEAST_RISE: Final = 1e-3
 """Of the rise that the first order says: below it the cost is flat."""
 _FLAT: Final = 1e-13  # eigenvalue of a scaled information matrix below which only rounding is left
+_TINY: Final = 1e-300
 _SEEN: Final = 1e-6  # singular value of a view's Jacobian, relative to the largest, from which the view tells of that direction
 
 
@@ -108,9 +115,12 @@ def calibration_covariance(
     ]
     levels = np.array([_levels(side) for side in sides])
     ratios = np.array([_heterogeneity(side, level.sum()) for side, level in zip(sides, levels, strict=True)])
-    G = _influence(board, sides, cameras, relative)
+    pairs = [_pair(view, board, sides, cameras, relative, g) for g, view in enumerate(views)]
+    G = _influence(sides, pairs)
     # of left and right: variance of what differs between views, and of what all have in common
-    variances = np.column_stack([levels[:, 0] * ratios, levels[:, 1]])
+    variances = _student_factor(N * (len(views) - 1)) ** 2 * np.column_stack(
+        [levels[:, 0] * ratios, levels[:, 1]]
+    )
     first = _propagated(G, variances)
     widening = np.array(
         [
@@ -119,6 +129,10 @@ def calibration_covariance(
         ]
     )
     covariance = _propagated(G, variances * widening[:, None] ** 2)
+    if len(views) >= FEWEST_LEFT_OUT:
+        over = _jackknife_variances(sides, pairs) / np.maximum(np.diag(first), _TINY)
+        factor = np.sqrt(np.maximum(over, 1.0))
+        covariance = factor[:, None] * covariance * factor
     independent, common = np.sqrt(levels).T
     return CalibrationCovariance(covariance, independent, common, ratios, widening)
 
@@ -188,53 +202,96 @@ def _heterogeneity(side: _LinearisedViews, variance: float) -> float:
     return max(chi2 / variance / max(freedom, 1), 1.0) if variance > 0 else 1.0
 
 
-def _influence(
+@dataclass(frozen=True, eq=False)
+class _PairedView:
+    """A view in both images about the relative pose with intrinsics fixed, the board's pose eliminated.
+
+    Attributes
+    ----------
+    relative: Jacobian of the relative pose, (4n, 6).   intrinsics: of both intrinsics, (4n, 18).   residuals: (4n,) px.
+    """
+
+    relative: Float[np.ndarray, "k 6"]
+    intrinsics: Float[np.ndarray, "k 18"]
+    residuals: Float[np.ndarray, " k"]
+
+
+def _pair(
+    view: BoardView,
     board: Board,
     sides: Sequence[_LinearisedViews],
     cameras: CameraPair,
     relative: RelativePose,
+    g: int,
+) -> _PairedView:
+    left, right = sides
+    m, pose, seen = left.residuals.shape[1], cameras.left.poses[g], right.seen[g]
+    composed = cv2.composeRT(pose[:3], pose[3:], relative.turn, relative.place)
+    r_of_r1, r_of_t1, r_of_r2, r_of_t2, t_of_r1, t_of_t1, t_of_r2, t_of_t2 = composed[2:]
+    pixels, J = cv2.projectPoints(
+        board.points, composed[0], composed[1], cameras.right.K, cameras.right.distortion
+    )
+    J = J * seen[:, None]
+    by_board = J[:, :6] @ np.block([[r_of_r1, r_of_t1], [t_of_r1, t_of_t1]])
+    by_relative = J[:, :6] @ np.block([[r_of_r2, r_of_t2], [t_of_r2, t_of_t2]])
+    B = np.vstack([left.pose[g], by_board])
+    D = np.zeros((2 * m, 2 * N))
+    D[:m, :N], D[m:, N:] = left.intrinsics[g], J[:, 6 : 6 + N]
+    missed = np.where(seen, view.right.ravel() - pixels.ravel(), 0.0)
+    residuals = np.concatenate([left.residuals[g], missed])[:, None]
+    return _PairedView(
+        _without(np.vstack([np.zeros((m, 6)), by_relative]), B), D, _without(residuals, B)[:, 0]
+    )
+
+
+def _student_factor(freedom: int) -> float:
+    """Factor on deviations whose level has so many degrees of freedom, so that four of them cover what four Gaussian ones do.
+
+    The level of errors that are smooth within a view is known from nine numbers of each view, less the nine that all have.
+    """
+    return float(-stdtrit(freedom, ndtr(-PROFILE)) / PROFILE)
+
+
+def _influence(
+    sides: Sequence[_LinearisedViews], pairs: Sequence[_PairedView]
 ) -> Float[np.ndarray, "v 24 k"]:
     """G_g of every view: dx = sum_g G_g [errors of its left corners | of its right ones], (v, 24, 4n)."""
     count, m = sides[0].residuals.shape
     G = np.zeros((count, 2 * N + 6, 2 * m))
     # Intrinsics: H dk = sum_g A_g' e_g with A_g the Jacobian without the view's pose, for each camera by itself.
     for k, side in enumerate(sides):
-        G[:, k * N : (k + 1) * N, k * m : (k + 1) * m] = _inverse(side.information) @ side.reduced.transpose(
-            0, 2, 1
-        )
+        solve = _inverse(side.information)
+        G[:, k * N : (k + 1) * N, k * m : (k + 1) * m] = solve @ side.reduced.transpose(0, 2, 1)
     # Relative pose with intrinsics fixed: (sum C_g' C_g) db = sum_g C_g' (e_g - D_g dk). C_g is the Jacobian without the pose of
     # the board in the left camera, D_g the one with respect to both intrinsics, whose errors dk are those above.
-    C, D = zip(*(_pair(board, sides, cameras, relative, g) for g in range(count)), strict=True)
-    H = sum((c.T @ c for c in C), np.zeros((6, 6)))
-    coupling = sum((c.T @ d for c, d in zip(C, D, strict=True)), np.zeros((6, 2 * N)))
-    solve = _inverse(H)
-    for g in range(count):
-        G[g, RELATIVE] = solve @ (C[g].T - coupling @ G[g, : 2 * N])
+    solve = _inverse(sum((each.relative.T @ each.relative for each in pairs), np.zeros((6, 6))))
+    coupling = sum((each.relative.T @ each.intrinsics for each in pairs), np.zeros((6, 2 * N)))
+    for g, each in enumerate(pairs):
+        G[g, RELATIVE] = solve @ (each.relative.T - coupling @ G[g, : 2 * N])
     return G
 
 
-def _pair(
-    board: Board,
-    sides: Sequence[_LinearisedViews],
-    cameras: CameraPair,
-    relative: RelativePose,
-    g: int,
-) -> tuple[Float[np.ndarray, "k 6"], Float[np.ndarray, "k 18"]]:
-    """Jacobians of a view's corners in both images: relative pose, without the board's pose; and both intrinsics."""
-    left, right = sides
-    m, pose = left.residuals.shape[1], cameras.left.poses[g]
-    composed = cv2.composeRT(pose[:3], pose[3:], relative.turn, relative.place)
-    r_of_r1, r_of_t1, r_of_r2, r_of_t2, t_of_r1, t_of_t1, t_of_r2, t_of_t2 = composed[2:]
-    J = cv2.projectPoints(board.points, composed[0], composed[1], cameras.right.K, cameras.right.distortion)[
-        1
-    ]
-    J = J * right.seen[g][:, None]
-    by_board = J[:, :6] @ np.block([[r_of_r1, r_of_t1], [t_of_r1, t_of_t1]])
-    by_relative = J[:, :6] @ np.block([[r_of_r2, r_of_t2], [t_of_r2, t_of_t2]])
-    C = _without(np.vstack([np.zeros((m, 6)), by_relative]), np.vstack([left.pose[g], by_board]))
-    D = np.zeros((2 * m, 2 * N))
-    D[:m, :N], D[m:, N:] = left.intrinsics[g], J[:, 6 : 6 + N]
-    return C, D
+def _jackknife_variances(
+    sides: Sequence[_LinearisedViews], pairs: Sequence[_PairedView]
+) -> Float[np.ndarray, " 24"]:
+    """Variances of the parameters from linearised calibrations that each leave out one view (Efron and Stein 1981).
+
+    Without view g the normal equations lose its terms: (H - H_g) dk = -A_g' r_g, then with the couplings X = sum C' D of the
+    relative pose (K - K_g) db = -C_g' r_g - (X - X_g) dk.
+    """
+    count = len(pairs)
+    moved = np.zeros((count, 2 * N + 6))
+    K = sum((each.relative.T @ each.relative for each in pairs), np.zeros((6, 6)))
+    X = sum((each.relative.T @ each.intrinsics for each in pairs), np.zeros((6, 2 * N)))
+    for g, each in enumerate(pairs):
+        for k, side in enumerate(sides):
+            A = side.reduced[g]
+            without = _inverse(side.information - A.T @ A)
+            moved[g, k * N : (k + 1) * N] = -without @ (A.T @ side.residuals[g])
+        C, D = each.relative, each.intrinsics
+        rest = -C.T @ each.residuals - (X - C.T @ D) @ moved[g, : 2 * N]
+        moved[g, RELATIVE] = _inverse(K - C.T @ C) @ rest
+    return (count - 1) / count * ((moved - moved.mean(axis=0)) ** 2).sum(axis=0)
 
 
 def _propagated(
