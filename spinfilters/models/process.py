@@ -2,10 +2,10 @@
 
 Continuous model (`spinfilters.conventions` defines the blocks), with white accelerations n_v, n_w of given densities:
 
-    r = t + R_ig c,  r' = v,  v' = f + n_v,  q_ig' = q_ig (x) [w, 0] / 2,  w' = J(s)^-1 (J(s) w x w) - d |w| w + m + n_w
+    r = t + R_ig c,  r' = v,  v' = f + n_v,  q_ig' = q_ig (x) [w, 0] / 2,  w' = J(s)^-1 (J(s) w x w) - d |w| w - l w + m + n_w
 
-(Tweddle 2013, Eqs 4.100-4.103, in g axes.) The drag term is the torque -d J w |w|, so that |h| decays
-by exp(-d angle); f is a constant acceleration (gravity), J m a constant body torque. Layouts that lack a block lack its term.
+(Tweddle 2013, Eqs 4.100-4.103, in g axes.) The drag terms are the torques -d J w |w|, so that |h| decays
+by exp(-d angle), and -l J w, so that it decays by exp(-l t); f is a constant acceleration (gravity), J m a constant body torque. Layouts that lack a block lack its term.
 The published linearisation (Eqs 4.80, 4.107) is a factorisation A(x) x, not a Jacobian; here the error is multiplicative, its
 transition is differentiated automatically through the integrator, and its noise covariance is the integral along the motion.
 """
@@ -59,20 +59,26 @@ THESIS_NOISE = ProcessNoise(force_psd=1e-6, torque_psd=1e-6)
 
 
 def body_acceleration(
-    w: Expression, J: Expression, drag: Expression | None = None, torque: Expression | None = None
+    w: Expression,
+    J: Expression,
+    drag: Expression | None = None,
+    torque: Expression | None = None,
+    linear_drag: Expression | None = None,
 ) -> Expression:
     """Body acceleration w' in g axes, rad/s^2 (Tweddle 2013, Eq. 4.103).
 
-    w' = J^-1 (J w x w) - d |w| w + m; the sign of 3.16-3.18 is corrected.
+    w' = J^-1 (J w x w) - d |w| w - l w + m; the sign of 3.16-3.18 is corrected.
 
     Parameters
     ----------
     w: body rate, rad/s.   J: inertia up to scale, 3 x 3.   drag: d, 1/rad.
-    torque: m, the angular acceleration of a constant body torque, rad/s^2.
+    torque: m, the angular acceleration of a constant body torque, rad/s^2.   linear_drag: l, 1/s.
     """
     acceleration = ca.inv_minor(J) @ ca.cross(J @ w, w)
     if drag is not None:
         acceleration = acceleration - drag * ca.sqrt(ca.dot(w, w) + SMALLEST_SQUARE) * w
+    if linear_drag is not None:
+        acceleration = acceleration - linear_drag * w
     return acceleration if torque is None else acceleration + torque
 
 
@@ -81,7 +87,9 @@ def derivative(layout: StateLayout, x: Expression) -> Expression:
     values = layout.unpack(x)
     rates = {name: 0 * value for name, value in values.items()}
     rates["q"] = quaternion_rate(values["q"], values["w"])
-    rates["w"] = body_acceleration(values["w"], inertia(values["s"]), values.get("d"), values.get("m"))
+    rates["w"] = body_acceleration(
+        values["w"], inertia(values["s"]), values.get("d"), values.get("m"), values.get("l")
+    )
     if layout.has(ACCELERATION):
         rates["v"] = values["f"]
     if layout.translates:

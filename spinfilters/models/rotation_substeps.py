@@ -24,12 +24,15 @@ from spinfilters.attitude.expressions import (
 )
 from spinfilters.state.blocks.acceleration import ACCELERATION
 from spinfilters.state.blocks.drag import DRAG
+from spinfilters.state.blocks.linear_drag import LINEAR_DRAG
 from spinfilters.state.blocks.rigid_body import MASS_DISTRIBUTION
 from spinfilters.state.blocks.torque import TORQUE
 from spinfilters.state.layout import StateLayout
 
-Acceleration = Callable[[Expression, Expression, Expression | None, Expression | None], Expression]
-"""w' from the rate, the inertia (3 x 3) and, where the state has them, the drag and the constant body torque."""
+Acceleration = Callable[
+    [Expression, Expression, Expression | None, Expression | None, Expression | None], Expression
+]
+"""w' from the rate, the inertia (3 x 3) and, where the state has them, the drag, the constant body torque and the linear drag."""
 
 SHARED = {"cse": True}
 """Expressions that occur again are evaluated once, to the same bits."""
@@ -85,10 +88,12 @@ class RotationSubsteps:
         J = ca.vertcat(
             ca.horzcat(j[0], j[1], j[2]), ca.horzcat(j[1], j[3], j[4]), ca.horzcat(j[2], j[4], j[5])
         )
-        drag, torque = (
-            p[self._parameters[block.name]] if self._layout.has(block) else None for block in (DRAG, TORQUE)
+        drag, torque, linear_drag = (
+            p[self._parameters[block.name]] if self._layout.has(block) else None
+            for block in (DRAG, TORQUE, LINEAR_DRAG)
         )
-        return ca.vertcat(quaternion_rate(y[:4], y[4:7]), self._acceleration(y[4:7], J, drag, torque))
+        acceleration = self._acceleration(y[4:7], J, drag, torque, linear_drag)
+        return ca.vertcat(quaternion_rate(y[:4], y[4:7]), acceleration)
 
     def translated(
         self, values: dict[str, Expression], q: Expression, w: Expression, dt: Expression

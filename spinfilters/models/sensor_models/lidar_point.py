@@ -13,6 +13,7 @@ from spinfilters.models.cholesky_parameters import factor_of, parameters_of
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.process import body_acceleration
 from spinfilters.state.blocks.drag import DRAG
+from spinfilters.state.blocks.linear_drag import LINEAR_DRAG
 from spinfilters.state.layout import StateLayout
 
 GRAZING = 0.02
@@ -39,7 +40,8 @@ class LidarPoint(MeasurementModel):
 
     def __init__(self, layout: StateLayout) -> None:
         super().__init__(layout)
-        self.needs = ("t", "a", "v", "w", "c", "s", *((DRAG.name,) if layout.has(DRAG) else ()))
+        braking = (block.name for block in (DRAG, LINEAR_DRAG) if layout.has(block))
+        self.needs = ("t", "a", "v", "w", "c", "s", *braking)
 
     def symbolic(self, state: dict[str, Expression], parameters: Expression) -> Expression:
         """Range at which the ray meets the face, m."""
@@ -95,11 +97,11 @@ def _beam(angles: Expression) -> Expression:
 
 def _attitude_after(state: dict[str, Expression], delay: Expression) -> Expression:
     """q_ig after ``delay`` s, which may be negative, by Runge-Kutta 4 of attitude and rate."""
-    J, drag, h = inertia(state["s"]), state.get("d"), delay / STEPS
+    J, drag, linear, h = inertia(state["s"]), state.get("d"), state.get("l"), delay / STEPS
 
     def rates(x: Expression) -> Expression:
         """Time derivatives of attitude and rate."""
-        return ca.vertcat(quaternion_rate(x[:4], x[4:]), body_acceleration(x[4:], J, drag))
+        return ca.vertcat(quaternion_rate(x[:4], x[4:]), body_acceleration(x[4:], J, drag, None, linear))
 
     x = ca.vertcat(state["q"], state["w"])
     for _ in range(STEPS):
