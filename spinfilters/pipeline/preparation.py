@@ -35,6 +35,7 @@ def prepare(dataset: Dataset, settings: Settings, initial: GivenInitialisation |
     ------
     InputError: too few epochs, no rotation, tracks that no pose can be found from. The text names the data set.
     """
+
     def make(own: Settings, beside: Setup | None) -> Setup:
         """The setup with these settings, see `Make`."""
         return _setup(dataset, own, None, beside)

@@ -131,7 +131,9 @@ def layout_of(log: MeasurementLog, settings: Settings) -> StateLayout:
     """Layout of what the sensors observe, with the constants that the settings ask for."""
     sensors = sensors_in(log)
     layout = StateLayout(FULL_BLOCKS if any(sensor.sees_place for sensor in sensors) else ROTATION_BLOCKS)
-    if settings.process.drag:  # "auto" has been decided where epochs are smoothed, and is quadratic where they are not
+    if (
+        settings.process.drag
+    ):  # "auto" has been decided where epochs are smoothed, and is quadratic where they are not
         layout = layout.joined(LINEAR_DRAG if settings.process.drag == LINEAR else DRAG)
     if settings.process.gravity is True and layout.translates:
         layout = layout.joined(ACCELERATION)

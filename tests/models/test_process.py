@@ -97,6 +97,15 @@ def test_drag_takes_a_fixed_share_of_the_momentum_per_angle_turned_and_leaves_it
     np.testing.assert_allclose(_momentum(DRAGGED, x), np.exp(-0.02 * angle) * before, rtol=1e-9)
 
 
+def test_linear_drag_takes_a_fixed_share_of_the_momentum_in_every_second_and_leaves_its_direction() -> None:
+    layout = StateLayout((*ROTATION_BLOCKS, "l"))
+    process = TorqueFreeProcess(layout, ProcessNoise(), tolerance=1e-12)
+    x = random_point(layout, 1.0, np.random.default_rng(4))
+    x[layout.mean_slice("l")] = 0.3
+    before = _momentum(layout, x)
+    np.testing.assert_allclose(_momentum(layout, process.step(x, 2.0)), np.exp(-0.6) * before, rtol=1e-9)
+
+
 @pytest.mark.parametrize(("loose", "tight"), [(1e-6, 1e-8), (1e-8, 1e-10), (1e-10, 1e-12)])
 def test_a_tighter_tolerance_changes_the_step_by_less_than_the_looser_one(loose: float, tight: float) -> None:
     generator = np.random.default_rng(6)

@@ -10,9 +10,9 @@ from spinfilters.errors import InputError
 from spinfilters.estimators.timeline import Timeline, times_of
 from spinfilters.state.block import StateBlock
 from spinfilters.state.blocks.drag import DRAG
-from spinfilters.state.blocks.linear_drag import LINEAR_DRAG
 from spinfilters.state.blocks.gyro_bias import GYRO_BIAS
 from spinfilters.state.blocks.gyro_scale import GYRO_SCALE
+from spinfilters.state.blocks.linear_drag import LINEAR_DRAG
 from spinfilters.state.blocks.rigid_body import CENTRE_OF_MASS, MASS_DISTRIBUTION, VELOCITY
 
 PRIOR_STD = NumberRange(1e-9, 1e9)
