@@ -18,6 +18,7 @@ State blocks (error dimension; defined in `spinfilters.state.blocks`)
     ``v`` 3  velocity of the centre of mass, i, m/s   ``w`` 3  body rate, g axes, rad/s
     ``c`` 3  centre of mass in g, m              ``s`` 5  mass distribution (see `spinfilters.dynamics.mass_distribution`)
     ``d`` 1  aerodynamic drag, 1/rad (optional)      ``b`` 3  bias of the gyro, g axes, rad/s (optional)
+    ``l`` 1  drag linear in the rate, 1/s (optional)
     The centre of mass moves as r = t + R_ig c, r' = v; the rate as w' = J^-1 (J w x w), J in g axes.
     A data set that sees rotation only (a gyro) uses the blocks a, w, s (and d): the origin of i then rides on the centre of mass.
 Noise

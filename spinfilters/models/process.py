@@ -4,8 +4,9 @@ Continuous model (`spinfilters.conventions` defines the blocks), with white acce
 
     r = t + R_ig c,  r' = v,  v' = f + n_v,  q_ig' = q_ig (x) [w, 0] / 2,  w' = J(s)^-1 (J(s) w x w) - d |w| w - l w + m + n_w
 
-(Tweddle 2013, Eqs 4.100-4.103, in g axes.) The drag terms are the torques -d J w |w|, so that |h| decays by exp(-d angle), and -l J w,
-so that it decays by exp(-l t); f is a constant acceleration (gravity), J m a constant body torque. Layouts that lack a block lack its term.
+(Tweddle 2013, Eqs 4.100-4.103, in g axes.) The drag terms are the torques -d J w |w|, so that |h| decays by exp(-d angle), and
+-l J w, so that it decays by exp(-l t); f is a constant acceleration (gravity), J m a constant body torque. Layouts that lack a
+block lack its term.
 The published linearisation (Eqs 4.80, 4.107) is a factorisation A(x) x, not a Jacobian; here the error is multiplicative, its
 transition is differentiated automatically through the integrator, and its noise covariance is the integral along the motion.
 """

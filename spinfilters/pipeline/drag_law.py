@@ -1,8 +1,9 @@
 """Law of the drag, chosen by the evidence of the first epochs.
 
-Air brakes a body that turns fast with the square of its rate, |h| falls by exp(-d angle); viscous flow, eddy currents, and air that
-streams past much faster than the surface turns brake with the rate itself, |h| falls by exp(-l t). Each law is a constant of the state
-with its own prior. The marginal likelihood of the first epochs says which is likelier, and whether it is likelier than none.
+Air brakes a body that turns fast with the square of its rate, |h| falls by exp(-d angle); viscous flow, eddy currents, and air
+that streams past much faster than the surface turns brake with the rate itself, |h| falls by exp(-l t). Each law is a constant
+of the state with its own prior. The marginal likelihood of the first epochs says which is likelier, and whether it is likelier
+than none.
 """
 
 from dataclasses import replace

@@ -8,7 +8,7 @@ from scipy.integrate import solve_ivp
 
 from spinfilters.data.dataset_reader import read_whole
 from spinfilters.pipeline.preparation import prepare
-from spinfilters.settings.run_settings import Settings
+from spinfilters.settings.run_settings import ProcessSettings, Settings
 from spinfilters.state.blocks.drag import DRAG
 from spinfilters.state.blocks.linear_drag import LINEAR_DRAG
 
@@ -40,7 +40,9 @@ def recording(folder: Path, linear: float, quadratic: float) -> Path:
 def test_the_law_of_the_body_is_chosen_and_its_coefficient_found(
     tmp_path: Path, linear: float, quadratic: float, block: object
 ) -> None:
-    setup = prepare(read_whole(recording(tmp_path, linear, quadratic)), Settings(process={"drag": "auto"}))
+    setup = prepare(
+        read_whole(recording(tmp_path, linear, quadratic)), Settings(process=ProcessSettings(drag="auto"))
+    )
     held = [each for each in (DRAG, LINEAR_DRAG) if setup.process.layout.has(each)]
     assert held == ([] if block is None else [block])
     for each in held:
