@@ -18,8 +18,9 @@ State blocks (error dimension; defined in `spinfilters.state.blocks`)
     ``v`` 3  velocity of the centre of mass, i, m/s   ``w`` 3  body rate, g axes, rad/s
     ``c`` 3  centre of mass in g, m              ``s`` 5  mass distribution (see `spinfilters.dynamics.mass_distribution`)
     Optional, each where a data set or a setting asks for it:
-    ``d`` 1  aerodynamic drag, 1/rad             ``b`` 3  bias of the gyro, g axes, rad/s
-    ``k`` 1  scale error of the gyro, 1          ``f`` 3  constant acceleration, i, m/s^2
+    ``d`` 1  aerodynamic drag, 1/rad             ``l`` 1  drag linear in the rate, 1/s
+    ``b`` 3  bias of the gyro, g axes, rad/s     ``k`` 1  scale error of the gyro, 1
+    ``f`` 3  constant acceleration, i, m/s^2     ``h`` 3  angular momentum of a flywheel inside, g axes, J rad/s
     ``m`` 3  constant torque on the body as its angular acceleration J^-1 tau, g axes, rad/s^2
     The centre of mass moves as r = t + R_ig c, r' = v; the rate as w' = J^-1 (J w x w), J in g axes.
     A data set that sees rotation only (a gyro) uses the blocks a, w, s (and d): the origin of i then rides on the centre of mass.

@@ -70,8 +70,9 @@ def _settings(options: argparse.Namespace) -> Settings:
         entries = estimator_entries().values()
         names = tuple(entry.name for entry in entries if entry.is_default or entry.is_baseline)
         settings = replace(settings, estimators=names)
-    if options.drag:
-        settings = replace(settings, process=replace(settings.process, drag=True))
+    if options.drag or options.drag_law:
+        law = options.drag_law or True
+        settings = replace(settings, process=replace(settings.process, drag=law))
     return settings
 
 

@@ -7,7 +7,8 @@ from spinfilters.evaluation.table_row import DEGREE, Column, TableRow
 
 PARTS_CAPTION: Final = (
     "random / calibration: parts of the standard deviation after the last epoch, whose squares add up; the second is what the "
-    "calibration's own uncertainty adds."
+    "calibration's own uncertainty adds. If it is exact, as of a simulation of your own, state in the settings' table "
+    "[calibration] that the deviations named above are 0."
 )
 
 

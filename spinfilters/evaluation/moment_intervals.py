@@ -19,10 +19,10 @@ An error of y at r deviations of the mass distribution is within r of its own wh
 
     max |y(u) - y(0)| / |u|,   |u| <= R,
 
-which is more than a quarter of the farthest departure where y does not grow any further: the estimate of a near-sphere is a body off
-it, and J_min / J_max = 1 is as near as it is from there. The estimate of the sphere itself is off it in all five directions of D: its
-distance r has the distribution of a chi of five degrees of freedom, of which R5 is as improbable as R of a normal number. So its
-departure counts R5 / R times.
+which is more than a quarter of the farthest departure where y does not grow any further: the estimate of a near-sphere lies
+outwards, and J_min / J_max = 1 may be the end at two deviations as well as at four. The estimate of the sphere itself is off it
+in all five directions of D: its distance has the distribution of a chi of five degrees of freedom, of which R5 is as improbable
+as R of a normal number. So its departure counts R5 / R times.
 """
 
 from dataclasses import dataclass

@@ -2,11 +2,12 @@
 
 Continuous model (`spinfilters.conventions` defines the blocks), with white accelerations n_v, n_w of given densities:
 
-    r = t + R_ig c,  r' = v,  v' = f + n_v,  q_ig' = q_ig (x) [w, 0] / 2,  w' = J(s)^-1 ((J(s) w + h) x w) - d |w| w + m + n_w
+    r = t + R_ig c,  r' = v,  v' = f + n_v,  q_ig' = q_ig (x) [w, 0] / 2,
+    w' = J(s)^-1 ((J(s) w + h) x w) - d |w| w - l w + m + n_w
 
-(Tweddle 2013, Eqs 4.100-4.103, in g axes.) The drag term is the torque -d J w |w|, so that |h| decays
-by exp(-d angle); f is a constant acceleration (gravity), J m a constant body torque, h the constant
-angular momentum of a flywheel inside. Layouts that lack a block lack its term.
+(Tweddle 2013, Eqs 4.100-4.103, in g axes.) The drag terms are the torques -d J w |w|, so that |h| decays by exp(-d angle), and
+-l J w, so that it decays by exp(-l t); f is a constant acceleration (gravity), J m a constant body torque, h the constant angular
+momentum of a flywheel inside. Layouts that lack a block lack its term.
 The published linearisation (Eqs 4.80, 4.107) is a factorisation A(x) x, not a Jacobian; here the error is multiplicative, its
 transition is differentiated automatically through the integrator, and its noise covariance is the integral along the motion.
 """
@@ -27,6 +28,7 @@ from spinfilters.models.linearised_step import LinearisedStep, LinearisedSteps
 from spinfilters.models.rotation_integrator import MAX_SUBSTEPS, RotationIntegrator, substeps, turns
 from spinfilters.state.blocks.acceleration import ACCELERATION
 from spinfilters.state.blocks.drag import DRAG
+from spinfilters.state.blocks.linear_drag import LINEAR_DRAG
 from spinfilters.state.blocks.rotor import ROTOR
 from spinfilters.state.blocks.torque import TORQUE
 from spinfilters.state.layout import StateLayout
@@ -68,21 +70,25 @@ def body_acceleration(
     drag: Expression | None = None,
     torque: Expression | None = None,
     rotor: Expression | None = None,
+    linear_drag: Expression | None = None,
 ) -> Expression:
     """Body acceleration w' in g axes, rad/s^2 (Tweddle 2013, Eq. 4.103).
 
-    w' = J^-1 ((J w + h) x w) - d |w| w + m; the sign of 3.16-3.18 is corrected.
+    w' = J^-1 ((J w + h) x w) - d |w| w - l w + m; the sign of 3.16-3.18 is corrected.
 
     Parameters
     ----------
     w: body rate, rad/s.   J: inertia up to scale, 3 x 3.   drag: d, 1/rad.
     torque: m, the angular acceleration of a constant body torque, rad/s^2.
     rotor: h, the constant angular momentum of a flywheel inside, in units of J times rad/s.
+    linear_drag: l, 1/s.
     """
     momentum = J @ w if rotor is None else J @ w + rotor
     acceleration = ca.inv_minor(J) @ ca.cross(momentum, w)
     if drag is not None:
         acceleration = acceleration - drag * ca.sqrt(ca.dot(w, w) + SMALLEST_SQUARE) * w
+    if linear_drag is not None:
+        acceleration = acceleration - linear_drag * w
     return acceleration if torque is None else acceleration + torque
 
 
@@ -91,7 +97,7 @@ def derivative(layout: StateLayout, x: Expression) -> Expression:
     values = layout.unpack(x)
     rates = {name: 0 * value for name, value in values.items()}
     rates["q"] = quaternion_rate(values["q"], values["w"])
-    constants = (values.get(block.symbol) for block in (DRAG, TORQUE, ROTOR))
+    constants = (values.get(block.symbol) for block in (DRAG, TORQUE, ROTOR, LINEAR_DRAG))
     rates["w"] = body_acceleration(values["w"], inertia(values["s"]), *constants)
     if layout.has(ACCELERATION):
         rates["v"] = values["f"]

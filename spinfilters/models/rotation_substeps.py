@@ -24,13 +24,15 @@ from spinfilters.attitude.expressions import (
 )
 from spinfilters.state.blocks.acceleration import ACCELERATION
 from spinfilters.state.blocks.drag import DRAG
+from spinfilters.state.blocks.linear_drag import LINEAR_DRAG
 from spinfilters.state.blocks.rigid_body import MASS_DISTRIBUTION
 from spinfilters.state.blocks.rotor import ROTOR
 from spinfilters.state.blocks.torque import TORQUE
 from spinfilters.state.layout import StateLayout
 
 Acceleration = Callable[..., Expression]
-"""w' from the rate, the inertia (3 x 3) and, where the state has them, drag, constant body torque and a flywheel's momentum."""
+"""w' from the rate, the inertia (3 x 3) and, where the state has them, drag, constant body torque, a flywheel's momentum and linear
+drag."""
 
 SHARED = {"cse": True}
 """Expressions that occur again are evaluated once, to the same bits."""
@@ -88,7 +90,7 @@ class RotationSubsteps:
         )
         constants = (
             p[self._parameters[block.name]] if self._layout.has(block) else None
-            for block in (DRAG, TORQUE, ROTOR)
+            for block in (DRAG, TORQUE, ROTOR, LINEAR_DRAG)
         )
         return ca.vertcat(quaternion_rate(y[:4], y[4:7]), self._acceleration(y[4:7], J, *constants))
 

@@ -21,7 +21,7 @@ from spinfilters.sensors.sensor import sensor_of
 STATED, IDENTIFIED, PRIOR = "stated", "identified", "prior"
 FORCE_UNIT, TORQUE_UNIT = "(m/s^2)^2/Hz", "(rad/s^2)^2/Hz"
 ROUNDING = 1 + 1e-6
-MOST_LINES, LONGEST = 5, 240
+MOST_LINES, LONGEST = 8, 240
 """Of sentences that are read from a file."""
 
 
@@ -111,6 +111,12 @@ class Conditions:
         noise = f"Noise: {_listed(self.sensors)}; disturbances: {_listed(self.disturbances)}."
         counted = [_counted(each) for each in self.calibration if each.std > 0]
         calibration = [f"Deviations count errors of {', '.join(counted)}."] if counted else []
+        assumed = [each.parameter.name for each in self.calibration if each.std > 0 and each.source == PRIOR]
+        if assumed:
+            keys = ", ".join(f"{name} = 0" for name in assumed)
+            calibration.append(
+                f"If the calibration is exact (a simulation of your own), state [calibration] {keys}."
+            )
         absent = [_absent(each) for each in self.sensors if each.is_absent]
         return [*([" ".join(first)] if first else []), noise, *absent, *calibration, *self.contradictions]
 
@@ -214,8 +220,8 @@ def _counted(considered: ConsideredDeviation) -> str:
 def _absent(noise: StatedNoise) -> str:
     """What is assumed of a sensor that shows no noise, and how to assume another."""
     return (
-        f"No noise is seen in the {noise.label} (a simulation without noise?): {noise.value:.1g} {noise.unit} is assumed and NIS is "
-        f"far below one; state sensors.{noise.name} for another."
+        f"No noise is seen in the {noise.label} (a simulation without noise?): {noise.value:.1g} {noise.unit} is assumed, and NIS "
+        f"is below one; state sensors.{noise.name} for another."
     )
 
 

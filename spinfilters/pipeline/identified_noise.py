@@ -33,7 +33,7 @@ SAME_STATES: Final[float] = 0.3
 LONGER_ROUNDS: Final[int] = 2
 """Initialisations at most of more epochs than the share."""
 SMALLEST_SHARE_OF_DEFAULT: Final[float] = 1e-4
-"""Of a noise option's default, the least level that is identified: no such sensor is better, and what is less is a simulation without
+"""Of a noise option's default, the least level that is identified: no such sensor is better. Less is a simulation without
 noise, whose residuals are those of rounding and of integration (1e-9 of a step) and tell no level."""
 
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 from spinfilters.data.dataset import Dataset
 from spinfilters.pipeline.acceleration_state import with_acceleration_if_told
 from spinfilters.pipeline.considered_calibration import considered_deviations
+from spinfilters.pipeline.drag_law import with_likelier_drag
 from spinfilters.pipeline.first_epochs import BoundLog, GivenInitialisation
 from spinfilters.pipeline.identified_noise import ROUNDS, with_identified_noise
 from spinfilters.pipeline.setup import NOTHING_SOUGHT, Setup, camera_view
@@ -36,13 +37,18 @@ def prepare(dataset: Dataset, settings: Settings, initial: GivenInitialisation |
     InputError: too few epochs, no rotation, tracks that no pose can be found from. The text names the data set.
     """
     begin = working_seconds()
+
+    def make(own: Settings, beside: Setup | None) -> Setup:
+        """The setup with these settings, see `Make`."""
+        return _setup(dataset, own, None, beside)
+
     with dataset.naming():
+        if initial is None:
+            settings = with_likelier_drag(make, settings)
         if initial is not None or settings.process.gravity != AUTO:
             setup = _setup(dataset, settings, initial)
         else:
-            setup = with_acceleration_if_told(
-                lambda own, beside: _setup(dataset, own, None, beside), settings
-            )
+            setup = with_acceleration_if_told(make, settings)
     return replace(setup, initial_seconds=working_seconds() - begin)
 
 

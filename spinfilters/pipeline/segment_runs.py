@@ -141,7 +141,11 @@ def segment_table(results: Sequence[SegmentResult], settings: Settings) -> Table
 
 def _cells(estimate: dict[str, Any]) -> tuple[str, ...]:
     moments, std = _numbers(estimate["principal_moments"]), _numbers(estimate["principal_moments_std"])
-    drag, strength = estimate["drag_per_rad"], strength_of(estimate)
+    drag, linear, strength = (
+        estimate["drag_per_rad"],
+        estimate.get("linear_drag_per_s"),
+        strength_of(estimate),
+    )
     first, second = (
         f"{value:.4f} ± {spread:.4f}" if np.isfinite(value) else "-"
         for value, spread in zip(moments[:2], std[:2], strict=True)
@@ -149,7 +153,9 @@ def _cells(estimate: dict[str, Any]) -> tuple[str, ...]:
     return (
         first,
         second,
-        "-" if drag is None else f"{drag:.4f}",
+        (f"{drag:.4f}" if linear is None else f"{linear:.4f} 1/s")
+        if drag is not None or linear is not None
+        else "-",
         "-" if strength is None else f"{strength.value:.2f} ± {strength.std:.2f}",
         estimate["status"],
         "; ".join(estimate["reasons"]),

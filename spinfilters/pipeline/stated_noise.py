@@ -12,9 +12,10 @@ from spinfilters.pipeline.gyro_noise import GyroNoise, disturbance_psd, recorded
 from spinfilters.pipeline.identified_noise import Unstated
 from spinfilters.pipeline.setup import Setup
 from spinfilters.sensors.sensor import sensor_of, sensors_in
-from spinfilters.settings.run_settings import AUTO, Settings
+from spinfilters.settings.run_settings import AUTO, LINEAR, Settings
 from spinfilters.state.blocks.acceleration import ACCELERATION
 from spinfilters.state.blocks.drag import DRAG
+from spinfilters.state.blocks.linear_drag import LINEAR_DRAG
 from spinfilters.state.blocks.rotor import ROTOR
 from spinfilters.state.blocks.torque import TORQUE
 from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
@@ -131,8 +132,9 @@ def layout_of(log: MeasurementLog, settings: Settings) -> StateLayout:
     """Layout of what the sensors observe, with the constants that the settings ask for."""
     sensors = sensors_in(log)
     layout = StateLayout(FULL_BLOCKS if any(sensor.sees_place for sensor in sensors) else ROTATION_BLOCKS)
+    # "auto" has been decided where epochs are smoothed, and is quadratic where they are not
     if settings.process.drag:
-        layout = layout.joined(DRAG)
+        layout = layout.joined(LINEAR_DRAG if settings.process.drag == LINEAR else DRAG)
     if settings.process.gravity is True and layout.translates:
         layout = layout.joined(ACCELERATION)
     if settings.process.body_torque:

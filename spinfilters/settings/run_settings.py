@@ -23,6 +23,8 @@ from spinfilters.settings.smoother_settings import SmootherSettings
 
 AUTO: Final = "auto"
 Auto = Literal["auto"]
+LINEAR, QUADRATIC = "linear", "quadratic"
+DragLaw = Literal["linear", "quadratic", "auto"]
 
 if TYPE_CHECKING:
 
@@ -103,7 +105,8 @@ class ProcessSettings:
     force_psd: (m/s^2)^2/Hz.   torque_psd: (rad/s^2)^2/Hz. "auto" takes the data set's own; where it is silent it is
         identified (`spinfilters.pipeline.identified_noise`), but for the torque of a gyro of correlated unknown error: what
         the disturbances of thrown bodies were found to be (`spinfilters.pipeline.gyro_noise`).
-    drag: whether the state has an aerodynamic drag coefficient.
+    drag: whether the state has an aerodynamic drag coefficient, and of which law: torques "quadratic" in the rate (or true) or
+        "linear"; "auto" takes the likelier of both where the first epochs tell one from none (`spinfilters.pipeline.drag_law`).
     gravity: whether the state has a constant acceleration; "auto" where the first epochs of a sensor of places ask for it.
     body_torque: whether the state has a constant body torque.
     rotor: whether the state has the angular momentum of a flywheel that turns steadily inside the body.
@@ -112,7 +115,7 @@ class ProcessSettings:
 
     force_psd: Auto | Annotated[float, DENSITIES["force_psd"]] = AUTO
     torque_psd: Auto | Annotated[float, DENSITIES["torque_psd"]] = AUTO
-    drag: Annotated[bool, TruthValue()] = False
+    drag: Annotated[bool, TruthValue()] | DragLaw = False
     gravity: Auto | Annotated[bool, TruthValue()] = AUTO
     body_torque: Annotated[bool, TruthValue()] = False
     rotor: Annotated[bool, TruthValue()] = False

@@ -187,6 +187,30 @@ def test_a_disturbance_that_cannot_be_seen_is_bounded_and_not_zero() -> None:
         assert 0 < each.value < 1e-6
 
 
+def test_a_density_far_below_what_the_data_see_rises_to_what_they_bound() -> None:
+    """It had no information there, and its first step passed for settled: the filter of a throw began over-confident."""
+    model, setup = case("pose", 2, ProcessNoise(1e-12, 1e-12))
+    count = len(model.components)
+    levels = []
+    for below in (0.0, -12.0, -20.0):
+        found = identify(model, *first_point(setup), np.r_[np.zeros(count), below, below])
+        assert found is not None
+        assert found.converged
+        levels.append([np.log(each.value) for each in found.components[count:]])
+    np.testing.assert_allclose(levels[1], levels[0], atol=0.3)
+    np.testing.assert_allclose(levels[2], levels[0], atol=0.3)
+
+
+def test_a_level_that_nothing_is_seen_of_stops_at_its_smallest() -> None:
+    """Of measurements without noise, whose residuals are rounding."""
+    model, setup = case("gyro", 0, ProcessNoise(1e-6, 1e-12))
+    exact = replace(model, components=(replace(model.components[0], smallest=0.05),))
+    found = identify(exact, *first_point(setup))
+    assert found is not None
+    assert found.converged
+    assert found.components[0].value == pytest.approx(0.05)
+
+
 @pytest.mark.parametrize("kind", list(STATED))
 def test_states_move_with_a_level_as_the_working_solutions_say(kind: str) -> None:
     model, setup = case(kind, 0, ProcessNoise(1e-6, 1e-5), epochs=40)

@@ -29,6 +29,7 @@ from spinfilters.evaluation.consistency import true_states
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.sensors.sensor import MotionSamples, pose_samples
 from spinfilters.simulation.scenario import Scenario, simulate
+from spinfilters.state.blocks.drag import DRAG
 from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
 
 ROTATION = StateLayout(ROTATION_BLOCKS)
@@ -59,7 +60,7 @@ def _scaled(J: np.ndarray) -> np.ndarray:
 def test_conserved_momentum_gives_the_inertia_of_any_body(seed: int) -> None:
     time, points = _exact_motion(ROTATION, seed)
     rotations = matrix_from_quaternion(points[:, ROTATION.mean_slice("a")])
-    fit = fit_momentum(rotations, points[:, ROTATION.mean_slice("w")], time, False)
+    fit = fit_momentum(rotations, points[:, ROTATION.mean_slice("w")], time, None)
     expected = _scaled(inertia_matrix(points[0, ROTATION.mean_slice("s")]))
     np.testing.assert_allclose(fit.inertia, expected, atol=1e-7)
     assert fit.residual < 1e-7
@@ -71,7 +72,7 @@ def test_conserved_momentum_gives_the_inertia_of_any_body(seed: int) -> None:
 def test_a_momentum_that_decays_gives_inertia_and_drag(seed: int, drag: float) -> None:
     time, points = _exact_motion(DRAGGED, seed, drag)
     rotations = matrix_from_quaternion(points[:, DRAGGED.mean_slice("a")])
-    fit = fit_momentum(rotations, points[:, DRAGGED.mean_slice("w")], time, True)
+    fit = fit_momentum(rotations, points[:, DRAGGED.mean_slice("w")], time, DRAG)
     assert fit.drag == pytest.approx(drag, abs=1e-3)
     expected = _scaled(inertia_matrix(points[0, DRAGGED.mean_slice("s")]))
     np.testing.assert_allclose(fit.inertia, expected, atol=0.02)

@@ -36,6 +36,7 @@ def test_the_transition_is_the_derivative_of_the_step(
     x = random_point(layout, rate, np.random.default_rng(3))
     if rate == 0.0 and "m" in layout.blocks:
         x[layout.mean_slice("m")] = 0.0  # a body at rest stays so without a torque alone
+        x[layout.mean_slice("l")] = 0.0  # a drag linear in the rate brakes the error of a rate of zero, too
     after, transition, _ = precise[layout].linearise(x, dt)
     np.testing.assert_allclose(after, precise[layout].step(x, dt), atol=1e-12)
     if rate == 0.0:
@@ -95,6 +96,15 @@ def test_drag_takes_a_fixed_share_of_the_momentum_per_angle_turned_and_leaves_it
     angle = h / 3 * float(weights @ np.array(speeds))
     assert angle > 2.0
     np.testing.assert_allclose(_momentum(DRAGGED, x), np.exp(-0.02 * angle) * before, rtol=1e-9)
+
+
+def test_linear_drag_takes_a_fixed_share_of_the_momentum_in_every_second_and_leaves_its_direction() -> None:
+    layout = StateLayout((*ROTATION_BLOCKS, "l"))
+    process = TorqueFreeProcess(layout, ProcessNoise(), tolerance=1e-12)
+    x = random_point(layout, 1.0, np.random.default_rng(4))
+    x[layout.mean_slice("l")] = 0.3
+    before = _momentum(layout, x)
+    np.testing.assert_allclose(_momentum(layout, process.step(x, 2.0)), np.exp(-0.6) * before, rtol=1e-9)
 
 
 @pytest.mark.parametrize(("loose", "tight"), [(1e-6, 1e-8), (1e-8, 1e-10), (1e-10, 1e-12)])

@@ -154,7 +154,9 @@ def test_a_data_set_that_is_silent_is_not_taken_for_exact() -> None:
     assert {each.parameter.name for each in setup.calibration} == {"length_scale_std", "clock_scale_std"}
     for each in setup.calibration:
         assert (each.source, each.std) == ("prior", each.parameter.default)
-    assert any("(assumed)" in line for line in conditions_of(setup).sentences)
+    sentences = conditions_of(setup).sentences
+    assert any("(assumed)" in line for line in sentences)
+    assert any("state [calibration] length_scale_std = 0, clock_scale_std = 0" in line for line in sentences)
     settled = prepare(silent, settings(clock_scale_std=0.0, length_scale_std=0.0))
     assert not CalibrationErrors(settled, settings()).considered
 

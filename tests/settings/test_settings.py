@@ -112,6 +112,10 @@ def test_tables_may_be_mappings_of_their_keys() -> None:
             "initialisation.epochs is 10000000; give a whole number from 1 to 100000",
         ),
         ({"process": {"drag": 1}}, "process.drag is 1; give true or false"),
+        (
+            {"process": {"drag": "cubic"}},
+            'process.drag is \'cubic\'; give true or false or "linear" or "quadratic" or "auto"',
+        ),
         ({"process": 3}, r"process is 3; it must be a table \[process\]"),
         ({"landmarks": {"precision": 3}}, "landmarks.precision is 3; give a name"),
         ({"estimators": ("mekf", 1)}, "estimators holds 1; give a list of names"),

@@ -68,6 +68,11 @@ def _add_run_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--drag", action="store_true", help="estimate an aerodynamic drag coefficient too")
     parser.add_argument(
+        "--drag-law",
+        choices=("quadratic", "linear", "auto"),
+        help="of --drag: torques quadratic in the rate (as --drag alone) or linear, or the likelier of both, if any",
+    )
+    parser.add_argument(
         "--config", metavar="FILE", help="TOML file with settings, such as config.toml of another run"
     )
     _add_optional_outputs(parser)

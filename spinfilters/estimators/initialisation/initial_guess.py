@@ -18,12 +18,14 @@ from spinfilters.estimators.initialisation.options import InitialisationOptions
 from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
 from spinfilters.estimators.timeline import Timeline, times_of
 from spinfilters.models.gauge import GAUGE_STD
+from spinfilters.state.block import StateBlock
 from spinfilters.state.blocks.acceleration import ACCELERATION
 from spinfilters.state.blocks.drag import DRAG
+from spinfilters.state.blocks.linear_drag import LINEAR_DRAG
 from spinfilters.state.blocks.rigid_body import ATTITUDE, CENTRE_OF_MASS, MASS_DISTRIBUTION, RATE, VELOCITY
 from spinfilters.state.layout import POSE_BLOCKS, StateLayout
 
-MOMENTUM_BLOCKS = (CENTRE_OF_MASS, MASS_DISTRIBUTION, DRAG, VELOCITY)
+MOMENTUM_BLOCKS = (CENTRE_OF_MASS, MASS_DISTRIBUTION, DRAG, LINEAR_DRAG, VELOCITY)
 """What conserved momentum and a straight path tell beyond what was seen."""
 MASS_SHARES = (1.0, 0.3, 0.0)
 """Shares of the closed form's departure from a sphere from which a fit is tried, in this order."""
@@ -33,13 +35,14 @@ DEFINED_ATTITUDE_STD = 1e-9
 
 def initial_state(layout: StateLayout, evidence: InitialMotion) -> tuple[Float[np.ndarray, " m"], float]:
     """First state and its constancy from conserved angular momentum and a straight path."""
-    fit = fit_momentum(evidence.rotations, evidence.rates, evidence.time, layout.has(DRAG))
+    braking = next((block for block in (DRAG, LINEAR_DRAG) if layout.has(block)), None)
+    fit = fit_momentum(evidence.rotations, evidence.rates, evidence.time, braking)
     x = layout.origin()
     x[layout.mean_slice("a")] = evidence.attitude[0]
     x[layout.mean_slice("w")] = evidence.rates[0]
     x[layout.mean_slice("s")] = from_inertia(fit.inertia)
-    if layout.has(DRAG):
-        x[layout.mean_slice("d")] = fit.drag
+    if braking is not None:
+        x[layout.mean_slice(braking.name)] = fit.drag
     if evidence.positions is not None and layout.translates:
         x[layout.mean_slice("t")] = evidence.positions[0]
         path = fit_path(evidence, layout.has(ACCELERATION))
@@ -126,7 +129,7 @@ _TRACELESS = null_space(np.array([[1.0, 1.0, 1.0, 0.0, 0.0, 0.0]]))
 class MomentumFit:
     """Inertia J (3, 3) in g axes with trace 2, a rigid body.
 
-    Drag in 1/rad; and how far momentum was from constant (relative rms).
+    Drag in the unit of its block; and how far momentum was from constant (relative rms).
     """
 
     inertia: Float[np.ndarray, "3 3"]
@@ -138,13 +141,13 @@ def fit_momentum(
     rotations: Float[np.ndarray, "k 3 3"],
     rates: Float[np.ndarray, "k 3"],
     time: Float[np.ndarray, " k"],
-    with_drag: bool,
+    braking: StateBlock | None,
 ) -> MomentumFit:
     """Least-squares J up to scale from attitudes and body rates.
 
     R_ig and rad/s, g axes, at k >= 4 times (s).
-    With drag, |h| decays with the angle turned, h_k = h_0 exp(-d angle_k); the fit is linear for each d, and d is found by a
-    bounded search of one variable.
+    With drag, |h| decays with the angle turned, h_k = h_0 exp(-d angle_k), or if it is linear in the rate with time, h_k = h_0
+    exp(-k t_k); the fit is linear for each d or k, which is found by a bounded search of one variable.
 
     Raises
     ------
@@ -160,27 +163,29 @@ def fit_momentum(
             "the body does not rotate in the first epochs, so its inertia leaves no trace; choose a part where it does"
         )
     angle = np.concatenate([[0.0], np.cumsum(np.diff(time) * (speed[1:] + speed[:-1]) / 2)])
-    drag = 0.0
-    if with_drag:
+    drag, decay, largest = 0.0, angle, LARGEST_DRAG
+    if braking is LINEAR_DRAG:
+        decay, largest = time - time[0], LARGEST_DRAG * float(speed.max())
+    if braking is not None:
         from scipy.optimize import minimize_scalar  # here alone: a tenth of a second of every command's start
 
         found: Any = minimize_scalar(
-            lambda d: _smallest(rotations, rates, angle, d)[1], bounds=(0.0, LARGEST_DRAG), method="bounded"
+            lambda d: _smallest(rotations, rates, decay, d)[1], bounds=(0.0, largest), method="bounded"
         )
         drag = float(found.x)
-    J, residual = _smallest(rotations, rates, angle, drag)
+    J, residual = _smallest(rotations, rates, decay, drag)
     return MomentumFit(_physical(J), drag, residual)
 
 
 def _smallest(
-    rotations: np.ndarray, rates: np.ndarray, angle: np.ndarray, drag: float
+    rotations: np.ndarray, rates: np.ndarray, decay: np.ndarray, drag: float
 ) -> tuple[np.ndarray, float]:
     """J with trace 2 whose momentum varies least, and the relative size of that variation.
 
     Noise in attitude and rate adds the same amount to the variation of every J of one Frobenius norm. It is the smallest
     generalised eigenvalue, and is taken off before J is solved for, so that noise does not bend J towards bodies that move little.
     """
-    momentum = rotations @ _momentum_rows(rates) * np.exp(drag * angle)[:, None, None]
+    momentum = rotations @ _momentum_rows(rates) * np.exp(drag * decay)[:, None, None]
     variation = (momentum - momentum.mean(axis=0)).reshape(-1, 6)
     gram = variation.T @ variation
     norm = np.diag([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])

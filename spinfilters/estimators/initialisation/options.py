@@ -12,6 +12,7 @@ from spinfilters.state.block import StateBlock
 from spinfilters.state.blocks.drag import DRAG
 from spinfilters.state.blocks.gyro_bias import GYRO_BIAS
 from spinfilters.state.blocks.gyro_scale import GYRO_SCALE
+from spinfilters.state.blocks.linear_drag import LINEAR_DRAG
 from spinfilters.state.blocks.rigid_body import CENTRE_OF_MASS, MASS_DISTRIBUTION, VELOCITY
 
 PRIOR_STD = NumberRange(1e-9, 1e9)
@@ -31,7 +32,7 @@ class InitialisationOptions:
     iterations: of the smoother, at most.
     mass_std: of the prior of the mass distribution about the sphere, in the logarithm of second moments (a phone lies at 2).
     centre_std: of the prior of the centre of mass about the origin of g, m.   speed_std: of its velocity, m/s.
-    drag_std: of the prior of the drag coefficient, 1/rad.
+    drag_std: of the prior of the drag coefficient, 1/rad.   linear_drag_std: of that of a drag linear in the rate, 1/s.
     gyro_bias_std: of the prior of a gyro's bias, rad/s; 0 for a gyro without one.
     gyro_scale_error_std: of the prior of the relative error of a gyro's scale; 0 for a gyro without one.
     """
@@ -44,6 +45,7 @@ class InitialisationOptions:
     centre_std: Annotated[float, PRIOR_STD] = CENTRE_OF_MASS.prior_std
     speed_std: Annotated[float, PRIOR_STD] = VELOCITY.prior_std
     drag_std: Annotated[float, PRIOR_STD] = DRAG.prior_std
+    linear_drag_std: Annotated[float, PRIOR_STD] = LINEAR_DRAG.prior_std
     gyro_bias_std: Annotated[float, NumberRange(1e-9, 1e3, "rad/s", zero=True)] = 0.0
     gyro_scale_error_std: Annotated[float, NumberRange(1e-9, 1.0, zero=True)] = 0.0
 

@@ -13,6 +13,7 @@ from spinfilters.models.cholesky_parameters import factor_of, parameters_of
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.process import body_acceleration
 from spinfilters.state.blocks.drag import DRAG
+from spinfilters.state.blocks.linear_drag import LINEAR_DRAG
 from spinfilters.state.blocks.rotor import ROTOR
 from spinfilters.state.layout import StateLayout
 
@@ -40,7 +41,8 @@ class LidarPoint(MeasurementModel):
 
     def __init__(self, layout: StateLayout) -> None:
         super().__init__(layout)
-        self.needs = ("t", "a", "v", "w", "c", "s", *(each.name for each in (DRAG, ROTOR) if layout.has(each)))
+        optional = (block.name for block in (DRAG, ROTOR, LINEAR_DRAG) if layout.has(block))
+        self.needs = ("t", "a", "v", "w", "c", "s", *optional)
 
     def symbolic(self, state: dict[str, Expression], parameters: Expression) -> Expression:
         """Range at which the ray meets the face, m."""
@@ -96,11 +98,13 @@ def _beam(angles: Expression) -> Expression:
 
 def _attitude_after(state: dict[str, Expression], delay: Expression) -> Expression:
     """q_ig after ``delay`` s, which may be negative, by Runge-Kutta 4 of attitude and rate."""
-    J, drag, rotor, h = inertia(state["s"]), state.get("d"), state.get("h"), delay / STEPS
+    J, h = inertia(state["s"]), delay / STEPS
+    drag, rotor, linear = (state.get(block.symbol) for block in (DRAG, ROTOR, LINEAR_DRAG))
 
     def rates(x: Expression) -> Expression:
         """Time derivatives of attitude and rate."""
-        return ca.vertcat(quaternion_rate(x[:4], x[4:]), body_acceleration(x[4:], J, drag, rotor=rotor))
+        acceleration = body_acceleration(x[4:], J, drag, rotor=rotor, linear_drag=linear)
+        return ca.vertcat(quaternion_rate(x[:4], x[4:]), acceleration)
 
     x = ca.vertcat(state["q"], state["w"])
     for _ in range(STEPS):

@@ -16,7 +16,7 @@ class Drag(Alternative):
     name, phrase, unit = "drag", "drag of the rotation", "1/rad"
     plausible = 0.05
     only_positive = True
-    cure = "set process.drag = true"
+    cure = 'set process.drag = "auto"'
     block = DRAG
     held_by: ClassVar = {"process": {"drag": True}}
 
