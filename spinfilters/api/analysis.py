@@ -12,9 +12,31 @@ from observability.canonical_motions import motion
 from observability.cases import Case, InputSizes
 from observability.scope import title
 from observability.system import Input
-from spinfilters.api.argument_ranges import LANDMARKS, require_motion
+from spinfilters.api.argument_ranges import (
+    FRAMES,
+    LANDMARKS,
+    MOMENT,
+    require_motion,
+)
+from spinfilters.api.argument_ranges import (
+    INTERVAL as INTERVALS,
+)
+from spinfilters.api.argument_ranges import (
+    RATE_RPM as RATES,
+)
 from spinfilters.api.blas_threads import on_one_blas_thread
 from spinfilters.conventions import RPM
+from spinfilters.data.argument_checks import (
+    checked_arguments,
+    names,
+    number,
+    one_of,
+    optional,
+    path,
+    text,
+    three_numbers,
+    truth,
+)
 from spinfilters.data.atomic_write import write_json, write_text
 from spinfilters.data.output_folder import output_folder, refuse_foreign
 from spinfilters.errors import InputError
@@ -61,6 +83,7 @@ class ObservabilityResult:
         save_figure(self.figure(), folder / "observe.png")
         write_json(folder / "observe.json", self.document)
 
+    @checked_arguments(folder=path("a folder"))
     def save(self, folder: str | os.PathLike[str]) -> Path:
         """Text, JSON and picture in a folder as the command writes them; returns its path.
 
@@ -99,7 +122,10 @@ class KnownInputs:
 
     @property
     def inputs(self) -> tuple[Input, ...]:
-        """The inputs as the analyser takes them, each once. InputError: no axis."""
+        """The inputs as the analyser takes them, each once. InputError: no axis, no sizes."""
+        for name, axes in (("torque", self.torque), ("manoeuvre", self.manoeuvre)):
+            one_of(str, tuple, list, cure='axes such as ("x", "y")')(name, axes)
+        one_of(InputSizes, cure="observability.cases.InputSizes")("sizes", self.sizes)
         for axis in (*self.torque, *self.manoeuvre):
             if axis not in ("x", "y", "z"):
                 raise InputError(f"axis {axis!r} is unknown; use x, y or z")
@@ -108,6 +134,18 @@ class KnownInputs:
         return tuple(Input(name) for name in dict.fromkeys(named))
 
 
+@checked_arguments(
+    sensors=names('names of sensors such as "stereo,gyro", or a list of them'),
+    rate_rpm=three_numbers(RATES),
+    moments=three_numbers(MOMENT),
+    frames=number(FRAMES),
+    interval=number(INTERVALS),
+    landmarks=number(LANDMARKS),
+    known_map=truth,
+    chart=text('"principal", "tensor" or "filter"'),
+    unknowns=text('"ratios" or "moments"'),
+    known=optional(one_of(KnownInputs, cure="spinfilters.api.analysis.KnownInputs")),
+)
 @on_one_blas_thread
 def observe(
     sensors: Sequence[str] | str = "stereo",
@@ -141,7 +179,6 @@ def observe(
     InputError: an unknown sensor, chart, kind of unknowns or axis, a number out of its range, a motion that is too
     fast for the interval.
     """
-    LANDMARKS.require("landmarks", landmarks)
     rate, inertia = tuple(rate_rpm), tuple(moments)
     require_motion(frames, interval, rate, inertia)
     _require_bound(frames, interval, rate)
@@ -162,8 +199,8 @@ def observe(
 
 def _names(sensors: Sequence[str] | str) -> tuple[str, ...]:
     """Names of sensors, of a text that lists them too."""
-    names = sensors.split(",") if isinstance(sensors, str) else sensors
-    return tuple(name.strip() for name in names if name.strip())
+    listed = sensors.split(",") if isinstance(sensors, str) else sensors
+    return tuple(name.strip() for name in listed)
 
 
 def _require_bound(frames: int, interval: float, rate_rpm: tuple[float, ...]) -> None:

@@ -8,6 +8,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from spinfilters.api.argument_ranges import WORKERS
+from spinfilters.data.argument_checks import (
+    called,
+    checked_arguments,
+    number,
+    one_of,
+    optional,
+    path,
+    text,
+    truth,
+)
 from spinfilters.data.input_file import value_text
 from spinfilters.errors import InputError
 
@@ -19,6 +29,15 @@ AnyStudy = Mapping[str, Any] | str | os.PathLike[str]
 """The tables of a study file, or the path of one."""
 
 
+@checked_arguments(
+    study=one_of(Mapping, path_of="a study file", cure="the path of a study file or a mapping of its tables"),
+    output=optional(path("a folder")),
+    workers=optional(number(WORKERS)),
+    scheduler=optional(text("the address of a Dask scheduler")),
+    shard=optional(text("i/N, such as 0/3")),
+    resume=truth,
+    progress=optional(called),
+)
 def campaign(
     study: AnyStudy,
     output: str | os.PathLike[str] | None = None,

@@ -10,8 +10,20 @@ from spinfilters.api.argument_ranges import SECONDS_AHEAD
 from spinfilters.api.blas_threads import on_one_blas_thread
 from spinfilters.api.recordings import load
 from spinfilters.api.results import Run
+from spinfilters.data.argument_checks import (
+    A_RECORDING,
+    ESTIMATORS,
+    called,
+    checked_arguments,
+    names,
+    number,
+    one_of,
+    optional,
+    path,
+    truth,
+)
 from spinfilters.data.dataset import Dataset
-from spinfilters.data.input_file import path_text, value_text
+from spinfilters.data.input_file import path_text
 from spinfilters.errors import InputError
 from spinfilters.pipeline.comparison_run import RunOutput, compare_dataset, compare_into, silent
 from spinfilters.pipeline.estimation import Comparison, Progress
@@ -27,6 +39,19 @@ AnySettings = Settings | Mapping[str, Any] | str | os.PathLike[str]
 """Settings, the tables of a settings file, or the path of one."""
 
 
+@checked_arguments(
+    data=one_of(Dataset, path_of=A_RECORDING, cure="a path or a data set of spinfilters.load or .simulate"),
+    segment=optional(one_of(int, str, cure='a number, times such as "6.55:7.4", or "auto"')),
+    settings=optional(
+        one_of(Settings, Mapping, path_of="a settings file", cure="Settings, a mapping of tables, or a path")
+    ),
+    output=optional(path("a folder")),
+    resume=truth,
+    predict=optional(number(SECONDS_AHEAD)),
+    convergence=truth,
+    explain=truth,
+    progress=called,
+)
 @on_one_blas_thread
 def compare(
     data: Dataset | str | os.PathLike[str],
@@ -74,6 +99,7 @@ def compare(
     return Run.from_comparison(_whole(written.comparison, folder), chosen, folder)
 
 
+@checked_arguments(folder=path("a run's folder"))
 def load_run(folder: str | os.PathLike[str]) -> Run:
     """Run of a folder that a comparison has written, read without running anything.
 
@@ -121,32 +147,25 @@ def _settings(settings: AnySettings | None, estimators: Sequence[str] | str | No
 
 
 def _names(estimators: Sequence[str] | str) -> tuple[str, ...]:
-    """Names from a list, or from one text with commas."""
-    if isinstance(estimators, str):
-        return names_in(estimators)
+    """Names from a list, or from one text with commas. InputError: no names."""
     if isinstance(estimators, Settings | Mapping):
         raise InputError("estimators are settings; give them by name: compare(data, settings=...)")
-    return tuple(estimators)
+    names(ESTIMATORS)("estimators", estimators)
+    return names_in(estimators) if isinstance(estimators, str) else tuple(estimators)
 
 
-def _dataset(data: object, segment: int | str | None) -> Dataset:
+def _dataset(data: Dataset | str | os.PathLike[str], segment: int | str | None) -> Dataset:
     if isinstance(data, Dataset):
         if segment is not None:
             raise InputError(f"segment {segment} is of a recording's folder; give its path, not a data set")
         return data
-    if isinstance(data, str | os.PathLike):
-        return load(data, segment)
-    raise InputError(
-        f"data is {value_text(data)}; give a path or a data set of spinfilters.load or .simulate"
-    )
+    return load(data, segment)
 
 
 def _additions(predict: float | None, convergence: bool, explain: bool) -> "OptionalOutputs | None":
     """Optional outputs that were asked for, or None."""
     if predict is None and not convergence and not explain:
         return None
-    if predict is not None:
-        SECONDS_AHEAD.require("predict", predict)
     from spinfilters.pipeline.optional_outputs import OptionalOutputs
 
     return OptionalOutputs(predict, convergence, explain)

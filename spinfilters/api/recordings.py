@@ -5,17 +5,37 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from spinfilters.api.argument_ranges import (
+    FRAMES,
     GYRO_BIAS,
+    MOMENT,
     SEED,
     SEGMENT,
     require_motion,
 )
+from spinfilters.api.argument_ranges import (
+    INTERVAL as INTERVALS,
+)
+from spinfilters.api.argument_ranges import (
+    RATE_RPM as RATES,
+)
 from spinfilters.api.blas_threads import on_one_blas_thread
+from spinfilters.data.argument_checks import (
+    A_RECORDING,
+    called,
+    checked_arguments,
+    number,
+    numbers_by_name,
+    one_of,
+    optional,
+    text,
+    three_numbers,
+    truth,
+)
+from spinfilters.data.argument_checks import path as path_of
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.dataset_reader import IMAGES, has_images, read_dataset
-from spinfilters.data.input_file import value_text
 from spinfilters.data.sensor_format import dataset_kinds
-from spinfilters.data.stated_values import ReadingOptions
+from spinfilters.data.stated_values import SAMPLING_RATE, ReadingOptions
 from spinfilters.errors import InputError
 from spinfilters.pipeline.segment_choice import read_chosen, segment_choice
 from spinfilters.sensors.sensor import has_error
@@ -30,6 +50,14 @@ MOST_TURNS = 100
 """Revolutions between epochs, at most: beyond, rounding decides where the body points."""
 
 
+@checked_arguments(
+    path=path_of(A_RECORDING),
+    segment=optional(one_of(int, str, cure='a number, times such as "6.55:7.4", or "auto"')),
+    unit=optional(text('the unit of body rates, such as "deg/s"')),
+    clock=optional(text('the unit of time stamps, such as "ms"')),
+    rate=optional(number(SAMPLING_RATE)),
+    topic=optional(text("the name of a topic")),
+)
 def load(
     path: str | os.PathLike[str],
     segment: int | str | None = None,
@@ -69,6 +97,20 @@ def load(
     return read_dataset(path, options=options)
 
 
+@checked_arguments(
+    kind=text('the name of a kind of data set, such as "gyro"'),
+    seed=number(SEED),
+    frames=number(FRAMES),
+    interval=number(INTERVALS),
+    rate_rpm=three_numbers(RATES),
+    moments=three_numbers(MOMENT),
+    known_map=truth,
+    gyro_bias=optional(three_numbers(GYRO_BIAS)),
+    inspector=text('"static", "circle", "sway" or "dead-band"'),
+    inspector_errors=optional(numbers_by_name('sizes by name, such as {"late": 0.1}')),
+    beside=optional(numbers_by_name('intervals in s by kind, such as {"gyro": 0.1}')),
+    progress=called,
+)
 @on_one_blas_thread
 def simulate(
     kind: str = "stereo-tracks",
@@ -149,13 +191,7 @@ def _require_slow(
 
 
 def _checked_bias(bias: Sequence[float], kinds: Sequence[str]) -> tuple[float, float, float]:
-    """Bias of a gyro among these kinds, rad/s. InputError: no gyro, no three numbers in range."""
-    if len(bias) != 3:
-        raise InputError(
-            f"gyro_bias is {value_text(tuple(bias))}; give three numbers, about the axes x, y, z"
-        )
+    """Bias of a gyro among these kinds, rad/s. InputError: no gyro."""
     if not has_error(kinds, BIAS_BLOCK):
         raise InputError(f"a gyro's bias is for the kind gyro; a {kinds[0]} has no gyro")
-    for value in bias:
-        GYRO_BIAS.require("gyro_bias", value)
     return bias[0], bias[1], bias[2]

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Float
 from rich.console import Console, RenderableType
 
+from spinfilters.data.argument_checks import checked_arguments, path, text
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.input_file import value_text
 from spinfilters.errors import InputError
@@ -174,6 +175,7 @@ class Run(Mapping[str, EstimatorResult]):
         """A sentence per reason for which estimators are not "ok"."""
         return verdict_sentences({each.name: each.evaluation.history.status for each in self.values()})
 
+    @checked_arguments(name=text('the name of a figure, such as "summary"'))
     def figure(self, name: str = "summary") -> "Figure":
         """One of the run's pictures as a matplotlib figure, which can be shown or saved (`savefig`).
 
@@ -191,6 +193,7 @@ class Run(Mapping[str, EstimatorResult]):
         landmarks = next(iter(self.values())).landmarks
         return drawn_figure(FigureData(self.dataset, self._evaluations, landmarks, self.conditions), name)
 
+    @checked_arguments(folder=path("a folder"))
     def save(self, folder: str | os.PathLike[str]) -> Path:
         """Write the run folder of the command, with its pictures; returns its path.
 

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 
+from spinfilters.cli.interrupts import require_uninterrupted, until_interrupted
 from spinfilters.data.atomic_write import write_json
 from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.live.answer import Answer, AnswerWriter
@@ -29,6 +30,7 @@ def live(options: argparse.Namespace) -> int:
     dataset = read_dataset(options.dataset, None)
     lines = None if options.input is None else open_lines(options.input, dataset.log.sensors)
     setup = live_setup(dataset, settings, options.filter)
+    require_uninterrupted()
     executive = Executive(setup, _options(options, settings))
     source: Source = lines or Replay(dataset.log, setup.time, options.speed)
     if options.summary:  # a place that cannot be written is said now, not when the run is over
@@ -39,7 +41,7 @@ def live(options: argparse.Namespace) -> int:
         with ExitStack() as stack:
             stack.callback(writer.close)
             show = _shown(stack, options, executive, writer)
-            for answer in executive.run(source.epochs()):
+            for answer in executive.run(until_interrupted(source.epochs())):
                 show(answer)
                 course.keep(answer)
     except KeyboardInterrupt:

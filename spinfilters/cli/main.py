@@ -4,19 +4,16 @@ import argparse
 import io
 import logging
 import os
-import signal
 import sys
 import traceback
 import warnings
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
-from threading import current_thread, main_thread
-from types import FrameType
 from typing import Final, NoReturn
 
 from spinfilters import __version__
 from spinfilters.cli.command import commands
+from spinfilters.cli.interrupts import noted_interrupts
 from spinfilters.data.input_file import printable
 from spinfilters.errors import SpinfiltersError
 
@@ -80,29 +77,6 @@ def _run(options: argparse.Namespace, pressed: Sequence[int]) -> int:
         if os.environ.get(DEBUG):
             raise
         return _complain(_of_this_program(error))
-
-
-@contextmanager
-def noted_interrupts() -> Iterator[list[int]]:
-    """Note every Ctrl-C, which a library may swallow; each is raised as ever."""
-    pressed: list[int] = []
-
-    def noted(number: int, frame: FrameType | None) -> None:
-        """Note a Ctrl-C and raise it."""
-        pressed.append(number)
-        signal.default_int_handler(number, frame)
-
-    if (
-        signal.getsignal(signal.SIGINT) is not signal.default_int_handler
-        or current_thread() is not main_thread()
-    ):
-        yield pressed
-        return
-    signal.signal(signal.SIGINT, noted)
-    try:
-        yield pressed
-    finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def _of_interrupt(options: argparse.Namespace) -> str:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
+from spinfilters.data.argument_checks import checked_arguments, one_of
 from spinfilters.errors import InputError
 from spinfilters.lidar.mesh import TriangleMesh
 
@@ -26,6 +27,7 @@ class MassProperties:
     principal_axes: Float[np.ndarray, "3 3"]
 
 
+@checked_arguments(mesh=one_of(TriangleMesh, cure="a mesh, such as spinfilters.read_mesh gives"))
 def mass_properties(mesh: TriangleMesh) -> MassProperties:
     """Mass properties by the divergence theorem: signed tetrahedra from the mesh's middle to every triangle.
 

@@ -9,6 +9,8 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float, Int
 
+from spinfilters.data.argument_checks import checked_arguments
+from spinfilters.data.argument_checks import path as path_of
 from spinfilters.data.input_file import path_text, plain_number, read_bytes, require_file, value_text
 from spinfilters.errors import InputError
 from spinfilters.lidar.mesh import TriangleMesh, cleaned_mesh
@@ -20,6 +22,7 @@ _STL_HEADER, _STL_TRIANGLE = 84, 50
 _NUMBER = re.compile(rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)", re.IGNORECASE)
 
 
+@checked_arguments(path=path_of("a mesh"))
 def read_mesh(path: str | os.PathLike[str]) -> TriangleMesh:
     """Mesh of a file of `MESH_SUFFIXES`, in its own unit.
 

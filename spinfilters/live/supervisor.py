@@ -79,6 +79,7 @@ class SmootherSupervisor:
         def run() -> None:
             """Run the smoother in its process."""
             signal.signal(signal.SIGINT, signal.SIG_IGN)
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
             os.nice(NICE)
             ours.close()
             devnull = os.open(os.devnull, os.O_WRONLY)
@@ -87,8 +88,13 @@ class SmootherSupervisor:
             work(theirs, task, self._models)
 
         process = context.Process(target=run, daemon=True)
-        process.start()
-        self._process = process
+        # a Ctrl-C meant for all processes of the terminal must not meet this one before it ignores them
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            process.start()
+            self._process = process
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
         theirs.close()
         self._channel, self._handed, self._outstanding = Channel(ours), 0, 0
         self._last, self.trouble = time.monotonic(), ""

@@ -133,6 +133,11 @@ def processor() -> str:
     return next((line for line in lines if line.startswith(("flags", "Features"))), platform.processor())
 
 
+def has_wide_vectors() -> bool:
+    """Whether this processor has vectors of 512 bits, as far as the system says."""
+    return "avx512f" in processor().split()
+
+
 def no_library(function: ca.Function) -> None:
     """Loader of functions not worth compiling: no library."""
 

@@ -78,6 +78,32 @@ def test_a_swallowed_ctrl_c_is_told(
     assert "nothing is missing" in capsys.readouterr().err
 
 
+def test_a_swallowed_ctrl_c_ends_a_live_run_at_the_next_epoch(
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    originals: Path,
+    default_interrupts: None,
+) -> None:
+    epochs: list[object] = []
+
+    class Lost:
+        """What presses Ctrl-C where Python cannot raise: in a finalizer."""
+
+        def __del__(self) -> None:
+            signal.raise_signal(signal.SIGINT)
+
+    def keep(_: object, answer: object) -> None:
+        epochs.append(answer)
+        Lost()
+
+    monkeypatch.setattr("spinfilters.live.course.CourseRecorder.keep", keep)
+    assert main(["live", str(originals / "gyro"), "--speed", "1e6", "--no-smoother"]) in (0, 1)
+    assert len(epochs) == 1
+    said = capsys.readouterr().err
+    assert "Traceback" not in said
+    assert "KeyboardInterrupt" not in said
+
+
 def test_a_broken_backend_of_pictures_does_no_harm(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     command = [sys.executable, "-m", "spinfilters.cli.main", "condition", "-o", str(tmp_path / "c")]
     subprocess.run(command, env=os.environ | {"MPLBACKEND": "nonsense"}, check=True, capture_output=True)

@@ -16,14 +16,14 @@ from spinfilters.estimators.estimator import Measurement
 from spinfilters.estimators.filters.square_root_update import LOG_2_PI, Correction
 from spinfilters.estimators.smoothing.kernels.compiled_kernels import KERNEL_FLAGS
 from spinfilters.models.measurement import MeasurementModel
-from spinfilters.symbolic.c_library import Signature, load_text, with_signatures
+from spinfilters.symbolic.c_library import Signature, has_wide_vectors, load_text, with_signatures
 from spinfilters.symbolic.compiled import address
 
 LOOSE_SUMS: Final = ("-fassociative-math", "-fno-signed-zeros", "-fno-trapping-math")
 FLAGS: Final = (*KERNEL_FLAGS, *LOOSE_SUMS, "-fno-strict-aliasing", "-Wno-psabi")
 """Sums may be taken in any order, so that they are vectorised; what is not finite stays so."""
-LANES: Final = 8
-"""Numbers side by side."""
+LANES: Final = 8 if has_wide_vectors() else 4
+"""Numbers side by side: one vector. GCC takes a vector wider than the machine's apart, in 2 to 9 times the time."""
 LARGEST_STATE: Final = 64
 """Errors of a state; larger ones go through NumPy."""
 MOST_DIM: Final = 8

@@ -1,0 +1,64 @@
+"""Ctrl-C of a command: noted when pressed, raised as ever, and raised again where it was lost.
+
+Python cannot raise in a finalizer or in a callback of C: it prints the exception there and goes on. A library may take it for an
+error of its own. Work that goes on for long therefore asks from time to time whether Ctrl-C was pressed.
+"""
+
+import signal
+import sys
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from threading import current_thread, main_thread
+from types import FrameType
+from typing import TYPE_CHECKING, TypeVar
+
+if TYPE_CHECKING:
+    from sys import UnraisableHookArgs
+
+T = TypeVar("T")
+_pressed: list[int] = []
+"""Not empty once Ctrl-C was pressed in the command that runs."""
+
+
+@contextmanager
+def noted_interrupts() -> Iterator[list[int]]:
+    """Note every Ctrl-C, which a library may swallow; each is raised as ever."""
+    _pressed.clear()
+
+    def noted(number: int, frame: FrameType | None) -> None:
+        """Note a Ctrl-C and raise it."""
+        _pressed.append(number)
+        signal.default_int_handler(number, frame)
+
+    if (
+        signal.getsignal(signal.SIGINT) is not signal.default_int_handler
+        or current_thread() is not main_thread()
+    ):
+        yield _pressed
+        return
+    signal.signal(signal.SIGINT, noted)
+    shown, sys.unraisablehook = sys.unraisablehook, _quiet_of_interrupts
+    try:
+        yield _pressed
+    finally:
+        sys.unraisablehook = shown
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def require_uninterrupted() -> None:
+    """Raise a Ctrl-C that was pressed and got lost. KeyboardInterrupt: there was one."""
+    if _pressed:
+        raise KeyboardInterrupt
+
+
+def until_interrupted(items: Iterable[T]) -> Iterator[T]:
+    """The items, until Ctrl-C is pressed, even where that gets lost. KeyboardInterrupt: it was."""
+    for item in items:
+        require_uninterrupted()
+        yield item
+
+
+def _quiet_of_interrupts(lost: "UnraisableHookArgs") -> None:
+    """Say what Python cannot raise, but for a Ctrl-C: that is noted, and no trace of it is for the user."""
+    if not issubclass(lost.exc_type, KeyboardInterrupt):
+        sys.__unraisablehook__(lost)
