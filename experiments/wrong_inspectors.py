@@ -38,7 +38,7 @@ INSPECTOR: Final = "inspector"
 
 
 @dataclass(frozen=True)
-class Outcome:
+class InspectorOutcome:
     """One estimate of one recording.
 
     Attributes
@@ -53,7 +53,7 @@ class Outcome:
     is_named: bool
 
 
-def outcomes(scenario: Scenario, estimators: tuple[str, ...]) -> list[Outcome]:
+def outcomes(scenario: Scenario, estimators: tuple[str, ...]) -> list[InspectorOutcome]:
     """Every estimator on a scenario's tracks without a map."""
     dataset = without_map(simulate(scenario))
     compared = compare_dataset(dataset, Settings(estimators=estimators))
@@ -65,7 +65,7 @@ def outcomes(scenario: Scenario, estimators: tuple[str, ...]) -> list[Outcome]:
         sparse = any("poses are too sparse" in reason for reason in status.reasons)
         nees = np.nan if each.nees is None else each.nees.mean
         worst = max((size, name) for name, size in errors.items())
-        found.append(Outcome(status.verdict == "ok", worst, nees, named or sparse))
+        found.append(InspectorOutcome(status.verdict == "ok", worst, nees, named or sparse))
         print(
             f"  {scenario.inspector} {scenario.inspector_errors} seed {scenario.seed} {each.name}: {status.verdict}, "
             f"NEES {nees:.2f}, {worst[1]} {worst[0]:.1f}, {compared.models.names}{' sparse' if sparse else ''}",
@@ -100,7 +100,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
                 print(f"{name} {case} {size:g}: {_summary(every)}", flush=True)
 
 
-def _summary(every: Sequence[Sequence[Outcome]]) -> str:
+def _summary(every: Sequence[Sequence[InspectorOutcome]]) -> str:
     each = [outcome for recording in every for outcome in recording]
     ok = [outcome for outcome in each if outcome.is_ok]
     wrong = [outcome for outcome in ok if outcome.error[0] > LARGEST]

@@ -62,6 +62,7 @@ class MeasurementModel(ABC):
     needs: state blocks that the measurement depends on.
     known_by: leading parameters that tell what is measured, by which it is known again; None for all of them.
     images: of which a value holds pixels: one of a camera, two of a pair.   reads_rate: whether it reads the body rate, axes g.
+    known_pose: place of the sensor's own known pose (t_i m, q_i) among the parameters; None of one that defines frame i.
     """
 
     name: str
@@ -72,6 +73,7 @@ class MeasurementModel(ABC):
     known_by: int | None = None
     images: int = 0
     reads_rate: bool = False
+    known_pose: slice | None = None
 
     def __init__(self, layout: StateLayout) -> None:
         self.layout = layout

@@ -29,7 +29,6 @@ from spinfilters.estimators.smoothing.problem.least_squares import problem_of
 from spinfilters.estimators.smoothing.solver.batch_smoother import NO_LANDMARKS, smooth_problem
 from spinfilters.estimators.timeline import LogTimeline, Timeline, times_of
 from spinfilters.geometry.camera_displacements import displaced
-from spinfilters.models.sensor_models.camera_landmark import MOVING, CameraLandmark
 from spinfilters.pipeline.estimator_entry import AnyEntry, estimator_entries
 from spinfilters.pipeline.model_errors import MOST_EPOCHS_WITH_MAP, landmarks_placed, linear_problem
 from spinfilters.pipeline.setup import Setup
@@ -214,15 +213,15 @@ def _with_displaced_camera(epochs: LogTimeline, displacement: Displaced, error: 
     """Epochs with the known poses of the camera displaced."""
     sensors = []
     for part in epochs.sensors:
-        model, parameters = part.every.model, part.every.parameters
-        if isinstance(model, CameraLandmark) and model.pose is MOVING:
+        pose, parameters = part.every.model.known_pose, part.every.parameters
+        if pose is not None:
             rows = np.concatenate([np.arange(a, b) for a, b in zip(part.first, part.end, strict=True)])
             time = epochs.time.repeat(part.end - part.first)
             stamps, first, which = np.unique(time, return_index=True, return_inverse=True)
-            poses = parameters[rows, -MOVING.parameter_dim :]
+            poses = parameters[rows, pose]
             by = displacement(stamps, poses[first]) @ error
             parameters = parameters.copy()
-            parameters[rows, -MOVING.parameter_dim :] = displaced(poses, by[which.reshape(-1)])
+            parameters[rows, pose] = displaced(poses, by[which.reshape(-1)])
             part = replace(part, every=replace(part.every, parameters=parameters))
         sensors.append(part)
     return replace(epochs, sensors=tuple(sensors))

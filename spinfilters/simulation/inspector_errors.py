@@ -1,6 +1,6 @@
 """What is wrong with the poses of a simulated inspector: told late, drifting, too few, or not at all."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Final
@@ -110,9 +110,9 @@ INSPECTOR_ERRORS: Final[Mapping[str, InspectorError]] = MappingProxyType(
 """By name."""
 
 
-def require_inspector_errors(errors: Sequence[tuple[str, float]]) -> None:
-    """InputError: an unknown error, or a size that it cannot have."""
-    for name, size in errors:
+def require_inspector_errors(errors: Mapping[str, float]) -> None:
+    """Require errors by name and size. InputError: an unknown one, or a size that it cannot have."""
+    for name, size in errors.items():
         if name not in INSPECTOR_ERRORS:
             raise InputError(f"inspector error {name!r} is unknown; use one of {', '.join(INSPECTOR_ERRORS)}")
         error = INSPECTOR_ERRORS[name]
@@ -124,11 +124,11 @@ def require_inspector_errors(errors: Sequence[tuple[str, float]]) -> None:
 
 
 def told_trajectory(
-    path: InspectorPath, time: Float[np.ndarray, " n"], errors: Sequence[tuple[str, float]]
+    path: InspectorPath, time: Float[np.ndarray, " n"], errors: Mapping[str, float]
 ) -> CameraTrajectory | None:
     """The trajectory that is told of an inspector, with all its errors; None where none is."""
     told: ToldPoses | None = ToldPoses(path, time)
-    for name, size in errors:
+    for name, size in errors.items():
         if told is not None:
             told = INSPECTOR_ERRORS[name].apply(told, size)
     return None if told is None else told.trajectory

@@ -124,7 +124,7 @@ class Scenario:
             raise InputError(f"inspector {self.inspector!r} is unknown; use one of {', '.join(INSPECTORS)}")
         if self.inspector != STATIC and not any(kinds[kind].has_landmarks for kind in self.kinds):
             raise InputError(f"an inspector carries a camera, and a {self.kind} has none; leave it {STATIC}")
-        require_inspector_errors(self.inspector_errors)
+        require_inspector_errors(dict(self.inspector_errors))
         if self.inspector_errors and self.inspector == STATIC:
             others = ", ".join(name for name in INSPECTORS if name != STATIC)
             raise InputError(f"errors are of the poses of an inspector that moves; choose one: {others}")
@@ -265,7 +265,7 @@ def inspector_of(scenario: Scenario, time: Float[np.ndarray, " n"]) -> CameraTra
 def _told_inspector(scenario: Scenario, time: Float[np.ndarray, " n"]) -> CameraTrajectory | None:
     """Trajectory that the data set tells of the inspector."""
     path = _path_of(scenario)
-    return None if path is None else told_trajectory(path, time, scenario.inspector_errors)
+    return None if path is None else told_trajectory(path, time, dict(scenario.inspector_errors))
 
 
 def _path_of(scenario: Scenario) -> InspectorPath | None:

@@ -10,6 +10,7 @@ from matplotlib.text import Text
 
 from spinfilters.attitude.conversions import multiply, quaternion_from_rotation_vector, rotate
 from spinfilters.cli.main import main
+from spinfilters.data.consider_parameter import exact_calibration
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.data.dataset_writing import write_dataset
@@ -135,7 +136,9 @@ def circling_comparison() -> Comparison:
 def test_a_file_of_identities_gives_what_no_file_gives() -> None:
     dataset = without_map(simulate(STATIC))
     identity = np.tile([0.0, 0, 0, 0, 0, 0, 1], (2, 1))
-    here = compared(moved(dataset, MeasurementStream("pose", np.array([0.0, 100.0]), identity)))
+    known = moved(dataset, MeasurementStream("pose", np.array([0.0, 100.0]), identity))
+    exact = {**dataset.options.calibration, **exact_calibration(("stereo",), inspector=True)}
+    here = compared(replace(known, options=replace(known.options, calibration=exact)))
     for one, other in zip(here.evaluations, static_comparison().evaluations, strict=True):
         np.testing.assert_allclose(one.history.mean, other.history.mean, rtol=1e-9, atol=1e-10)
         np.testing.assert_allclose(one.history.factor, other.history.factor, rtol=1e-6, atol=1e-9)
@@ -225,7 +228,10 @@ def test_a_run_draws_the_path_of_its_inspector() -> None:
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        (["--inspector", "spiral"], "use one of static, circle"),
+        (["--inspector", "spiral"], "use one of static, circle, sway, dead-band"),
+        (["--inspector", "sway", "--inspector-error", "late", "soon"], "give its size as a number"),
+        (["--inspector", "sway", "--inspector-error", "late", "1", "2"], "give one size"),
+        (["--inspector", "sway", "--inspector-error", "late"], "give a size of 1e-06 to 10"),
         (["--inspector", "circle", "--kind", "gyro"], "a gyro"),
     ],
 )
@@ -236,3 +242,39 @@ def test_an_inspector_that_cannot_be_simulated_is_refused_in_one_line(
     said = capsys.readouterr().err
     assert says in said
     assert len(said.strip().splitlines()) == 1
+
+
+def swaying(seed: int = 2, **changes: object) -> Dataset:
+    """Tracks of an inspector that sways, without a map."""
+    scenario = replace(CIRCLING, inspector="sway", epochs=60, seed=seed)
+    return without_map(simulate(replace(scenario, **changes)))  # pyright: ignore[reportArgumentType]
+
+
+def test_late_poses_of_an_inspector_are_named_with_their_delay() -> None:
+    comparison = compared(swaying(inspector_errors=(("late", 0.5),)), "smoother")
+    assert "inspector-delay" in comparison.models.names[0]
+    assert comparison.evaluations[0].history.status.verdict == "degraded"
+
+
+def test_sparse_poses_are_told_with_the_cure_and_dense_ones_are_not() -> None:
+    (sparse,) = compared(swaying(inspector_errors=(("sparse", 4.0),)), "mekf").evaluations
+    (reason,) = (each for each in sparse.history.status.reasons if "too sparse" in each)
+    assert "4 s apart" in reason
+    assert "inspector.tum" in reason
+    (dense,) = compared(swaying(), "mekf").evaluations
+    assert not any("too sparse" in each for each in dense.history.status.reasons)
+
+
+def test_what_no_residual_shows_of_an_inspector_is_in_the_deviations() -> None:
+    """Positions that drift evenly are a velocity; stated as exact they are not in it."""
+    drifting = swaying(inspector_errors=(("drifting", 0.02),))
+    exact = {"inspector_position_std": 0.0, "inspector_rotation_std": 0.0, "inspector_clock_std": 0.0}
+    found = {}
+    for name, calibration in (("assumed", {}), ("exact", exact)):
+        settings = Settings(estimators=("mekf", "smoother"), calibration=calibration)  # pyright: ignore[reportArgumentType]
+        for each in compare_dataset(drifting, settings).evaluations:
+            velocity = each.history.layout.slice("v")
+            found[name, each.name] = np.linalg.norm(each.history.factor[-1, velocity], axis=1)
+    for name in ("mekf", "smoother"):
+        added = np.sqrt(found["assumed", name] ** 2 - found["exact", name] ** 2)
+        assert added.min() > 0.8 * 0.01 / 60.0  # of the default, m in a minute

@@ -14,7 +14,6 @@ from spinfilters.attitude.conversions import matrix_from_quaternion
 from spinfilters.estimators.model_errors.columns import Columns
 from spinfilters.estimators.model_errors.smoothed_motion import MeasuredRows, SmoothedMotion
 from spinfilters.geometry.camera_displacements import Displacement
-from spinfilters.models.sensor_models.camera_landmark import MOVING, CameraLandmark
 from spinfilters.state.blocks.rigid_body import ATTITUDE, POSITION
 
 
@@ -47,9 +46,9 @@ class KnownCamera:
         moves = False
         for each in rows:
             seen[each.epoch] = True
-            if _pose_of(each) is MOVING:
+            if each.model.known_pose is not None:
                 moves = True
-                poses[each.epoch] = each.parameters[:, -MOVING.parameter_dim :]
+                poses[each.epoch] = each.parameters[:, each.model.known_pose]
         return cls(seen, poses, moves)
 
 
@@ -75,7 +74,3 @@ def displaced_camera(motion: SmoothedMotion, by: Displacement, camera: KnownCame
 
 def _is_of_camera(each: MeasuredRows) -> bool:
     return each.model.images > 0
-
-
-def _pose_of(each: MeasuredRows) -> object:
-    return each.model.pose if isinstance(each.model, CameraLandmark) else None

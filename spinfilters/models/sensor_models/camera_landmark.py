@@ -97,6 +97,7 @@ class CameraLandmark(MeasurementModel, Generic[CameraType]):
         self._noise = 3 + self.camera.parameter_dim
         self._pose = self._noise + self.noise.parameter_dim
         self.parameter_dim = self._pose + pose.parameter_dim
+        self.known_pose = slice(self._pose, self.parameter_dim) if pose.parameter_dim else None
 
     def symbolic(self, state: dict[str, Expression], parameters: Expression) -> Expression:
         """Pixels of the landmark."""

@@ -161,6 +161,6 @@ def write_sequence(
     document = {
         "kind": "stereo-images",
         "description": description,
-        "calibration": exact_calibration(("stereo",)),
+        "calibration": exact_calibration(("stereo",), inspector=motion.inspector is not None),
     }
     write_toml(folder / "dataset.toml", document)

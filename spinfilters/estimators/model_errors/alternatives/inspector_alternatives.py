@@ -12,8 +12,11 @@ from spinfilters.estimators.model_errors.displaced_camera import KnownCamera, di
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
 from spinfilters.geometry.camera_displacements import Displacement, later, turning
 
-DEGREE: Final = 4
-"""Of the polynomials in time of a camera that moves; places of degree 1 are a velocity of the body."""
+DEGREE, HIGHEST_DEGREE = 4, 14
+"""Of the polynomials in time of a camera that moves; the latter where the motion is beyond its disturbances, as before a camera
+that swings some times. Places of degree 1 are a velocity of the body."""
+BEYOND: Final = 2.0
+"""Mean square of the whitened steps from which the motion is beyond its disturbances."""
 
 
 class _InspectorAlternative(Alternative):
@@ -68,15 +71,26 @@ class InspectorMissing(Alternative):
         camera = KnownCamera.of(motion)
         if camera is None or camera.moves:
             return None
-        return displaced_camera(motion, _smoothly, camera)
+        steps = motion.rows.left.steps
+        degree = HIGHEST_DEGREE if float(np.mean(steps**2)) > BEYOND else DEGREE
+        return displaced_camera(motion, _smooth_paths(degree), camera)
 
 
-def _smoothly(time: Float[np.ndarray, " k"], poses: Float[np.ndarray, "k 7"]) -> Float[np.ndarray, "k 6 m"]:
+def _smooth_paths(degree: int) -> Displacement:
     """Legendre polynomials of every axis, zero at the first time."""
-    values = legvander(2 * (time - time[0]) / (time[-1] - time[0]) - 1, DEGREE)
-    values = values - values[0]
-    turns, places = np.eye(6)[:, 3:], np.eye(6)[:, :3]
-    return np.concatenate([np.kron(values[:, None, 1:], turns), np.kron(values[:, None, 2:], places)], axis=2)
+
+    def displacement(
+        time: Float[np.ndarray, " k"], poses: Float[np.ndarray, "k 7"]
+    ) -> Float[np.ndarray, "k 6 m"]:
+        """Attitudes of all degrees, then places of those that are no velocity."""
+        values = legvander(2 * (time - time[0]) / (time[-1] - time[0]) - 1, degree)
+        values = values - values[0]
+        turns, places = np.eye(6)[:, 3:], np.eye(6)[:, :3]
+        return np.concatenate(
+            [np.kron(values[:, None, 1:], turns), np.kron(values[:, None, 2:], places)], axis=2
+        )
+
+    return displacement
 
 
 ALTERNATIVES: Final = (InspectorDelay(), InspectorDrift(), InspectorMissing())
