@@ -95,8 +95,8 @@ def _stated_inflation(setup: Setup) -> float:
 def _of_landmarks(seen: ObservationCorrelation, left: float) -> str:
     return (
         f"errors of a landmark's observations are correlated ({seen.value:.2f} from epoch to epoch, {seen.score:.0f} deviations "
-        f"of chance): squared errors of the estimates may be {left:.1f} times what is stated; use images further apart, or state the "
-        "covariances of the rows with covariance_inflation"
+        f"of chance): squared errors of the estimates may be {left:.1f} times what is stated; use images further apart, or state "
+        "covariances of the rows with a covariance_inflation"
     )
 
 

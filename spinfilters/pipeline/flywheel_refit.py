@@ -82,9 +82,7 @@ def _samples_as_one(setup: Setup, settings: Settings) -> float:
     return 1.0 if beside is None else max(beside.correlation_time, 1.0)
 
 
-def _fitted(
-    setup: Setup, trajectory: Float[np.ndarray, "k m"], samples_as_one: float
-) -> ScoreTest | None:
+def _fitted(setup: Setup, trajectory: Float[np.ndarray, "k m"], samples_as_one: float) -> ScoreTest | None:
     """The test of a flywheel; None where a fit leads nowhere or explains nothing."""
     without = _at_own_levels(setup, linear_problem(setup, setup.timeline[: len(trajectory)]), trajectory)
     problem = _problem_with_flywheel(setup, len(trajectory))

@@ -196,7 +196,9 @@ class TestedModels:
         """
         (first, *alike), *others = self.classes
         like = " or, which looks alike, ".join(map(_phrase, [first, *alike]))
-        possible = [f"{_sized(each)}, explains {self.share(each):.0%} as much)" for own in others for each in own]
+        possible = [
+            f"{_sized(each)}, explains {self.share(each):.0%} as much)" for own in others for each in own
+        ]
         sentence = f"the residuals are most like {like}"
         return f"{sentence}; also possible: {', '.join(possible)}" if possible else sentence
 

@@ -40,7 +40,15 @@ class LidarPoint(MeasurementModel):
 
     def __init__(self, layout: StateLayout) -> None:
         super().__init__(layout)
-        self.needs = ("t", "a", "v", "w", "c", "s", *(each.name for each in (DRAG, ROTOR) if layout.has(each)))
+        self.needs = (
+            "t",
+            "a",
+            "v",
+            "w",
+            "c",
+            "s",
+            *(each.name for each in (DRAG, ROTOR) if layout.has(each)),
+        )
 
     def symbolic(self, state: dict[str, Expression], parameters: Expression) -> Expression:
         """Range at which the ray meets the face, m."""
