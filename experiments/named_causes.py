@@ -53,7 +53,7 @@ NONE: Final = "none"
 
 
 @dataclass(frozen=True)
-class Outcome:
+class CauseOutcome:
     """Of one run: its cause, verdict, largest error in stated deviations, and named classes of causes."""
 
     sensor: str
@@ -100,7 +100,7 @@ def main() -> None:
             print(line_of(sensor, cause, runs), flush=True)
 
 
-def outcome(sensor: str, cause: str, seed: int) -> Outcome:
+def outcome(sensor: str, cause: str, seed: int) -> CauseOutcome:
     """One run of the smoother."""
     begin = time.perf_counter()
     scenario, fault, size, stated = drawn(sensor, cause, seed)
@@ -114,7 +114,7 @@ def outcome(sensor: str, cause: str, seed: int) -> Outcome:
         verdict, reasons = str(status.verdict), tuple(status.reasons)
     except SpinfiltersError as refusal:
         verdict, reasons, names, error = "refused", (str(refusal),), (), None
-    return Outcome(
+    return CauseOutcome(
         sensor,
         cause,
         seed,
@@ -150,7 +150,10 @@ def drawn(sensor: str, cause: str, seed: int) -> tuple[Scenario, ModelFault | No
         noise=ProcessNoise(4e-8, 1e-6 * 10.0 ** draws.uniform(-2, 0)),
         seed=seed,
     )
-    size, stated = 1.0 if cause == "slip" else float(np.exp(draws.uniform(*np.log(SIZES)))), bool(draws.random() < 0.5)
+    size, stated = (
+        1.0 if cause == "slip" else float(np.exp(draws.uniform(*np.log(SIZES)))),
+        bool(draws.random() < 0.5),
+    )
     if cause == NONE:
         return scenario, None, 0.0, stated
     fault = model_faults()[cause]
@@ -168,7 +171,7 @@ def _recorded(scenario: Scenario, fault: ModelFault | None, size: float, stated:
     return replace(dataset, options=replace(dataset.options, calibration={}))
 
 
-def line_of(sensor: str, cause: str, runs: Sequence[Outcome]) -> str:
+def line_of(sensor: str, cause: str, runs: Sequence[CauseOutcome]) -> str:
     """The runs of a sensor and a cause in one line."""
     silent = sum(each.verdict == "ok" and each.error > LARGEST for each in runs)
     head = f"{sensor:6s} {cause:16s} {len(runs):3d} runs, {sum(e.verdict == 'ok' for e in runs):3d} ok, {silent} ok and wrong"
@@ -181,12 +184,12 @@ def line_of(sensor: str, cause: str, runs: Sequence[Outcome]) -> str:
     return f"{head}; of {len(doubted)} doubted {first} first, {two} among two; else {dict(instead)}; {seconds:.1f} s each"
 
 
-def _names(runs: Sequence[Outcome]) -> Iterator[str]:
+def _names(runs: Sequence[CauseOutcome]) -> Iterator[str]:
     for each in runs:
         yield from ("/".join(own) for own in each.named) if each.named else ("nothing",)
 
 
-def _document(run: Outcome) -> dict[str, Any]:
+def _document(run: CauseOutcome) -> dict[str, Any]:
     return {**run.__dict__, "error": None if np.isnan(run.error) else run.error}
 
 

@@ -118,7 +118,7 @@ def doubts_of(evaluations: Sequence[Evaluation], setup: Setup, settings: Setting
             *shared_diagnostics(setup),
             *motion_diagnostics(setup, settings),
             *model_findings(models, tested_history(setup, evaluations)),
-            *_of_measurements(smoothers, evaluations),
+            *measurement_findings(smoothers, evaluations),
         ],
         filter_diagnostics(setup),
         reference_smoother(smoothers, setup, settings),
@@ -136,7 +136,7 @@ def _explained(setup: Setup, settings: Settings, evaluations: Sequence[Evaluatio
     return with_flywheel_refit(models, setup, settings, best.mean[: tested_epochs(setup)])
 
 
-def _of_measurements(
+def measurement_findings(
     smoothers: Sequence[EstimateHistory], evaluations: Sequence[Evaluation]
 ) -> list[Finding]:
     """Findings about a recording's measurements, the same for all of its estimators.

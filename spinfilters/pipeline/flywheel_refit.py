@@ -21,6 +21,7 @@ from spinfilters.estimators.model_errors.hypotheses import solved_near, with_ide
 from spinfilters.estimators.model_errors.laplace_likelihood import minus_twice_log_likelihood
 from spinfilters.estimators.model_errors.linear_rows import LinearRows
 from spinfilters.estimators.model_errors.score_test import ScoreTest
+from spinfilters.estimators.model_errors.smoothed_motion import is_steady
 from spinfilters.estimators.smoothing.factors.landmark_observations import OBSERVATIONS_NEEDED, seen_ids
 from spinfilters.estimators.smoothing.linear.marginals import Marginals
 from spinfilters.estimators.smoothing.problem.least_squares import Problem, problem_of
@@ -52,11 +53,14 @@ def with_flywheel_refit(
 ) -> TestedModels:
     """Score tests with that of a flywheel from a fit, where it explains more.
 
+    None of a spin about one axis, which does not tell a flywheel from other moments, nor from slow torques.
+
     Parameters
     ----------
     trajectory: that was tested.
     """
-    if setup.process.layout.has(ROTOR):
+    layout = setup.process.layout
+    if layout.has(ROTOR) or is_steady(trajectory[:, layout.mean_slice(RATE.name)]):
         return models
     try:
         with np.errstate(all="ignore"):

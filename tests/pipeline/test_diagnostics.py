@@ -11,6 +11,7 @@ from plain_comparison import plain_comparison
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.estimators.robust.gate_weights import RobustOptions
 from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate
+from spinfilters.pipeline.doubts import measurement_findings
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
@@ -117,3 +118,26 @@ def test_a_moment_that_may_be_zero_leaves_its_ratio_open(moment: float, std: flo
     status = judge(Evidence(evaluation, gate_false_alarm=FALSE_ALARM))
     assert (status.verdict is Verdict.OK) == wanted
     assert wanted or "may be zero" in status.reasons[0]
+
+
+def leaving_out(name: str, share: float) -> Evaluation:
+    """An estimator that leaves out a share of a thousand measurements."""
+    evaluation, rejected = nominal(100), np.full(100, round(10 * share))
+    history = replace(evaluation.history, name=name, accepted=10 - rejected, rejected=rejected)
+    return replace(evaluation, history=history)
+
+
+@pytest.mark.parametrize(("smoother", "is_doubted"), [(0.3, True), (0.1, False)])
+def test_filters_and_smoother_have_the_same_doubt_about_the_measurements(
+    smoother: float, is_doubted: bool
+) -> None:
+    run = [leaving_out("mekf", 0.2), leaving_out("smoother", smoother)]
+    shared = measurement_findings([run[1].history], run)
+    assert bool(shared) == is_doubted
+    statuses = [judge(Evidence(each, gate_false_alarm=FALSE_ALARM, found=shared)) for each in run]
+    assert statuses[0].reasons == statuses[1].reasons == tuple(each.reason for each in shared)
+
+
+def test_a_filter_that_goes_astray_is_no_doubt_about_the_measurements() -> None:
+    run = [leaving_out("mekf", 0.6), leaving_out("ukf", 0.1)]
+    assert measurement_findings([], run) == []

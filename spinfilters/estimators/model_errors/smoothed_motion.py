@@ -242,11 +242,8 @@ class SmoothedMotion:
         Orthonormal columns of whitened residuals; None of another motion, or without a gyro.
         With constant rates every error of the motion is a slow torque, and a slow torque looks like a slow bias.
         """
-        direction = self.rates / np.linalg.norm(self.rates, axis=1, keepdims=True)
-        mean = direction.mean(axis=0)
-        across = 1 - (direction @ mean) ** 2 / (mean @ mean)
         read = self.shifted(lambda each: self._slow(SLOW_RATE)[each.epoch] if each.model.reads_rate else None)
-        if read is None or not across.mean() < STEADY**2:
+        if read is None or not is_steady(self.rates):
             return None
         every = self.rows.residual(Columns.joined([read, self.disturbed(angular=self._slow(SLOW_TORQUE))]))
         flattened = np.concatenate([part.reshape(-1, every.count) for part in every.parts])
@@ -296,6 +293,14 @@ class SmoothedMotion:
             whitening = group.model.whitening(x, parameters) * weight[group.rows, None, None]
             found.append(MeasuredRows(group.model, None, group.rows, epoch, x, parameters, whitening, change))
         return found
+
+
+def is_steady(rates: Float[np.ndarray, "k 3"]) -> bool:
+    """Whether body rates (rad/s) keep their direction in the body, within `STEADY`."""
+    direction = rates / np.linalg.norm(rates, axis=1, keepdims=True)
+    mean = direction.mean(axis=0)
+    across = 1 - (direction @ mean) ** 2 / (mean @ mean)
+    return bool(across.mean() < STEADY**2)
 
 
 @cache

@@ -1,6 +1,7 @@
 """Constant angular momentum h of a flywheel inside the body: J w' = (J w + h) x w.
 
-h is in units of the inertia J (up to scale) times rad/s, g axes. Of a flywheel that turns steadily relative to the body (a gyrostat), with its inertia in that of the body.
+h is in units of the inertia J (up to scale) times rad/s, g axes. Of a flywheel that turns steadily relative to the body (a
+gyrostat), with its inertia in that of the body.
 """
 
 from typing import Final
