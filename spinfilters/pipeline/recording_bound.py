@@ -75,9 +75,11 @@ def with_bounds(evaluations: Sequence[Evaluation], setup: Setup) -> list[Evaluat
     whole = [each for each in evaluations if each.errors is not None and _is_whole(each.history, epochs)]
     if truth is None:
         return list(evaluations)
-    limits = bound_or_reason(setup, truth, whole[0]) if whole else "no estimate of all epochs has errors"
-    if isinstance(limits, str):
-        return [each.with_fields(bound_missing=limits) for each in evaluations]
+    limits, missing = None, "no estimate of all epochs has errors"
+    if whole:
+        limits, missing = bound_or_reason(setup, truth, whole[0])
+    if limits is None:
+        return [each.with_fields(bound_missing=missing) for each in evaluations]
     return [
         each.with_fields(bound=error_bound(limits, each.errors, each.alignment is Alignment.BODY_FRAME))
         if each.errors is not None and _is_whole(each.history, epochs)
@@ -97,12 +99,11 @@ def _is_whole(history: EstimateHistory, epochs: int) -> bool:
 
 def cramer_rao_bound(setup: Setup, truth: Truth, evaluation: Evaluation) -> EstimateHistory | None:
     """True states with their Cramer-Rao bound, or None; see `bound_or_reason`."""
-    found = bound_or_reason(setup, truth, evaluation)
-    return None if isinstance(found, str) else found
+    return bound_or_reason(setup, truth, evaluation)[0]
 
 
-def bound_or_reason(setup: Setup, truth: Truth, evaluation: Evaluation) -> EstimateHistory | str:
-    """True states with their Cramer-Rao bound, or why there is none, in words; see `with_bounds`.
+def bound_or_reason(setup: Setup, truth: Truth, evaluation: Evaluation) -> tuple[EstimateHistory | None, str]:
+    """True states with their Cramer-Rao bound, or None and why, in words; see `with_bounds`.
 
     Parameters
     ----------
@@ -111,22 +112,22 @@ def bound_or_reason(setup: Setup, truth: Truth, evaluation: Evaluation) -> Estim
     epochs, most = len(setup.timeline), MOST_WITH_LANDMARKS if _is_separator(setup) else MOST_WITHOUT
     if epochs > most:
         seen = "with unknown landmarks " if _is_separator(setup) else ""
-        return f"{seen}it is computed of at most {most} epochs, these are {epochs}"
+        return None, f"{seen}it is computed of at most {most} epochs, these are {epochs}"
     try:
         states = _states(setup, truth, evaluation)
         if states is None:
-            return "the truth does not tell the whole state at every epoch in frames that are known"
-        factors = _factors(setup, states)
+            return None, "the truth does not tell the whole state at every epoch in frames that are known"
+        factors, missing = _factors(setup, states)
     except (
         InputError,
         *NUMERICAL_ERRORS,
     ) as error:  # the truth, or the problem at it, is not one to be bounded
-        return f"it cannot be computed at the truth ({reason(error)})"
-    if isinstance(factors, str):
-        return factors
+        return None, f"it cannot be computed at the truth ({reason(error)})"
+    if factors is None:
+        return None, missing
     if not np.isfinite(factors).all():
-        return "the measurements leave something undetermined"
-    return replace(evaluation.history, name="bound", mean=states, factor=factors)
+        return None, "the measurements leave something undetermined"
+    return replace(evaluation.history, name="bound", mean=states, factor=factors), ""
 
 
 def _states(setup: Setup, truth: Truth, evaluation: Evaluation) -> Float[np.ndarray, "k m"] | None:
@@ -145,8 +146,8 @@ def _states(setup: Setup, truth: Truth, evaluation: Evaluation) -> Float[np.ndar
     return true_states(truth, history.layout)[true_rows] if len(rows) == len(setup.timeline) else None
 
 
-def _factors(setup: Setup, states: Float[np.ndarray, "k m"]) -> Float[np.ndarray, "k n n"] | str:
-    """Covariance factors of every epoch given all measurements, or why there are none."""
+def _factors(setup: Setup, states: Float[np.ndarray, "k m"]) -> tuple[Float[np.ndarray, "k n n"] | None, str]:
+    """Covariance factors of every epoch given all measurements, or None and why."""
     ids, points = _landmarks(setup, states)
     problem = _problem(setup, states, ids)
     here = problem.at(states, points)
@@ -155,13 +156,16 @@ def _factors(setup: Setup, states: Float[np.ndarray, "k m"]) -> Float[np.ndarray
         here = problem.at(states, points + rough.points_step(np.zeros((len(states), 6))))
     normal = problem.normal(here, Stage(Gate(GATE, GATE)))
     if normal.solution is None:
-        return "the measurements leave something undetermined"
+        return None, "the measurements leave something undetermined"
     if _inliers(problem, here, normal.used) < INLIERS_NEEDED:
-        return "most measurements lie farther from the truth than their stated noise allows"
+        return None, "most measurements lie farther from the truth than their stated noise allows"
     ratio = _squared_residual(problem, here)
     if ratio is not None and ratio < LEAST_RESIDUAL:
-        return f"the measurements lie nearer to the truth than they state ({np.sqrt(ratio):.1g} of their standard deviations)"
-    return Marginals(normal.solution, normal.eliminated).factors
+        return (
+            None,
+            f"the measurements lie nearer to the truth than they state ({np.sqrt(ratio):.1g} of their standard deviations)",
+        )
+    return Marginals(normal.solution, normal.eliminated).factors, ""
 
 
 def _problem(setup: Setup, states: Float[np.ndarray, "k m"], ids: Int[np.ndarray, " L"]) -> Problem:

@@ -41,6 +41,12 @@ REWRITINGS = (
     Rewriting("spinfilters lidar scan --preset", "", "as it stands"),
     Rewriting("spinfilters lidar scan body.stl --scale", "--rays 40 40", "fewer rays"),
     Rewriting("spinfilters lidar scan", "--rays 40 40 --scans 8", "fewer scans of fewer rays"),
+    Rewriting(
+        "spinfilters compare images",
+        "--estimators smoother --config floating.toml",
+        "eight pairs do not tell a motion from a fall",
+    ),
+    Rewriting("spinfilters reconstruct", "--voxels 64", "a coarser volume"),
     Rewriting("spinfilters compare toss", "--estimators mekf", "one estimator"),
     Rewriting("spinfilters compare", SMALL_RUN, "two estimators"),
     Rewriting("spinfilters observe", "--frames 20", "fewer epochs"),

@@ -107,6 +107,7 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     _write_stl(replace(body, vertices=1000 * body.vertices), folder / "body.stl")
     _write_obj(body, folder / "body.obj")
     (folder / "study.toml").write_text(STUDY)
+    (folder / "floating.toml").write_text("[process]\ngravity = false\n")
     images = ImageScenario(
         shape="box",
         frames=8,

@@ -2,7 +2,6 @@
 
 import ast
 import re
-import tomllib
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
@@ -68,16 +67,3 @@ def test_the_map_of_the_package_names_every_package_and_no_other() -> None:
 def test_the_conventions_name_every_state_block_with_its_dimension(block: object) -> None:
     name, dimension = block.name, block.dimension  # pyright: ignore[reportAttributeAccessIssue]
     assert f"``{name}`` {dimension}  " in (conventions.__doc__ or "")
-
-
-def test_every_optional_package_of_an_extra_is_imported_somewhere() -> None:
-    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
-    code = "\n".join(
-        path.read_text() for room in ("spinfilters", "experiments") for path in (ROOT / room).rglob("*.py")
-    )
-    tools = {"test", "docs", "check"}  # run, not imported
-    for extra in extras.keys() - tools:
-        for requirement in extras[extra]:
-            package = re.split(r"[\[<>=]", requirement)[0]
-            imported = rf"\b(import|from|import_module\(|packages? ?= ?)\W*{package}\b"
-            assert re.search(imported, code), (extra, package)
