@@ -52,9 +52,16 @@ def read_summary(folder: Path) -> dict[str, Any]:
     InputError: missing, too large, not JSON, another schema.
     """
     path = folder / SUMMARY_FILE
-    if not path.exists():
+    if not path.is_file():
+        why = (
+            "Is a directory"
+            if path.is_dir()
+            else "a device or pipe"
+            if path.exists()
+            else "No such file or directory"
+        )
         raise InputError(
-            f"{path_text(path)}: cannot be read (No such file or directory); give a folder made by 'spinfilters compare'"
+            f"{path_text(path)}: cannot be read ({why}); give a folder made by 'spinfilters compare'"
         )
     try:
         document = json.loads(read_bytes(path, LARGEST_SUMMARY).decode("utf-8"))

@@ -97,12 +97,12 @@ def _ply_body(list_type: str = "uchar int", count: int = 4, first: int = 0) -> b
     return np.array(CUBE, "<f4").tobytes() + b"".join(rows)
 
 
-def _ascii_ply(corner: str = "1", face: str = "4 0 1 3 2", vertices: object = 8, end: str = "\n") -> bytes:
+def _ascii_ply(corner: str = "1", face: str = "4 0 1 3 2", vertices: int = 8, end: str = "\n") -> bytes:
     rows = [f"{corner if k == 7 else x} {y} {z}" for k, (x, y, z) in enumerate(CUBE)]
     rows += [face, *(" ".join(map(str, (4, *each))) for each in FACES[1:])]
     return (
         _ply(vertices, form="ascii", body=b"").replace(b"\n", end.encode()) + end.join([*rows, ""]).encode()
-    )  # pyright: ignore[reportArgumentType]
+    )
 
 
 def _plys() -> dict[str, bytes]:
