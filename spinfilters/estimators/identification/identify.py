@@ -51,7 +51,7 @@ MOST_MASKED: Final[int] = 2
 """Measurements that are left out at most: gross errors that pass the gate because levels have risen for them."""
 SUSPECTED: Final[float] = 0.05
 """Probability that any measurement is as far from where all others have it, below which one is identified without."""
-ITERATIONS: Final[int] = 15
+ITERATIONS: Final[int] = 30
 SETTLED: Final[float] = 0.05
 """Share of its standard deviation that a component still moves by when the iteration ends."""
 NEARLY_SETTLED: Final[float] = 0.5
