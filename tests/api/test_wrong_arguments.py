@@ -170,5 +170,6 @@ def test_known_inputs_that_are_none_are_refused(values: dict[str, Any]) -> None:
 def test_a_list_an_array_and_a_path_are_as_good_as_a_text(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"absent\.csv"):
         spinfilters.compare(tmp_path / "absent.csv", ["mekf"], settings={"sensors": {"pixel_std": 0.5}})
+    rates: Any = np.array([1.0, 2.0, 3.0])
     dataset = spinfilters.simulate("gyro", frames=3, rate_rpm=rates, moments=[1, 1.2, 1.4])
     assert len(dataset.log.times) == 3
