@@ -1,25 +1,37 @@
 #!/bin/sh
 # Makes .venv and installs the package in it: .ci/environment.sh [extras]; called by the Makefile at every target.
 # Returns at once when the same extras of the same pyproject.toml are installed in this folder already.
+# CI sets SPINFILTERS_CONSTRAINTS to a file of versions for pip; without it everybody gets the newest that pyproject.toml admits.
 set -eu
 cd "$(dirname "$0")/.."
 
 extras=${1:-}
+constraints=${SPINFILTERS_CONSTRAINTS:-}
 stamp=.venv/.installed${extras:+-$extras}
 unfinished=.venv/.unfinished # there while something is being installed: an interrupted .venv is never trusted
 export PIP_USER=0 PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_NO_INPUT=1
 
 main() {
-  wanted="$(cksum <pyproject.toml) in $PWD"
+  wanted="$(cksum <pyproject.toml) in $PWD${constraints:+ with $(cksum <"$constraints")}"
   if installed; then return; fi
   if [ -e "$unfinished" ] || ! usable .venv/bin/python; then rm -rf .venv; fi
   if [ ! -d .venv ]; then create; fi
   say "installing spinfilters${extras:+ [$extras]} into .venv (the first time: some hundred MB, a minute or two)"
   : >"$unfinished"
-  .venv/bin/python -m pip install --quiet --editable ".${extras:+[$extras]}" </dev/null ||
-    fail "the installation failed as shown above; check the network and the disk, then repeat the command"
+  if ! install ${constraints:+--constraint "$constraints"}; then
+    # one version of a package need not be there for every Python and machine; of the smallest versions that is what is tested
+    [ "$constraints" = .ci/constraints.txt ] || fail_to_install
+    say "not all versions of $constraints can be installed here: taking the newest"
+    install || fail_to_install
+  fi
   printf '%s\n' "$wanted" >"$stamp"
   rm "$unfinished"
+}
+
+install() { .venv/bin/python -m pip install --quiet --editable ".${extras:+[$extras]}" "$@" </dev/null; }
+
+fail_to_install() {
+  fail "the installation failed as shown above; check the network and the disk, then repeat the command"
 }
 
 installed() {

@@ -9,7 +9,7 @@ import traceback
 from pathlib import Path
 from typing import Any
 
-import casadi.casadi as interface
+import casadi.casadi
 import numpy as np
 
 import spinfilters
@@ -66,6 +66,7 @@ def numbers_of(dataset: spinfilters.Dataset) -> list[bytes]:
 def main(kinds: list[str]) -> None:
     """Compare in threads first: what they compute with is not built yet."""
     sets = [spinfilters.simulate(kind, frames=10, seed=number) for number, kind in enumerate(kinds)]
+    interface: Any = casadi.casadi
     interface._casadi = Watched(interface._casadi)
     found: list[tuple[int, list[bytes]]] = []
     together = threading.Barrier(THREADS)

@@ -55,7 +55,7 @@ RECORDING = Path("no-such-recording.csv")
 """Would be complained of, were it looked for."""
 WRONG: dict[str, tuple[Callable[..., object], dict[str, tuple[Any, ...]]]] = {
     "load": (
-        lambda **given: spinfilters.load(**({"path": RECORDING} | given)),
+        lambda **given: spinfilters.load(**(dict[str, Any](path=RECORDING) | given)),
         {
             "path": NO_PATH,
             "segment": (2.5, float("nan"), b"1", [], {}, -1, True, object()),
@@ -66,7 +66,7 @@ WRONG: dict[str, tuple[Callable[..., object], dict[str, tuple[Any, ...]]]] = {
         },
     ),
     "compare": (
-        lambda **given: spinfilters.compare(**({"data": RECORDING} | given)),
+        lambda **given: spinfilters.compare(**(dict[str, Any](data=RECORDING) | given)),
         {
             "data": NO_PATH,
             "estimators": NO_NAMES,
@@ -113,7 +113,7 @@ WRONG: dict[str, tuple[Callable[..., object], dict[str, tuple[Any, ...]]]] = {
         },
     ),
     "campaign": (
-        lambda **given: spinfilters.campaign(**({"study": RECORDING} | given)),
+        lambda **given: spinfilters.campaign(**(dict[str, Any](study=RECORDING) | given)),
         {
             "study": (*NO_PATH[:-2], object()),
             "output": but_none(NO_PATH),
@@ -170,7 +170,6 @@ def test_known_inputs_that_are_none_are_refused(values: dict[str, Any]) -> None:
 def test_a_list_an_array_and_a_path_are_as_good_as_a_text(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"absent\.csv"):
         spinfilters.compare(tmp_path / "absent.csv", ["mekf"], settings={"sensors": {"pixel_std": 0.5}})
-    dataset = spinfilters.simulate(
-        "gyro", frames=3, rate_rpm=np.array([1.0, 2.0, 3.0]), moments=[1, 1.2, 1.4]
-    )
+    rates: Any = np.array([1.0, 2.0, 3.0])
+    dataset = spinfilters.simulate("gyro", frames=3, rate_rpm=rates, moments=[1, 1.2, 1.4])
     assert len(dataset.log.times) == 3
