@@ -139,7 +139,7 @@ def drawn(sensor: str, cause: str, seed: int) -> tuple[Scenario, ModelFault | No
             break
     rate = float(np.exp(draws.uniform(np.log(0.4), np.log(2.0))))  # rad/s
     interval = float(draws.uniform(0.15, 0.4) / rate)
-    scenario = Scenario(
+    scenario = Scenario.simplified(
         kind=KINDS[sensor],
         principal_moments=tuple(moments / moments.max()),
         rate_rpm=tuple(direction * rate * 30 / np.pi),

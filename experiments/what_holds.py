@@ -126,7 +126,7 @@ def drawn(number: int) -> DrawnRecording:
     motion = list(MOTIONS)[int(generator.integers(len(MOTIONS)))]
     rate, interval = MOTIONS[motion]
     moments = ((1.0, 0.8, 0.55), (1.0322, 1.0, 0.8596), (1.0, 0.6, 0.5))[int(generator.integers(3))]
-    scenario = Scenario(
+    scenario = Scenario.simplified(
         kind="stereo-tracks" if kind.startswith("tracks") else kind,
         principal_moments=moments,
         rate_rpm=rate,

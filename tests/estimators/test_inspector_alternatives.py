@@ -19,7 +19,7 @@ from spinfilters.pipeline.preparation import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
 
-MOVING = Scenario(
+MOVING = Scenario.simplified(
     rate_rpm=RICH_RPM, epochs=40, landmarks=100, noise=ProcessNoise(1e-6, 1e-6), inspector="sway", seed=4
 )
 

@@ -18,7 +18,7 @@ from spinfilters.state.blocks.rotor import ROTOR
 from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
 
 SETTINGS = Settings(estimators=("smoother",), process={"gravity": False})  # pyright: ignore[reportArgumentType]
-SCENARIO = Scenario(
+SCENARIO = Scenario.simplified(
     kind="gyro",
     principal_moments=(1.0, 0.8, 0.55),
     rate_rpm=RICH_RPM,

@@ -62,7 +62,7 @@ def test_attitudes_that_are_not_finite_do_not_slip() -> None:
 @cache
 def compared(size: float) -> Comparison:
     """Poses of a tracker that slips by an angle, rad."""
-    scenario = Scenario(
+    scenario = Scenario.simplified(
         kind="pose",
         principal_moments=(1.0, 0.8, 0.55),
         rate_rpm=RICH_RPM,
