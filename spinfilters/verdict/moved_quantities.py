@@ -29,10 +29,11 @@ LINEAR: Final = 30.0
 def unmoved_quantities(history: EstimateHistory, test: ScoreTest) -> frozenset[str]:
     """Quantities of an estimate that removing an error moves by less than `LARGEST_MOVE`.
 
-    None where the shift is not known, or too large for a linearisation.
+    None where the shift is too large for a linearisation, or not known at all epochs: models are tested in the first ones of a
+    long recording, and what an error moves little there it may move far behind them.
     """
     shift = test.shift
-    if shift is None or not np.isfinite(shift).all() or len(shift) > len(history.time):
+    if shift is None or not np.isfinite(shift).all() or len(shift) != len(history.time):
         return NOTHING
     size = float(np.linalg.norm(test.size))
     std = float(np.sqrt(test.std**2 @ test.size**2)) / max(size, np.finfo(float).tiny)

@@ -7,18 +7,20 @@ import numpy as np
 import pytest
 
 from experiments.honest_cases import RecordingCase, recordings
+from spinfilters.estimators.model_errors.alternative import table
+from spinfilters.estimators.model_errors.score_test import ScoreTest
 from spinfilters.evaluation.held_quantities import held_text
 from spinfilters.pipeline.estimation import Comparison, compare_estimators
 from spinfilters.pipeline.preparation import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM
-from spinfilters.state.quantities import MOMENTS, QUANTITIES, TRANSLATION
+from spinfilters.state.quantities import ALL, MOMENTS, NOTHING, QUANTITIES, TRANSLATION
 from spinfilters.state.status import EstimatorStatus, Finding, Holds, Verdict
 from spinfilters.verdict.agreement_tests import over_confident_quantities
 from spinfilters.verdict.checks import CHECKS, finding
 from spinfilters.verdict.evidence import Evidence
 from spinfilters.verdict.judge import judge
-from spinfilters.verdict.moved_quantities import moved_quantities
+from spinfilters.verdict.moved_quantities import moved_quantities, unmoved_quantities
 
 SETTINGS = Settings(estimators=("mekf",))
 
@@ -160,3 +162,11 @@ def test_an_error_of_the_models_leaves_quantities_that_it_does_not_move() -> Non
     moved = moved_quantities(history, shift)
     assert moved["velocity"] == pytest.approx(3.0, rel=1e-6)
     assert all(size < 1e-6 for name, size in moved.items() if name != "velocity")
+
+
+def test_of_a_recording_that_is_longer_than_what_was_tested_an_error_leaves_nothing() -> None:
+    history = compared("pose").evaluations[-1].history
+    one, shift = np.ones(1), np.zeros(history.factor.shape[:2])
+    test = ScoreTest(table()["drag"], one, 0.1 * one, 100.0, 1.0, 100.0, 0.0, shift)
+    assert unmoved_quantities(history, test) == ALL
+    assert unmoved_quantities(history, replace(test, shift=shift[:-1])) == NOTHING
