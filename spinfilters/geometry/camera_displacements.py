@@ -64,4 +64,4 @@ def turning(time: Float[np.ndarray, " k"], poses: Float[np.ndarray, "k 7"]) -> F
 
 
 def _since(time: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-    return (time - time[0]) / MINUTE
+    return (time - time[:1]) / MINUTE  # of no time at all none

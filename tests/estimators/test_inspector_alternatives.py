@@ -24,6 +24,9 @@ MOVING = Scenario.simplified(
 )
 
 
+PER_ROW = ("rows", "epoch", "states", "parameters", "whitening", "change")
+
+
 @cache
 def score_tested(scenario: Scenario) -> tuple[SmoothedMotion, dict[str, ScoreTest]]:
     """The whole recording smoothed, and its score tests by name."""
@@ -92,3 +95,18 @@ def test_a_baseline_score_of_right_recordings_is_zero_in_the_mean() -> None:
     """Held to the force's density it was some -3 deviations in the mean, for it has minus the squares of the force in it."""
     scores = [away(replace(MOVING, inspector="circle", seed=seed), "baseline") for seed in range(5)]
     assert abs(np.mean(scores)) < 3 / np.sqrt(len(scores))
+
+
+@pytest.mark.parametrize("epochs", [0, 1])
+def test_of_a_camera_that_sees_no_two_epochs_there_is_nothing_to_tell(epochs: int) -> None:
+    """As of a camera that begins behind the epochs that are tested."""
+    for scenario in (MOVING, replace(MOVING, inspector="static")):
+        whole, _ = score_tested(scenario)
+        motion = SmoothedMotion(whole.time, whole.rows)
+        measured = []
+        for each in whole.measured:
+            few = {name: value[each.epoch < epochs] for name, value in vars(each).items() if name in PER_ROW}
+            measured.append(replace(each, **few))
+        vars(motion)["measured"] = tuple(measured)
+        found = [each.columns(motion) for name, each in table().items() if name.startswith("inspector")]
+        assert found == [None, None, None]

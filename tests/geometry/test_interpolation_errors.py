@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from spinfilters.attitude.conversions import angle_between
+from spinfilters.geometry.camera_displacements import Displacement, drifting, later, turning
 from spinfilters.geometry.camera_trajectory import CameraTrajectory
 from spinfilters.simulation.inspector import INSPECTORS
 
@@ -43,3 +44,8 @@ def test_poses_at_the_stamps_and_straight_paths_have_no_error() -> None:
 def test_two_poses_tell_no_bend() -> None:
     trajectory = CameraTrajectory(np.array([0.0, 1.0]), np.tile([0.0, 0, 0, 0, 0, 0, 1], (2, 1)))
     np.testing.assert_allclose(trajectory.interpolation_errors(np.array([0.5])), 0.0)
+
+
+@pytest.mark.parametrize("displacement", [later, drifting, turning])
+def test_a_camera_that_sees_nothing_is_displaced_by_nothing(displacement: Displacement) -> None:
+    assert displacement(np.zeros(0), np.zeros((0, 7))).shape[:2] == (0, 6)

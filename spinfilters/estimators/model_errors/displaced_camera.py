@@ -37,7 +37,7 @@ class KnownCamera:
 
     @classmethod
     def of(cls, motion: SmoothedMotion) -> "KnownCamera | None":
-        """The camera of a motion; None where none sees it, or nothing tells the place."""
+        """The camera of a motion; None where none sees it in two epochs, or nothing tells the place."""
         rows = [each for each in motion.measured if _is_of_camera(each)]
         if not rows or not motion.translates:
             return None
@@ -49,7 +49,7 @@ class KnownCamera:
             if each.model.known_pose is not None:
                 moves = True
                 poses[each.epoch] = each.parameters[:, each.model.known_pose]
-        return cls(seen, poses, moves)
+        return cls(seen, poses, moves) if np.count_nonzero(seen) > 1 else None
 
 
 def displaced_camera(motion: SmoothedMotion, by: Displacement, camera: KnownCamera) -> Columns:
