@@ -8,8 +8,12 @@ from plain_comparison import plain_comparison
 
 from spinfilters.attitude.conversions import matrix_from_quaternion
 from spinfilters.dynamics.mass_distribution import inertia_matrix
+from spinfilters.estimators.model_errors.hypotheses import solved_near
+from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
+from spinfilters.estimators.timeline import times_of
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.pipeline.estimation import Comparison
+from spinfilters.pipeline.model_errors import landmarks_placed, linear_problem
 from spinfilters.settings.run_settings import ProcessSettings, Settings
 from spinfilters.simulation.model_faults.faulty_recording import faulty_recording, model_faults
 from spinfilters.simulation.model_faults.model_fault import AXIS
@@ -75,3 +79,14 @@ def test_a_body_without_a_flywheel_gets_none() -> None:
     comparison = compared(1e-12, rotor=False)
     assert comparison.models.names == ()
     assert ProcessSettings().rotor is False
+
+
+def test_the_rates_of_a_smoothed_motion_change_as_a_flywheel_turns_them() -> None:
+    comparison = compared(0.6, rotor=True)
+    setup, trajectory = comparison.setup, comparison.evaluations[0].history.mean
+    problem = linear_problem(setup, setup.timeline)
+    rows = solved_near(problem, trajectory, landmarks_placed(problem, trajectory))
+    assert rows is not None
+    motion = SmoothedMotion(times_of(setup.timeline), rows)
+    slope = np.gradient(motion.rates, motion.time, axis=0)[1:-1]
+    np.testing.assert_allclose(motion.rate_change[1:-1], slope, atol=0.1 * np.abs(slope).max())

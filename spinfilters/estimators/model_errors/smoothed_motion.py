@@ -108,9 +108,8 @@ class SmoothedMotion:
 
     @cached_property
     def rate_change(self) -> Float[np.ndarray, "k 3"]:
-        """w' of the torque-free body, rad/s^2."""
-        momentum = self.rates @ self.inertia
-        return np.linalg.solve(self.inertia, np.cross(momentum, self.rates).T).T
+        """w' without disturbances, rad/s^2: of the body with what the state holds of drag, torque and a flywheel."""
+        return self.change[:, self.rows.problem.layout.slice(RATE.name)]
 
     @cached_property
     def change(self) -> Float[np.ndarray, "k n"]:
