@@ -16,9 +16,9 @@ from spinfilters.state.layout import StateLayout
 from spinfilters.state.quantities import ALL
 from spinfilters.state.status import OWN_STATUS, EstimatorStatus, Finding, Holds, Verdict
 
-INITIALISATION, OBSERVATIONS, CALIBRATION = "initialisation", "observations", "calibration"
 FINDINGS, HOLDS = "findings", "holds"
-"""Keys that files of older versions do not have, and the last not those of an exact calibration."""
+INITIALISATION, OBSERVATIONS, CALIBRATION = "initialisation", "observations", "calibration"
+"""Keys that files of older versions do not have, nor `FINDINGS` and `HOLDS`, and the last not those of an exact calibration."""
 
 
 def write_history(path: Path, history: EstimateHistory) -> None:
@@ -75,13 +75,13 @@ def read_history(path: Path, cure: str = "make the run again") -> EstimateHistor
 
 
 def finding_text(found: Finding) -> str:
-    """A finding as JSON, its words with its cure in one."""
+    """A finding as JSON, without its words: they stand among the reasons."""
     return json.dumps(
         {"check": found.check, "numbers": finite_numbers(found.numbers), "about": _about(found)}
     )
 
 
-def finite_numbers(numbers: Mapping[str, float | str]) -> dict[str, float | str | None]:
+def finite_numbers(numbers: Mapping[str, float | str]) -> dict[str, float | None]:
     """Numbers of a finding as JSON holds them: None for what is not finite, no texts that stand in the sentence."""
     return {
         name: (float(value) if np.isfinite(value) else None)
