@@ -88,8 +88,10 @@ def _per_recording(told: ToldPoses) -> float:
 
 def _sparse(told: ToldPoses, size: float) -> ToldPoses:
     """Poses every ``size`` s, the last at or behind the last epoch."""
-    span = float(told.time[-1] - told.time[0])
-    return replace(told, time=told.time[0] + size * np.arange(int(np.ceil(span / size)) + 1))
+    first, last = float(told.time[0]), float(told.time[-1])
+    steps = int(np.ceil((last - first) / size))
+    steps += first + size * steps < last  # by rounding
+    return replace(told, time=first + size * np.arange(steps + 1))
 
 
 def _missing(told: ToldPoses, size: float) -> None:

@@ -9,7 +9,7 @@ from spinfilters.attitude.conversions import angle_between
 from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.errors import InputError
 from spinfilters.simulation.inspector import BAND, INSPECTORS, STATIC
-from spinfilters.simulation.inspector_errors import AXIS
+from spinfilters.simulation.inspector_errors import AXIS, told_trajectory
 from spinfilters.simulation.scenario import Scenario, inspector_of, simulate
 
 MOVING = tuple(name for name in INSPECTORS if name != STATIC)
@@ -70,6 +70,14 @@ def test_a_drift_has_its_size_over_the_recording(name: str, columns: slice) -> N
 def test_sparse_poses_cover_the_recording() -> None:
     sparse = told(inspector_errors=(("sparse", 4.0),))
     np.testing.assert_allclose(sparse.time, [0.0, 4.0, 8.0])
+
+
+def test_sparse_poses_cover_a_recording_whose_length_is_a_multiple_but_for_rounding() -> None:
+    make, time = INSPECTORS["sway"], np.round(0.3 * np.arange(198), 9)
+    assert make is not None
+    trajectory = told_trajectory(make(np.array([0.0, 0.0, 0.6]), 3), time, {"sparse": 0.3})
+    assert trajectory is not None
+    trajectory.require_cover(time)
 
 
 def test_a_missing_trajectory_is_of_an_inspector_that_moved() -> None:
