@@ -84,7 +84,9 @@ class TestedModels:
 
     @cached_property
     def slow(self) -> ScoreTest | None:
-        """The likeliest of errors that a spin about one axis does not tell apart, if any."""
+        """The likeliest of errors that a spin about one axis does not tell apart, if any; none beside a slip."""
+        if self.slips:
+            return None
         return next((each for each in self._beyond_chance if each.slow > SLOW and self._counts(each)), None)
 
     @property

@@ -8,6 +8,7 @@ import pytest
 from spinfilters.estimators.model_errors.alternative import table
 from spinfilters.estimators.model_errors.score_test import ScoreTest
 from spinfilters.pipeline import tested_models
+from spinfilters.pipeline.front_end_slips import Slip
 
 
 @pytest.mark.parametrize(
@@ -132,6 +133,15 @@ def test_beside_slow_changes_an_error_is_named_by_what_they_leave(
     drag = ScoreTest(table()["drag"], one, one, 90.0, 1.0, 90.0, 1e-9, std, slow=0.99, beside_slow=0.1)
     touch = replace(drag, error=table()["contact-at-end"], slow=0.5, beside_slow=left)
     assert tested_models.TestedModels((drag, touch), std=std).names == names
+
+
+def test_beside_a_slip_neither_causes_nor_slow_changes_are_named() -> None:
+    one, std = np.ones(1), np.full((1, 1), 0.1)
+    drag = ScoreTest(table()["drag"], one, one, 90.0, 1.0, 90.0, 1e-9, std, slow=0.99, beside_slow=0.1)
+    touch = replace(drag, error=table()["contact-at-end"], slow=0.5, beside_slow=40.0)
+    models = tested_models.TestedModels((drag, touch), std=std, slips=(Slip("pose", 3.0, np.pi, 1),))
+    assert models.names == ("slip",)
+    assert len(models.reasons) == 1
 
 
 def test_a_cause_is_the_likeliest_of_several_and_others_have_their_share() -> None:
