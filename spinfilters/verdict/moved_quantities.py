@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
+from spinfilters.errors import NUMERICAL_ERRORS, InputError
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.estimators.model_errors.score_test import ScoreTest
 from spinfilters.state.quantities import ALL, NOTHING
@@ -38,7 +39,10 @@ def unmoved_quantities(history: EstimateHistory, test: ScoreTest) -> frozenset[s
     size = float(np.linalg.norm(test.size))
     std = float(np.sqrt(test.std**2 @ test.size**2)) / max(size, np.finfo(float).tiny)
     larger = 1.0 + SIZE_STD * std / max(size, np.finfo(float).tiny)
-    moved = moved_quantities(history, shift)
+    try:
+        moved = moved_quantities(history, shift)
+    except (InputError, *NUMERICAL_ERRORS):  # a shift that leads to no state
+        return NOTHING
     if not max(moved.values()) <= LINEAR:
         return NOTHING
     return frozenset(name for name in ALL if larger * moved.get(name, 0.0) <= LARGEST_MOVE)

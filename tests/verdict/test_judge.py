@@ -170,3 +170,10 @@ def test_of_a_recording_that_is_longer_than_what_was_tested_an_error_leaves_noth
     test = ScoreTest(table()["drag"], one, 0.1 * one, 100.0, 1.0, 100.0, 0.0, shift)
     assert unmoved_quantities(history, test) == ALL
     assert unmoved_quantities(history, replace(test, shift=shift[:-1])) == NOTHING
+
+
+def test_an_error_whose_removal_leads_to_no_state_leaves_nothing() -> None:
+    history = compared("pose").evaluations[-1].history
+    one, shift = np.ones(1), np.full(history.factor.shape[:2], 1e200)
+    test = ScoreTest(table()["drag"], one, 0.1 * one, 100.0, 1.0, 100.0, 0.0, shift)
+    assert unmoved_quantities(history, test) == NOTHING
