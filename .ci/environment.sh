@@ -66,7 +66,7 @@ as_root() {
   fi
 }
 
-# The first of $PYTHON, python3, python3.13, ... that runs and that pyproject.toml admits.
+# The first of $PYTHON, python3, python3.13, ... that runs and that pyproject.toml admits; a bare Debian has none.
 suitable_python() {
   seen=
   for candidate in ${PYTHON:-} python3 python3.13 python3.12 python3.11; do
@@ -76,6 +76,17 @@ suitable_python() {
     fi
     seen="$seen${seen:+, }$(found "$candidate")"
   done
+  case $seen in
+    *" is "[0-9]*) ;; # of another version: which to install is not for this script to say
+    *)
+      say "there is no Python: installing the packages python3 and python3-venv"
+      if as_root apt-get update -qq && as_root apt-get install -y -qq python3 python3-venv &&
+        version python3 >/dev/null; then
+        echo python3
+        return
+      fi
+      ;;
+  esac
   fail "spinfilters needs Python 3.11, 3.12 or 3.13, but here $seen; install one ('sudo apt-get install -y python3 python3-venv'), then repeat the command"
 }
 

@@ -71,7 +71,7 @@ def _settings(options: argparse.Namespace) -> Settings:
         names = tuple(entry.name for entry in entries if entry.is_default or entry.is_baseline)
         settings = replace(settings, estimators=names)
     if options.drag or options.drag_law:
-        law = options.drag_law or True
+        law = options.drag_law or settings.process.drag or True  # a law of the config file stays
         settings = replace(settings, process=replace(settings.process, drag=law))
     return settings
 

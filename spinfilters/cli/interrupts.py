@@ -36,8 +36,15 @@ def noted_interrupts() -> Iterator[list[int]]:
     ):
         yield _pressed
         return
+    shown = sys.unraisablehook
+
+    def quiet_of_interrupts(lost: "UnraisableHookArgs") -> None:
+        """Say what Python cannot raise, but for a Ctrl-C: that is noted, and no trace of it is for the user."""
+        if not issubclass(lost.exc_type, KeyboardInterrupt):
+            shown(lost)
+
     signal.signal(signal.SIGINT, noted)
-    shown, sys.unraisablehook = sys.unraisablehook, _quiet_of_interrupts
+    sys.unraisablehook = quiet_of_interrupts
     try:
         yield _pressed
     finally:
@@ -56,9 +63,3 @@ def until_interrupted(items: Iterable[T]) -> Iterator[T]:
     for item in items:
         require_uninterrupted()
         yield item
-
-
-def _quiet_of_interrupts(lost: "UnraisableHookArgs") -> None:
-    """Say what Python cannot raise, but for a Ctrl-C: that is noted, and no trace of it is for the user."""
-    if not issubclass(lost.exc_type, KeyboardInterrupt):
-        sys.__unraisablehook__(lost)

@@ -18,6 +18,7 @@ from spinfilters.embedded.model_functions import (
 from spinfilters.estimators.landmarks.landmark_map import CONFIRMED, WRONG_IN_A_ROW
 from spinfilters.estimators.robust.gate_weights import RobustOptions
 from spinfilters.models.rotation_substeps import boole_weights
+from spinfilters.symbolic import building
 from spinfilters.symbolic.c_library import FLAGS, load_text
 
 HEADERS = (
@@ -31,6 +32,7 @@ INCLUDE = re.compile(r'^#include "(\w+\.h)".*$', re.MULTILINE)
 
 
 @cache
+@building()
 def library_texts(options: EmbedOptions) -> dict[str, str]:
     """The C of a filter by file name."""
     texts = {name: template(name) for name in (*HEADERS, *SOURCES)}

@@ -250,14 +250,15 @@ class _BinaryRows:
                 size = int(self._take(kinds[0], 1)[0]) if len(kinds) == 2 else 1
                 items = self._take(kinds[-1], size)
                 if k == corners:
-                    rows.append(_whole_indices(items))
+                    rows.append(items)
+        if rows:
+            _require_indices(np.concatenate(rows))
         return rows
 
 
-def _whole_indices(items: np.ndarray) -> Int[np.ndarray, " n"]:
-    """Indices as int64. ValueError: one that is no whole number, or beyond all vertices."""
+def _require_indices(items: np.ndarray) -> None:
+    """ValueError: an index that is no whole number, or beyond all vertices."""
     if items.dtype.kind == "f" and not (np.isfinite(items).all() and (items == np.round(items)).all()):
         raise ValueError("a face names a vertex by a number that is not whole")
     if len(items) and float(np.abs(items.astype(np.float64)).max()) > MAX_PLY_BYTES:
         raise ValueError("a face names a vertex that is not there")
-    return items.astype(np.int64)

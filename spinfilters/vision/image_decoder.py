@@ -4,7 +4,7 @@ import os
 import re
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from tempfile import TemporaryFile
 from typing import Final
 
@@ -13,6 +13,12 @@ import numpy as np
 
 HARMLESS_BYTES: Final = 16
 """Superfluous bytes before a marker that some webcams write into a JPEG; more are data that could not be read."""
+_WORDS: Final = re.compile(
+    rb"(?:Corrupt JPEG data|Premature end of JPEG|Inconsistent progression sequence|Invalid SOS parameters"
+    rb"|Application transferred too|Unknown Adobe color transform|Warning: unknown JFIF|libpng (?:warning|error):"
+    rb"|TIFF\w*: |\[ *(?:FATAL|ERROR|WARN|INFO|DEBUG):\d+(?:@[\d.]+)?\])[^\n]*\n*"
+)
+"""Lines of libjpeg, libpng, libtiff and OpenCV. All else is of other threads, such as the one that draws progress bars."""
 _EXTRANEOUS: Final = re.compile(rb"Corrupt JPEG data: (\d+) extraneous bytes before marker 0x[0-9a-f]{2}\s*")
 _lock = threading.Lock()  # standard error is one for all threads
 
@@ -29,30 +35,34 @@ def decode_grey(content: bytes) -> tuple[np.ndarray | None, bool]:
             )
         except cv2.error:
             image = None
-    return image, _is_complaint(bytes(said))
+    return image, any(map(_is_complaint, said))
 
 
-def _is_complaint(said: bytes) -> bool:
-    harmless = [int(each[1]) <= HARMLESS_BYTES for each in _EXTRANEOUS.finditer(said)]
-    rest = _EXTRANEOUS.sub(b"", said)
-    return not all(harmless) or bool(rest.strip())
+def _is_complaint(line: bytes) -> bool:
+    """Whether a decoder's line tells of data that it could not read."""
+    extraneous = _EXTRANEOUS.fullmatch(line)
+    return extraneous is None or int(extraneous[1]) > HARMLESS_BYTES
 
 
 @contextmanager
-def _said() -> Iterator[bytearray]:
-    """What libraries write to standard error within the block, filled in at its end."""
-    said = bytearray()
-    try:
-        console = os.dup(2)
-    except OSError:  # without a console nothing is seen, nor heard
-        yield said
-        return
-    with _lock, TemporaryFile(buffering=0) as held:
+def _said() -> Iterator[list[bytes]]:
+    """Lines that decoders write to standard error within the block, filled in at its end; what others write passes."""
+    said: list[bytes] = []
+    with _lock, ExitStack() as stack:
+        try:
+            held = stack.enter_context(TemporaryFile(buffering=0))
+            console = os.dup(2)
+        except OSError:  # without a console, or a place for what is said, nothing is heard
+            yield said
+            return
+        stack.callback(os.close, console)
         os.dup2(held.fileno(), 2)
         try:
             yield said
         finally:
             os.dup2(console, 2)
-            os.close(console)
             held.seek(0)
-            said += held.read(1 << 16)
+            heard = held.read()
+            said += _WORDS.findall(heard)
+            if others := _WORDS.sub(b"", heard):
+                os.write(2, others)

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from faults import refusal
 
+from spinfilters.cli.interrupts import noted_interrupts
 from spinfilters.cli.main import main
 from spinfilters.simulation import scenario
 
@@ -102,6 +103,28 @@ def test_a_swallowed_ctrl_c_ends_a_live_run_at_the_next_epoch(
     said = capsys.readouterr().err
     assert "Traceback" not in said
     assert "KeyboardInterrupt" not in said
+
+
+def test_what_a_finalizer_fails_of_reaches_the_hook_that_was_there(
+    monkeypatch: pytest.MonkeyPatch, default_interrupts: None
+) -> None:
+    """That of pytest, say, which makes it a failure."""
+    told: list[str] = []
+    monkeypatch.setattr(sys, "unraisablehook", lambda lost: told.append(lost.exc_type.__name__))
+
+    class Fails:
+        """What raises where Python cannot."""
+
+        def __init__(self, error: type[BaseException]) -> None:
+            self.error = error
+
+        def __del__(self) -> None:
+            raise self.error
+
+    with noted_interrupts():
+        Fails(KeyboardInterrupt)
+        Fails(OverflowError)
+    assert told == ["OverflowError"]
 
 
 def test_a_broken_backend_of_pictures_does_no_harm(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

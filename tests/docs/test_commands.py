@@ -3,7 +3,6 @@
 import importlib.util
 import re
 import shlex
-import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -17,23 +16,23 @@ from docs.pasted_commands import (
     MODULE,
     PAGES,
     REWRITINGS,
-    ROOT,
     arguments_of,
     blocks_of,
     inline_of,
     rewriting_of,
 )
 from flight.throws import carried
+from vision.board_images import drawn_poses, write_board_images
 
-from spinfilters.api.image_recordings import ImageScenario, render
+from spinfilters.api.image_recordings import ImageScenario, example_rig, render
 from spinfilters.cli.main import main, parser
 from spinfilters.data.dataset_writing import write_dataset
 from spinfilters.lidar.mesh import TriangleMesh, box
 from spinfilters.plots import style
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
+from spinfilters.vision.calibration_images import Board
 from spinfilters.vision.rendering.imaging import Imaging
 
-SHARED = ROOT / ".." / "shared" / "data"
 WITH_COMMANDS = [page for page in PAGES if blocks_of(page)]
 MISSED_DEADLINE = 1  # of ``live`` on a busy machine
 STUDY = """
@@ -97,12 +96,21 @@ def _tosses(folder: Path) -> None:
     np.savetxt(folder / "tosses" / "2.csv", told, delimiter=",", header="time_s,wx,wy,wz", comments="")
 
 
+def _boards(folder: Path) -> None:
+    """Images of a chessboard, and a place for the calibration: they are larger than those of the body."""
+    board, rig, generator = Board(9, 6, 0.025), example_rig(), np.random.default_rng(4)
+    poses = drawn_poses("good", 10, rig, board, generator)
+    write_board_images(folder / "boards", poses, rig, board, generator)
+    (folder / "calibrated").mkdir()
+
+
 @pytest.fixture(scope="session")
 def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What the pages take as given: a recording, throws, meshes, a study, images and their calibration."""
     folder = tmp_path_factory.mktemp("inputs")
     _recording(folder)
     _tosses(folder)
+    _boards(folder)
     body = box((1.0, 1.4, 0.7))
     _write_stl(replace(body, vertices=1000 * body.vertices), folder / "body.stl")
     _write_obj(body, folder / "body.obj")
@@ -184,8 +192,6 @@ def test_every_command_of_a_page_runs(page: Path, place: Place, capfd: pytest.Ca
 
 def _small(command: str) -> str | None:
     """A command at reduced size; None of one that a test does not run."""
-    if "calibrate boards" in command and not SHARED.is_dir():
-        return None
     change = rewriting_of(command)
     if change is not None and change.added is None:
         return None
@@ -201,6 +207,7 @@ def _small(command: str) -> str | None:
         ("--segment 6.55:7.4", "--segment 2.0:3.0"),
         ("-o images", "-o rendered") if "simulate" in body else ("", ""),
         ("runs/images", "runs/mine"),
+        ("rig/cam1 images/", "rig/cam1 calibrated/"),
         ("runs/first", "runs/mine"),
         ("body.stl --scans", "body.stl --scale 0.001 --scans"),
     ):
@@ -213,8 +220,6 @@ def _run(command: str, place: Path) -> int:
     words = shlex.split(command)
     if words[0] != "spinfilters":
         return subprocess.run(command, shell=True, cwd=place, check=False, capture_output=True).returncode
-    if "boards" in words:
-        _boards(place)
     source = words[words.index("<") + 1] if "<" in words else None
     kept = words[1:]
     for sign in "<>":
@@ -226,15 +231,6 @@ def _run(command: str, place: Path) -> int:
     ]
     with _standard_input(source):
         return _code(kept)
-
-
-def _boards(place: Path) -> None:
-    """Images of a real chessboard, those of which both cameras have one."""
-    folder = place / "boards"
-    if not folder.exists():
-        folder.mkdir()
-        for path in sorted((SHARED / "opencv_stereo_calib").glob("*[0-9].jpg")):
-            shutil.copy(path, folder / path.name)
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if inline_of(page)], ids=lambda page: page.stem)

@@ -11,6 +11,8 @@ import pytest
 from spinfilters.cli.main import main
 from spinfilters.embedded.embedded_options import EmbedOptions
 from spinfilters.embedded.library import library_texts
+from spinfilters.embedded.model_functions import model_functions
+from spinfilters.symbolic.working_time import is_building
 
 GOLDEN = Path(__file__).parent / "golden"
 MAKE = shutil.which("make")
@@ -33,6 +35,20 @@ def made(folder: Path, *target: str) -> str:
     assert done.returncode == 0, done.stderr + done.stdout
     assert "warning" not in done.stderr
     return done.stdout + done.stderr  # semihosting writes to the latter
+
+
+def test_one_thread_at_a_time_writes_down_the_expressions_of_the_library(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    alone: list[bool] = []
+
+    def watched(options: EmbedOptions) -> list[ca.Function]:
+        alone.append(is_building())
+        return model_functions(options)
+
+    monkeypatch.setattr("spinfilters.embedded.library.model_functions", watched)
+    library_texts.__wrapped__(EmbedOptions("gyro"))
+    assert alone == [True]
 
 
 def test_the_generated_code_is_the_golden_copy() -> None:
