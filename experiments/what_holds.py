@@ -295,4 +295,4 @@ def _held_lines(title: str, every: Sequence[JudgedQuantity]) -> Iterator[str]:
 
 
 if __name__ == "__main__":
-    main()
+    run_study(main)

@@ -75,10 +75,10 @@ def read_history(path: Path, cure: str = "make the run again") -> EstimateHistor
 
 
 def finding_text(found: Finding) -> str:
-    """A finding as JSON, without its words: they stand among the reasons."""
-    return json.dumps(
-        {"check": found.check, "numbers": finite_numbers(found.numbers), "about": _about(found)}
-    )
+    """A finding as JSON; numbers that are not finite are null."""
+    told = {"check": found.check, "sentence": found.sentence, "cure": found.cure, "about": _about(found)}
+    words = {name: value for name, value in found.numbers.items() if isinstance(value, str)}
+    return json.dumps({**told, "numbers": finite_numbers(found.numbers), "words": words})
 
 
 def finite_numbers(numbers: Mapping[str, float | str]) -> dict[str, float | None]:
@@ -101,7 +101,7 @@ def _status(arrays: Mapping[str, np.ndarray]) -> EstimatorStatus:
     if FINDINGS in arrays:
         try:
             told = [json.loads(str(text)) for text in arrays[FINDINGS]]
-            found = tuple(_finding(each, reason) for each, reason in zip(told, reasons, strict=True))
+            found = tuple(map(_finding, told))
         except (AttributeError, RecursionError) as error:
             raise ValueError(f"its findings are not as they were written ({error})") from None
     pairs = [str(text).rsplit("=", 1) for text in arrays.get(HOLDS, ())]
@@ -109,12 +109,13 @@ def _status(arrays: Mapping[str, np.ndarray]) -> EstimatorStatus:
     return EstimatorStatus(verdict, found, holds)
 
 
-def _finding(told: Mapping[str, Any], reason: str) -> Finding:
+def _finding(told: Mapping[str, Any]) -> Finding:
     about = None if told["about"] is None else ALL & frozenset(map(str, told["about"]))
     numbers = {
         str(name): np.nan if value is None else float(value) for name, value in told["numbers"].items()
     }
-    return Finding(str(told["check"]), reason, "", numbers, about)
+    words = {str(name): str(value) for name, value in told["words"].items()}
+    return Finding(str(told["check"]), str(told["sentence"]), str(told["cure"]), {**numbers, **words}, about)
 
 
 def _initialisation(arrays: Mapping[str, np.ndarray], numbers: Mapping[str, np.ndarray]) -> int:

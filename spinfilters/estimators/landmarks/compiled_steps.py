@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 SHAPE = (3, 6)
 """Components of an observation, and columns of the state that it depends on: of a stereo pair; others go through NumPy."""
-LARGEST_STATE = 40
+LARGEST_STATE = 48
 """Rows of the factor beside the modes: state and move."""
 _SIGNATURES = {
     "refresh": Signature("ipiiiip", None),
