@@ -126,7 +126,7 @@ def slipped_steps(
     R = matrix_from_quaternion(attitude)
     steps = R[1:] @ np.swapaxes(R[:-1], 1, 2)
     rates = _rotation_vectors(steps) / dt[:, None]
-    expected = np.array([_median_of_neighbours(rates, j) for j in range(len(dt))]) * dt[:, None]
+    expected = _medians_of_neighbours(rates) * dt[:, None]
     turned = np.linalg.norm(expected, axis=1)
     departure = np.linalg.norm(_rotation_vectors(_rotations(-expected) @ steps), axis=1)
     typical = float(np.median(departure))
@@ -140,10 +140,12 @@ def slipped_steps(
     return found, departure[found]
 
 
-def _median_of_neighbours(rates: Float[np.ndarray, "k 3"], step: int) -> Float[np.ndarray, "3"]:
-    """Median rate of the steps before and behind one."""
-    first = max(step - NEIGHBOURS, 0)
-    return np.median(np.concatenate([rates[first:step], rates[step + 1 : step + 1 + NEIGHBOURS]]), axis=0)
+def _medians_of_neighbours(rates: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "k 3"]:
+    """Median rate of the steps before and behind each one, fewer at the ends."""
+    count, nothing = len(rates), np.full((NEIGHBOURS, 3), np.nan)
+    padded = np.concatenate([nothing, rates, nothing])
+    around = [k for k in range(2 * NEIGHBOURS + 1) if k != NEIGHBOURS]
+    return np.nanmedian(np.stack([padded[k : k + count] for k in around]), axis=0)
 
 
 def _without_gross_errors(found: Sequence[int]) -> Int[np.ndarray, " s"]:
