@@ -17,6 +17,10 @@ AXIS: Final = np.array([0.6, -0.48, 0.64])
 """Of errors with a direction, axes i: unit length, and none of the frames' axes."""
 MOST_LATE: Final = 10.0
 """s."""
+FARTHEST: Final = 1e6
+"""Of a drift of places, m."""
+SPARSEST: Final = 1e4
+"""s: a path is followed to the pose behind the last epoch."""
 
 
 @dataclass(frozen=True)
@@ -56,8 +60,8 @@ class InspectorError:
 
     words: str
     apply: Callable[[ToldPoses, float], ToldPoses | None]
+    largest: float
     smallest: float = 1e-6
-    largest: float = np.inf
 
 
 def _late(told: ToldPoses, size: float) -> ToldPoses:
@@ -104,8 +108,10 @@ INSPECTOR_ERRORS: Final[Mapping[str, InspectorError]] = MappingProxyType(
         "turning": InspectorError(
             "attitudes drift by so many rad over the recording", _turning, largest=np.pi
         ),
-        "drifting": InspectorError("places drift by so many m over the recording", _drifting),
-        "sparse": InspectorError("a pose every so many s only", _sparse, smallest=1e-3),
+        "drifting": InspectorError(
+            "places drift by so many m over the recording", _drifting, largest=FARTHEST
+        ),
+        "sparse": InspectorError("a pose every so many s only", _sparse, smallest=1e-3, largest=SPARSEST),
         "missing": InspectorError("no poses at all, as of a forgotten inspector.tum", _missing, largest=0.0),
     }
 )
@@ -119,9 +125,8 @@ def require_inspector_errors(errors: Mapping[str, float]) -> None:
             raise InputError(f"inspector error {name!r} is unknown; use one of {', '.join(INSPECTOR_ERRORS)}")
         error = INSPECTOR_ERRORS[name]
         if error.largest and not (np.isfinite(size) and error.smallest <= size <= error.largest):
-            most = "or more" if np.isinf(error.largest) else f"to {error.largest:.4g}"
             raise InputError(
-                f"inspector error {name} of size {size}: {error.words}; give a size of {error.smallest:g} {most}"
+                f"inspector error {name} of size {size}: {error.words}; give a size of {error.smallest:g} to {error.largest:.4g}"
             )
 
 

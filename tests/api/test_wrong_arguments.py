@@ -173,3 +173,13 @@ def test_a_list_an_array_and_a_path_are_as_good_as_a_text(tmp_path: Path) -> Non
     rates: Any = np.array([1.0, 2.0, 3.0])
     dataset = spinfilters.simulate("gyro", frames=3, rate_rpm=rates, moments=[1, 1.2, 1.4])
     assert len(dataset.log.times) == 3
+
+
+@pytest.mark.parametrize(
+    "error", [{"sparse": 1e9}, {"drifting": 1e300}, {"late": 11.0}, {"turning": 4.0}, {"sparse": 1e-9}]
+)
+def test_an_error_of_an_inspector_beyond_any_use_is_refused_before_it_is_simulated(
+    error: dict[str, float],
+) -> None:
+    with pytest.raises(InputError, match=f"inspector error {next(iter(error))} of size .*; give a size of"):
+        spinfilters.simulate(frames=10, inspector="dead-band", inspector_errors=error)

@@ -101,7 +101,7 @@ def test_right_poses_are_stated_to_be_exact_and_wrong_ones_are_not() -> None:
     [
         ((("slow", 1.0),), "sway", "use one of late, turning, drifting, sparse, missing"),
         ((("late", 0.0),), "sway", "give a size of 1e-06 to 10"),
-        ((("sparse", 1e-9),), "sway", "give a size of 0.001 or more"),
+        ((("sparse", 1e-9),), "sway", "give a size of 0.001 to 1e.04"),
         ((("drifting", float("nan")),), "sway", "give a size of"),
         ((("late", 0.1),), STATIC, "choose one: circle, sway, dead-band"),
     ],
