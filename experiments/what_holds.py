@@ -28,6 +28,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from experiments.command_line import run_study
 from spinfilters.data.atomic_write import make_folder
 from spinfilters.data.dataset import Dataset
 from spinfilters.errors import SpinfiltersError

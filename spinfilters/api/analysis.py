@@ -135,7 +135,7 @@ class KnownInputs:
 
 
 @checked_arguments(
-    sensors=names('names of sensors such as "stereo,gyro", or a list of them'),
+    sensors=names('names of sensors such as "stereo,gyro", or a list of at least one'),
     rate_rpm=three_numbers(RATES),
     moments=three_numbers(MOMENT),
     frames=number(FRAMES),

@@ -102,12 +102,12 @@ def names(cure: str) -> Check:
     """Names: one text that may list several with commas, or a list of texts."""
 
     def check(name: str, value: Any) -> None:
-        """Whether all are texts; which names there are, and how many, is asked where they are used."""
+        """Whether there is one at least."""
         listed = value.split(",") if isinstance(value, str) else value
         plain = isinstance(listed, Iterable) and not isinstance(listed, Mapping | bytes | np.ndarray)
         if not plain or not isinstance(listed, Sequence | set | frozenset | tuple):
             refuse(name, value, cure)
-        if not all(isinstance(each, str) for each in listed):
+        if not listed or not all(isinstance(each, str) and each.strip() for each in listed):
             refuse(name, value, cure)
 
     return check
@@ -167,4 +167,4 @@ def _is_path(value: Any) -> bool:
 
 
 A_RECORDING: Final = "a data set's folder or a recording's file"
-ESTIMATORS: Final = 'names such as "mekf,smoother", or a list of them'
+ESTIMATORS: Final = 'names such as "mekf,smoother", or a list of at least one'

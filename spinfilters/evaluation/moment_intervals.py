@@ -41,8 +41,8 @@ SPHERE_REACH: Final[float] = float(np.sqrt(chdtri(DIMENSION, chdtrc(1, REACH**2)
 """R5: length of the errors of all five directions that is as improbable."""
 STEPS: Final[int] = 3
 """Of a search along the gradient."""
-FRACTIONS: Final = np.array([0.25, 0.5, 0.75, 1.0])
-"""Of a direction that are looked at: a ratio that is bounded by one is nearest to it inside."""
+FRACTIONS: Final = np.array([0.5, 0.75, 1.0])
+"""Of a direction that are looked at, all clear of `NEAREST`: a ratio that is bounded by one is nearest to it inside."""
 NEAREST: Final[float] = 1.0
 """Deviations from which on a departure is taken over its distance."""
 UPPER, LOWER = [0, 1, 0], [2, 2, 1]

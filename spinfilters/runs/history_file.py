@@ -101,7 +101,7 @@ def _status(arrays: Mapping[str, np.ndarray]) -> EstimatorStatus:
     if FINDINGS in arrays:
         try:
             told = [json.loads(str(text)) for text in arrays[FINDINGS]]
-            found = tuple(map(_finding, told))
+            found = tuple(_finding(each) for each, _ in zip(told, reasons, strict=True))
         except (AttributeError, RecursionError) as error:
             raise ValueError(f"its findings are not as they were written ({error})") from None
     pairs = [str(text).rsplit("=", 1) for text in arrays.get(HOLDS, ())]

@@ -70,6 +70,16 @@ class Compiled:
         return cls(function, no_library)
 
     @property
+    def input_shapes(self) -> list[tuple[int, int]]:
+        """Rows and columns of every input."""
+        return [shape for _, shape in self._inputs]
+
+    @property
+    def output_shapes(self) -> list[tuple[int, int]]:
+        """Rows and columns of every output."""
+        return self._outputs
+
+    @property
     def function(self) -> ca.Function:
         """The expression, every output dense."""
         return self._function

@@ -189,13 +189,12 @@ def _interpreted(
     """The same without lanes; matrices lie column by column in the rows of arguments and results."""
     taken = [a if row is None else a[row] for a, row in zip(arguments, rows, strict=True)]
     for k, array in enumerate(taken):
-        high, wide = plain.function.size_in(k)
+        high, wide = plain.input_shapes[k]
         if wide != 1:
             taken[k] = array.reshape(len(array), wide, high).swapaxes(1, 2)
     results = plain(*taken)
-    made = [plain.function.numel_out(k) for k in range(len(results))]
-    pairs = zip(results, made, strict=True)
-    return tuple(result.swapaxes(1, -1).reshape(len(result), width) for result, width in pairs)
+    pairs = zip(results, plain.output_shapes, strict=True)
+    return tuple(result.swapaxes(1, -1).reshape(len(result), high * wide) for result, (high, wide) in pairs)
 
 
 def _largest(row: Int[np.ndarray, " n"]) -> int:

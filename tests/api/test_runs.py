@@ -104,7 +104,7 @@ def test_settings_may_be_an_object_a_mapping_or_a_file(gyro: spinfilters.Dataset
         ({"data": "mine", "segment": "every"}, "'every' is no segment; give a number, times START:END"),
         ({"segment": 2}, "segment 2 is of a recording's folder"),
         ({"estimators": ["kalman"]}, "unknown estimator 'kalman'; choose from mekf"),
-        ({"estimators": []}, "none given"),
+        ({"estimators": []}, "or a list of at least one"),
         ({"estimators": Settings()}, "give them by name: compare(data, settings=...)"),
         ({"settings": {"sensors": {"gyro_noise_std": -1}}}, "settings: sensors.gyro_noise_std is -1; give"),
         ({"settings": {"speed": 1}}, "settings: unknown key 'speed'"),

@@ -191,7 +191,7 @@ def test_a_second_run_replaces_the_first(tmp_path: Path) -> None:
         (["--rate-rpm", "nan", "0", "0"], "'nan' is not allowed"),
         (["--torque", "x", "--chart", "filter"], "which the filters' state does not hold"),
         (["--sensor", "stereo", "stereo"], "sensors stereo, stereo; give each once"),
-        (["--sensor", ","], "sensors none; give each once, and at least one"),
+        (["--sensor", ","], "or a list of at least one"),
         (["--unknowns", "mass"], "unknowns 'mass' is unknown; use one of ratios, moments"),
         (
             ["--unknowns", "moments", "--chart", "tensor"],

@@ -3,11 +3,12 @@
 import importlib.util
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -115,6 +116,7 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     _write_stl(replace(body, vertices=1000 * body.vertices), folder / "body.stl")
     _write_obj(body, folder / "body.obj")
     (folder / "study.toml").write_text(STUDY)
+    (folder / "runs").mkdir()
     (folder / "floating.toml").write_text("[process]\ngravity = false\n")
     images = ImageScenario(
         shape="box",
@@ -128,27 +130,17 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@dataclass
-class Place:
-    """A folder in which commands run, and those that have run there."""
-
-    folder: Path
-    done: set[str] = field(default_factory=set)
-
-
-@pytest.fixture(scope="session")
-def shared_place(inputs: Path) -> Place:
-    """All pages share a folder: what stands on two of them is run once."""
-    (inputs / "runs").mkdir()
-    return Place(inputs)
-
-
 @pytest.fixture
-def place(shared_place: Place, monkeypatch: pytest.MonkeyPatch) -> Place:
-    """The folder, as the one where commands are run; figures are drawn coarsely."""
-    monkeypatch.chdir(shared_place.folder)
+def place(inputs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder of a page's own with the inputs, as the one where commands are run; figures are drawn coarsely.
+
+    Pages share nothing, so that none depends on those which ran before it.
+    """
+    folder = tmp_path / "page"
+    shutil.copytree(inputs, folder)
+    monkeypatch.chdir(folder)
     monkeypatch.setattr(style, "_DPI", 30)
-    return shared_place
+    return folder
 
 
 def _code(arguments: list[str]) -> int:
@@ -171,23 +163,15 @@ def _standard_input(path: str | None) -> Iterator[None]:
 
 
 @pytest.mark.parametrize("page", WITH_COMMANDS, ids=lambda page: page.stem)
-def test_every_command_of_a_page_runs(page: Path, place: Place, capfd: pytest.CaptureFixture[str]) -> None:
-    ran = 0
-    for command in blocks_of(page):
-        small = _small(command)
-        if small is None:
-            continue
-        ran += 1
-        if small in place.done:
-            continue
-        place.done.add(small)
-        code = _run(small, place.folder)
+def test_every_command_of_a_page_runs(page: Path, place: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    every = [small for command in blocks_of(page) if (small := _small(command)) is not None]
+    for small in dict.fromkeys(every):
+        code = _run(small, place)
         said = capfd.readouterr()
         fine = (0, MISSED_DEADLINE) if small.startswith("spinfilters live") else (0,)
         assert code in fine, (small, said.err)
         assert "Traceback" not in said.err + said.out, small
         assert "unexpected" not in said.err, small
-    assert ran or all(_small(command) is None for command in blocks_of(page))
 
 
 def _small(command: str) -> str | None:

@@ -64,7 +64,12 @@ def test_findings_and_what_holds_survive_a_file(tmp_path: Path) -> None:
     assert copy.reasons == status.reasons
     assert dict(copy.holds) == dict(status.holds)
     (again,) = copy.findings
-    assert (again.check, dict(again.numbers), again.about) == ("gap", {"seconds": 3.0}, frozenset({"rate"}))
+    assert (again.check, dict(again.numbers), again.about) == (
+        "gap",
+        {"seconds": 3.0, "other": "a word"},
+        frozenset({"rate"}),
+    )
+    assert (again.sentence, again.cure) == ("nothing was measured", "cut it")
 
 
 def test_reasons_of_an_older_version_have_no_check_of_their_own(tmp_path: Path) -> None:
