@@ -43,7 +43,7 @@ UNUSABLE = {
     "short.tum": (poses(3, 1.0), "has 3 epochs, a motion needs at least 5"),
     "fast.tum": (
         poses(40, 6.0),
-        "have attitudes more than 126 deg from those before and after (172 deg at t = ",
+        "are more than 126 deg from their neighbours (172 deg at t = 0.000 s)",
     ),
 }
 

@@ -117,15 +117,14 @@ def _too_far_apart(
     first = int(np.argmax(apart))
     beside = int(np.clip(first, 0, len(step) - 1))
     told = (
-        f"{np.count_nonzero(apart)} of the first {len(time)} epochs have attitudes more than "
-        f"{np.degrees(LARGEST_TURN):.0f} deg from those before and after ({np.degrees(step[beside]):.0f} deg at "
-        f"t = {time[first]:.3f} s), too far to tell a rotation from its opposite"
+        f"{np.count_nonzero(apart)} of the first {len(time)} epochs are more than {np.degrees(LARGEST_TURN):.0f} deg from "
+        f"their neighbours ({np.degrees(step[beside]):.0f} deg at t = {time[first]:.3f} s), too far to follow"
     )
     if shared is None:
-        return f"{told}: the body turns too fast, or the attitudes are wrong; give a faster frame rate"
+        return f"{told}: give a faster frame rate, or check the attitudes"
     return (
-        f"{told}. The poses rest on {int(np.median(shared[1:]))} landmarks in common with the epoch before (median), "
-        "and may be wrong: give a faster frame rate, or more landmarks"
+        f"{told}. Images share {int(np.median(shared[1:]))} landmarks with the one before (median), so that poses may be wrong: "
+        "give a faster frame rate, or more landmarks"
     )
 
 
