@@ -1,6 +1,7 @@
 """Known trajectory of a camera: its pose in i at any time within."""
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from jaxtyping import Float
@@ -14,6 +15,9 @@ from spinfilters.attitude.conversions import (
 )
 from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.errors import InputError, ShapeError
+
+FEWEST_DIFFERENCES: Final = 8
+"""Second differences of poses with fewer of which noise is not told from bends."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +77,8 @@ class CameraTrajectory:
         """How far interpolated poses are off where the path bends as its poses do: (k,) m and (k,) rad.
 
         At a share s between two poses h apart s (1 - s) h^2 / 2 times the second derivative there, the mean of those at both poses
-        by divided differences; zero at the stamps of the poses, and of less than three.
+        by divided differences; zero at the stamps of the poses, and of less than three. The part of the differences that is noise
+        of the poses is no bend, and left out (`_share_of_bends`).
 
         Raises
         ------
@@ -92,6 +97,8 @@ class CameraTrajectory:
             axis=1,
         )
         inner = np.diff(rates, axis=0) * (2 / (h[:-1] + h[1:]))[:, None]
+        inner[:, :3] *= np.sqrt(_share_of_bends(inner[:, :3]))
+        inner[:, 3:] *= np.sqrt(_share_of_bends(inner[:, 3:]))
         bends = np.concatenate([inner[:1], inner, inner[-1:]])  # at every pose, of the ends that of the next
         before = np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, len(h) - 1)
         share = (time - self.time[before]) / h[before]
@@ -106,6 +113,19 @@ class CameraTrajectory:
                 f"camera poses are known from {self.time[0]:.6f} s to {self.time[-1]:.6f} s and asked for from {first:.6f} s to "
                 f"{last:.6f} s; give poses that cover the observations"
             )
+
+
+def _share_of_bends(differences: Float[np.ndarray, "k 3"]) -> float:
+    """Share of second differences of poses, squared, that is bends of the path and not white noise of the poses.
+
+    White noise has products of neighbours that are -2/3 of the squares, bends that a path has for longer than an interval positive
+    ones. In between the share is linear in that ratio r: 1 + 3 r / 2.
+    """
+    square = float(np.mean(np.sum(differences**2, axis=1)))
+    if len(differences) < FEWEST_DIFFERENCES or not square > 0:
+        return 1.0
+    product = float(np.mean(np.sum(differences[:-1] * differences[1:], axis=1)))
+    return float(np.clip(1 + 1.5 * product / square, 0.0, 1.0))
 
 
 def in_camera(
