@@ -5,6 +5,8 @@ in every call, and reference counts, caches of constants and the marks of its so
 What has been built is evaluated by any number of threads.
 """
 
+import os
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -14,6 +16,9 @@ from typing import Any, Final, Generic, TypeVar, overload
 T = TypeVar("T")
 _LOCK: Final = threading.RLock()
 """Held by the one thread that writes down, differentiates, copies or translates expressions."""
+if sys.platform != "win32":
+    # a process that is forked while another thread builds would wait for that thread's lock for ever
+    os.register_at_fork(before=_LOCK.acquire, after_in_parent=_LOCK.release, after_in_child=_LOCK.release)
 
 
 class _Building(threading.local):

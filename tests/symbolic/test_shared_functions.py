@@ -1,5 +1,6 @@
 """Functions that several threads build and call at once."""
 
+import multiprocessing
 import threading
 from collections.abc import Callable
 
@@ -95,3 +96,34 @@ def test_no_two_threads_hold_the_same_pooled_array() -> None:
             assert (array == value).all()
 
     in_threads(fill)
+
+
+@pytest.mark.filterwarnings(
+    "ignore:.*multi-threaded:DeprecationWarning"
+)  # of Python 3.12 at any fork beside threads
+def test_a_process_that_is_forked_while_a_thread_builds_can_build() -> None:
+    inside, ended = threading.Event(), threading.Event()
+
+    def build() -> None:
+        """Hold the lock for a while that is longer than the fork takes."""
+        with building():
+            inside.set()
+            ended.wait(0.2)
+
+    thread = threading.Thread(target=build)
+    thread.start()
+    inside.wait()
+
+    def build_in_child() -> None:
+        """Take the lock in the forked process."""
+        with building():
+            pass
+
+    child = multiprocessing.get_context("fork").Process(target=build_in_child, daemon=True)
+    child.start()
+    ended.set()
+    thread.join()
+    child.join(20)
+    waits_for_ever = child.is_alive()
+    child.kill()
+    assert not waits_for_ever
