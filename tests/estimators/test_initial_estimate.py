@@ -88,7 +88,7 @@ def test_the_closed_form_finds_centre_of_mass_and_velocity_of_an_exact_motion() 
     x, residual = initial_state(FULL, InitialMotion(0.5 * np.arange(41), *blocks))
     for block in ("t", "v", "c"):
         np.testing.assert_allclose(x[FULL.mean_slice(block)], truth[0, FULL.mean_slice(block)], atol=1e-9)
-    assert residual < 1e-8
+    assert residual < 1e-7  # the root of j'Gj, which rounding leaves at some 1e-16
 
 
 def _poses(dataset: Dataset) -> MotionSamples:
