@@ -218,7 +218,7 @@ def _counted(considered: ConsideredDeviation) -> str:
 
 
 def _absent(noise: StatedNoise) -> str:
-    """What is assumed of a sensor that shows no noise, and how to assume another."""
+    """Sentence on the noise that is assumed of a sensor without any, and how to state another."""
     return (
         f"No noise is seen in the {noise.label} (a simulation without noise?): {noise.value:.1g} {noise.unit} is assumed, and NIS "
         f"is below one; state sensors.{noise.name} for another."

@@ -61,7 +61,7 @@ class Slip:
 
     @property
     def sentence(self) -> str:
-        """What shows it."""
+        """Sentence on the slip, with its time and angle."""
         more = f", the first of {self.count} jumps" if self.count > 1 else ""
         return (
             f"most like a slip of the front end: the attitude of {self.sensor} jumps by {np.degrees(self.angle):.0f} deg at "
@@ -71,7 +71,7 @@ class Slip:
 
     @property
     def cure(self) -> str:
-        """What to do about it."""
+        """Advice for the user."""
         return (
             "correct the association of the front end, or use the recording before or behind it (--segment); other causes are not "
             "named until then"
