@@ -190,3 +190,9 @@ def test_files_that_are_read_at_run_time_are_built_in() -> None:
     for path in texts:
         package = ".".join(path.relative_to(ROOT).parent.parts)
         assert any(path.match(pattern) for pattern in data.get(package, [])), f"{path.name} is not in a wheel"
+
+
+def test_a_name_of_a_test_file_stands_once() -> None:
+    """Folders of tests are no packages: of two files of one name only the first is collected."""
+    files = sorted((ROOT / "tests").rglob("test_*.py"))
+    assert doubled((path.name, str(path.relative_to(ROOT))) for path in files) == {}
