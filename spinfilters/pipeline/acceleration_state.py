@@ -17,7 +17,7 @@ from spinfilters.estimators.initialisation.initial_estimate import InitialEstima
 from spinfilters.estimators.initialisation.prior_change import with_narrower_prior
 from spinfilters.estimators.model_errors.alternatives.acceleration_alternative import ConstantAcceleration
 from spinfilters.linear_algebra.chi_square import chi_square_tail
-from spinfilters.pipeline.log_evidence import minus_twice_log_evidence
+from spinfilters.pipeline.log_evidence import cost_of_first_epochs
 from spinfilters.pipeline.model_errors import tested_about
 from spinfilters.pipeline.setup import Setup
 from spinfilters.settings.run_settings import Settings
@@ -139,12 +139,8 @@ def _cost(setup: Setup) -> float:
 
     Infinite where noise that nobody states is not identified from them.
     """
-    start = setup.initial
     identified = any(each.told for each in setup.identified)  # else gates have refused everything
-    if (setup.sought and not identified) or start.has_failed or not np.isfinite(start.mean).all():
-        return np.inf
-    found = minus_twice_log_evidence(setup, start.mean)
-    return np.inf if found is None else found + 2 * float(np.log(start.prior.std).sum())
+    return np.inf if setup.sought and not identified else cost_of_first_epochs(setup)
 
 
 def _asks(setup: Setup) -> bool:

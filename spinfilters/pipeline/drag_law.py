@@ -13,7 +13,7 @@ import numpy as np
 
 from spinfilters.errors import InputError
 from spinfilters.pipeline.acceleration_state import Make
-from spinfilters.pipeline.log_evidence import minus_twice_log_evidence
+from spinfilters.pipeline.log_evidence import cost_of_first_epochs
 from spinfilters.pipeline.setup import Setup
 from spinfilters.settings.run_settings import AUTO, LINEAR, QUADRATIC, Settings
 
@@ -52,7 +52,4 @@ def _setup(make: Make, settings: Settings, beside: Setup | None) -> Setup | None
 
 def _cost(setup: Setup | None) -> float:
     """-2 ln marginal likelihood of the first epochs, infinite without any."""
-    if setup is None or setup.initial.has_failed or not np.isfinite(setup.initial.mean).all():
-        return np.inf
-    found = minus_twice_log_evidence(setup, setup.initial.mean)
-    return np.inf if found is None else found + 2 * float(np.log(setup.initial.prior.std).sum())
+    return np.inf if setup is None else cost_of_first_epochs(setup)

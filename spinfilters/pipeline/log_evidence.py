@@ -22,3 +22,12 @@ def minus_twice_log_evidence(setup: Setup, trajectory: Float[np.ndarray, "k m"])
             return None if solved is None else minus_twice_log_likelihood(solved)
     except NUMERICAL_ERRORS:
         return None
+
+
+def cost_of_first_epochs(setup: Setup) -> float:
+    """-2 ln marginal likelihood of the initialisation's epochs, with its prior; infinite where they could not be smoothed."""
+    start = setup.initial
+    if start.has_failed or not np.isfinite(start.mean).all():
+        return np.inf
+    found = minus_twice_log_evidence(setup, start.mean)
+    return np.inf if found is None else found + 2 * float(np.log(start.prior.std).sum())

@@ -27,13 +27,10 @@ def model_findings(models: TestedModels, tested: EstimateHistory | None) -> list
     found += [finding("unexplained-residuals", {"text": text}) for text in models.unexplained]
     if models.trouble:
         found.append(finding("models-not-tested", {"text": models.trouble}))
-    named = models.reasons[len(models.beside) :]  # the sentences about named errors, behind all others
-    which = ["/".join(each.error.name for each in own) for own in models.classes]
-    if len(named) != len(which):
-        which = ["+".join(which)] * len(named)
-    for text, names in zip(named, which, strict=True):
-        first = models.classes[0][0]
-        found.append(finding("model-error", {"text": text, **_numbers(first)}, about, names))
+    if models.classes:
+        names = "+".join("/".join(each.error.name for each in own) for own in models.classes)
+        numbers = {"text": models.causes, **_numbers(models.classes[0][0])}
+        found.append(finding("model-error", numbers, about, names))
     return found
 
 

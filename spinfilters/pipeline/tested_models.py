@@ -188,12 +188,13 @@ class TestedModels:
     @property
     def reasons(self) -> list[str]:
         """For doubt: the errors that explain most, with what to do."""
-        return [*self.beside, *([self._causes] if self.classes else [])]
+        return [*self.beside, *([self.causes] if self.classes else [])]
 
     @property
-    def _causes(self) -> str:
+    def causes(self) -> str:
         """The likeliest cause with its cure, and what else is possible, by the share that it explains.
 
+        Only where there are `classes`.
         A score is evidence for a cause, not proof of it: what nobody has put on the list may look like one that is.
         """
         (first, *alike), *others = self.classes
