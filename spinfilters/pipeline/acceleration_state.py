@@ -17,6 +17,7 @@ from spinfilters.estimators.initialisation.initial_estimate import InitialEstima
 from spinfilters.estimators.initialisation.prior_change import with_narrower_prior
 from spinfilters.estimators.model_errors.alternatives.acceleration_alternative import ConstantAcceleration
 from spinfilters.linear_algebra.chi_square import chi_square_tail
+from spinfilters.pipeline.identified_noise import smallest_level
 from spinfilters.pipeline.log_evidence import cost_of_first_epochs
 from spinfilters.pipeline.model_errors import tested_about
 from spinfilters.pipeline.setup import Setup
@@ -37,7 +38,8 @@ ALIKE: Final = 10.0
 """Of -2 ln likelihood, within which the data do not tell two priors apart: the smaller offset is the plainer explanation."""
 CLEAR_FIT: Final = 1.5
 """Rms of whitened residuals of the first epochs above which a score about them says little: the acceleration is tried."""
-
+AT_FLOOR: Final = 1.01
+"""Times the smallest level that can be identified, below which an identified one is that smallest level."""
 
 Make = Callable[[Settings, "Setup | None"], Setup]
 """Makes the setup of a recording with these settings; beside another one from its noise and body, of a common number of epochs."""
@@ -139,8 +141,19 @@ def _cost(setup: Setup) -> float:
 
     Infinite where noise that nobody states is not identified from them.
     """
-    identified = any(each.told for each in setup.identified)  # else gates have refused everything
-    return np.inf if setup.sought and not identified else cost_of_first_epochs(setup)
+    return np.inf if setup.sought and not _identifies_noise(setup) else cost_of_first_epochs(setup)
+
+
+def _identifies_noise(setup: Setup) -> bool:
+    """Whether levels differ from zero, or are the least there are with every measurement accepted.
+
+    Levels that do neither belong to epochs whose gates have refused everything.
+    """
+    sensors = [each for each in setup.identified if not each.is_density]
+    is_free_of_noise = bool(sensors) and all(
+        each.value < AT_FLOOR * smallest_level(each.name) for each in sensors
+    )
+    return any(each.told for each in setup.identified) or (is_free_of_noise and not setup.initial.rejected)
 
 
 def _asks(setup: Setup) -> bool:

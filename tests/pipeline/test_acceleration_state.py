@@ -28,10 +28,16 @@ def steady(epochs: int) -> Dataset:
     return without_noise(recordings(case, 1)[0].dataset)
 
 
-def thrown() -> Dataset:
+def thrown(noise_std: float = 0.002, psd: float = 1e-8) -> Dataset:
     """A fifth of a turn of a body that falls."""
     case = RecordingCase(
-        "thrown", "pose", rate_rpm=(20.0, 9.0, 4.0), psd=1e-8, epochs=24, interval=0.01, noise_std=0.002
+        "thrown",
+        "pose",
+        rate_rpm=(20.0, 9.0, 4.0),
+        psd=psd,
+        epochs=24,
+        interval=0.01,
+        noise_std=noise_std,
     )
     dataset = recordings(case, 1)[0].dataset
     (stream,) = dataset.log.streams
@@ -59,6 +65,11 @@ def test_a_steady_spin_takes_few_solutions_and_has_no_acceleration(solutions: li
     setup = prepare(steady(40), Settings())
     assert not setup.process.layout.has(ACCELERATION)
     assert len(solutions) <= MOST_SOLUTIONS
+
+
+def test_poses_without_noise_that_fall_have_an_acceleration() -> None:
+    setup = prepare(without_noise(thrown(noise_std=1e-9, psd=0.0)), Settings())
+    assert setup.process.layout.has(ACCELERATION)
 
 
 def test_priors_of_the_centre_are_weighed_as_fits_with_each_weigh_them(
