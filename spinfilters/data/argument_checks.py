@@ -1,6 +1,7 @@
 """Checks of the arguments of public functions, before anything is done with them.
 
 Each check is what an argument may be: it takes its name and its value, and raises InputError with the name, the value and the cure.
+NumPy's numbers are numbers: Python's take their place first, so that what comes behind a call, files among them, meets no others.
 """
 
 import inspect
@@ -13,7 +14,7 @@ from typing import Any, Final, ParamSpec, TypeVar
 import numpy as np
 
 from spinfilters.data.input_file import value_text
-from spinfilters.data.stated_values import NumberRange
+from spinfilters.data.stated_values import NumberRange, plain_number
 from spinfilters.errors import InputError
 
 P = ParamSpec("P")
@@ -23,7 +24,7 @@ Check = Callable[[str, Any], None]
 
 
 def checked_arguments(**checks: Check) -> Callable[[Callable[P, T]], Callable[P, T]]:
-    """Decorator: the arguments of these names are checked before the function is called.
+    """Decorator: the arguments of these names are checked before the function is called, with numbers of Python for NumPy's.
 
     Raises
     ------
@@ -41,12 +42,28 @@ def checked_arguments(**checks: Check) -> Callable[[Callable[P, T]], Callable[P,
             bound = signature.bind(*args, **kwargs)
             for name, value in bound.arguments.items():
                 if name in checks:
-                    checks[name](name, value)
-            return function(*args, **kwargs)
+                    bound.arguments[name] = plain_numbers(value)
+                    checks[name](name, bound.arguments[name])
+            return function(*bound.args, **bound.kwargs)
 
         return checked
 
     return decorate
+
+
+def plain_numbers(value: Any, depth: int = 6) -> Any:
+    """A value with numbers of Python for NumPy's, in lists, tuples and dictionaries as well; rows of numbers become lists."""
+    if depth == 0:
+        return value
+    if isinstance(value, np.ndarray) and value.ndim == 1 and value.dtype.kind in "iuf":
+        return value.tolist()
+    if type(value) is dict:
+        return {key: plain_numbers(each, depth - 1) for key, each in value.items()}
+    if type(value) is list:
+        return [plain_numbers(each, depth - 1) for each in value]
+    if type(value) is tuple:
+        return tuple(plain_numbers(each, depth - 1) for each in value)
+    return plain_number(value)
 
 
 def refuse(name: str, value: object, cure: str) -> None:
@@ -140,8 +157,8 @@ def numbers_by_name(cure: str) -> Check:
         if not isinstance(value, Mapping):
             refuse(name, value, cure)
         for key, each in value.items():
-            plain = isinstance(each, int | float) and not isinstance(each, bool)
-            if not isinstance(key, str) or not plain or not math.isfinite(each):
+            is_number = isinstance(each, int | float) and not isinstance(each, bool)
+            if not isinstance(key, str) or not is_number or not math.isfinite(each):
                 refuse(name, value, cure)
 
     return check

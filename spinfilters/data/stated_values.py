@@ -24,7 +24,8 @@ class NumberRange:
     whole: bool = False
 
     def __contains__(self, value: object) -> bool:
-        """Whether a value is a number of the range; truth values are none."""
+        """Whether a value is a number of the range, NumPy's among them; truth values are none."""
+        value = plain_number(value)
         if isinstance(value, bool) or not isinstance(value, int | float):
             return False
         if self.whole and not isinstance(value, int):
@@ -49,7 +50,8 @@ class NumberRange:
         from pydantic_core import core_schema  # only settings need it
 
         number = core_schema.int_schema(strict=True) if self.whole else core_schema.float_schema(strict=True)
-        return core_schema.no_info_after_validator_function(self._checked, number)
+        plain = core_schema.no_info_before_validator_function(plain_number, number)
+        return core_schema.no_info_after_validator_function(self._checked, plain)
 
     def _checked(self, value: float) -> float:
         if value not in self:
@@ -70,6 +72,14 @@ class NumberRange:
         if value not in self:
             raise ValueError(f"{value_text(text)} is not allowed; give {self}")
         return value
+
+
+def plain_number(value: object) -> Any:
+    """Number or truth value of Python for a NumPy scalar or array without axes, anything else as it is."""
+    if getattr(value, "ndim", None) != 0 or not hasattr(value, "item"):
+        return value
+    item: Any = value.item()  # pyright: ignore[reportAttributeAccessIssue]
+    return item if getattr(item, "ndim", None) is None else float(item)  # long double has no Python number
 
 
 LENGTH: Final = NumberRange(-1e9, 1e9, "m")

@@ -9,7 +9,7 @@ from spinfilters.data.consider_parameter import consider_parameters
 from spinfilters.data.dataset_options import DENSITIES
 from spinfilters.data.input_file import path_text, read_toml, value_text
 from spinfilters.data.sensor_format import noise_options
-from spinfilters.data.stated_values import NumberRange
+from spinfilters.data.stated_values import NumberRange, plain_number
 from spinfilters.errors import InputError
 from spinfilters.estimators.filters.iterated_update import IterationOptions
 from spinfilters.estimators.filters.noise_adaptation import AdaptationOptions
@@ -93,7 +93,8 @@ class TruthValue:
     def __get_pydantic_core_schema__(self, _source: object, _handler: object) -> Any:
         from pydantic_core import core_schema
 
-        return core_schema.bool_schema(strict=True)
+        truth = core_schema.bool_schema(strict=True)
+        return core_schema.no_info_before_validator_function(plain_number, truth)
 
 
 @dataclass(frozen=True)

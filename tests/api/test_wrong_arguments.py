@@ -175,6 +175,41 @@ def test_a_list_an_array_and_a_path_are_as_good_as_a_text(tmp_path: Path) -> Non
     assert len(dataset.log.times) == 3
 
 
+def test_numbers_of_numpy_are_numbers() -> None:
+    numbers: dict[str, Any] = {
+        "seed": np.int64(3),
+        "frames": np.uint8(4),
+        "interval": np.float32(0.5),
+        "rate_rpm": np.array([1, 2, 3]),
+        "moments": [np.int32(1), np.float32(1.25), np.longdouble(1.5)],
+        "gyro_bias": (np.float16(0.5), np.array(0.25), 0),
+        "beside": {"pose": np.float32(0.5)},
+    }
+    plain: dict[str, Any] = {
+        "seed": 3,
+        "frames": 4,
+        "interval": 0.5,
+        "rate_rpm": [1, 2, 3],
+        "moments": [1, 1.25, 1.5],
+        "gyro_bias": [0.5, 0.25, 0],
+        "beside": {"pose": 0.5},
+    }
+    given, expected = spinfilters.simulate("gyro", **numbers), spinfilters.simulate("gyro", **plain)
+    assert given.options == expected.options
+    for own, other in zip(given.log.streams, expected.log.streams, strict=True):
+        np.testing.assert_array_equal(own.values, other.values)
+
+
+def test_numbers_of_numpy_are_numbers_of_every_call() -> None:
+    given: Any = {"predict": np.float32(2), "segment": np.int64(1), "settings": {"smoother": {"epochs": 9}}}
+    with pytest.raises(InputError, match=r"no-such|give output"):
+        spinfilters.compare(RECORDING, **given)
+    with pytest.raises(InputError, match="no-such"):
+        spinfilters.load(RECORDING, np.int64(1), rate=np.int16(9))  # pyright: ignore[reportArgumentType]
+    sizes: dict[str, Any] = {"frames": np.int16(9), "landmarks": np.array(5), "interval": np.float32(1)}
+    spinfilters.observe("gyro", rate_rpm=np.float32([1, 2, 3]), **sizes)  # pyright: ignore[reportArgumentType]
+
+
 @pytest.mark.parametrize(
     "error", [{"sparse": 1e9}, {"drifting": 1e300}, {"late": 11.0}, {"turning": 4.0}, {"sparse": 1e-9}]
 )

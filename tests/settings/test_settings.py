@@ -4,6 +4,7 @@ from pathlib import Path
 from types import UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
+import numpy as np
 import pytest
 
 from spinfilters.data.atomic_write import write_toml
@@ -59,6 +60,21 @@ def test_every_setting_is_taken_from_its_table(table: str) -> None:
     for key, default in Settings().document[table].items():
         changed = another(key, default)
         assert settings_from({table: {key: changed}}, "test").document[table][key] == changed
+
+
+@pytest.mark.parametrize("table", TABLES)
+def test_every_number_may_be_of_numpy(table: str, tmp_path: Path) -> None:
+    for key, default in Settings().document[table].items():
+        changed = another(key, default)
+        if isinstance(changed, str):
+            continue
+        for given in (np.array(changed), np.array(changed)[()]):
+            found = settings_from({table: {key: given}}, "test")
+            assert found == settings_from({table: {key: changed}}, "test")
+            write_toml(tmp_path / "config.toml", found.document)
+            assert type(found.document[table][key]) in (bool, int, float)
+    single = settings_from({"process": {"tolerance": np.float32(1e-3)}}, "test")
+    assert single.process.tolerance == float(np.float32(1e-3))
 
 
 @pytest.mark.parametrize(
