@@ -136,6 +136,10 @@ class TorqueFreeProcess:
         """Points after ``dt`` seconds (dt > 0) without noise."""
         return self._integrator.step(x, dt)
 
+    def steps(self, x: Float[np.ndarray, "k m"], dt: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k m"]:
+        """Points after ``dt`` seconds (dt > 0) of their own without noise."""
+        return self._integrator.steps(x, dt)
+
     def disturbed_steps(
         self, x: Float[np.ndarray, "*batch m"], dt: float, normal: Float[np.ndarray, "n *batch 2 b"]
     ) -> Float[np.ndarray, "*batch m"]:

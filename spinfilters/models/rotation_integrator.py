@@ -5,7 +5,7 @@ from math import hypot
 from sys import float_info
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from spinfilters.errors import InputError, SpinfiltersError
 from spinfilters.models.linearised_step import LinearisedStep
@@ -59,6 +59,42 @@ class RotationIntegrator:
             if self.good(error, count):
                 return after
             count *= 2
+
+    def steps(self, x: Float[np.ndarray, "k m"], dt: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k m"]:
+        """Points after dt > 0 seconds of their own.
+
+        Points of equal dt take equal numbers of substeps, as in one `step` of theirs.
+        """
+        if not (np.isfinite(dt) & (dt > 0)).all():
+            raise InputError("time steps must be positive and finite")
+        intervals, of_interval = np.unique(dt, return_inverse=True)
+        fastest = np.zeros(len(intervals))
+        np.maximum.at(fastest, of_interval, self.speeds(x))
+        counts = np.array(
+            [self.count_at(*each) for each in zip(fastest.tolist(), intervals.tolist(), strict=True)]
+        )
+        after = np.empty_like(x)
+        for count in np.unique(counts).tolist():
+            rows = np.flatnonzero(counts[of_interval] == count)
+            after[rows] = self._stepped(x[rows], dt[rows], of_interval[rows], count)
+        return after
+
+    def _stepped(
+        self,
+        x: Float[np.ndarray, "k m"],
+        dt: Float[np.ndarray, " k"],
+        of_interval: Int[np.ndarray, " k"],
+        count: int,
+    ) -> Float[np.ndarray, "k m"]:
+        """`steps` with at least so many substeps; the intervals whose error is too large take twice as many."""
+        after, error = self._stepper(count)(x, dt[:, None])
+        worst = np.zeros(of_interval.max() + 1)
+        np.maximum.at(worst, of_interval, error.reshape(len(x), -1).max(axis=1))
+        is_coarse = (worst > self._tolerance) & np.isfinite(worst)
+        if is_coarse.any() and not self.good(worst[is_coarse], count):
+            rows = np.flatnonzero(is_coarse[of_interval])
+            after[rows] = self._stepped(x[rows], dt[rows], of_interval[rows], 2 * count)
+        return after
 
     def linearise(
         self, x: Float[np.ndarray, " m"], dt: float, densities: Float[np.ndarray, " 2"]

@@ -196,10 +196,8 @@ def true_disturbances(setup: Setup, states: Float[np.ndarray, "k m"]) -> Process
     }
     if not sought:
         return noise
-    dt, step = np.diff(time), np.empty_like(states[1:])
-    for each in np.unique(dt):
-        step[dt == each] = process.step(states[:-1][dt == each], float(each))
-    left = layout.local(step, states[1:]) / np.sqrt(dt)[:, None]
+    dt = np.diff(time)
+    left = layout.local(process.steps(states[:-1], dt), states[1:]) / np.sqrt(dt)[:, None]
     shown = {name: float(np.mean(left[:, layout.slice(block)] ** 2)) for name, block in sought.items()}
     assumed = {name: getattr(noise, name) for name in sought}
     return replace(

@@ -11,6 +11,8 @@ SHORTEST = 1e-6
 """Of an arc, s: an edge that it begins at is not where it ends."""
 SPREAD = 0.2
 """Of the velocity behind a pulse, relative."""
+MOST_ARCS = 4000
+"""Drawn; behind them the cycle repeats from the first arc that begins at the same edge. Of an inspector that is some hours."""
 
 
 def limit_cycle(
@@ -35,16 +37,24 @@ def limit_cycle(
     strength = np.random.default_rng(int(generator.integers(2**32)))
 
     def extended(until: float) -> None:
-        """Arcs up to a time."""
-        while start[-1] < until:
+        """Arcs up to a time, or as many as are drawn and one at whose edge an earlier one begins."""
+        while start[-1] < until and (len(start) <= MOST_ARCS or place[-1] not in place[1:-1]):
             duration, edge = _leaves(place[-1], velocity[-1], acceleration, band)
             start.append(start[-1] + duration)
             place.append(edge)
             velocity.append(-np.sign(edge) * pulse * (1 + SPREAD * float(strength.uniform(-1, 1))))
 
+    def repeated(time: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Times, those behind the last arc in the cycle that repeats."""
+        if np.max(time) <= start[-1]:
+            return time
+        begin, end = start[place.index(place[-1], 1)], start[-1]
+        return np.where(time > end, begin + (time - begin) % (end - begin), time)
+
     def at(time: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Coordinates."""
         extended(float(np.max(time)))
+        time = repeated(time)
         arc = np.clip(np.searchsorted(start, time, side="right") - 1, 0, None)
         since = time - np.array(start)[arc]
         return np.array(place)[arc] + np.array(velocity)[arc] * since + acceleration * since**2 / 2

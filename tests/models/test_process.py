@@ -15,6 +15,7 @@ from spinfilters.dynamics.torque_free import torque_free_motion
 from spinfilters.errors import InputError
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
+from spinfilters.symbolic import Compiled
 
 ROTATION, FULL = StateLayout(ROTATION_BLOCKS), StateLayout(FULL_BLOCKS)
 DRAGGED = StateLayout((*ROTATION_BLOCKS, "d"))
@@ -119,6 +120,29 @@ def test_a_tighter_tolerance_changes_the_step_by_less_than_the_looser_one(loose:
         change = ROTATION.local(fine.step(x, 0.5), coarse.step(x, 0.5))
         assert np.abs(change[ROTATION.slice("a")]).max() < loose
         assert np.abs(change[ROTATION.slice("w")]).max() < loose * np.linalg.norm(x[ROTATION.mean_slice("w")])
+
+
+def test_points_with_time_steps_of_their_own_move_as_those_of_each_step(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    layout, generator = StateLayout(FULL_BLOCKS), np.random.default_rng(4)
+    process = TorqueFreeProcess(layout, ProcessNoise(0.0, 0.0), 1e-8)
+    x = np.array([random_point(layout, 0.5, generator) for _ in range(60)])
+    dt = np.concatenate([np.full(20, 0.1), generator.uniform(0.001, 3.0, 40)])
+    together = process.step(x[:20], 0.1)
+    alone = [process.step(x[k], float(dt[k])) for k in range(20, 60)]
+    calls: list[int] = []
+    evaluate = Compiled.__call__
+
+    def counted(self: Compiled, *arguments: np.ndarray | float) -> tuple[np.ndarray, ...]:
+        calls.append(len(arguments))
+        return evaluate(self, *arguments)
+
+    monkeypatch.setattr(Compiled, "__call__", counted)
+    found = process.steps(x, dt)
+    assert len(calls) < 15
+    np.testing.assert_array_equal(found[:20], together)
+    np.testing.assert_array_equal(found[20:], alone)
 
 
 def test_a_batch_of_points_moves_as_each_of_them_alone() -> None:
