@@ -12,6 +12,7 @@ from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Estimator
 from spinfilters.estimators.history import EPOCH_ARRAYS, EstimateHistory, GrowingHistory
 from spinfilters.runs.fingerprint import ANEW, RunFingerprint
+from spinfilters.runs.history_file import finding_from, finding_text
 from spinfilters.runs.npz_file import DAMAGED, read_arrays, unusable, write_arrays
 from spinfilters.state.status import OWN_STATUS, EstimatorStatus, Finding, Verdict
 
@@ -52,7 +53,7 @@ def save_ended(path: Path, history: EstimateHistory, begin: float, fingerprint: 
     ended = {
         "verdict": str(status.verdict),
         "reasons": list(status.reasons),
-        "checks": [each.check for each in status.findings],
+        "findings": [json.loads(finding_text(each)) for each in status.findings],
     }
     _write(path, rows, {"begin": begin, "ended": ended}, fingerprint)
 
@@ -98,14 +99,20 @@ def _checkpoint(arrays: dict[str, np.ndarray], meta: dict[str, Any], estimator: 
         if not np.isfinite(array).all():
             raise ValueError(f"{name} is not finite")
     if meta["ended"] is not None:
-        ended = meta["ended"]
+        return Checkpoint(rows, _ended_status(meta["ended"]))
+    _restore(estimator, {n.removeprefix(_STATE): a for n, a in arrays.items() if n.startswith(_STATE)}, rows)
+    return Checkpoint(rows, None)
+
+
+def _ended_status(ended: dict[str, Any]) -> EstimatorStatus:
+    """Status that a run ended with; of older checkpoints findings are sentences, and older still, without names."""
+    if "findings" in ended:
+        found = tuple(map(finding_from, ended["findings"]))
+    else:
         reasons = list(map(str, ended["reasons"]))
         checks = map(str, ended.get("checks", [OWN_STATUS] * len(reasons)))
         found = tuple(Finding(check, text) for check, text in zip(checks, reasons, strict=True))
-        status = EstimatorStatus(Verdict(ended["verdict"]), found)
-        return Checkpoint(rows, status)
-    _restore(estimator, {n.removeprefix(_STATE): a for n, a in arrays.items() if n.startswith(_STATE)}, rows)
-    return Checkpoint(rows, None)
+    return EstimatorStatus(Verdict(ended["verdict"]), found)
 
 
 def _restore(estimator: Estimator, state: dict[str, np.ndarray], rows: GrowingHistory) -> None:

@@ -101,7 +101,7 @@ def _status(arrays: Mapping[str, np.ndarray]) -> EstimatorStatus:
     if FINDINGS in arrays:
         try:
             told = [json.loads(str(text)) for text in arrays[FINDINGS]]
-            found = tuple(_finding(each) for each, _ in zip(told, reasons, strict=True))
+            found = tuple(finding_from(each) for each, _ in zip(told, reasons, strict=True))
         except (AttributeError, RecursionError) as error:
             raise ValueError(f"its findings are not as they were written ({error})") from None
     pairs = [str(text).rsplit("=", 1) for text in arrays.get(HOLDS, ())]
@@ -109,7 +109,8 @@ def _status(arrays: Mapping[str, np.ndarray]) -> EstimatorStatus:
     return EstimatorStatus(verdict, found, holds)
 
 
-def _finding(told: Mapping[str, Any]) -> Finding:
+def finding_from(told: Mapping[str, Any]) -> Finding:
+    """A finding of the parsed JSON of `finding_text`. Raises AttributeError, KeyError, TypeError, ValueError: it is none."""
     about = None if told["about"] is None else ALL & frozenset(map(str, told["about"]))
     numbers = {
         str(name): np.nan if value is None else float(value) for name, value in told["numbers"].items()

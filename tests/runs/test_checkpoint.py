@@ -33,7 +33,7 @@ from spinfilters.runs.checkpoint import load_checkpoint, save_checkpoint, save_e
 from spinfilters.runs.checkpoint_store import CheckpointInterval, checkpoint_stores, remove_checkpoints
 from spinfilters.runs.fingerprint import fingerprint_of
 from spinfilters.runs.run_folder import finished_run, write_run
-from spinfilters.state.status import EstimatorStatus, Verdict
+from spinfilters.state.status import EstimatorStatus, Finding, Verdict
 
 KILLS = [(NAMES[k % 2], int(f)) for k, f in enumerate(np.random.default_rng(7).integers(1, 29, 10))]
 
@@ -134,6 +134,17 @@ def test_a_run_that_failed_is_not_made_again(tmp_path: Path) -> None:
     assert evaluation.history.status.verdict is Verdict.FAILED
     assert len(evaluation.history.time) == len(sample().initial.mean)
     assert not comparison.interrupted
+
+
+def test_a_run_that_has_ended_keeps_all_of_its_findings(tmp_path: Path) -> None:
+    numbers = {"chi_square": 31.5, "text": "a hinge"}
+    first = Finding(
+        "model-error:hinge", "most like a hinge", "lock it", numbers, frozenset({"rate", "moments"})
+    )
+    status = EstimatorStatus().doubted(first).failed("the covariance could not be factorised")
+    rows = GrowingHistory(fresh("ukf").layout, sample().end_of_initialisation)
+    save_ended(tmp_path / "ended.npz", rows.ended("ukf", status), rows.begin, fingerprint("ukf"))
+    assert load_checkpoint(tmp_path / "ended.npz", fresh("ukf"), fingerprint("ukf")).status == status
 
 
 def test_ctrl_c_keeps_the_epoch_at_which_it_came(uninterrupted: dict[str, object], tmp_path: Path) -> None:
