@@ -210,10 +210,22 @@ def _no_address(address: str, why: str) -> InputError:
     return InputError(f"scheduler {value_text(address)} is no address ({why}); give tcp://HOST:PORT")
 
 
+_OF_DASK: Final = ("asyncio", "dask", "distributed", "tornado")
+"""Packages of a client and of the loop that it runs in."""
+
+
 @contextmanager
 def _silent_finalisers() -> Iterator[None]:
-    """Drop what destroyed objects complain of: a client that never connected cannot be closed in time."""
-    before, sys.unraisablehook = sys.unraisablehook, lambda _: None
+    """Drop what Dask's destroyed objects complain of: a client that never connected cannot be closed in time."""
+    before = sys.unraisablehook
+
+    def hook(found: Any) -> None:
+        """Complaints of everybody else, as before."""
+        origin = getattr(found.object, "__module__", None) or ""
+        if origin.partition(".")[0] not in _OF_DASK:
+            before(found)
+
+    sys.unraisablehook = hook
     try:
         yield
     finally:

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from io import BytesIO
 from tempfile import TemporaryDirectory
 from time import perf_counter
 from typing import Final, NamedTuple
@@ -110,10 +109,11 @@ def figure_drawn() -> str:
     """A figure drawn without a screen, as PNG."""
     from matplotlib.figure import Figure  # here: broken drawing must not hide the other checks
 
-    picture, figure = BytesIO(), Figure(figsize=(2, 1.5))
+    from spinfilters.plots.style import picture_bytes
+
+    figure = Figure(figsize=(2, 1.5))
     figure.add_subplot().plot([0.0, 1.0], [0.0, 1.0])
-    figure.savefig(picture, format="png")
-    content = picture.getvalue()
+    content = picture_bytes(figure, "png")
     if not content.startswith(b"\x89PNG"):
         raise CheckError(f"{len(content)} bytes that are no PNG")
     return f"{len(content)} bytes"

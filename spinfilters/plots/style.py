@@ -37,7 +37,7 @@ INITIALISATION: Final[str] = "initialisation (smoothed)"
 """What the epochs are called that a smoother made for the filters to begin from."""
 SIGMAS: Final[float] = 3.0
 """Half width of every band, in standard deviations."""
-_ONE_DRAWS: Final = threading.RLock()
+ONE_DRAWS: Final = threading.RLock()
 """Held while matplotlib works: its parser of formulas, fonts and settings belong to the whole process."""
 _RESERVED = {"mekf": BLUE, "ukf": RED}
 _OTHERS = (GREEN, PURPLE, ORANGE, SKY)
@@ -193,7 +193,7 @@ def drawn(draw: Callable[[], Figure], name: str) -> Figure:
     ``name`` is for the note.
     """
     try:
-        with _ONE_DRAWS, np.errstate(all="ignore"):
+        with ONE_DRAWS, np.errstate(all="ignore"):
             return draw()
     except (*NUMERICAL_ERRORS, InputError) as error:  # an estimated body need not be one that a model takes
         return _undrawable(name, error)
@@ -217,10 +217,15 @@ def save_figure(figure: Figure, path: Path) -> None:
     ------
     InputError: as `spinfilters.data.atomic_write.write_bytes`.
     """
+    write_bytes(path, picture_bytes(figure, "png", dpi=_DPI))
+
+
+def picture_bytes(figure: Figure, form: str, **options: Any) -> bytes:
+    """The figure as "png" or "svg", drawn while no other thread draws; ``options`` are those of `Figure.savefig`."""
     target = BytesIO()
-    with _ONE_DRAWS:
-        figure.savefig(target, format="png", dpi=_DPI)
-    write_bytes(path, target.getvalue())
+    with ONE_DRAWS:
+        figure.savefig(target, format=form, **options)
+    return target.getvalue()
 
 
 def _legend_width(widths: Sequence[float], rows: int) -> float:

@@ -30,8 +30,8 @@ class QuantityDifference:
 
     @property
     def largest(self) -> float:
-        """Largest difference in deviations of the one; infinite where one is not finite."""
-        value = float(np.max(np.abs(self.away) / np.where(self.std > 0, self.std, np.inf)))
+        """Largest difference in deviations of the one; infinite where a difference or a deviation is not a number."""
+        value = float(np.max(np.abs(self.away) / np.where(self.std == 0, np.inf, self.std)))
         return value if np.isfinite(value) else float("inf")
 
     @property

@@ -49,7 +49,7 @@ def test_numbers_of_a_sentence_have_at_most_three_digits(check: Check) -> None:
 
 
 def test_every_name_that_the_code_gives_a_finding_is_in_the_list() -> None:
-    given = r"(?:\bfinding\(\s*|\bFinding\(\s*|\.(?:degraded|failed)\((?:[^()]|\([^()]*\))*?,\s*)\"([a-z]+(?:-[a-z]+)+)\""
+    given = r"(?:\bfinding\(\s*|\bFinding\(\s*|\.(?:degraded|failed)\((?:[^()]|\([^()]*\))*?,\s*)\"([a-z]+(?:-[a-z]+)*)\""
     names = {name for path in CODE for name in re.findall(given, path.read_text(encoding="utf-8"))}
     assert len(names) > 20
     assert names <= set(BY_NAME)

@@ -2,7 +2,7 @@
 
 import csv
 from collections.abc import Mapping, Sequence
-from io import BytesIO, StringIO
+from io import StringIO
 from pathlib import Path
 from typing import Any, Final
 
@@ -35,12 +35,14 @@ from spinfilters.plots.style import (
     BLUE,
     GREEN,
     GREY,
+    ONE_DRAWS,
     ORANGE,
     RED,
     SKY,
     EstimatorLine,
     estimator_lines,
     legend_below,
+    picture_bytes,
     tidy,
 )
 
@@ -139,14 +141,13 @@ def _picture(folder: Path, name: str, figure: Figure | None, words: str) -> str:
     """Write a figure as PNG and SVG; its HTML."""
     if figure is None:
         return ""
-    page_png, png, svg = BytesIO(), BytesIO(), BytesIO()
-    figure.savefig(page_png, format="png", dpi=_PAGE_DPI)
-    figure.savefig(png, format="png", dpi=_FILE_DPI)
-    with mpl.rc_context({"svg.hashsalt": name}):
-        figure.savefig(svg, format="svg", metadata={"Date": None})
-    write_bytes(folder / f"{name}.png", png.getvalue())
-    write_bytes(folder / f"{name}.svg", svg.getvalue())
-    return image(page_png.getvalue(), words)
+    with ONE_DRAWS, mpl.rc_context({"svg.hashsalt": name}):
+        page_png = picture_bytes(figure, "png", dpi=_PAGE_DPI)
+        png = picture_bytes(figure, "png", dpi=_FILE_DPI)
+        svg = picture_bytes(figure, "svg", metadata={"Date": None})
+    write_bytes(folder / f"{name}.png", png)
+    write_bytes(folder / f"{name}.svg", svg)
+    return image(page_png, words)
 
 
 MOST_PANELS: Final = 9
