@@ -18,17 +18,35 @@ main() {
   if [ ! -d .venv ]; then create; fi
   say "installing spinfilters${extras:+ [$extras]} into .venv (the first time: some hundred MB, a minute or two)"
   : >"$unfinished"
-  if ! install ${constraints:+--constraint "$constraints"}; then
-    # one version of a package need not be there for every Python and machine; of the smallest versions that is what is tested
-    [ "$constraints" = .ci/constraints.txt ] || fail_to_install
-    say "not all versions of $constraints can be installed here: taking the newest"
-    install || fail_to_install
+  if [ "$constraints" = .ci/constraints.txt ]; then install_without_missing; else
+    install ${constraints:+--constraint "$constraints"} || fail_to_install
   fi
   printf '%s\n' "$wanted" >"$stamp"
   rm "$unfinished"
 }
 
 install() { .venv/bin/python -m pip install --quiet --editable ".${extras:+[$extras]}" "$@" </dev/null; }
+
+# One version of a package need not be there for every Python and machine (of the smallest versions that is what is tested):
+# a pin of a package that pip does not find is dropped, all others stay. Where pip names none, no pin is kept.
+install_without_missing() {
+  pins=.venv/.constraints
+  cat "$constraints" >"$pins"
+  until install --constraint "$pins" 2>"$pins.log"; do
+    cat "$pins.log" >&2
+    missing=$(sed -n 's/.*No matching distribution found for \([A-Za-z0-9._-]*\).*/\1/p' "$pins.log" | sed -n 1p)
+    name=$(printf '%s' "$missing" | sed 's/[-_.]/[-_.]/g')
+    grep -iv "^$name==" "$pins" >"$pins.left" || : # none is left
+    if [ -z "$missing" ] || cmp -s "$pins" "$pins.left"; then
+      say "the versions of $constraints cannot be installed together here: taking the newest"
+      install || fail_to_install
+      return
+    fi
+    say "the version of $missing in $constraints cannot be installed here: taking the newest that fits"
+    mv "$pins.left" "$pins"
+  done
+  cat "$pins.log" >&2
+}
 
 fail_to_install() {
   fail "the installation failed as shown above; check the network and the disk, then repeat the command"

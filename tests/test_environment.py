@@ -14,15 +14,25 @@ case "$*" in
   "-m venv "*) mkdir -p "$3/bin" && cp "$0" "$3/bin/python" ;;
   "-m pip install "*)
     echo "$*" >>pip.log
-    case "$*" in *--constraint*) exit "$CONSTRAINED" ;; esac
+    case "$*" in *--constraint*) exec sh ./refuse.sh "${*##*--constraint }" ;; esac
     ;;
 esac
 """
-"""A Python that only notes what it is to install, and refuses constraints with the code $CONSTRAINED."""
+"""A Python that only notes what it is to install, and leaves it to a script whether constraints can be met."""
+REFUSE = """for name in $MISSING; do
+  if grep -q "^$name==" "$1"; then
+    echo "ERROR: No matching distribution found for $name==1" >&2
+    exit 1
+  fi
+done
+cat "$1" >>taken.log
+exit "$CONSTRAINED"
+"""
+"""A script that refuses constraints of the packages $MISSING, as pip does, and any with the code $CONSTRAINED."""
 APT = """#!/bin/sh
 case "$1" in install) cp "${0%/*}/new-python" "${0%/*}/python3" ;; esac
 """
-TOOLS = ("sh", "cat", "cksum", "cp", "dirname", "mkdir", "rm")
+TOOLS = ("sh", "cat", "cksum", "cmp", "cp", "dirname", "grep", "mkdir", "mv", "rm", "sed")
 
 
 @pytest.fixture
@@ -32,6 +42,7 @@ def project(tmp_path: Path) -> Path:
     for name in ("environment.sh", "constraints.txt", "minimum.txt"):
         shutil.copy(ROOT / ".ci" / name, tmp_path / ".ci" / name)
     shutil.copy(ROOT / "pyproject.toml", tmp_path)
+    (tmp_path / "refuse.sh").write_text(REFUSE)
     place = tmp_path / "bin"
     place.mkdir()
     for name in TOOLS:
@@ -44,10 +55,13 @@ def project(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def made(project: Path, constraints: str | None = None, constrained: int = 0) -> tuple[int, list[str]]:
+def made(
+    project: Path, constraints: str | None = None, constrained: int = 0, missing: str = ""
+) -> tuple[int, list[str]]:
     """Exit code of the script, and what pip was called with."""
     stated = {} if constraints is None else {"SPINFILTERS_CONSTRAINTS": constraints}
-    environment = {"PATH": str(project / "bin"), "CONSTRAINED": str(constrained), **stated}
+    environment = {"PATH": str(project / "bin"), "CONSTRAINED": str(constrained), "MISSING": missing}
+    environment |= stated
     script = [str(project / "bin/sh"), ".ci/environment.sh", "test"]
     code = subprocess.run(script, cwd=project, env=environment, capture_output=True, check=False).returncode
     log = project / "pip.log"
@@ -66,10 +80,20 @@ def test_pinned_versions_are_installed_once(project: Path) -> None:
     code, calls = made(project, ".ci/constraints.txt")
     assert code == 0
     assert len(calls) == 1
-    assert "--constraint .ci/constraints.txt" in calls[0]
+    assert "--constraint" in calls[0]
+    assert (project / "taken.log").read_text() == (project / ".ci/constraints.txt").read_text()
 
 
-def test_where_a_pinned_version_is_not_there_the_newest_are_taken(project: Path) -> None:
+def test_a_pin_that_is_not_there_is_dropped_and_no_other(project: Path) -> None:
+    pins = (project / ".ci/constraints.txt").read_text().split()
+    first, last = (pin.partition("==")[0] for pin in (pins[0], pins[-1]))
+    code, calls = made(project, ".ci/constraints.txt", missing=f"{first} {last}")
+    assert code == 0
+    assert len(calls) == 3
+    assert (project / "taken.log").read_text().split() == pins[1:-1]
+
+
+def test_where_pinned_versions_do_not_fit_together_the_newest_are_taken(project: Path) -> None:
     code, calls = made(project, ".ci/constraints.txt", constrained=1)
     assert code == 0
     assert ["--constraint" in call for call in calls] == [True, False]
