@@ -130,7 +130,7 @@ def _explained(setup: Setup, settings: Settings, evaluations: Sequence[Evaluatio
     """Score tests of the models, with slips of front ends, and a flywheel fitted where anything is suspected."""
     models, best = tested_models(setup, evaluations), tested_history(setup, evaluations)
     is_suspect = models.is_suspect or best is None or best.status.verdict is not Verdict.OK
-    models = replace(models, slips=front_end_slips(setup, with_landmarks=is_suspect))
+    models = replace(models, slips=front_end_slips(setup, with_fits=is_suspect))
     if best is None or not is_suspect or models.slips:
         return models
     return with_flywheel_refit(models, setup, settings, best.mean[: tested_epochs(setup)])

@@ -83,16 +83,16 @@ class Slip:
         return f"{self.sentence}: {self.cure}"
 
 
-def front_end_slips(setup: Setup, with_landmarks: bool) -> tuple[Slip, ...]:
+def front_end_slips(setup: Setup, with_fits: bool) -> tuple[Slip, ...]:
     """Slips of the attitudes that streams tell, one for each sensor that slips.
 
     Parameters
     ----------
-    with_landmarks: whether to look for them in tracks, whose attitudes take time.
+    with_fits: whether to look for them where every epoch's attitude has to be fitted to many rows, which takes time.
     """
     found = []
     for stream in setup.log.streams:
-        if with_landmarks or not sensor_format(stream.sensor).has_landmarks:
+        if with_fits or not sensor_format(stream.sensor).many_rows_an_epoch:
             slip = _slip_of(stream, setup)
             if slip is not None:
                 found.append(slip)

@@ -1,6 +1,8 @@
 """A front end that takes one face of a body for another is named, before contact."""
 
 from functools import cache
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,11 +10,12 @@ from plain_comparison import plain_comparison
 
 from spinfilters.attitude.conversions import multiply, quaternion_from_rotation_vector
 from spinfilters.models.process import ProcessNoise
+from spinfilters.pipeline import front_end_slips as slips
 from spinfilters.pipeline.estimation import Comparison
-from spinfilters.pipeline.front_end_slips import slipped_steps
+from spinfilters.pipeline.front_end_slips import front_end_slips, slipped_steps
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.model_faults.faulty_recording import faulty_recording, model_faults
-from spinfilters.simulation.scenario import RICH_RPM, Scenario
+from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 
 COUNT = 40
 TIME = 0.4 * np.arange(COUNT)
@@ -51,6 +54,21 @@ def test_a_large_jump_of_the_attitude_that_lasts_is_a_slip_and_a_gross_error_is_
 def test_attitudes_that_say_nothing_of_each_other_do_not_slip() -> None:
     q = quaternion_from_rotation_vector(np.random.default_rng(1).normal(size=(COUNT, 3)) * 3)
     assert slipped_steps(TIME, q)[0].size == 0
+
+
+@pytest.mark.parametrize(("kind", "counts"), [("lidar-points", [0, 1]), ("pose", [1, 1])])
+def test_attitudes_that_have_to_be_fitted_are_looked_at_only_where_asked(
+    kind: str, counts: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dataset = simulate(Scenario(kind=kind, epochs=3))
+    setup: Any = SimpleNamespace(log=dataset.log, noise=None, dataset=dataset)
+    looked: list[str] = []
+    sensor = SimpleNamespace(initial_motion=lambda *_: None)
+    monkeypatch.setattr(slips, "sensor_of", lambda name: looked.append(name) or sensor)
+    for with_fits, count in zip((False, True), counts, strict=True):
+        looked.clear()
+        front_end_slips(setup, with_fits)
+        assert len(looked) == count
 
 
 def test_attitudes_that_are_not_finite_do_not_slip() -> None:
