@@ -27,9 +27,9 @@ from spinfilters.symbolic.compiled import address
 
 SHAPE = (3, 6)
 """Components of an observation, and columns of the state that it depends on: of a stereo pair; others go through NumPy."""
-LARGEST_STATE = 48
+ROWS_BESIDE_MODES = 48
 """Rows of the factor beside the modes: state and move."""
-_SIGNATURES = {
+_EPOCH_SIGNATURES = {
     "refresh": Signature("ipiiiip", None),
     "whiten": Signature("ippppp", ctypes.c_double),
     "correct": Signature("iipp" + "pppp", ctypes.c_double),
@@ -43,17 +43,17 @@ _STORED = ("epoch", "hits", "wrong", "last", "transform", "spread", "shift", "po
 
 def steps_of(modes: int, precision: str) -> "NumpySteps | CompiledSteps":
     """Cached steps for a number of modes and a precision, compiled where possible."""
-    library = _library(modes, precision)
+    library = _epoch_library(modes, precision)
     return NumpySteps() if library is None else CompiledSteps(library, modes, precision)
 
 
 @cache
-def _library(modes: int, precision: str) -> ctypes.PyDLL | None:
+def _epoch_library(modes: int, precision: str) -> ctypes.PyDLL | None:
     kind = {"float64": "double", "float32": "float"}[precision]
-    sizes = {"D": SHAPE[0], "C": SHAPE[1], "M": modes, "N": modes + LARGEST_STATE}
+    sizes = {"D": SHAPE[0], "C": SHAPE[1], "M": modes, "N": modes + ROWS_BESIDE_MODES}
     body = files("spinfilters.estimators.landmarks").joinpath("epoch.c").read_text()
     text = f"typedef {kind} stored;\n{correction_text(sizes)}{body}"
-    return with_signatures(load_text(f"landmark_epoch_{modes}", text, FLAGS), _SIGNATURES)
+    return with_signatures(load_text(f"landmark_epoch_{modes}", text, FLAGS), _EPOCH_SIGNATURES)
 
 
 class CompiledSteps:
