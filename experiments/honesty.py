@@ -36,7 +36,7 @@ from spinfilters.campaigns.stated_errors import LARGEST
 from spinfilters.campaigns.study import read_study, study_from
 from spinfilters.data.atomic_write import make_folder, write_text
 from spinfilters.errors import SpinfiltersError
-from spinfilters.estimators.model_errors.alternative import table
+from spinfilters.estimators.model_errors.alternative_table import table
 from spinfilters.plots.style import save_figure
 
 STUDIES: Final = Path(__file__).parent / "studies"

@@ -13,19 +13,15 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.estimators.initialisation.initial_guess import (
-    defining_g,
-    guessed_trajectory,
-    initial_state,
-    wide_prior,
-)
-from spinfilters.estimators.initialisation.initial_motion import initial_motion
+from spinfilters.estimators.initialisation.initial_guess import defining_g, guessed_trajectory, wide_prior
 from spinfilters.estimators.initialisation.options import InitialisationOptions
+from spinfilters.estimators.smoothing.closed_form import initial_state
 from spinfilters.estimators.smoothing.factors.landmark_observations import (
     OBSERVATIONS_NEEDED,
     LandmarkObservations,
     collect_observations,
 )
+from spinfilters.estimators.smoothing.initial_motion import initial_motion
 from spinfilters.estimators.smoothing.problem.least_squares import InitialGuess, Problem, problem_of
 from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
 from spinfilters.estimators.timeline import CameraView, SensorNoise, Timeline, build_timeline

@@ -1,6 +1,5 @@
-"""The two contracts of estimators: recursive, epoch by epoch, and batch, all epochs at once."""
+"""Contract of a recursive estimator, and an estimator that holds its latest belief."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -8,13 +7,7 @@ import numpy as np
 
 from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Estimator, Measurement, ProcessModel, Snapshot, UpdateReport
-from spinfilters.estimators.history import EstimateHistory
-from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
-from spinfilters.estimators.timeline import Timeline
 from spinfilters.state.gaussian import Gaussian
-
-OnEpoch = Callable[[int, int], None]
-"""Called with epochs done and epochs in all."""
 
 
 @dataclass(frozen=True)
@@ -42,14 +35,6 @@ class RecursiveEstimator(Protocol):
 
     def update(self, belief: Gaussian, measurement: Measurement) -> Updated:
         """The belief given one sensor's values at its time."""
-        ...
-
-
-class BatchEstimator(Protocol):
-    """All epochs given all measurements."""
-
-    def smooth(self, timeline: Timeline, initial: InitialEstimate, on_epoch: OnEpoch) -> EstimateHistory:
-        """States and covariances of every epoch, those of the initialisation among them."""
         ...
 
 

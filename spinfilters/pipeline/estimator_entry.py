@@ -1,7 +1,8 @@
-"""Interface of an estimator in a comparison, and the table of all."""
+"""Interface of an estimator in a comparison, of a batch estimator, and the table of all."""
 
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, Final, Generic, Protocol, TypeVar
 
 import numpy as np
 from jaxtyping import Float
@@ -9,14 +10,29 @@ from jaxtyping import Float
 from spinfilters.plugins import PluginGroup, by_name
 
 if TYPE_CHECKING:
-    from spinfilters.estimators.contracts import BatchEstimator
     from spinfilters.estimators.estimator import Estimator
     from spinfilters.estimators.history import EstimateHistory
     from spinfilters.estimators.identification.components import VarianceComponent
+    from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
+    from spinfilters.estimators.timeline import Timeline
     from spinfilters.pipeline.setup import Setup
     from spinfilters.settings.run_settings import Settings
 
 Built = TypeVar("Built", bound="Estimator")
+
+
+OnEpoch = Callable[[int, int], None]
+"""Called with epochs done and epochs in all."""
+
+
+class BatchEstimator(Protocol):
+    """All epochs given all measurements."""
+
+    def smooth(
+        self, timeline: "Timeline", initial: "InitialEstimate", on_epoch: OnEpoch
+    ) -> "EstimateHistory":
+        """States and covariances of every epoch, those of the initialisation among them."""
+        ...
 
 
 class EstimatorEntry(ABC, Generic[Built]):
@@ -45,7 +61,7 @@ class EstimatorEntry(ABC, Generic[Built]):
     def build(self, setup: "Setup", settings: "Settings") -> Built:
         """The recursive estimator, not begun."""
 
-    def batch(self, setup: "Setup", settings: "Settings") -> "BatchEstimator | None":
+    def batch(self, setup: "Setup", settings: "Settings") -> BatchEstimator | None:
         """The batch estimator of a data set; None where it is taken epoch by epoch."""
         return None
 

@@ -27,14 +27,19 @@ def sparse_poses(setup: Setup) -> list[Finding]:
     first = epochs[: len(setup.initial.mean)]
     body = setup.initial.mean[: len(first), setup.process.layout.mean_slice(POSITION.name)]
     distance = float(np.median(np.linalg.norm(body - trajectory.at(first)[:, :3], axis=1)))
-    pixels = _rms(float(rig.calibration[0]) * (place / distance + turn))
+    pixels = _root_mean_square(float(rig.calibration[0]) * (place / distance + turn))
     seen = sum(len(each) for each in streams) / len(epochs)
     if not pixels > setup.noise.pixel_std / np.sqrt(seen):
         return []
     apart = float(np.median(np.diff(trajectory.time)))
-    numbers = {"interval": apart, "millimetres": 1e3 * _rms(place), "rotation": _rms(turn), "pixels": pixels}
+    numbers = {
+        "interval": apart,
+        "millimetres": 1e3 * _root_mean_square(place),
+        "rotation": _root_mean_square(turn),
+        "pixels": pixels,
+    }
     return [finding("sparse-inspector-poses", numbers)]
 
 
-def _rms(values: Float[np.ndarray, " k"]) -> float:
+def _root_mean_square(values: Float[np.ndarray, " k"]) -> float:
     return float(np.sqrt(np.mean(values**2)))

@@ -1,7 +1,7 @@
 """Motion measured directly over a whole recording."""
 
 from spinfilters.data.sensor_format import sensor_format
-from spinfilters.estimators.initialisation.initial_motion import InitialMotion, initial_motion
+from spinfilters.estimators.smoothing.initial_motion import InitialMotion, initial_motion
 from spinfilters.pipeline.first_epochs import initial_samples
 from spinfilters.pipeline.setup import Setup, camera_view
 

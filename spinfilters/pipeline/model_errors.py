@@ -15,7 +15,8 @@ from spinfilters.errors import NUMERICAL_ERRORS, numerical
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.estimators.identification.components import DISTURBANCES
 from spinfilters.estimators.identification.noise_model import NoiseModel
-from spinfilters.estimators.model_errors.alternative import Alternative, table
+from spinfilters.estimators.model_errors.alternative import Alternative
+from spinfilters.estimators.model_errors.alternative_table import table
 from spinfilters.estimators.model_errors.hypotheses import (
     KnownLevels,
     among_inliers,

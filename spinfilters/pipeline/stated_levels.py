@@ -27,12 +27,12 @@ from spinfilters.state.quantities import ALL, NOTHING
 from spinfilters.state.status import Finding, Verdict
 from spinfilters.verdict.checks import STATE_ANOTHER, finding
 
-LARGEST_SCORE: Final = 4.0
+LARGEST_LEVEL_SCORE: Final = 4.0
 """Standard deviations beyond which a test is no chance: one of 8000 levels that are right."""
 LIKELY_SCORE: Final = 2.0
 """Standard deviations below which no other level seems too small: where data have less noise than stated, deviations are only too
 large, and what they are about holds."""
-LARGEST_RATIO: Final = 1.5
+LARGEST_LEVEL_RATIO: Final = 1.5
 """Of a variance to the stated one, below which the difference does not matter: deviations of 1.22."""
 
 
@@ -110,14 +110,14 @@ class _Levels:
         )  # correlated noise is told as white that weighs as much
         asked = [test for test in tests if test.name not in unstated or (white and test.score > 0)]
         worst = max(asked, key=lambda test: abs(test.score), default=None)
-        if worst is None or not abs(worst.score) > LARGEST_SCORE:
+        if worst is None or not abs(worst.score) > LARGEST_LEVEL_SCORE:
             return []
         count = len(self.model.components) + len(self.model.densities)
         found = identify(self.model, self.trajectory, self.points, np.zeros(count))
         if found is None:
             return []
         k = [each.name for each in found.components].index(worst.name)
-        if not abs(found.log_variance[k]) > np.log(LARGEST_RATIO):
+        if not abs(found.log_variance[k]) > np.log(LARGEST_LEVEL_RATIO):
             return []
         others = max((test.score for test in tests if test.name != worst.name), default=0.0)
         about = NOTHING if worst.score < 0 and others < LIKELY_SCORE else ALL

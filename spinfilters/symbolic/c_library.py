@@ -28,6 +28,8 @@ FLAGS = ("-O2", "-ffp-contract=off", "-shared", "-fPIC")
 """No contraction into fused multiply-adds, so that compiled code rounds as CasADi's virtual machine does."""
 NATIVE = "-march=native"
 """Every instruction of this machine: for code that handles many items side by side."""
+KERNEL_FLAGS = (*(flag for flag in FLAGS if "contract" not in flag), "-O3", NATIVE, "-fno-math-errno")
+"""Of loops that are linear algebra and have a NumPy reference: sums may be contracted."""
 
 _LOOP = """
 #include <stdlib.h>

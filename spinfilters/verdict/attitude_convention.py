@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from spinfilters.attitude.conversions import angle_between, inverse, matrix_from_quaternion
 from spinfilters.data.measurement_log import MeasurementStream
-from spinfilters.estimators.initialisation.initial_guess import path_rows
+from spinfilters.estimators.smoothing.closed_form import path_rows
 
 FEWEST_EPOCHS: Final = 24
 """Fewer follow twelve numbers in any convention."""

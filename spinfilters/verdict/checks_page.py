@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from spinfilters.data.atomic_write import write_text
-from spinfilters.estimators.model_errors.alternative import table
+from spinfilters.estimators.model_errors.alternative_table import table
 from spinfilters.estimators.model_errors.jumps import KINDS
 from spinfilters.state.quantities import ALL, LABELS, QUANTITIES
 from spinfilters.state.status import Holds

@@ -6,8 +6,12 @@ from typing import cast
 import numpy as np
 import pytest
 
-from spinfilters.estimators.model_errors.alternative import table
+from spinfilters.estimators.model_errors.alternative_table import ALTERNATIVES, table
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
+
+
+def test_names_of_alternatives_stand_once() -> None:
+    assert len(table()) == len(ALTERNATIVES)
 
 
 def test_every_alternative_says_what_it_is_and_what_to_do() -> None:

@@ -5,14 +5,13 @@ import pytest
 from landmark_samples import LAYOUT, recording
 
 from spinfilters.estimators.filters.sigma_points import SigmaPointOptions, sigma_points
-from spinfilters.estimators.landmarks.compiled_steps import LARGEST_STATE, CompiledSteps, steps_of
+from spinfilters.estimators.landmarks.compiled_steps import ROWS_BESIDE_MODES, CompiledSteps, steps_of
 from spinfilters.estimators.landmarks.held_map import HeldMap
-from spinfilters.estimators.landmarks.landmark_map import SLOTS, LandmarkMap
+from spinfilters.estimators.landmarks.landmark_map import LandmarkMap
 from spinfilters.estimators.landmarks.landmark_options import LandmarkOptions
 from spinfilters.estimators.landmarks.numpy_steps import NumpySteps
-from spinfilters.estimators.landmarks.observations import MapObservations
 from spinfilters.estimators.landmarks.regression import Spread
-from spinfilters.estimators.landmarks.steps import Closing
+from spinfilters.estimators.landmarks.steps import SLOTS, Closing, MapObservations
 from spinfilters.models.gauge import GAUGE_DIM
 from spinfilters.state.blocks import BLOCKS
 
@@ -189,4 +188,4 @@ def test_a_regression_is_that_of_its_reference(precision):
 
 
 def test_there_is_room_for_every_state():
-    assert sum(block.dimension for block in BLOCKS.values()) + GAUGE_DIM <= LARGEST_STATE
+    assert sum(block.dimension for block in BLOCKS.values()) + GAUGE_DIM <= ROWS_BESIDE_MODES

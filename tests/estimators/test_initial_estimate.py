@@ -12,15 +12,12 @@ from spinfilters.data.dataset import Dataset
 from spinfilters.dynamics.mass_distribution import inertia_matrix
 from spinfilters.errors import InputError
 from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
-from spinfilters.estimators.initialisation.initial_guess import (
-    fit_momentum,
-    guessed_trajectory,
-    initial_state,
-)
-from spinfilters.estimators.initialisation.initial_motion import InitialMotion, initial_motion
+from spinfilters.estimators.initialisation.initial_guess import guessed_trajectory
 from spinfilters.estimators.initialisation.initialiser import initialise
 from spinfilters.estimators.initialisation.options import InitialisationOptions
 from spinfilters.estimators.robust.losses import LeastSquares
+from spinfilters.estimators.smoothing.closed_form import fit_momentum, initial_state
+from spinfilters.estimators.smoothing.initial_motion import InitialMotion, initial_motion
 from spinfilters.estimators.smoothing.problem.least_squares import Stage, problem_of, with_common_constants
 from spinfilters.estimators.smoothing.solver.annealing import AnnealedSchedule
 from spinfilters.estimators.smoothing.solver.iterations import ConstantSchedule, SolverOptions, solve

@@ -10,8 +10,8 @@ from spinfilters.attitude.conversions import multiply
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
-from spinfilters.estimators.initialisation.initial_motion import consistent_samples
 from spinfilters.estimators.initialisation.initial_smoothing import SmoothingOptions, smooth_first_epochs
+from spinfilters.estimators.smoothing.initial_motion import consistent_samples
 from spinfilters.estimators.smoothing.problem.least_squares import InitialGuess
 from spinfilters.estimators.smoothing.solver.batch_smoother import NO_LANDMARKS, NO_POINTS
 from spinfilters.evaluation.consistency import true_states

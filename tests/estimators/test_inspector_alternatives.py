@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from spinfilters.estimators.model_errors.alternative import table
+from spinfilters.estimators.model_errors.alternative_table import table
 from spinfilters.estimators.model_errors.hypotheses import NOTHING_KNOWN, noise_of, solved_near
 from spinfilters.estimators.model_errors.score_test import ScoreTest
 from spinfilters.estimators.model_errors.score_tests import score_tests

@@ -5,10 +5,10 @@ import pytest
 
 from spinfilters.estimators.landmarks.landmark_map import (
     CONFIRMED,
-    SLOTS,
     WRONG_IN_A_ROW,
     LandmarkMap,
 )
+from spinfilters.estimators.landmarks.steps import SLOTS
 
 RANK = 4
 

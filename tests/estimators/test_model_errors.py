@@ -8,7 +8,7 @@ import pytest
 
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.measurement_log import MeasurementLog
-from spinfilters.estimators.model_errors.alternative import table
+from spinfilters.estimators.model_errors.alternative_table import table
 from spinfilters.estimators.model_errors.columns import Columns
 from spinfilters.estimators.model_errors.hypotheses import (
     KnownLevels,

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from spinfilters.estimators.model_errors.alternative import table
+from spinfilters.estimators.model_errors.alternative_table import table
 from spinfilters.estimators.model_errors.score_test import ScoreTest
 from spinfilters.pipeline import tested_models
 from spinfilters.pipeline.front_end_slips import Slip

@@ -9,7 +9,7 @@ import pytest
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.dynamics.mass_distribution import inertia_matrix
-from spinfilters.estimators.model_errors.alternative import table
+from spinfilters.estimators.model_errors.alternative_table import table
 from spinfilters.models.process import ProcessNoise
 from spinfilters.simulation.model_faults.faulty_recording import (
     Physics,

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from experiments.honest_cases import RecordingCase, recordings
-from spinfilters.estimators.model_errors.alternative import table
+from spinfilters.estimators.model_errors.alternative_table import table
 from spinfilters.estimators.model_errors.score_test import ScoreTest
 from spinfilters.evaluation.held_quantities import held_text
 from spinfilters.pipeline.estimation import Comparison, compare_estimators

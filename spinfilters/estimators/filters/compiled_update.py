@@ -14,9 +14,14 @@ from jaxtyping import Float
 
 from spinfilters.estimators.estimator import Measurement
 from spinfilters.estimators.filters.square_root_update import LOG_2_PI, Correction
-from spinfilters.estimators.smoothing.kernels.compiled_kernels import KERNEL_FLAGS
 from spinfilters.models.measurement import MeasurementModel
-from spinfilters.symbolic.c_library import Signature, has_wide_vectors, load_text, with_signatures
+from spinfilters.symbolic.c_library import (
+    KERNEL_FLAGS,
+    Signature,
+    has_wide_vectors,
+    load_text,
+    with_signatures,
+)
 from spinfilters.symbolic.compiled import address
 
 LOOSE_SUMS: Final = ("-fassociative-math", "-fno-signed-zeros", "-fno-trapping-math")

@@ -20,7 +20,8 @@ from spinfilters.estimators.filters.noise_adaptation import AdaptationOptions, P
 from spinfilters.estimators.filters.square_root_update import Correction, square_root_update
 from spinfilters.estimators.landmarks.iterated_observations import IteratedObservations
 from spinfilters.estimators.landmarks.landmark_options import LandmarkOptions
-from spinfilters.estimators.landmarks.observations import MapObservations, SolvedObservations, solve_at
+from spinfilters.estimators.landmarks.observations import SolvedObservations, solve_at
+from spinfilters.estimators.landmarks.steps import MapObservations
 from spinfilters.estimators.robust.gate_weights import RobustOptions
 from spinfilters.estimators.robust.outlier_rejection import SensorOutlierRejection
 from spinfilters.state.blocks.rigid_body import ATTITUDE

@@ -30,8 +30,9 @@ from spinfilters.estimators.filters.square_root_update import triangular_factor
 from spinfilters.estimators.landmarks.belief import Belief, LandmarkBelief
 from spinfilters.estimators.landmarks.held_map import HeldMap
 from spinfilters.estimators.landmarks.landmark_options import LandmarkOptions
-from spinfilters.estimators.landmarks.observations import MapObservations, SolvedObservations
+from spinfilters.estimators.landmarks.observations import SolvedObservations
 from spinfilters.estimators.landmarks.shared_modes import anchored_at_pose
+from spinfilters.estimators.landmarks.steps import MapObservations
 from spinfilters.estimators.robust.gate_weights import RobustOptions
 from spinfilters.estimators.robust.outlier_rejection import OutlierRejection, SensorOutlierRejection
 from spinfilters.models.gauge import GAUGE_DIM, state_in_g

@@ -25,8 +25,9 @@ from spinfilters.estimators.filters.square_root_update import (
     triangular_factor,
 )
 from spinfilters.estimators.landmarks.landmark_options import LandmarkOptions
-from spinfilters.estimators.landmarks.observations import MapObservations, SolvedObservations, solve
+from spinfilters.estimators.landmarks.observations import SolvedObservations, solve
 from spinfilters.estimators.landmarks.regression import Regression
+from spinfilters.estimators.landmarks.steps import MapObservations
 from spinfilters.estimators.robust.gate_weights import RobustOptions
 from spinfilters.estimators.robust.outlier_rejection import SensorOutlierRejection
 

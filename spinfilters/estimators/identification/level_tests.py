@@ -28,7 +28,7 @@ STEPS: Final = 2
 """From the states given towards the most probable ones, before the test."""
 LEAST_INFORMATION: Final = 0.25
 """Of a ln variance, below which nothing is tested: its standard deviation is 2."""
-SMALLEST_SHARE: Final = 1e-9
+LEAST_SHARE: Final = 1e-9
 """Of a sum of squares to its expectation."""
 
 
@@ -76,7 +76,7 @@ def _scores(
     information: Float[np.ndarray, "c c"],
 ) -> Float[np.ndarray, " c"]:
     scores = np.zeros(len(squares))
-    seen = np.maximum(squares, SMALLEST_SHARE * np.maximum(redundancy, SMALLEST_SHARE))
+    seen = np.maximum(squares, LEAST_SHARE * np.maximum(redundancy, LEAST_SHARE))
     expected = np.sqrt(np.maximum(redundancy, 0.0) / seen)
     F = information * expected * expected[:, None]
     told = np.flatnonzero(np.diag(F) > LEAST_INFORMATION)

@@ -15,16 +15,11 @@ from jaxtyping import Float
 
 from spinfilters.estimators.estimator import ProcessModel
 from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
-from spinfilters.estimators.initialisation.initial_guess import (
-    MASS_SHARES,
-    defining_g,
-    guessed_trajectory,
-    initial_state,
-    wide_prior,
-)
-from spinfilters.estimators.initialisation.initial_motion import initial_motion
+from spinfilters.estimators.initialisation.initial_guess import defining_g, guessed_trajectory, wide_prior
 from spinfilters.estimators.initialisation.initial_smoothing import SmoothingOptions, smooth_first_epochs
 from spinfilters.estimators.initialisation.options import InitialisationOptions
+from spinfilters.estimators.smoothing.closed_form import MASS_SHARES, initial_state
+from spinfilters.estimators.smoothing.initial_motion import initial_motion
 from spinfilters.estimators.smoothing.problem.least_squares import (
     InitialGuess,
 )

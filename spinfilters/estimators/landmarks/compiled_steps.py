@@ -4,7 +4,6 @@ import ctypes
 from functools import cache
 from importlib.resources import files
 from operator import is_
-from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -16,23 +15,21 @@ from spinfilters.estimators.landmarks.numpy_steps import NEW_LANDMARK_SHARE, Num
 from spinfilters.estimators.landmarks.steps import (
     AddedLandmarks,
     Closing,
+    LandmarkArrays,
     LinearisedObservations,
+    MapObservations,
     NewModes,
+    PoseSpread,
     WhitenedLandmarks,
 )
 from spinfilters.symbolic.c_library import Signature, load_text, with_signatures
 from spinfilters.symbolic.compiled import address
 
-if TYPE_CHECKING:
-    from spinfilters.estimators.landmarks.landmark_map import LandmarkMap
-    from spinfilters.estimators.landmarks.observations import MapObservations
-    from spinfilters.estimators.landmarks.regression import Spread
-
 SHAPE = (3, 6)
 """Components of an observation, and columns of the state that it depends on: of a stereo pair; others go through NumPy."""
-LARGEST_STATE = 48
+ROWS_BESIDE_MODES = 48
 """Rows of the factor beside the modes: state and move."""
-_SIGNATURES = {
+_EPOCH_SIGNATURES = {
     "refresh": Signature("ipiiiip", None),
     "whiten": Signature("ippppp", ctypes.c_double),
     "correct": Signature("iipp" + "pppp", ctypes.c_double),
@@ -46,17 +43,17 @@ _STORED = ("epoch", "hits", "wrong", "last", "transform", "spread", "shift", "po
 
 def steps_of(modes: int, precision: str) -> "NumpySteps | CompiledSteps":
     """Cached steps for a number of modes and a precision, compiled where possible."""
-    library = _library(modes, precision)
+    library = _epoch_library(modes, precision)
     return NumpySteps() if library is None else CompiledSteps(library, modes, precision)
 
 
 @cache
-def _library(modes: int, precision: str) -> ctypes.PyDLL | None:
+def _epoch_library(modes: int, precision: str) -> ctypes.PyDLL | None:
     kind = {"float64": "double", "float32": "float"}[precision]
-    sizes = {"D": SHAPE[0], "C": SHAPE[1], "M": modes, "N": modes + LARGEST_STATE}
+    sizes = {"D": SHAPE[0], "C": SHAPE[1], "M": modes, "N": modes + ROWS_BESIDE_MODES}
     body = files("spinfilters.estimators.landmarks").joinpath("epoch.c").read_text()
     text = f"typedef {kind} stored;\n{correction_text(sizes)}{body}"
-    return with_signatures(load_text(f"landmark_epoch_{modes}", text, FLAGS), _SIGNATURES)
+    return with_signatures(load_text(f"landmark_epoch_{modes}", text, FLAGS), _EPOCH_SIGNATURES)
 
 
 class CompiledSteps:
@@ -68,14 +65,14 @@ class CompiledSteps:
         self._known: tuple[np.ndarray, ...] = ()
         self._places = (ctypes.c_void_p * len(_STORED))()
 
-    def refresh(self, stored: "LandmarkMap", rows: Int[np.ndarray, " q"]) -> None:
+    def refresh(self, stored: LandmarkArrays, rows: Int[np.ndarray, " q"]) -> None:
         """Bring the chosen landmarks' transformations to the present epoch, in C."""
         rows = np.ascontiguousarray(rows)
         self._c.refresh(len(rows), address(rows), 0, 0, stored.now, len(stored.shift), self._map(stored))
 
     def whitened(
         self,
-        stored: "LandmarkMap",
+        stored: LandmarkArrays,
         at: Int[np.ndarray, " k"],
         linear: Float[np.ndarray, "k d w"],
         weights: Float[np.ndarray, " k"],
@@ -107,7 +104,7 @@ class CompiledSteps:
 
     def solved(
         self,
-        observations: "MapObservations",
+        observations: MapObservations,
         x: Float[np.ndarray, " m"],
         factor: Float[np.ndarray, "N N"],
         limit: float,
@@ -134,7 +131,7 @@ class CompiledSteps:
 
     def solved_rows(
         self,
-        observations: "MapObservations",
+        observations: MapObservations,
         linear: Float[np.ndarray, "k d w"],
         log_noise: float,
         factor: Float[np.ndarray, "N N"],
@@ -157,7 +154,7 @@ class CompiledSteps:
         return _correction(made, nis, k * d, log_noise), WhitenedLandmarks(kept, (k, d, width), log_noise)
 
     def regressed(
-        self, observations: "MapObservations", spread: "Spread", points: SigmaPoints
+        self, observations: MapObservations, spread: PoseSpread, points: SigmaPoints
     ) -> LinearisedObservations | None:
         """Statistical linearisation of observations in C, None where not possible."""
         o, (d, c) = observations, SHAPE
@@ -178,7 +175,7 @@ class CompiledSteps:
         )
         return LinearisedObservations(rows, valid > 0, log_noise)
 
-    def close(self, stored: "LandmarkMap", closing: Closing) -> AddedLandmarks:
+    def close(self, stored: LandmarkArrays, closing: Closing) -> AddedLandmarks:
         """Close an epoch as `NumpySteps.close`, in C."""
         r, n, (k, _, c) = len(closing.remembered), closing.factor.shape[1], closing.by_pose.shape
         if (closing.white.shape[1], c) != SHAPE:
@@ -205,7 +202,7 @@ class CompiledSteps:
         stored.now += 1
         return AddedLandmarks(new, modes, roots)
 
-    def _map(self, stored: "LandmarkMap") -> int:
+    def _map(self, stored: LandmarkArrays) -> int:
         """Address of those of the map's arrays, looked up when they are other arrays."""
         arrays = tuple([getattr(stored, name) for name in _STORED])
         if not (self._known and all(map(is_, arrays, self._known))):

@@ -12,8 +12,8 @@ from spinfilters.estimators.filters.square_root_update import Correction
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.estimators.landmarks.landmark_map import CONFIRMED, LandmarkMap
 from spinfilters.estimators.landmarks.landmark_options import LandmarkOptions
-from spinfilters.estimators.landmarks.observations import MapObservations, SolvedObservations
-from spinfilters.estimators.landmarks.steps import Closing
+from spinfilters.estimators.landmarks.observations import SolvedObservations
+from spinfilters.estimators.landmarks.steps import Closing, MapObservations
 from spinfilters.models.gauge import GAUGE_DIM
 from spinfilters.models.landmark_sensor import LandmarkSensor, NewLandmarks
 from spinfilters.state.layout import StateLayout

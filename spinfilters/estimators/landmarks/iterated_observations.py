@@ -13,11 +13,10 @@ from jaxtyping import Float
 from spinfilters.estimators.filters.iterated_update import IterationOptions, agrees, iterate
 from spinfilters.estimators.landmarks.observations import (
     ChosenObservations,
-    MapObservations,
     SolvedObservations,
     corrected,
 )
-from spinfilters.estimators.landmarks.steps import LinearisedObservations
+from spinfilters.estimators.landmarks.steps import LinearisedObservations, MapObservations
 
 
 @dataclass(frozen=True)

@@ -16,11 +16,8 @@ from jaxtyping import Float, Int
 
 from spinfilters.estimators.landmarks.compiled_steps import steps_of
 from spinfilters.estimators.landmarks.numpy_steps import next_epoch
+from spinfilters.estimators.landmarks.steps import SLOTS, LandmarkArrays
 
-SLOTS = 24
-"""Epochs that a landmark may fall behind; less would touch more landmarks, more would keep more transformations."""
-FIRST_ROOM = 256
-"""Landmarks for which there is room before the arrays grow."""
 CONFIRMED = 2
 """Observations that agree, from which on a landmark is believed more than an observation that does not."""
 WRONG_IN_A_ROW = 3
@@ -28,39 +25,15 @@ WRONG_IN_A_ROW = 3
 FIELDS = ("ids", "points", "modes", "roots", "epoch", "hits", "wrong", "last")
 
 
-class LandmarkMap:
-    """Landmarks in rows, the first ``count`` of arrays that grow in steps.
-
-    Attributes
-    ----------
-    ids: (k,).   points: (k, 3) m, in the map's frame.   modes: (k, 3, r) A.   roots: (k, 3, 3) L.
-    epoch: (k,) of whose modes ``modes`` speak.   hits: (k,) observations that agree.   wrong: (k,) refused ones in a row.
-    last: (k,) epoch of the last observation.   now: the present epoch.   turn: row from which the next share begins.
-    transform, spread: (SLOTS, r, r), shift: (SLOTS, r), see the module's docstring; slot of an epoch: its number modulo SLOTS.
-    """
+class LandmarkMap(LandmarkArrays):
+    """Landmarks in rows, the first ``count`` of arrays that grow in steps."""
 
     def __init__(self, rank: int, precision: str = "float64") -> None:
-        kept, self.steps = np.dtype(precision), steps_of(rank, precision)
-        self.count, self.now, self.turn = 0, 0, 0
-        self.ids = np.zeros(FIRST_ROOM, dtype=np.int64)
-        self.points = np.zeros((FIRST_ROOM, 3))
-        self.modes = np.zeros((FIRST_ROOM, 3, rank), dtype=kept)
-        self.roots = np.zeros((FIRST_ROOM, 3, 3), dtype=kept)
-        self.epoch, self.hits, self.wrong, self.last = (
-            np.zeros(FIRST_ROOM, dtype=np.int64) for _ in range(4)
-        )
-        self.transform = np.tile(np.eye(rank), (SLOTS, 1, 1))
-        self.spread = np.zeros((SLOTS, rank, rank))
-        self.shift = np.zeros((SLOTS, rank))
+        super().__init__(rank, precision, steps_of(rank, precision))
         self._rows: dict[int, int] = {}
 
     def __len__(self) -> int:
         return self.count
-
-    @property
-    def rank(self) -> int:
-        """r, number of modes."""
-        return self.modes.shape[2]
 
     def locate(self, ids: Int[np.ndarray, " q"]) -> Int[np.ndarray, " q"]:
         """Row of every id, -1 where the map does not hold it."""

@@ -1,7 +1,5 @@
 """Steps of an epoch in NumPy, the reference without a compiler."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -16,15 +14,13 @@ from spinfilters.estimators.filters.square_root_update import (
 from spinfilters.estimators.landmarks.steps import (
     AddedLandmarks,
     Closing,
+    LandmarkArrays,
     LinearisedObservations,
+    MapObservations,
     NewModes,
+    PoseSpread,
     WhitenedLandmarks,
 )
-
-if TYPE_CHECKING:
-    from spinfilters.estimators.landmarks.landmark_map import LandmarkMap
-    from spinfilters.estimators.landmarks.observations import MapObservations
-    from spinfilters.estimators.landmarks.regression import Spread
 
 NEW_LANDMARK_SHARE = 0.5
 """Of the information of a new landmark's own covariance that its next observation has of it, about."""
@@ -33,7 +29,7 @@ NEW_LANDMARK_SHARE = 0.5
 class NumpySteps:
     """Landmark steps in NumPy; `compiled_steps.CompiledSteps` takes the same in C."""
 
-    def refresh(self, stored: "LandmarkMap", rows: Int[np.ndarray, " q"]) -> None:
+    def refresh(self, stored: LandmarkArrays, rows: Int[np.ndarray, " q"]) -> None:
         """Bring landmarks in these rows up to the present epoch's modes."""
         rows = rows[stored.epoch[rows] != stored.now]
         slot = stored.epoch[rows] % len(stored.shift)
@@ -47,7 +43,7 @@ class NumpySteps:
 
     def whitened(
         self,
-        stored: "LandmarkMap",
+        stored: LandmarkArrays,
         at: Int[np.ndarray, " k"],
         linear: Float[np.ndarray, "k d w"],
         weights: Float[np.ndarray, " k"],
@@ -98,7 +94,7 @@ class NumpySteps:
 
     def solved(
         self,
-        observations: "MapObservations",
+        observations: MapObservations,
         x: Float[np.ndarray, " m"],
         factor: Float[np.ndarray, "N N"],
         limit: float,
@@ -108,7 +104,7 @@ class NumpySteps:
 
     def solved_rows(
         self,
-        observations: "MapObservations",
+        observations: MapObservations,
         linear: Float[np.ndarray, "k d w"],
         log_noise: float,
         factor: Float[np.ndarray, "N N"],
@@ -118,12 +114,12 @@ class NumpySteps:
         return None
 
     def regressed(
-        self, observations: "MapObservations", spread: "Spread", points: SigmaPoints
+        self, observations: MapObservations, spread: PoseSpread, points: SigmaPoints
     ) -> LinearisedObservations | None:
         """Compiled form of `Spread.regressed`; here always None."""
         return None
 
-    def close(self, stored: "LandmarkMap", closing: Closing) -> AddedLandmarks:
+    def close(self, stored: LandmarkArrays, closing: Closing) -> AddedLandmarks:
         """Finish an epoch after the correction.
 
         The map moves to the next epoch; returned is what new landmarks begin with.
@@ -139,7 +135,7 @@ class NumpySteps:
 
 
 def next_epoch(
-    stored: "LandmarkMap",
+    stored: LandmarkArrays,
     transform: Float[np.ndarray, "r r"],
     dropped: Float[np.ndarray, "r c"],
     shift: Float[np.ndarray, " r"],
@@ -177,7 +173,7 @@ def _new_modes(closing: Closing) -> NewModes:
     return NewModes(R.T @ vector, vector[:, :r].T @ turn.T, value[::-1][:r].copy())
 
 
-def _observe(stored: "LandmarkMap", closing: Closing, new: NewModes) -> None:
+def _observe(stored: LandmarkArrays, closing: Closing, new: NewModes) -> None:
     """Move observed landmarks, and tell them by the new modes."""
     at, (X, gram) = closing.at, _own_parts(closing.white)
     modes, roots = stored.modes[at].astype(float), stored.roots[at].astype(float)

@@ -1,69 +1,13 @@
 """Observations of landmarks of the map, from their rows to a correction of state and modes."""
 
-from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from spinfilters.estimators.filters.square_root_update import Correction
-from spinfilters.estimators.landmarks.landmark_map import LandmarkMap
-from spinfilters.estimators.landmarks.steps import LinearisedObservations, WhitenedLandmarks
+from spinfilters.estimators.landmarks.steps import LinearisedObservations, MapObservations, WhitenedLandmarks
 from spinfilters.estimators.robust.outlier_rejection import SensorOutlierRejection
-from spinfilters.models.landmark_sensor import LandmarkSensor
-from spinfilters.state.layout import StateLayout
-
-
-@dataclass(frozen=True)
-class MapObservations:
-    """One measurement of k landmarks of the map, and of q that it does not hold.
-
-    Attributes
-    ----------
-    values, parameters: (k, v), (k, p).   at: (k,) rows of the map, which are up to date.
-    known: (k + q,) which of all are of landmarks of the map.
-    columns: (c + r,) errors that are observed: those of the pose, then the modes.
-    scale: by which the covariance of the noise differs from the stated one.
-    """
-
-    layout: StateLayout
-    sensor: LandmarkSensor
-    values: Float[np.ndarray, "k v"]
-    parameters: Float[np.ndarray, "k p"]
-    at: Int[np.ndarray, " k"]
-    known: Bool[np.ndarray, " m"]
-    landmarks: LandmarkMap
-    columns: Int[np.ndarray, " q"]
-    scale: float
-
-    @cached_property
-    def points(self) -> Float[np.ndarray, "k 3"]:
-        """Points of the observed landmarks, m."""
-        return self.landmarks.points[self.at]
-
-    @cached_property
-    def modes(self) -> Float[np.ndarray, "k 3 r"]:
-        """Modes of the observed landmarks."""
-        return self.landmarks.modes[self.at].astype(float)
-
-    @cached_property
-    def roots(self) -> Float[np.ndarray, "k 3 3"]:
-        """Square roots of the observed landmarks' own covariances."""
-        return self.landmarks.roots[self.at].astype(float)
-
-    def rows_at(
-        self, x: Float[np.ndarray, " m"], points: Float[np.ndarray, "k 3"] | None = None
-    ) -> LinearisedObservations:
-        """First derivatives at a state and at points, those of the map where none are given."""
-        k, d = len(self.values), self.sensor.dim
-        places = (self.landmarks.points, self.at) if points is None else (points, None)
-        made, valid, square, determinant = self.sensor.observation_rows(
-            x[None], places[0], self.parameters[:, 3:], self.values, rows=(None, places[1], None, None)
-        )
-        rows = made.reshape(k, d, len(self.sensor.columns) + 4)
-        good = (valid[:, 0] > 0) & np.isfinite(square[:, 0])
-        return LinearisedObservations(rows, good, np.log(determinant[:, 0]))
 
 
 class ChosenObservations(NamedTuple):

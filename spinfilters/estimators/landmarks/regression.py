@@ -6,20 +6,17 @@ noise.
 """
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
 
 from spinfilters.estimators.filters.sigma_points import SigmaPointOptions, SigmaPoints, sigma_points
 from spinfilters.estimators.filters.square_root_update import (
-    is_lower,
     last_nonzero,
     lower_roots,
     triangular_factor,
 )
-from spinfilters.estimators.landmarks.observations import MapObservations
-from spinfilters.estimators.landmarks.steps import LinearisedObservations
+from spinfilters.estimators.landmarks.steps import LinearisedObservations, MapObservations, PoseSpread
 from spinfilters.linear_algebra.lapack import dtrtrs
 
 
@@ -43,27 +40,8 @@ class Regression:
         return spread.regressed(o, points) if found is None else found
 
 
-@dataclass(frozen=True)
-class Spread:
-    """States and landmarks moved by sigma points.
-
-    Attributes
-    ----------
-    states: (p, m) at the points.
-    pose: (c, s) by the coordinates that move it.   modes: (r, s) by the same.
-    late: (r, r) lower triangular root of the modes' covariance by all other coordinates.
-    """
-
-    states: Float[np.ndarray, "p m"]
-    pose: Float[np.ndarray, "c s"]
-    modes: Float[np.ndarray, "r s"]
-    late: Float[np.ndarray, "r r"]
-
-    @cached_property
-    def is_solvable(self) -> bool:
-        """Whether the pose is a lower triangle of full rank: its columns lead the state."""
-        square = len(self.pose) == self.pose.shape[1]
-        return square and is_lower(self.pose) and bool(np.diagonal(self.pose).all())
+class Spread(PoseSpread):
+    """States and landmarks moved by sigma points, and the regression over them."""
 
     def regressed(self, o: MapObservations, points: SigmaPoints) -> LinearisedObservations:
         """Observations regressed on errors of the pose, the modes and the landmark."""

@@ -20,10 +20,20 @@ taken for every landmark's own (`observe`). Landmarks that were not observed fol
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+
+from spinfilters.estimators.filters.sigma_points import SigmaPoints
+from spinfilters.estimators.filters.square_root_update import Correction, is_lower
+from spinfilters.models.landmark_sensor import LandmarkSensor
+from spinfilters.state.layout import StateLayout
+
+SLOTS = 24
+"""Epochs that a landmark may fall behind; less would touch more landmarks, more would keep more transformations."""
+FIRST_ROOM = 256
+"""Landmarks for which there is room before the arrays grow."""
 
 
 class LinearisedObservations(NamedTuple):
@@ -38,6 +48,112 @@ class LinearisedObservations(NamedTuple):
     rows: Float[np.ndarray, "k d w"]
     valid: Bool[np.ndarray, " k"]
     log_noise: Float[np.ndarray, " k"]
+
+
+class LandmarkArrays:
+    """Landmarks in rows, the first ``count`` of arrays.
+
+    Attributes
+    ----------
+    ids: (k,).   points: (k, 3) m, in the map's frame.   modes: (k, 3, r) A.   roots: (k, 3, 3) L.
+    epoch: (k,) of whose modes ``modes`` speak.   hits: (k,) observations that agree.   wrong: (k,) refused ones in a row.
+    last: (k,) epoch of the last observation.   now: the present epoch.   turn: row from which the next share begins.
+    transform, spread: (SLOTS, r, r), shift: (SLOTS, r), see `landmark_map`; slot of an epoch: its number modulo SLOTS.
+    steps: of an epoch, compiled where possible.
+    """
+
+    def __init__(self, rank: int, precision: str, steps: "LandmarkSteps") -> None:
+        kept, self.steps = np.dtype(precision), steps
+        self.count, self.now, self.turn = 0, 0, 0
+        self.ids = np.zeros(FIRST_ROOM, dtype=np.int64)
+        self.points = np.zeros((FIRST_ROOM, 3))
+        self.modes = np.zeros((FIRST_ROOM, 3, rank), dtype=kept)
+        self.roots = np.zeros((FIRST_ROOM, 3, 3), dtype=kept)
+        self.epoch, self.hits, self.wrong, self.last = (
+            np.zeros(FIRST_ROOM, dtype=np.int64) for _ in range(4)
+        )
+        self.transform = np.tile(np.eye(rank), (SLOTS, 1, 1))
+        self.spread = np.zeros((SLOTS, rank, rank))
+        self.shift = np.zeros((SLOTS, rank))
+
+    @property
+    def rank(self) -> int:
+        """r, number of modes."""
+        return self.modes.shape[2]
+
+
+@dataclass(frozen=True)
+class MapObservations:
+    """One measurement of k landmarks of the map, and of q that it does not hold.
+
+    Attributes
+    ----------
+    values, parameters: (k, v), (k, p).   at: (k,) rows of the map, which are up to date.
+    known: (k + q,) which of all are of landmarks of the map.
+    columns: (c + r,) errors that are observed: those of the pose, then the modes.
+    scale: by which the covariance of the noise differs from the stated one.
+    """
+
+    layout: StateLayout
+    sensor: LandmarkSensor
+    values: Float[np.ndarray, "k v"]
+    parameters: Float[np.ndarray, "k p"]
+    at: Int[np.ndarray, " k"]
+    known: Bool[np.ndarray, " m"]
+    landmarks: LandmarkArrays
+    columns: Int[np.ndarray, " q"]
+    scale: float
+
+    @cached_property
+    def points(self) -> Float[np.ndarray, "k 3"]:
+        """Points of the observed landmarks, m."""
+        return self.landmarks.points[self.at]
+
+    @cached_property
+    def modes(self) -> Float[np.ndarray, "k 3 r"]:
+        """Modes of the observed landmarks."""
+        return self.landmarks.modes[self.at].astype(float)
+
+    @cached_property
+    def roots(self) -> Float[np.ndarray, "k 3 3"]:
+        """Square roots of the observed landmarks' own covariances."""
+        return self.landmarks.roots[self.at].astype(float)
+
+    def rows_at(
+        self, x: Float[np.ndarray, " m"], points: Float[np.ndarray, "k 3"] | None = None
+    ) -> LinearisedObservations:
+        """First derivatives at a state and at points, those of the map where none are given."""
+        k, d = len(self.values), self.sensor.dim
+        places = (self.landmarks.points, self.at) if points is None else (points, None)
+        made, valid, square, determinant = self.sensor.observation_rows(
+            x[None], places[0], self.parameters[:, 3:], self.values, rows=(None, places[1], None, None)
+        )
+        rows = made.reshape(k, d, len(self.sensor.columns) + 4)
+        good = (valid[:, 0] > 0) & np.isfinite(square[:, 0])
+        return LinearisedObservations(rows, good, np.log(determinant[:, 0]))
+
+
+@dataclass(frozen=True)
+class PoseSpread:
+    """States and landmarks moved by sigma points.
+
+    Attributes
+    ----------
+    states: (p, m) at the points.
+    pose: (c, s) by the coordinates that move it.   modes: (r, s) by the same.
+    late: (r, r) lower triangular root of the modes' covariance by all other coordinates.
+    """
+
+    states: Float[np.ndarray, "p m"]
+    pose: Float[np.ndarray, "c s"]
+    modes: Float[np.ndarray, "r s"]
+    late: Float[np.ndarray, "r r"]
+
+    @cached_property
+    def is_solvable(self) -> bool:
+        """Whether the pose is a lower triangle of full rank: its columns lead the state."""
+        square = len(self.pose) == self.pose.shape[1]
+        return square and is_lower(self.pose) and bool(np.diagonal(self.pose).all())
 
 
 class AddedLandmarks(NamedTuple):
@@ -125,3 +241,62 @@ class Closing(NamedTuple):
     roots: Float[np.ndarray, "q 3 3"]
     remembered: Float[np.ndarray, " r"]
     behind: tuple[int, int]
+
+
+class LandmarkSteps(Protocol):
+    """Steps of an epoch: `numpy_steps.NumpySteps` defines them, `compiled_steps.CompiledSteps` takes them in C."""
+
+    def refresh(self, stored: LandmarkArrays, rows: Int[np.ndarray, " q"]) -> None:
+        """Bring landmarks in these rows up to the present epoch's modes."""
+        ...
+
+    def whitened(
+        self,
+        stored: LandmarkArrays,
+        at: Int[np.ndarray, " k"],
+        linear: Float[np.ndarray, "k d w"],
+        weights: Float[np.ndarray, " k"],
+    ) -> WhitenedLandmarks:
+        """Whitened rows of observations of the landmarks in rows ``at``."""
+        ...
+
+    def corrected(
+        self,
+        white: WhitenedLandmarks,
+        factor: Float[np.ndarray, "N N"],
+        columns: Int[np.ndarray, " q"],
+        log_noise: float,
+    ) -> Correction:
+        """Correction by whitened observations of errors with this factor."""
+        ...
+
+    def solved(
+        self,
+        observations: MapObservations,
+        x: Float[np.ndarray, " m"],
+        factor: Float[np.ndarray, "N N"],
+        limit: float,
+    ) -> tuple[Correction, WhitenedLandmarks] | None:
+        """`whitened` and `corrected` at once; None where it cannot, or a squared innovation exceeds the limit."""
+        ...
+
+    def solved_rows(
+        self,
+        observations: MapObservations,
+        linear: Float[np.ndarray, "k d w"],
+        log_noise: float,
+        factor: Float[np.ndarray, "N N"],
+        limit: float,
+    ) -> tuple[Correction, WhitenedLandmarks] | None:
+        """The same of rows, all of them valid; log_noise of all."""
+        ...
+
+    def regressed(
+        self, observations: MapObservations, spread: PoseSpread, points: SigmaPoints
+    ) -> LinearisedObservations | None:
+        """Statistical linear regression of the observations; None where it cannot."""
+        ...
+
+    def close(self, stored: LandmarkArrays, closing: Closing) -> AddedLandmarks:
+        """Finish an epoch after the correction; returned is what new landmarks begin with."""
+        ...

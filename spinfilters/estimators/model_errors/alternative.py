@@ -1,24 +1,19 @@
-"""An alternative to the models of the estimators, and the table of all.
+"""An alternative to the models of the estimators.
 
 Score tests ask it for its right-hand sides.
 """
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from importlib import import_module
-from pkgutil import iter_modules
 from types import MappingProxyType
-from typing import ClassVar, Final
+from typing import ClassVar
 
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.errors import InputError
 from spinfilters.estimators.model_errors.columns import Columns
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
 from spinfilters.state.block import StateBlock
-
-FOLDER: Final = "spinfilters.estimators.model_errors.alternatives"
 
 
 class Alternative(ABC):
@@ -59,19 +54,3 @@ class Alternative(ABC):
     def is_held(self, motion: SmoothedMotion) -> bool:
         """Whether the state has it already."""
         return self.block is not None and motion.rows.problem.layout.has(self.block)
-
-
-def table() -> Mapping[str, Alternative]:
-    """All alternatives by name: those that the modules of the folder `alternatives` call ``ALTERNATIVES``.
-
-    Raises
-    ------
-    InputError: a name that two of them have.
-    """
-    found: dict[str, Alternative] = {}
-    for module in iter_modules(import_module(FOLDER).__path__, f"{FOLDER}."):
-        for each in import_module(module.name).ALTERNATIVES:
-            if each.name in found:
-                raise InputError(f"alternative {each.name!r} is there twice; give each a name of its own")
-            found[each.name] = each
-    return MappingProxyType(found)

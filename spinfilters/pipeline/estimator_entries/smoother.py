@@ -7,12 +7,11 @@ from jaxtyping import Float
 from scipy.special import chdtrc
 
 from spinfilters.data.sensor_format import sensor_format
-from spinfilters.estimators.contracts import OnEpoch
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
 from spinfilters.estimators.smoothing.window.recursive_smoother import RecursiveSmoother
 from spinfilters.estimators.timeline import Timeline
-from spinfilters.pipeline.estimator_entry import EstimatorEntry
+from spinfilters.pipeline.estimator_entry import EstimatorEntry, OnEpoch
 from spinfilters.pipeline.setup import Setup
 from spinfilters.pipeline.smoother_run import (
     NAME,

@@ -3,7 +3,7 @@
 Gravity, thrust, drag of the air on a fast throw.
 """
 
-from typing import ClassVar, Final
+from typing import ClassVar
 
 import numpy as np
 
@@ -26,6 +26,3 @@ class ConstantAcceleration(Alternative):
         if not motion.translates:
             return None
         return motion.disturbed(linear=np.tile(np.eye(3), (len(motion.time), 1, 1)))
-
-
-ALTERNATIVES: Final = (ConstantAcceleration(),)

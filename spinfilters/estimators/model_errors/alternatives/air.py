@@ -1,7 +1,5 @@
 """Drag of the air on a body's path."""
 
-from typing import Final
-
 import numpy as np
 
 from spinfilters.estimators.model_errors.alternative import Alternative
@@ -24,6 +22,3 @@ class AirResistance(Alternative):
             return None
         v = motion.block(VELOCITY.name)
         return motion.disturbed(linear=-(np.linalg.norm(v, axis=1, keepdims=True) * v)[:, :, None])
-
-
-ALTERNATIVES: Final = (AirResistance(),)

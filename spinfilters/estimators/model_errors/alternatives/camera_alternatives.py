@@ -183,14 +183,3 @@ def _solved_lower(
         known = np.einsum("rj,rj->r", lower[:, i, :i], found[:, :i])
         found[:, i] = (right[:, i] - known) / lower[:, i, i]
     return found
-
-
-ALTERNATIVES: Final = (
-    CameraShake(),
-    FocalLength(),
-    PrincipalPoint(),
-    Distortion(),
-    Baseline(),
-    RightCameraTurned(),
-    RightCameraLate(),
-)

@@ -1,7 +1,5 @@
 """Errors of time stamps."""
 
-from typing import Final
-
 import numpy as np
 from jaxtyping import Float
 
@@ -68,6 +66,3 @@ class SensorDelay(Alternative):
             return own
 
         return motion.in_time(late)
-
-
-ALTERNATIVES: Final = (ClockJitter(), ClockDrift(), SensorDelay())

@@ -1,7 +1,6 @@
 """Contact with a hand or the ground in the first or last epochs."""
 
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 
@@ -55,6 +54,3 @@ class ContactAtEnd(_Contact):
     def columns(self, motion: SmoothedMotion) -> Columns | None:
         """Columns of accelerations in the last epochs."""
         return self._touching(motion, at_end=True)
-
-
-ALTERNATIVES: Final = (ContactAtBegin(), ContactAtEnd())

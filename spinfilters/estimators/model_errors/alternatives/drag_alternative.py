@@ -1,6 +1,6 @@
 """Drag of the air that brakes the rotation."""
 
-from typing import ClassVar, Final
+from typing import ClassVar
 
 import numpy as np
 
@@ -24,6 +24,3 @@ class Drag(Alternative):
         """One column: angular deceleration by the square of the rate."""
         speed = np.linalg.norm(motion.rates, axis=1, keepdims=True)
         return motion.disturbed(angular=-(speed * motion.rates)[:, :, None])
-
-
-ALTERNATIVES: Final = (Drag(),)

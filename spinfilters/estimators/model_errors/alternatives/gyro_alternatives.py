@@ -107,6 +107,3 @@ class GyroLowPass(_GyroAlternative):
     def of_rates(self, motion: SmoothedMotion) -> Float[np.ndarray, "k 3 m"]:
         """One column: half the second derivative of the rates."""
         return np.gradient(motion.rate_change, motion.time, axis=0)[:, :, None] / 2
-
-
-ALTERNATIVES: Final = (GyroBias(), GyroDrift(), GyroScale(), GyroMisalignment(), GyroLowPass())

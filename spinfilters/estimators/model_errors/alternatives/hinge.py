@@ -1,7 +1,5 @@
 """Parts that turn or slide inside a body: its inertia changes while it flies."""
 
-from typing import Final
-
 import numpy as np
 
 from spinfilters.estimators.model_errors.alternative import Alternative
@@ -31,6 +29,3 @@ class Hinge(Alternative):
         root = axes * np.sqrt(values) @ axes.T
         gained = [share * (np.cross(w @ D, w) - change @ D) - w @ D / half for D in root @ TRACELESS @ root]
         return motion.disturbed(angular=np.linalg.solve(J, np.stack(gained, axis=2)))
-
-
-ALTERNATIVES: Final = (Hinge(),)

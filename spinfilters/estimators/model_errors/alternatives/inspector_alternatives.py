@@ -91,6 +91,3 @@ def _smooth_paths(degree: int) -> Displacement:
         )
 
     return displacement
-
-
-ALTERNATIVES: Final = (InspectorDelay(), InspectorDrift(), InspectorMissing())

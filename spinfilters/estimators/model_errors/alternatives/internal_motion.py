@@ -1,7 +1,5 @@
 """What sloshes or flexes inside a body: it dissipates energy."""
 
-from typing import Final
-
 import numpy as np
 
 from spinfilters.estimators.model_errors.alternative import Alternative
@@ -30,6 +28,3 @@ class EnergyLoss(Alternative):
         across = motion.rates - along * np.einsum("ki,ki->k", along, motion.rates)[:, None]
         lost = np.linalg.solve(motion.inertia, (size * across).T).T
         return motion.disturbed(angular=-lost[:, :, None])
-
-
-ALTERNATIVES: Final = (EnergyLoss(),)

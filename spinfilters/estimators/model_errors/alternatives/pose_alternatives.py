@@ -1,7 +1,5 @@
 """Positions of poses that do not fit the attitudes beside them."""
 
-from typing import Final
-
 import numpy as np
 from jaxtyping import Float
 
@@ -64,6 +62,3 @@ def _of_positions(motion: SmoothedMotion, moved: Float[np.ndarray, "k 3 m"]) -> 
         return found
 
     return motion.shifted(shift)
-
-
-ALTERNATIVES: Final = (PositionDelay(), PointDrift())

@@ -1,6 +1,6 @@
 """A flywheel inside the body, which holds angular momentum of its own."""
 
-from typing import ClassVar, Final
+from typing import ClassVar
 
 import numpy as np
 
@@ -28,6 +28,3 @@ class Rotor(Alternative):
         cross = np.cross(np.eye(3)[:, None], motion.rates[None])  # h along each axis, epoch
         gained = np.linalg.solve(motion.inertia, np.moveaxis(cross, 0, 2))
         return motion.disturbed(angular=gained)
-
-
-ALTERNATIVES: Final = (Rotor(),)

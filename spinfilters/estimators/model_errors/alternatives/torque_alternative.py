@@ -1,6 +1,6 @@
 """A constant torque in body axes: a leak, a thruster left on."""
 
-from typing import ClassVar, Final
+from typing import ClassVar
 
 import numpy as np
 
@@ -21,6 +21,3 @@ class ConstantTorque(Alternative):
     def columns(self, motion: SmoothedMotion) -> Columns | None:
         """Three columns of the angular acceleration, g axes."""
         return motion.disturbed(angular=np.tile(np.eye(3), (len(motion.time), 1, 1)))
-
-
-ALTERNATIVES: Final = (ConstantTorque(),)

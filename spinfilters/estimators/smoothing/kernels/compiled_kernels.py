@@ -8,10 +8,9 @@ from importlib.resources import files
 
 import numpy as np
 
-from spinfilters.symbolic.c_library import FLAGS, NATIVE, Signature, load_text, with_signatures
+from spinfilters.symbolic.c_library import KERNEL_FLAGS, Signature, load_text, with_signatures
 
 SOURCES = ("kernels.h", "landmarks.c", "velocities.c")
-KERNEL_FLAGS = (*(flag for flag in FLAGS if "contract" not in flag), "-O3", NATIVE, "-fno-math-errno")
 _SIGNATURES = {
     "eliminate_landmarks": Signature("ii" + "pppp" + "d" + "pppppp", ctypes.c_int),
     "spread_blocks": Signature("ii" + "pp", None),

@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.errors import InputError
-from spinfilters.estimators.initialisation.initial_guess import MASS_SHARES, MOMENTUM_BLOCKS, initial_state
-from spinfilters.estimators.initialisation.initial_motion import initial_motion
+from spinfilters.estimators.smoothing.closed_form import MASS_SHARES, MOMENTUM_BLOCKS, initial_state
+from spinfilters.estimators.smoothing.initial_motion import initial_motion
 from spinfilters.estimators.smoothing.linear.schur_system import SchurSystem
 from spinfilters.estimators.smoothing.problem.least_squares import (
     LinearizationPoint,

@@ -11,9 +11,9 @@ from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Estimator, Measurement, ProcessModel, Snapshot, UpdateReport
 from spinfilters.estimators.filters.belief_prediction import predict_ahead
 from spinfilters.estimators.smoothing.factors.marginalization_prior import MarginalizationPrior
-from spinfilters.estimators.smoothing.factors.motion_factors import StatePrior
 from spinfilters.estimators.smoothing.factors.variable_ordering import VariableOrdering
 from spinfilters.estimators.smoothing.problem.least_squares import InitialGuess
+from spinfilters.estimators.smoothing.state_prior import StatePrior
 from spinfilters.estimators.smoothing.window.restart_schedule import RetrySchedule
 from spinfilters.estimators.smoothing.window.sliding_smoother import SlidingSmoother
 from spinfilters.estimators.smoothing.window.smoother_records import (

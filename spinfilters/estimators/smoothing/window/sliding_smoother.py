@@ -10,7 +10,6 @@ from spinfilters.estimators.estimator import Measurement, ProcessModel
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.estimators.landmarks.landmark_options import LandmarkOptions
 from spinfilters.estimators.robust.losses import RobustLoss
-from spinfilters.estimators.smoothing.factors.motion_factors import StatePrior
 from spinfilters.estimators.smoothing.problem.least_squares import LinearizationPoint, LinearProblem, Problem
 from spinfilters.estimators.smoothing.problem.unobservable_directions import unobservable_directions
 from spinfilters.estimators.smoothing.solver.iterations import (
@@ -21,6 +20,7 @@ from spinfilters.estimators.smoothing.solver.iterations import (
     solve,
 )
 from spinfilters.estimators.smoothing.solver.step_rules import GaussNewton
+from spinfilters.estimators.smoothing.state_prior import StatePrior
 from spinfilters.estimators.smoothing.window.latest_observations import (
     is_poor_guess,
     linear_problem,

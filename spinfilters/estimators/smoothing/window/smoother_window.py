@@ -9,8 +9,9 @@ from jaxtyping import Bool, Float, Int
 from spinfilters.estimators.estimator import Measurement, ProcessModel
 from spinfilters.estimators.smoothing.factors.landmark_observations import LandmarkObservations, SensorGroup
 from spinfilters.estimators.smoothing.factors.marginalization_prior import MarginalizationPrior
-from spinfilters.estimators.smoothing.factors.motion_factors import StatePrior, motion_of
+from spinfilters.estimators.smoothing.factors.motion_factors import motion_of
 from spinfilters.estimators.smoothing.problem.least_squares import Problem
+from spinfilters.estimators.smoothing.state_prior import StatePrior
 from spinfilters.estimators.timeline import Epoch
 from spinfilters.models.landmark_sensor import LandmarkSensor
 
