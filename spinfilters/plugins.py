@@ -6,28 +6,39 @@ A registry names its own members in a tuple of one module, and adds those of oth
 
     def all_sensors() -> tuple[Sensor, ...]:
         return (*OWN, *installed_plugins("spinfilters.sensors", Sensor))
+
+A layer below such a tuple that needs its members, as files need the formats of all sensors, gets them by `members_above`.
 """
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cache, cached_property
-from importlib import import_module, metadata
+from importlib import import_module
 from pkgutil import iter_modules
-from typing import Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
 from spinfilters.errors import InputError
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 
 class NamedEntry(Protocol):
     """Entry of a registry that has a name."""
 
-    name: str
+    @property
+    def name(self) -> str:
+        """Its name, which no other entry has."""
+        ...
 
 
 class OrderedEntry(NamedEntry, Protocol):
     """Entry of a registry with a name and a place in the order."""
 
-    order: int
+    @property
+    def order(self) -> int:
+        """Its place: entries are sorted by it."""
+        ...
 
 
 Entry = TypeVar("Entry")
@@ -54,7 +65,47 @@ def installed_plugins(group: str, kind: type[Entry]) -> tuple[Entry, ...]:
     InputError
         An entry point that cannot be imported, or is not of the kind; the text names it.
     """
+    from importlib import metadata  # here: the package imports this module first, and metadata is slow
+
     return tuple(_loaded(group, kind, point) for point in metadata.entry_points(group=group))
+
+
+_MEMBERS: dict[str, Callable[[], tuple[object, ...]]] = {}
+
+
+def bind_members(group: str, members: Callable[[], tuple[object, ...]]) -> None:
+    """Say where the package's own members of a group stand.
+
+    The top of the package does so (`spinfilters.registries`), which knows the modules above the layers that ask.
+
+    Parameters
+    ----------
+    group : str
+        Name of the entry points of the same kind.
+    members : callable
+        Gives the members, and imports them when it is called for the first time.
+    """
+    _MEMBERS[group] = members
+
+
+def members_above(group: str, kind: type[Entry]) -> tuple[Entry, ...]:
+    """The package's own members of a group, then those of installed distributions.
+
+    Parameters
+    ----------
+    group : str
+        Name of the group, bound by `bind_members`.
+    kind : type
+        Class that every entry is an instance of.
+
+    Raises
+    ------
+    InputError
+        As `installed_plugins`.
+    """
+    own = _MEMBERS[group]()
+    assert all(isinstance(entry, kind) for entry in own)
+    return (*own, *installed_plugins(group, kind))  # pyright: ignore[reportReturnType]
 
 
 def entries_by_name(entries: Iterable[Named], what: str) -> dict[str, Named]:
@@ -85,7 +136,7 @@ def in_order(entries: Iterable[Ordered]) -> list[Ordered]:
     return sorted(entries, key=lambda entry: entry.order)
 
 
-def _loaded(group: str, kind: type[Entry], point: metadata.EntryPoint) -> Entry:
+def _loaded(group: str, kind: type[Entry], point: "EntryPoint") -> Entry:
     """The object that an entry point names."""
     where = f"plug-in {point.name!r} ({point.value}) of the group {group}"
     try:

@@ -131,4 +131,4 @@ class MonocularSensor(Sensor):
         return self.outliers(count, rig, generator)
 
 
-SENSOR = MonocularSensor()
+MONOCULAR = MonocularSensor()

@@ -162,4 +162,4 @@ def stereo_tracks(
     return MeasurementStream("stereo", time, values, ids), landmarks
 
 
-SENSOR = StereoSensor()
+STEREO = StereoSensor()

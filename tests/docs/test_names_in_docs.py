@@ -10,7 +10,7 @@ import pytest
 
 import spinfilters
 from spinfilters import conventions
-from spinfilters.state.blocks import BLOCKS
+from spinfilters.state.block_table import BLOCKS
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]

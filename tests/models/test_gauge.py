@@ -6,7 +6,7 @@ import pytest
 from spinfilters.models.gauge import gauge_directions, gauge_of_points
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark, stereo_parameters
-from spinfilters.state.blocks import BLOCKS
+from spinfilters.state.block_table import BLOCKS
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 
 LAYOUT = StateLayout(FULL_BLOCKS)
