@@ -108,6 +108,24 @@ def members_above(group: str, kind: type[Entry]) -> tuple[Entry, ...]:
     return (*own, *installed_plugins(group, kind))  # pyright: ignore[reportReturnType]
 
 
+def entries_of_kind(entries: Iterable[object], kind: type[Narrower]) -> tuple[Narrower, ...]:
+    """Entries, as the kind that a layer above knows them by.
+
+    Raises
+    ------
+    InputError
+        One that is not of that kind: a plug-in that only a layer below can use.
+    """
+    found = []
+    for entry in entries:
+        if not isinstance(entry, kind):
+            raise InputError(
+                f"the registered {type(entry).__name__} is no {kind.__name__}; mend or uninstall it"
+            )
+        found.append(entry)
+    return tuple(found)
+
+
 def entries_by_name(entries: Iterable[Named], what: str) -> dict[str, Named]:
     """Entries by name, in the order given.
 
@@ -181,14 +199,7 @@ class PluginGroup(Generic[Entry]):
         ------
         InputError: as `entries`; one that is not of that kind.
         """
-        found = []
-        for entry in self.entries:
-            if not isinstance(entry, kind):
-                raise InputError(
-                    f"the registered {type(entry).__name__} is no {kind.__name__}; mend or uninstall it"
-                )
-            found.append(entry)
-        return tuple(found)
+        return entries_of_kind(self.entries, kind)
 
     @property
     def _group(self) -> str:

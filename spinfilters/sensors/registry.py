@@ -6,7 +6,7 @@ from typing import Final
 from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.data.sensor_format import StoredSensor
 from spinfilters.errors import InputError
-from spinfilters.plugins import installed_plugins
+from spinfilters.plugins import entries_of_kind, installed_plugins
 from spinfilters.sensors.attitude import ATTITUDE
 from spinfilters.sensors.gyro import GYRO
 from spinfilters.sensors.lidar import LIDAR
@@ -37,12 +37,7 @@ def all_sensors() -> tuple[Sensor, ...]:
     ------
     InputError: a plug-in that cannot be loaded, or is no sensor.
     """
-    found = []
-    for entry in (*OWN_SENSORS, *installed_plugins("spinfilters.sensors", StoredSensor)):
-        if not isinstance(entry, Sensor):
-            raise InputError(f"the registered {type(entry).__name__} is no Sensor; mend or uninstall it")
-        found.append(entry)
-    return tuple(found)
+    return entries_of_kind((*OWN_SENSORS, *installed_plugins("spinfilters.sensors", StoredSensor)), Sensor)
 
 
 def sensor_of(name: str) -> Sensor:
