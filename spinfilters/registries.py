@@ -8,13 +8,13 @@ from spinfilters.plugins import bind_members
 
 
 def _own_sensors() -> tuple[object, ...]:
-    from spinfilters.sensors.registry import OWN_SENSORS
+    from spinfilters.sensors.sensor_registry import OWN_SENSORS
 
     return OWN_SENSORS
 
 
 def _own_calibration() -> tuple[object, ...]:
-    from spinfilters.sensors.calibration.registry import OWN_CALIBRATION
+    from spinfilters.sensors.calibration.calibration_registry import OWN_CALIBRATION
 
     return OWN_CALIBRATION
 

@@ -21,7 +21,7 @@ from spinfilters.errors import InputError, ShapeError
 from spinfilters.estimators.history import EstimateHistory, by_stretches
 from spinfilters.evaluation.body import BodyEstimate
 from spinfilters.lidar.ply_files import read_ply, write_ply
-from spinfilters.sensors.registry import sensor_of
+from spinfilters.sensors.sensor_registry import sensor_of
 from spinfilters.state.layout import StateLayout, with_error_jacobian
 from spinfilters.symbolic.compiled import Compiled
 

@@ -17,8 +17,8 @@ from spinfilters.data.sensor_format import SensorNoise, dataset_kinds, noise_opt
 from spinfilters.errors import InputError
 from spinfilters.plugins import installed_plugins
 from spinfilters.runs.run_summary import read_summary
-from spinfilters.sensors.registry import all_sensors, sensor_of
 from spinfilters.sensors.sensor import Sensor
+from spinfilters.sensors.sensor_registry import all_sensors, sensor_of
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 
 HOW_TO = Path(__file__).parents[2] / "docs" / "how-to" / "add-a-sensor.md"
