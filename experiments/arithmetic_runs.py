@@ -20,8 +20,9 @@ from spinfilters.estimators.filters.multiplicative_ukf import MultiplicativeUkf
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.estimators.landmarks.landmark_options import LandmarkOptions
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
+from spinfilters.models.sensor_models.camera_landmark import camera_parameters
 from spinfilters.models.sensor_models.gyro_model import Gyro, gyro_parameters
-from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark, stereo_parameters
+from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark
 from spinfilters.sensors.feature_tracks import RIG
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
@@ -94,7 +95,7 @@ def random_run(seed: int) -> RandomRun:
     if generator.random() < 0.6:
         belief = _with_map(generator, belief, points, 0.1 * small * mean[2], options.modes)
     epochs = tuple(
-        _frames(generator, process, truth, dt, stereo_parameters(points, RIG.calibration, pixel_std))
+        _frames(generator, process, truth, dt, camera_parameters(points, RIG.calibration, pixel_std))
     )
     return RandomRun(estimator, precision, dt, process, options, belief, epochs)
 

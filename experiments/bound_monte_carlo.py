@@ -33,7 +33,7 @@ from spinfilters.estimators.timeline import CameraView, SensorNoise, Timeline, b
 from spinfilters.evaluation.consistency import true_states
 from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.simulation.scenario import Scenario, simulate
-from spinfilters.state.blocks import BLOCKS
+from spinfilters.state.block_table import BLOCKS
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 
 LAYOUT: Final = StateLayout(FULL_BLOCKS)

@@ -24,7 +24,7 @@ from spinfilters.evaluation.deviation_parts import without_calibration
 from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate
 from spinfilters.pipeline.estimation import ComparisonExtent, compare_estimators
 from spinfilters.pipeline.preparation import prepare
-from spinfilters.sensors.sensor import sensor_of
+from spinfilters.sensors.sensor_registry import sensor_of
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import Scenario, simulate, without_map
 from spinfilters.state.status import Verdict

@@ -9,7 +9,7 @@ from rich.table import Table
 from experiments.smoother_marginals import QUANTITIES, THESIS
 from experiments.smoother_runs import Arrays, root_mean_square
 from spinfilters.evaluation.consistency import chi_square_band
-from spinfilters.state.blocks import BLOCKS
+from spinfilters.state.block_table import BLOCKS
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 
 DOF: Final = StateLayout(FULL_BLOCKS).error_dim

@@ -28,7 +28,7 @@ from spinfilters.models.process import ProcessNoise
 from spinfilters.pipeline.estimation import ComparisonExtent, compare_estimators
 from spinfilters.pipeline.preparation import prepare
 from spinfilters.pipeline.recording_bound import without_bounds
-from spinfilters.sensors.sensor import sensor_of
+from spinfilters.sensors.sensor_registry import sensor_of
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.faults import with_stream
 from spinfilters.simulation.gauss_markov import with_gauss_markov_errors

@@ -34,7 +34,7 @@ from observability.scope import (
     scope_sentences,
     title,
 )
-from spinfilters.symbolic import building
+from spinfilters.symbolic.working_time import building
 
 WORTH_SAYING = 0.05
 """Share of the information that is the priors' from which it is told beside a result."""

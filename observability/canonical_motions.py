@@ -15,7 +15,7 @@ from observability.charts.tensor import TensorChart
 from observability.rational import Rationals, rational, rationals, unit_quaternion
 from observability.system import AXES_OF_G
 from spinfilters.errors import InputError
-from spinfilters.state.blocks import BLOCKS
+from spinfilters.state.block_table import BLOCKS
 
 DIGITS = 6
 """Decimals of logarithms of ratios of moments, which make the body of a chart of logarithms: equal moments stay exactly equal."""

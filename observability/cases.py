@@ -33,7 +33,7 @@ from spinfilters.errors import InputError
 from spinfilters.models.process import THESIS_NOISE, ProcessNoise, TorqueFreeProcess
 from spinfilters.sensors.sensor import model_over
 from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
-from spinfilters.symbolic import built_property
+from spinfilters.symbolic.working_time import built_property
 
 CHARTS: Final = ("principal", "tensor", "filter")
 UNKNOWNS: Final = ("ratios", "moments")

@@ -7,7 +7,8 @@ from observability.rational import Rationals, rationals
 from observability.system import SystemSensor
 from spinfilters.errors import InputError
 from spinfilters.models.measurement import MeasurementModel
-from spinfilters.sensors.sensor import AnalysedSensor, all_sensors
+from spinfilters.sensors.sensor import AnalysedSensor
+from spinfilters.sensors.sensor_registry import all_sensors
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 
 LAYOUT: Final = StateLayout(FULL_BLOCKS)

@@ -15,7 +15,7 @@ from observability.rational import Rationals, rationals
 from observability.tape import Tape, tape_of
 from spinfilters.errors import InputError, ShapeError
 from spinfilters.models.measurement import MeasurementModel
-from spinfilters.symbolic import built_property
+from spinfilters.symbolic.working_time import built_property
 
 AXES_OF_G: Final[tuple[Rationals, ...]] = tuple(
     tuple(Fraction(int(row == column)) for row in range(3)) for column in range(3)

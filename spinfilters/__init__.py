@@ -15,6 +15,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from spinfilters.errors import InputError
+from spinfilters.registries import bind_registries
 
 if TYPE_CHECKING:
     from spinfilters.api.analysis import ObservabilityResult, observe
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
     from spinfilters.lidar.mass_properties import mass_properties
     from spinfilters.lidar.mesh_files import read_mesh
     from spinfilters.settings.run_settings import Settings
+
+bind_registries()
 
 __version__ = "0.1.0"
 __all__ = [

@@ -20,7 +20,8 @@ from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
 from spinfilters.estimators.timeline import Epoch
 from spinfilters.models.gauge import GAUGE_STD
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark, stereo_parameters
+from spinfilters.models.sensor_models.camera_landmark import camera_parameters
+from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark
 from spinfilters.sensors.feature_tracks import RIG, FrontEnd, ball
 from spinfilters.sensors.stereo import stereo_tracks
 from spinfilters.simulation.motion import Motion, simulate_motion
@@ -82,7 +83,7 @@ class EndlessScene:
             assert stream.ids is not None
             for at, self.truth in zip(motion.time, motion.states, strict=True):
                 rows = stream.time == at
-                parameters = stereo_parameters(np.zeros((rows.sum(), 3)), RIG.calibration, SCENARIO.pixel_std)
+                parameters = camera_parameters(np.zeros((rows.sum(), 3)), RIG.calibration, SCENARIO.pixel_std)
                 measured = Measurement(CAMERA, stream.values[rows], parameters, stream.ids[rows])
                 yield Epoch(float(at), (measured,))
 

@@ -35,7 +35,8 @@ from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.estimators.filters.multiplicative_filter import MultiplicativeFilter
 from spinfilters.estimators.filters.multiplicative_ukf import MultiplicativeUkf
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark, stereo_parameters
+from spinfilters.models.sensor_models.camera_landmark import camera_parameters
+from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark
 from spinfilters.plots.style import BLUE, GREY, ORANGE, RED, save_figure, tidy
 from spinfilters.sensors.feature_tracks import RIG, ball
 from spinfilters.simulation.motion import simulate_motion
@@ -132,7 +133,7 @@ class EndlessMotion:
     def __init__(self) -> None:
         self._generator = np.random.default_rng(0)
         points = ball(LANDMARKS, 0.11, self._generator).points
-        self._parameters = stereo_parameters(points, RIG.calibration, 1.0)
+        self._parameters = camera_parameters(points, RIG.calibration, 1.0)
         self._process = TorqueFreeProcess(LAYOUT, ProcessNoise(force_psd=0.0, torque_psd=1e-7))
         self.first = _first_state()
         self._last = self.first

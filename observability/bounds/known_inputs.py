@@ -18,7 +18,8 @@ from spinfilters.models.linearised_step import LinearisedStep
 from spinfilters.models.measurement import row_by_row
 from spinfilters.models.process import TorqueFreeProcess, derivative
 from spinfilters.state.layout import StateLayout
-from spinfilters.symbolic import Compiled, built_property
+from spinfilters.symbolic.compiled import Compiled
+from spinfilters.symbolic.working_time import built_property
 
 SUBSTEP_TURN, SUBSTEPS_OF_A_PERIOD = 0.1, 60
 """Angle in rad and share of a period of the inputs that a substep of Runge-Kutta 4 takes: local errors of some 1e-7 rad."""

@@ -11,7 +11,8 @@ from observability.bounds.reference_trajectory import ReferenceTrajectory
 from spinfilters.attitude.expressions import rotate
 from spinfilters.dynamics.mass_distribution import inertia, inertia_matrix
 from spinfilters.state.layout import StateLayout
-from spinfilters.symbolic import Compiled, building
+from spinfilters.symbolic.compiled import Compiled
+from spinfilters.symbolic.working_time import building
 
 BLOCK_NAMES = {
     "a": ("attitude", "rad"),

@@ -13,7 +13,8 @@ from spinfilters.errors import InputError, ShapeError
 from spinfilters.models.measurement import MeasurementModel, row_by_row
 from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.models.sensor_models.camera_landmark import MOVING, with_camera_poses
-from spinfilters.symbolic import Compiled, building
+from spinfilters.symbolic.compiled import Compiled
+from spinfilters.symbolic.working_time import building
 
 
 @dataclass(frozen=True)

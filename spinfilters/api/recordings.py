@@ -38,7 +38,7 @@ from spinfilters.data.sensor_format import dataset_kinds
 from spinfilters.data.stated_values import SAMPLING_RATE, ReadingOptions
 from spinfilters.errors import InputError
 from spinfilters.pipeline.segment_choice import read_chosen, segment_choice
-from spinfilters.sensors.sensor import has_error
+from spinfilters.sensors.sensor_registry import has_error
 from spinfilters.simulation.bundled_example import EPOCHS, INTERVAL, PRINCIPAL_MOMENTS, RATE_RPM
 from spinfilters.simulation.inspector import STATIC
 from spinfilters.simulation.motion import Progress, silent

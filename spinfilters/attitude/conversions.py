@@ -20,7 +20,8 @@ from jaxtyping import Float
 
 from spinfilters.attitude import expressions
 from spinfilters.errors import InputError, ShapeError
-from spinfilters.symbolic import Compiled, building
+from spinfilters.symbolic.compiled import Compiled
+from spinfilters.symbolic.working_time import building
 
 Angles = Float[np.ndarray, "*batch"]
 Vectors = Float[np.ndarray, "*batch 3"]

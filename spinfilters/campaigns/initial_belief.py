@@ -12,7 +12,7 @@ from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
 from spinfilters.evaluation.consistency import true_states
 from spinfilters.pipeline.preparation import prepare
 from spinfilters.pipeline.setup import Setup
-from spinfilters.sensors.sensor import sensor_of
+from spinfilters.sensors.sensor_registry import sensor_of
 from spinfilters.settings.run_settings import Settings
 from spinfilters.state.layout import StateLayout
 

@@ -21,8 +21,8 @@ from spinfilters.simulation.scenario import Scenario, simulate
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
 from spinfilters.state.status import Verdict
-from spinfilters.symbolic import Compiled
 from spinfilters.symbolic.c_library import compiler
+from spinfilters.symbolic.compiled import Compiled
 from spinfilters.symbolic.library_folder import UNFINISHED, is_own_library, private_folder
 
 REINSTALL: Final[str] = "install again (make clean, then make compare); if it stays, report it with this page"

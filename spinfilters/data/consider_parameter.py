@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from spinfilters.data.stated_values import NumberRange
 from spinfilters.errors import InputError
-from spinfilters.plugins import PluginGroup
+from spinfilters.plugins import in_order, members_above
 
 Moved = Callable[[Any, Any, Any], tuple[Any, Any]]
 """Gives measured values and the parameters of a measurement, were the calibration larger by an error: CasADi expressions."""
@@ -79,16 +79,17 @@ class ConsideredDeviation:
 
 UNITS: Final = ("px", "m/min", "rad/min", "s")
 """Of deviations that are not relative."""
-PARAMETERS: Final = PluginGroup(
-    "spinfilters.sensors.calibration", "PARAMETER", ConsiderParameter, group="spinfilters.calibration"
-)
-"""All of them: one per module of that package, and those of the entry points ``spinfilters.calibration``."""
 
 
 def consider_parameters() -> Mapping[str, ConsiderParameter]:
-    """Consider parameters by name. InputError: a plug-in that cannot be loaded, a repeated name."""
+    """Consider parameters by name: our own, and those of the entry points ``spinfilters.calibration``.
+
+    Raises
+    ------
+    InputError: a plug-in that cannot be loaded, a repeated name.
+    """
     found: dict[str, ConsiderParameter] = {}
-    for each in sorted(PARAMETERS.entries, key=lambda each: each.order):
+    for each in in_order(members_above("spinfilters.calibration", ConsiderParameter)):
         if each.name in found:
             raise InputError(
                 f"calibration parameter {each.name!r} is registered twice; uninstall one plug-in"

@@ -5,17 +5,14 @@ from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
 from spinfilters.data.stated_values import NumberRange
 from spinfilters.data.table_files import Table
 from spinfilters.errors import InputError
-from spinfilters.plugins import PluginGroup
-
-if TYPE_CHECKING:
-    from spinfilters.data.measurement_log import MeasurementStream
+from spinfilters.plugins import members_above
 
 ANY_NUMBER: Final = NumberRange(-1e18, 1e18)
 
@@ -70,7 +67,8 @@ class SensorFormat:
     quaternion: first of four columns that hold a unit quaternion, scalar last.
     calibration: of the camera.
     check: refuses rows that no such sensor measures.
-    read, write: where the table is not a CSV of these columns.   suffixes: of single files that are read as this sensor's.
+    read, write: of a `MeasurementStream`, where the table is not a CSV of these columns.
+    suffixes: of single files that are read as this sensor's.
     suffix_words: what such files are called.
     """
 
@@ -87,8 +85,8 @@ class SensorFormat:
     quaternion: int | None = None
     calibration: CalibrationFiles | None = None
     check: Callable[[Table], None] | None = None
-    read: "Callable[[Path], MeasurementStream] | None" = None
-    write: "Callable[[Path, MeasurementStream], None] | None" = None
+    read: Callable[[Path], Any] | None = None
+    write: Callable[[Path, Any], None] | None = None
     suffixes: tuple[str, ...] = ()
     suffix_words: str = ""
 
@@ -119,13 +117,14 @@ class StoredSensor:
     format: SensorFormat | None = None
 
 
-SENSORS: Final = PluginGroup("spinfilters.sensors", "SENSOR", StoredSensor)
-"""All sensors: one per module of `spinfilters.sensors`, and those of the entry points of that group."""
+def stored_sensors() -> tuple[StoredSensor, ...]:
+    """All sensors: our own, and those of the entry points ``spinfilters.sensors``. InputError: `installed_plugins`."""
+    return members_above("spinfilters.sensors", StoredSensor)
 
 
 def sensor_formats() -> Mapping[str, SensorFormat]:
-    """Formats of all sensors that data sets hold, by name of the sensor. InputError: `PluginGroup.entries`."""
-    return _by_name(SENSORS.entries)
+    """Formats of all sensors that data sets hold, by name of the sensor. InputError: `installed_plugins`."""
+    return _by_name(stored_sensors())
 
 
 def sensor_format(sensor: str) -> SensorFormat:

@@ -21,7 +21,7 @@ from jaxtyping import Float
 from spinfilters.attitude.expressions import Expression
 from spinfilters.errors import InputError
 from spinfilters.linear_algebra.definite import SINGULAR
-from spinfilters.symbolic import building
+from spinfilters.symbolic.working_time import building
 
 DIMENSION = 5
 

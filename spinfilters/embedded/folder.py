@@ -17,7 +17,7 @@ from spinfilters.embedded.emitted_sensors import EmittedSensor
 from spinfilters.embedded.library import library_texts, template
 from spinfilters.embedded.reference import ReferenceFilter
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.models.sensor_models.stereo_landmark import stereo_parameters
+from spinfilters.models.sensor_models.camera_landmark import camera_parameters
 from spinfilters.state.layout import StateLayout
 
 TEST = ("test_spinfilter.c", "test_spinfilter.h", "firmware.c", "firmware.ld", "Makefile")
@@ -145,7 +145,7 @@ class _Landmarks:
         normals = rng.normal(size=(count, 3))
         normals[:, 2] = -np.abs(normals[:, 2])
         self._points = 0.1 * normals / np.linalg.norm(normals, axis=1, keepdims=True)
-        self._camera = stereo_parameters(np.zeros((1, 3)), np.array(CALIBRATION), 1.0)[0, 3:]
+        self._camera = camera_parameters(np.zeros((1, 3)), np.array(CALIBRATION), 1.0)[0, 3:]
         self._known = np.arange(0, count, 2)
         self._start = self._points + 0.001 * rng.normal(size=self._points.shape)
         arrays["camera"] = self._camera

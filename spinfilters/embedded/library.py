@@ -18,8 +18,8 @@ from spinfilters.embedded.model_functions import (
 from spinfilters.estimators.landmarks.landmark_map import CONFIRMED, WRONG_IN_A_ROW
 from spinfilters.estimators.robust.gate_weights import RobustOptions
 from spinfilters.models.rotation_substeps import boole_weights
-from spinfilters.symbolic import building
 from spinfilters.symbolic.c_library import FLAGS, load_text
+from spinfilters.symbolic.working_time import building
 
 HEADERS = (
     "spinfilter.h",

@@ -12,7 +12,7 @@ from spinfilters.estimators.timeline import Epoch, Timeline, times_of
 from spinfilters.models.rotation_integrator import IntegrationError
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.status import EstimatorStatus
-from spinfilters.symbolic import working_seconds
+from spinfilters.symbolic.working_time import working_seconds
 
 REHEARSED = 3
 """Epochs of a rehearsal: the third is predicted and updated from what the second left."""

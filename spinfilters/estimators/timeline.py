@@ -15,7 +15,8 @@ from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.data.sensor_format import SensorNoise
 from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Measurement
-from spinfilters.sensors.sensor import CameraView, sensor_of
+from spinfilters.sensors.sensor import CameraView
+from spinfilters.sensors.sensor_registry import sensor_of
 from spinfilters.state.layout import StateLayout
 
 

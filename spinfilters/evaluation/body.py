@@ -27,7 +27,7 @@ from spinfilters.state.blocks.drag import DRAG
 from spinfilters.state.blocks.rigid_body import CENTRE_OF_MASS
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import StateLayout, with_error_jacobian
-from spinfilters.symbolic import Compiled
+from spinfilters.symbolic.compiled import Compiled
 
 UNDETERMINED_STD: Final[float] = np.pi / np.sqrt(12.0)
 """Standard deviation in rad of an axis of which nothing is known: an angle uniform over half a turn."""

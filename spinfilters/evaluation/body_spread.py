@@ -21,7 +21,8 @@ from jaxtyping import Float
 
 from spinfilters.attitude.conversions import quaternion_from_matrix, rotation_vector_from_quaternion
 from spinfilters.dynamics.mass_distribution import DIMENSION, inertia, retract_mass
-from spinfilters.symbolic import Compiled, building
+from spinfilters.symbolic.compiled import Compiled
+from spinfilters.symbolic.working_time import building
 
 WIDEST: Final[float] = 2.0
 """Of a deviation of the mass distribution (log second moments): beyond it are plates and rods alone, and overflow."""

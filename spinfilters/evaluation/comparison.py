@@ -24,7 +24,7 @@ from spinfilters.evaluation.span import (
 from spinfilters.evaluation.table_row import DEGREE, Cell, Column, TableRow
 from spinfilters.evaluation.trajectory_errors import BodyErrors, RmsErrors
 from spinfilters.state.block import StateBlock
-from spinfilters.state.blocks import BLOCKS
+from spinfilters.state.block_table import BLOCKS
 
 BOUND_COLUMN = "BOUND"
 BOUND_CAPTION = (

@@ -18,7 +18,7 @@ from spinfilters.errors import InputError
 from spinfilters.estimators.history import EstimateHistory, by_stretches
 from spinfilters.evaluation.trajectory_errors import common_stamps
 from spinfilters.geometry.truth_frame import truth_in_moved_frame
-from spinfilters.state.blocks import BLOCKS
+from spinfilters.state.block_table import BLOCKS
 from spinfilters.state.blocks.rigid_body import MASS_DISTRIBUTION, POSITION, RATE
 from spinfilters.state.layout import StateLayout
 

@@ -21,9 +21,9 @@ from spinfilters.errors import InputError, ShapeError
 from spinfilters.estimators.history import EstimateHistory, by_stretches
 from spinfilters.evaluation.body import BodyEstimate
 from spinfilters.lidar.ply_files import read_ply, write_ply
-from spinfilters.sensors.sensor import sensor_of
+from spinfilters.sensors.sensor_registry import sensor_of
 from spinfilters.state.layout import StateLayout, with_error_jacobian
-from spinfilters.symbolic import Compiled
+from spinfilters.symbolic.compiled import Compiled
 
 STD_COLUMNS: Final[tuple[str, ...]] = tuple(
     f"std_{name}{axis}" for name in ("r", "a", "v", "w") for axis in "xyz"

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.state.block import ReportedConstant, StateBlock
-from spinfilters.state.blocks import BLOCKS
+from spinfilters.state.block_table import BLOCKS
 from spinfilters.state.gaussian import Gaussian
 
 REPORTED: Final[Mapping[str, ReportedConstant]] = {

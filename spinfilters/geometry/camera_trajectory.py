@@ -1,7 +1,7 @@
 """Known trajectory of a camera: its pose in i at any time within."""
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Protocol
 
 import numpy as np
 from jaxtyping import Float
@@ -13,11 +13,24 @@ from spinfilters.attitude.conversions import (
     rotate,
     rotation_vector_from_quaternion,
 )
-from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.errors import InputError, ShapeError
 
 FEWEST_DIFFERENCES: Final = 8
 """Second differences of poses with fewer of which noise is not told from bends."""
+
+
+class TimedPoses(Protocol):
+    """Poses with their times, as a stream of measurements holds them."""
+
+    @property
+    def time(self) -> Float[np.ndarray, " n"]:
+        """(n,) s."""
+        ...
+
+    @property
+    def values(self) -> Float[np.ndarray, "n 7"]:
+        """(n, 7) t_ic m and unit q_ic."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +58,7 @@ class CameraTrajectory:
             )
 
     @classmethod
-    def of(cls, inspector: MeasurementStream | None) -> "CameraTrajectory | None":
+    def of(cls, inspector: TimedPoses | None) -> "CameraTrajectory | None":
         """Trajectory of a data set's poses of cam0; None without any."""
         return None if inspector is None else cls(inspector.time, inspector.values)
 

@@ -16,7 +16,8 @@ from jaxtyping import Float
 from spinfilters.attitude.expressions import Expression
 from spinfilters.errors import ShapeError
 from spinfilters.geometry.lenses import PERFECT, RADIAL_TANGENTIAL, Lens
-from spinfilters.symbolic import Compiled, building
+from spinfilters.symbolic.compiled import Compiled
+from spinfilters.symbolic.working_time import building
 
 NEAREST_DEPTH = 1e-3
 """Depth in m below which a point counts as at or behind the camera; closer ones are projected as if they were there."""

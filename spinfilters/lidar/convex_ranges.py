@@ -14,9 +14,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import ndtr
 
+from spinfilters.geometry.ray_angles import unit_vectors
 from spinfilters.lidar.face_map import Face
 from spinfilters.lidar.point_noise import PointNoise
-from spinfilters.lidar.ray_pattern import unit_vectors
 
 GRAZING: Final = 0.02
 """Cosine of incidence below which a face is not met."""

@@ -11,12 +11,12 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
+from spinfilters.geometry.ray_angles import angles_of
 from spinfilters.lidar.convex_ranges import expected_ranges
 from spinfilters.lidar.edge_model import FITTING, inner_rays, with_edges
 from spinfilters.lidar.face_adjustment import adjusted_faces, with_map_errors
 from spinfilters.lidar.face_map import FaceInformation, TrackedFaces
 from spinfilters.lidar.point_noise import PointNoise
-from spinfilters.lidar.ray_pattern import angles_of
 
 _LARGE = 4.0  # standard deviations beyond which a range counts less (Huber)
 MOST_RAYS: Final = 2000

@@ -11,11 +11,11 @@ from typing import Final, NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+from spinfilters.geometry.ray_angles import angles_of
 from spinfilters.lidar.convex_ranges import ExpectedRanges, expected_ranges
 from spinfilters.lidar.face_map import Face
 from spinfilters.lidar.planes import FEWEST, WIDE, border_reach, inside_of
 from spinfilters.lidar.point_noise import PointNoise
-from spinfilters.lidar.ray_pattern import angles_of
 from spinfilters.lidar.scan_pose import ScanPose, pose_covariance, rotation_matrix
 
 FITTING: Final = 1.5

@@ -10,9 +10,9 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.errors import InputError
+from spinfilters.geometry.ray_angles import angles_of
 from spinfilters.lidar.face_map import Face, TrackedFaces
 from spinfilters.lidar.planes import FittedPlane, rows_of_planes
-from spinfilters.lidar.ray_pattern import angles_of
 from spinfilters.lidar.scan_pose import ScanPose
 from spinfilters.lidar.scan_poses import ScanPoses
 

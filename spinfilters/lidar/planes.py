@@ -11,8 +11,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.ndimage import uniform_filter
 
+from spinfilters.geometry.ray_angles import angles_of
 from spinfilters.lidar.point_noise import PointNoise
-from spinfilters.lidar.ray_pattern import angle_tree, angles_of
+from spinfilters.lidar.ray_pattern import angle_tree
 
 GATE: Final = 3.5
 """Standard deviations within which a point belongs to a plane."""

@@ -8,7 +8,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import nnls
 
-from spinfilters.lidar.ray_pattern import angle_tree, angles_of, unit_vectors
+from spinfilters.geometry.ray_angles import angles_of, unit_vectors
+from spinfilters.lidar.ray_pattern import angle_tree
 from spinfilters.lidar.scan import Scan
 from spinfilters.linear_algebra.chi_square import chi_square_median
 

@@ -6,7 +6,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from spinfilters.lidar.ray_pattern import angle_tree, angles_of, unit_vectors
+from spinfilters.geometry.ray_angles import angles_of, unit_vectors
+from spinfilters.lidar.ray_pattern import angle_tree
 from spinfilters.lidar.scan_errors import DUST, RETURN
 
 _NEIGHBOURS, _ALIKE = 8, 2  # rays beside one, and those of them whose range is like its own

@@ -9,8 +9,8 @@ import numpy as np
 from spinfilters.data.atomic_write import write_bytes
 from spinfilters.data.input_file import path_text, value_text
 from spinfilters.errors import InputError
+from spinfilters.geometry.ray_angles import unit_vectors
 from spinfilters.lidar.ply_files import read_ply, write_ply
-from spinfilters.lidar.ray_pattern import unit_vectors
 from spinfilters.lidar.scan import Scan, scan_of_points
 from spinfilters.lidar.scan_errors import RETURN
 

@@ -5,10 +5,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
+from spinfilters.geometry.ray_angles import unit_vectors
 from spinfilters.lidar.body_motion import BodyMotion
 from spinfilters.lidar.mesh import TriangleMesh
 from spinfilters.lidar.native import ray_tracer
-from spinfilters.lidar.ray_pattern import RayPattern, unit_vectors
+from spinfilters.lidar.ray_pattern import RayPattern
 from spinfilters.lidar.ray_tracing import RayHits, RayTracer
 from spinfilters.lidar.scan import Scan
 from spinfilters.lidar.scan_errors import FLAG_WORDS, RETURN, LidarNoise, Losses

@@ -19,7 +19,7 @@ from spinfilters.pipeline.estimator_entry import estimator_entries
 from spinfilters.pipeline.preparation import prepare
 from spinfilters.pipeline.setup import Setup, camera_view
 from spinfilters.pipeline.smoother_run import begin_after_initialisation, sliding_smoother
-from spinfilters.sensors.sensor import sensor_of
+from spinfilters.sensors.sensor_registry import sensor_of
 from spinfilters.settings.run_settings import Settings
 
 Bind = Callable[[MeasurementStream], Measurement]

@@ -24,7 +24,8 @@ from spinfilters.models.linearised_step import LinearisedSteps
 from spinfilters.models.rotation_integrator import FEWEST, IntegrationError, RotationIntegrator
 from spinfilters.models.rotation_substeps import boole_weights, rotation_difference, rotation_parameters
 from spinfilters.state.layout import StateLayout
-from spinfilters.symbolic import VectorisedScan, built_property
+from spinfilters.symbolic.vectorised import VectorisedScan
+from spinfilters.symbolic.working_time import built_property
 
 ROTATION = 7
 """Numbers of (q, w)."""

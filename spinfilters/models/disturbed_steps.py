@@ -9,7 +9,8 @@ from jaxtyping import Float
 from spinfilters.models.rotation_integrator import RotationIntegrator
 from spinfilters.state.blocks.rigid_body import ATTITUDE, RATE, VELOCITY
 from spinfilters.state.layout import StateLayout
-from spinfilters.symbolic import Compiled, building
+from spinfilters.symbolic.compiled import Compiled
+from spinfilters.symbolic.working_time import building
 
 DISTURBED = (RATE.name, VELOCITY.name)
 """Blocks that disturbances kick, where a layout has them."""

@@ -24,7 +24,8 @@ from spinfilters.attitude.expressions import (
     rotate,
 )
 from spinfilters.state.layout import StateLayout
-from spinfilters.symbolic import Compiled, building
+from spinfilters.symbolic.compiled import Compiled
+from spinfilters.symbolic.working_time import building
 
 GAUGE_DIM = 6
 """Rotation vector theta (rad), then translation rho (m), both in g axes."""

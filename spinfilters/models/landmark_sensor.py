@@ -14,7 +14,9 @@ from jaxtyping import Bool, Float
 
 from spinfilters.attitude.expressions import Expression
 from spinfilters.models.measurement import MeasurementModel, row_by_row
-from spinfilters.symbolic import Compiled, Vectorised, built_property
+from spinfilters.symbolic.compiled import Compiled
+from spinfilters.symbolic.vectorised import Vectorised
+from spinfilters.symbolic.working_time import built_property
 
 
 class LandmarkLinearisation(NamedTuple):

@@ -11,7 +11,9 @@ from jaxtyping import Bool, Float, Int
 
 from spinfilters.attitude.expressions import Expression
 from spinfilters.state.layout import StateLayout
-from spinfilters.symbolic import Compiled, Vectorised, building, built_property
+from spinfilters.symbolic.compiled import Compiled
+from spinfilters.symbolic.vectorised import Vectorised
+from spinfilters.symbolic.working_time import building, built_property
 
 if TYPE_CHECKING:
     from spinfilters.models.landmark_sensor import LandmarkSensor

@@ -11,7 +11,8 @@ from spinfilters.errors import InputError, SpinfiltersError
 from spinfilters.models.linearised_step import LinearisedStep
 from spinfilters.models.rotation_substeps import Acceleration, RotationSubsteps
 from spinfilters.state.layout import StateLayout
-from spinfilters.symbolic import Compiled, building
+from spinfilters.symbolic.compiled import Compiled
+from spinfilters.symbolic.working_time import building
 
 MAX_SUBSTEPS = 1 << 14
 """Budget of one step, in substeps: forty revolutions at a tolerance of 1e-8. What needs more raises `IntegrationError`."""

@@ -16,7 +16,7 @@ from spinfilters.estimators.identification.components import VarianceComponent
 from spinfilters.evaluation.truth_consistency import contradictions
 from spinfilters.pipeline.identified_noise import smallest_level
 from spinfilters.pipeline.setup import Setup
-from spinfilters.sensors.sensor import sensor_of
+from spinfilters.sensors.sensor_registry import sensor_of
 
 STATED, IDENTIFIED, PRIOR = "stated", "identified", "prior"
 FORCE_UNIT, TORQUE_UNIT = "(m/s^2)^2/Hz", "(rad/s^2)^2/Hz"

@@ -4,7 +4,7 @@ from spinfilters.pipeline.gyro_noise import LARGEST_ERROR
 from spinfilters.pipeline.initialisation_length import DETERMINED_STD, moments_std_of
 from spinfilters.pipeline.inspector_poses import sparse_poses
 from spinfilters.pipeline.setup import Setup
-from spinfilters.sensors.sensor import sensor_of
+from spinfilters.sensors.sensor_registry import sensor_of
 from spinfilters.state.status import Finding
 from spinfilters.verdict.checks import finding
 

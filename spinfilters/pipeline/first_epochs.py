@@ -18,7 +18,8 @@ from spinfilters.estimators.timeline import CameraView, SensorNoise, Timeline, b
 from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.pipeline.identified_noise import NoisyModels
 from spinfilters.pipeline.initialisation_length import beyond_share, long_enough_initialisation
-from spinfilters.sensors.sensor import MotionSamples, sensor_of
+from spinfilters.sensors.sensor import MotionSamples
+from spinfilters.sensors.sensor_registry import sensor_of
 from spinfilters.settings.run_settings import Settings
 from spinfilters.state.layout import StateLayout
 

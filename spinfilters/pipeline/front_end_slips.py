@@ -24,7 +24,7 @@ from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.data.sensor_format import sensor_format
 from spinfilters.errors import NUMERICAL_ERRORS, InputError
 from spinfilters.pipeline.setup import Setup, camera_view
-from spinfilters.sensors.sensor import sensor_of
+from spinfilters.sensors.sensor_registry import sensor_of
 
 NEIGHBOURS: Final = 2
 """Steps before and behind one, whose median rate says how far the body turned in it."""

@@ -25,7 +25,8 @@ from spinfilters.estimators.initialisation.initialiser import initialise
 from spinfilters.estimators.initialisation.options import InitialisationOptions
 from spinfilters.estimators.timeline import SensorNoise, build_timeline
 from spinfilters.models.process import TorqueFreeProcess
-from spinfilters.sensors.sensor import MotionSamples, Sensor, sensor_of
+from spinfilters.sensors.sensor import MotionSamples, Sensor
+from spinfilters.sensors.sensor_registry import sensor_of
 
 WHOLE_RECORDING = 400
 """Samples, at most, from which the error of a rate sensor is identified."""

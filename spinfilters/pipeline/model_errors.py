@@ -45,7 +45,7 @@ from spinfilters.pipeline.correlation_verdict import possible_correlation
 from spinfilters.pipeline.identified_noise import Unstated, noise_model
 from spinfilters.pipeline.setup import Setup
 from spinfilters.pipeline.tested_models import NOT_TESTED, TestedModels
-from spinfilters.sensors.sensor import sensor_of
+from spinfilters.sensors.sensor_registry import sensor_of
 from spinfilters.state.status import Verdict
 from spinfilters.verdict.wrong_units import wrong_units
 

@@ -19,7 +19,7 @@ from spinfilters.pipeline.stated_noise import (
     unstated_noise,
 )
 from spinfilters.settings.run_settings import AUTO, Settings
-from spinfilters.symbolic import working_seconds
+from spinfilters.symbolic.working_time import working_seconds
 
 BESIDE_ROUNDS = 2
 """Initialisations at most from the noise of another setup."""

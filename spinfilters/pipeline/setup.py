@@ -19,7 +19,7 @@ from spinfilters.pipeline.gyro_noise import GyroNoise
 from spinfilters.pipeline.identified_noise import (
     Unstated,
 )
-from spinfilters.sensors.sensor import sensor_of
+from spinfilters.sensors.sensor_registry import sensor_of
 from spinfilters.state.gaussian import Gaussian
 
 NOTHING_SOUGHT = Unstated({}, ())

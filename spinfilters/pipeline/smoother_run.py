@@ -33,7 +33,7 @@ from spinfilters.pipeline.smoother_noise import settled_at_levels, smoothed_at_l
 from spinfilters.settings.run_settings import Settings
 from spinfilters.state.layout import StateLayout
 from spinfilters.state.status import EstimatorStatus, Verdict
-from spinfilters.symbolic import working_seconds
+from spinfilters.symbolic.working_time import working_seconds
 
 NAME = "smoother"
 NO_FILTER = (

@@ -11,7 +11,7 @@ from spinfilters.models.process import THESIS_NOISE, ProcessNoise, TorqueFreePro
 from spinfilters.pipeline.gyro_noise import GyroNoise, disturbance_psd, recorded_gyro_noise, white_level
 from spinfilters.pipeline.identified_noise import Unstated
 from spinfilters.pipeline.setup import Setup
-from spinfilters.sensors.sensor import sensor_of, sensors_in
+from spinfilters.sensors.sensor_registry import sensor_of, sensors_in
 from spinfilters.settings.run_settings import AUTO, LINEAR, Settings
 from spinfilters.state.blocks.acceleration import ACCELERATION
 from spinfilters.state.blocks.drag import DRAG

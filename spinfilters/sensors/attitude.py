@@ -65,4 +65,4 @@ class AttitudeSensor(Sensor):
         return q / np.linalg.norm(q, axis=1, keepdims=True)
 
 
-SENSOR = AttitudeSensor()
+ATTITUDE = AttitudeSensor()

@@ -101,4 +101,4 @@ class GyroSensor(Sensor):
         return generator.uniform(-GYRO_FULL_SCALE, GYRO_FULL_SCALE, (count, 3))
 
 
-SENSOR = GyroSensor()
+GYRO = GyroSensor()

@@ -31,4 +31,4 @@ class LidarSensor(Sensor):
         raise InputError("points of a lidar are not read by this version; give the poses of registered scans")
 
 
-SENSOR = LidarSensor()
+LIDAR = LidarSensor()

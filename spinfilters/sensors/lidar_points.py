@@ -77,8 +77,8 @@ class LidarPointsSensor(Sensor):
     ) -> MotionSamples:
         """A pose per scan, the motion during it left out."""
         # here: every command lists the sensors, and the lidar's room is slow to import
-        from spinfilters.lidar.point_poses import PlanePoints, plane_poses
-        from spinfilters.lidar.ray_pattern import unit_vectors
+        from spinfilters.geometry.ray_angles import unit_vectors
+        from spinfilters.models.plane_poses import PlanePoints, plane_poses
 
         _require_normals(stream)
         z = stream.values
@@ -101,7 +101,7 @@ class LidarPointsSensor(Sensor):
 
         `MOST_POINTS` in a scan about every epoch.
         """
-        from spinfilters.lidar.ray_pattern import angles_of
+        from spinfilters.geometry.ray_angles import angles_of
 
         model, layout = LidarPoint(scene.motion.layout), scene.motion.layout
         half = BOX * float(np.linalg.norm(scene.surface.points, axis=1).max())
@@ -171,4 +171,4 @@ def _require_normals(stream: MeasurementStream) -> None:
         )
 
 
-SENSOR = LidarPointsSensor()
+LIDAR_POINTS = LidarPointsSensor()

@@ -36,4 +36,4 @@ class LidarPosesSensor(PoseSensor):
         return MotionSamples(stream.time[kept], stream.values[kept, 3:], positions=stream.values[kept, :3])
 
 
-SENSOR = LidarPosesSensor()
+LIDAR_POSES = LidarPosesSensor()

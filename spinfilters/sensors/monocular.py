@@ -12,8 +12,12 @@ from spinfilters.data.sensor_format import CalibrationFiles, SensorFormat, Senso
 from spinfilters.data.stated_values import PIXEL
 from spinfilters.errors import InputError
 from spinfilters.geometry.cameras import monocular_camera
-from spinfilters.models.sensor_models.camera_landmark import camera_pose_model, with_camera_poses
-from spinfilters.models.sensor_models.monocular_landmark import MonocularLandmark, monocular_parameters
+from spinfilters.models.sensor_models.camera_landmark import (
+    camera_parameters,
+    camera_pose_model,
+    with_camera_poses,
+)
+from spinfilters.models.sensor_models.monocular_landmark import MonocularLandmark
 from spinfilters.models.sensor_noise import noise_model, noise_of_rows
 from spinfilters.sensors.feature_tracks import RIG, TrackCamera, feature_tracks
 from spinfilters.sensors.sensor import (
@@ -78,7 +82,7 @@ class MonocularSensor(Sensor):
         time, poses = stream.time[known], view.camera_poses(stream.time[known])
         camera, moves = monocular_camera(view.calibration), camera_pose_model(poses)
         model = model_over(MonocularLandmark, layout, noise_model(level, 2), camera, moves)
-        parameters = monocular_parameters(points, view.calibration, noise_of_rows(level, known))
+        parameters = camera_parameters(points, view.calibration, noise_of_rows(level, known))
         return BoundStream(model, time, stream.values[known], with_camera_poses(parameters, poses))
 
     def initial_motion(
@@ -109,7 +113,7 @@ class MonocularSensor(Sensor):
     def simulate(self, scene: Scene) -> SimulatedStream:
         """Pixels of the landmarks in view of one camera."""
         surface, motion, std = scene.surface, scene.seen, scene.front_end.pixel_std
-        parameters = monocular_parameters(surface.points, CAMERA.calibration, std)
+        parameters = camera_parameters(surface.points, CAMERA.calibration, std)
         camera = TrackCamera(model_over(MonocularLandmark, motion.layout), parameters, CAMERA)
         time, ids, values, landmarks = feature_tracks(
             camera, scene.front_end, surface, motion, scene.generator
@@ -131,4 +135,4 @@ class MonocularSensor(Sensor):
         return self.outliers(count, rig, generator)
 
 
-SENSOR = MonocularSensor()
+MONOCULAR = MonocularSensor()

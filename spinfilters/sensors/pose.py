@@ -127,4 +127,4 @@ class PoseSensor(Sensor):
         return tuple(option.name for option in sensor_format(self.name).noise)
 
 
-SENSOR = PoseSensor()
+POSE = PoseSensor()

@@ -1,10 +1,7 @@
-"""Interface of a sensor, and the registered sensors by name.
-
-Format, model, what it tells of a motion, simulator, faults.
-"""
+"""Interface of a sensor: format, model, what it tells of a motion, simulator, faults."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -13,14 +10,12 @@ from jaxtyping import Float, Int
 
 from spinfilters.data.camera import Rig
 from spinfilters.data.known_map import KnownMap
-from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
-from spinfilters.data.sensor_format import SENSORS, SensorNoise, StoredSensor
+from spinfilters.data.measurement_log import MeasurementStream
+from spinfilters.data.sensor_format import SensorNoise, StoredSensor
 from spinfilters.errors import InputError
 from spinfilters.geometry.camera_trajectory import CameraTrajectory
-from spinfilters.geometry.cameras import Camera
 from spinfilters.models.measurement import MeasurementModel
-from spinfilters.models.sensor_models.camera_landmark import CameraPoseModel
-from spinfilters.models.sensor_noise import NoiseLevel, SensorNoiseModel
+from spinfilters.models.sensor_noise import NoiseLevel
 from spinfilters.sensors.simulated_scene import Scene, SimulatedStream
 from spinfilters.state.block import StateBlock
 from spinfilters.state.layout import StateLayout
@@ -199,35 +194,6 @@ class Sensor(StoredSensor, ABC):
         return values
 
 
-def all_sensors() -> tuple[Sensor, ...]:
-    """Every sensor of the registry `SENSORS`, those without data sets too.
-
-    Raises
-    ------
-    InputError: a plug-in that cannot be loaded, or is no sensor.
-    """
-    return SENSORS.entries_of(Sensor)
-
-
-def sensor_of(name: str) -> Sensor:
-    """The sensor of that name. InputError: an unknown one."""
-    sensors = {sensor.name: sensor for sensor in all_sensors()}
-    if name not in sensors:
-        raise InputError(f"sensor {name!r} is unknown; use one of {', '.join(sensors)}")
-    return sensors[name]
-
-
-def has_error(kinds: Iterable[str], block: StateBlock) -> bool:
-    """Whether the sensor of one of these kinds of data sets has this constant error."""
-    having = {each.format.kind for each in all_sensors() if each.format and block in each.error_blocks}
-    return not having.isdisjoint(kinds)
-
-
-def sensors_in(log: MeasurementLog) -> tuple[Sensor, ...]:
-    """The sensors of a log, in the order of its streams."""
-    return tuple(sensor_of(name) for name in log.sensors)
-
-
 def pose_samples(poses: MeasurementStream) -> MotionSamples:
     """Initial motion samples of poses (t, q_ig)."""
     return MotionSamples(poses.time, poses.values[:, 3:], positions=poses.values[:, :3])
@@ -254,7 +220,7 @@ def diagonal_factor(*std: float) -> tuple[float, ...]:
 def model_over(
     kind: type[MeasurementModel],
     layout: StateLayout,
-    *options: SensorNoiseModel | Camera | CameraPoseModel,
+    *options: Hashable,
 ) -> MeasurementModel:
     """A sensor's model over a layout, cached.
 

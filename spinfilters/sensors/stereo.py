@@ -12,8 +12,12 @@ from spinfilters.data.sensor_format import CalibrationFiles, SensorFormat, Senso
 from spinfilters.data.stated_values import PIXEL
 from spinfilters.data.table_files import Table
 from spinfilters.geometry.cameras import stereo_pair
-from spinfilters.models.sensor_models.camera_landmark import camera_pose_model, with_camera_poses
-from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark, stereo_parameters
+from spinfilters.models.sensor_models.camera_landmark import (
+    camera_parameters,
+    camera_pose_model,
+    with_camera_poses,
+)
+from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark
 from spinfilters.models.sensor_noise import noise_model, noise_of_rows
 from spinfilters.sensors.feature_tracks import (
     RIG,
@@ -98,7 +102,7 @@ class StereoSensor(Sensor):
         time, poses = stream.time[known], view.camera_poses(stream.time[known])
         camera, moves = stereo_pair(view.calibration), camera_pose_model(poses)
         model = model_over(StereoLandmark, layout, noise_model(level, 3), camera, moves)
-        parameters = stereo_parameters(points, view.calibration, noise_of_rows(level, known))
+        parameters = camera_parameters(points, view.calibration, noise_of_rows(level, known))
         return BoundStream(model, time, stream.values[known], with_camera_poses(parameters, poses), ids)
 
     def initial_motion(
@@ -156,10 +160,10 @@ def stereo_tracks(
     ------
     InputError: when no landmark is ever found.
     """
-    parameters = stereo_parameters(surface.points, RIG.calibration, front_end.pixel_std)
+    parameters = camera_parameters(surface.points, RIG.calibration, front_end.pixel_std)
     camera = TrackCamera(model_over(StereoLandmark, motion.layout), parameters, RIG, horizontal=(0, 2))
     time, ids, values, landmarks = feature_tracks(camera, front_end, surface, motion, generator)
     return MeasurementStream("stereo", time, values, ids), landmarks
 
 
-SENSOR = StereoSensor()
+STEREO = StereoSensor()

@@ -14,7 +14,7 @@ from spinfilters.data.dataset import Dataset
 from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.data.sensor_format import sensor_format
 from spinfilters.errors import InputError
-from spinfilters.sensors.sensor import sensor_of
+from spinfilters.sensors.sensor_registry import sensor_of
 
 
 class Fault(ABC):

@@ -12,7 +12,7 @@ from spinfilters.attitude.conversions import multiply, quaternion_from_rotation_
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.errors import InputError
-from spinfilters.sensors.sensor import sensor_of
+from spinfilters.sensors.sensor_registry import sensor_of
 from spinfilters.simulation.faults import Fault, epoch_rows, landmark_stream, stream_rows, with_stream
 
 MISSING: Final = "missing"

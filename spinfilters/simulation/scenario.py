@@ -29,7 +29,7 @@ from spinfilters.sensors.feature_tracks import (
     ball,
     stays_in_view,
 )
-from spinfilters.sensors.sensor import has_error, sensor_of
+from spinfilters.sensors.sensor_registry import has_error, sensor_of
 from spinfilters.sensors.simulated_scene import Scene, SimulatedStream
 from spinfilters.simulation import bundled_example
 from spinfilters.simulation.inspector import INSPECTORS, STATIC, InspectorPath

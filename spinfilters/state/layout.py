@@ -13,9 +13,10 @@ from jaxtyping import Float, Int
 from spinfilters.attitude.expressions import Expression
 from spinfilters.errors import InputError
 from spinfilters.state.block import PointAndError, StateBlock
-from spinfilters.state.blocks import BLOCKS
-from spinfilters.state.blocks.rigid_body import BLOCKS as RIGID_BODY
-from spinfilters.symbolic import Compiled, building, built_property
+from spinfilters.state.block_table import BLOCKS
+from spinfilters.state.blocks.rigid_body import RIGID_BODY
+from spinfilters.symbolic.compiled import Compiled
+from spinfilters.symbolic.working_time import building, built_property
 
 FULL_BLOCKS = tuple(block.name for block in RIGID_BODY)
 """Pose, velocities, centre of mass and mass distribution."""
@@ -29,7 +30,7 @@ Quantity = Callable[[dict[str, Expression]], Expression]
 
 @dataclass(frozen=True)
 class StateLayout:
-    """The blocks of a state, in the order of `spinfilters.state.blocks.BLOCKS`.
+    """The blocks of a state, in the order of `spinfilters.state.block_table.BLOCKS`.
 
     A point ``x`` (mean_dim,) and an error ``d`` (error_dim,) hold the points and the errors of the blocks one after the other; each
     block has its own chart. The attitude is the quaternion q_ig with 4 x MRP on the body side as its error.

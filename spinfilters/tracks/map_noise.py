@@ -18,7 +18,8 @@ from jaxtyping import Bool, Float, Int
 from spinfilters.attitude.expressions import matrix_from_quaternion
 from spinfilters.models.measurement import row_by_row
 from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark
-from spinfilters.symbolic import Vectorised, building
+from spinfilters.symbolic.vectorised import Vectorised
+from spinfilters.symbolic.working_time import building
 
 
 class UncertainRows(NamedTuple):

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from spinfilters.models.sensor_models.stereo_landmark import stereo_parameters
+from spinfilters.models.sensor_models.camera_landmark import camera_parameters
 from spinfilters.models.sensor_noise import NoiseLevel
 
 
@@ -53,7 +53,7 @@ class MatchTable:
         column = np.arange(counts.max())
         row = (np.cumsum(counts) - counts)[:, None] + np.minimum(column, counts[:, None] - 1)
         covariances = [epoch.covariance for epoch in epochs if epoch.covariance is not None]
-        parameters = [stereo_parameters(epoch.points, calibration, epoch.noise) for epoch in epochs]
+        parameters = [camera_parameters(epoch.points, calibration, epoch.noise) for epoch in epochs]
         return cls(
             column < counts[:, None],
             np.concatenate([epoch.points for epoch in epochs])[row],

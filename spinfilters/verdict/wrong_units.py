@@ -13,7 +13,7 @@ import numpy as np
 
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.measurement_log import MeasurementStream
-from spinfilters.sensors.sensor import sensor_of
+from spinfilters.sensors.sensor_registry import sensor_of
 from spinfilters.state.quantities import ALL, RATE, TRANSLATION, VELOCITY
 from spinfilters.verdict.attitude_convention import contradicted_convention
 

@@ -14,7 +14,8 @@ from scipy.sparse import bsr_array
 
 from spinfilters.attitude.conversions import matrix_from_quaternion
 from spinfilters.data.camera import StereoRig
-from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark, stereo_parameters
+from spinfilters.models.sensor_models.camera_landmark import camera_parameters
+from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark
 from spinfilters.models.sensor_noise import CorrelatedNoise
 from spinfilters.state.layout import POSE_BLOCKS, StateLayout
 
@@ -127,7 +128,7 @@ def _linearised(
     points: Float[np.ndarray, "l 3"],
     rig: StereoRig,
 ) -> "_Linearised":
-    parameters = stereo_parameters(points[observations.landmark], rig.calibration, observations.covariance)
+    parameters = camera_parameters(points[observations.landmark], rig.calibration, observations.covariance)
     innovation, by_pose, valid, _ = _sensor().linearise(
         poses[observations.epoch], parameters, observations.values
     )

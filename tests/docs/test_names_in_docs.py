@@ -10,7 +10,7 @@ import pytest
 
 import spinfilters
 from spinfilters import conventions
-from spinfilters.state.blocks import BLOCKS
+from spinfilters.state.block_table import BLOCKS
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -27,7 +27,8 @@ def _docstrings(path: Path) -> str:
 def _entry_point_groups() -> set[str]:
     """Groups that plug-ins register with: names of no module."""
     code = "\n".join(path.read_text() for path in SOURCES)
-    return set(re.findall(r'group="(spinfilters\.\w+)"', code))
+    asked = r'(?:group=|installed_plugins\(|members_above\()\s*"(spinfilters\.\w+)"'
+    return set(re.findall(asked, code))
 
 
 def _exists(name: str) -> bool:

@@ -15,9 +15,10 @@ from spinfilters.estimators.filters.iterated_update import IterationOptions
 from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.estimators.landmarks.belief import LandmarkBelief
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
+from spinfilters.models.sensor_models.camera_landmark import camera_parameters
 from spinfilters.models.sensor_models.gyro_model import Gyro, gyro_parameters
 from spinfilters.models.sensor_models.pose_model import Pose, pose_parameters
-from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark, stereo_parameters
+from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.symbolic.c_library import compiler
 
@@ -75,7 +76,7 @@ def observations(
     truth: np.ndarray, points: Float[np.ndarray, "k 3"], rng: np.random.Generator
 ) -> Measurement:
     model = StereoLandmark(FULL.layout)
-    parameters = stereo_parameters(points, np.array(CALIBRATION), 1.0)
+    parameters = camera_parameters(points, np.array(CALIBRATION), 1.0)
     values = model.predict(truth, parameters) + rng.normal(size=(len(points), 3))
     return Measurement(model, values, parameters)
 

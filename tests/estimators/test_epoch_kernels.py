@@ -13,7 +13,7 @@ from spinfilters.estimators.landmarks.numpy_steps import NumpySteps
 from spinfilters.estimators.landmarks.regression import Spread
 from spinfilters.estimators.landmarks.steps import SLOTS, Closing, MapObservations
 from spinfilters.models.gauge import GAUGE_DIM
-from spinfilters.state.blocks import BLOCKS
+from spinfilters.state.block_table import BLOCKS
 
 RANK, COUNT, POSE, LANDMARKS = 5, 23, 6, 60
 SIZE = 20 + RANK + 6

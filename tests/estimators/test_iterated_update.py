@@ -13,7 +13,8 @@ from spinfilters.estimators.filters.iterated_update import IterationOptions
 from spinfilters.estimators.filters.linear_prediction import linear_rows
 from spinfilters.estimators.filters.multiplicative_ekf import IteratedUpdate, MultiplicativeEkf
 from spinfilters.estimators.robust.gate_weights import RobustOptions
-from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark, stereo_parameters
+from spinfilters.models.sensor_models.camera_landmark import camera_parameters
+from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark
 from spinfilters.sensors.feature_tracks import RIG
 from spinfilters.state.gaussian import Gaussian
 
@@ -31,7 +32,7 @@ def _transient(seed: int) -> tuple[np.ndarray, Gaussian, Measurement]:
     x[2] = 0.6
     belief = Gaussian(FULL, FULL.retract(x, STD * generator.standard_normal(20)), np.diag(STD))
     sensor = StereoLandmark(FULL)
-    parameters = stereo_parameters(0.1 * generator.standard_normal((40, 3)), RIG.calibration, PIXEL_STD)
+    parameters = camera_parameters(0.1 * generator.standard_normal((40, 3)), RIG.calibration, PIXEL_STD)
     values = sensor.predict(x, parameters) + PIXEL_STD * generator.standard_normal((40, 3))
     return x, belief, Measurement(sensor, values, parameters)
 

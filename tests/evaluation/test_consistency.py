@@ -17,7 +17,7 @@ from spinfilters.evaluation.consistency import (
     true_states,
 )
 from spinfilters.evaluation.estimated_motion import trajectory_of
-from spinfilters.state.blocks import BLOCKS
+from spinfilters.state.block_table import BLOCKS
 from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
 
 COUNT = 300

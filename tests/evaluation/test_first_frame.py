@@ -23,7 +23,7 @@ from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate
 from spinfilters.evaluation.metrics import numbers
 from spinfilters.evaluation.trajectory_errors import Alignment
 from spinfilters.evaluation.truth_frames import tells_first_frame, truth_in_first_frame
-from spinfilters.state.blocks import BLOCKS
+from spinfilters.state.block_table import BLOCKS
 from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
 
 COUNT = 300

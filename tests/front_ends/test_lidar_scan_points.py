@@ -27,7 +27,7 @@ from spinfilters.lidar.sequence import (
     write_sequence,
 )
 from spinfilters.pipeline.preparation import prepare
-from spinfilters.sensors.sensor import sensor_of
+from spinfilters.sensors.sensor_registry import sensor_of
 from spinfilters.settings.run_settings import Settings
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 

@@ -13,9 +13,9 @@ from spinfilters.attitude.conversions import (
 from spinfilters.errors import InputError, ShapeError
 from spinfilters.geometry.camera_trajectory import CameraTrajectory, in_inertial
 from spinfilters.geometry.cameras import Camera, monocular_camera, stereo_pair
-from spinfilters.models.sensor_models.camera_landmark import MOVING, with_camera_poses
-from spinfilters.models.sensor_models.monocular_landmark import MonocularLandmark, monocular_parameters
-from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark, stereo_parameters
+from spinfilters.models.sensor_models.camera_landmark import MOVING, camera_parameters, with_camera_poses
+from spinfilters.models.sensor_models.monocular_landmark import MonocularLandmark
+from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark
 from spinfilters.models.sensor_noise import IsotropicNoise
 from spinfilters.state.layout import StateLayout
 
@@ -83,7 +83,7 @@ def test_a_point_beyond_the_fold_of_a_lens_is_not_in_view(k2: float) -> None:
     lens = [-0.5, k2, 0.0, 0.0]
     calibration = np.array([*PINHOLE, 0.11, *lens, *lens])
     sensor = StereoLandmark(POSE, None, stereo_pair(calibration))
-    parameters = stereo_parameters(np.array([[0.1, 0.0, 1.0], [3.0, 0.0, 1.0]]), calibration, 1.0)
+    parameters = camera_parameters(np.array([[0.1, 0.0, 1.0], [3.0, 0.0, 1.0]]), calibration, 1.0)
     found = sensor.linearise(POSE.origin(), parameters, np.zeros((2, 3))).valid
     np.testing.assert_array_equal(found, [True, False])
 
@@ -112,8 +112,8 @@ def test_a_moving_camera_sees_what_a_resting_one_sees_of_the_same_scene(name: st
     in_i = in_inertial(in_camera[None], camera_pose)[0]
     camera = camera_of(calibration)
     model, parameters = {
-        2: (MonocularLandmark, monocular_parameters),
-        3: (StereoLandmark, stereo_parameters),
+        2: (MonocularLandmark, camera_parameters),
+        3: (StereoLandmark, camera_parameters),
     }[camera.pixel_dim]
     resting, moving = (
         model(POSE, IsotropicNoise(camera.pixel_dim), camera, *pose) for pose in ((), (MOVING,))
@@ -132,7 +132,7 @@ def test_a_moving_pair_tells_the_landmark_of_its_pixels() -> None:
     camera_poses = np.tile(random_poses(1), (6, 1))
     in_i = in_inertial(in_camera[None], camera_poses[:1])[0]
     sensor = StereoLandmark(POSE, IsotropicNoise(3), stereo_pair(calibration), MOVING)
-    parameters = with_camera_poses(stereo_parameters(points, calibration, 1.0), camera_poses)
+    parameters = with_camera_poses(camera_parameters(points, calibration, 1.0), camera_poses)
     made = sensor.new_landmarks(in_i, parameters, sensor.predict(np.tile(in_i, (6, 1)), parameters))
     assert made.determined.all()
     np.testing.assert_allclose(made.points, points, atol=1e-10)

@@ -5,13 +5,14 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from spinfilters.geometry.ray_angles import unit_vectors
 from spinfilters.lidar.body_motion import Still, thesis_rotation
 from spinfilters.lidar.convex_ranges import expected_ranges
 from spinfilters.lidar.edge_model import moved_pose
 from spinfilters.lidar.face_map import Face
 from spinfilters.lidar.mesh import box
 from spinfilters.lidar.point_noise import PointNoise
-from spinfilters.lidar.ray_pattern import RayPattern, unit_vectors
+from spinfilters.lidar.ray_pattern import RayPattern
 from spinfilters.lidar.scan_errors import rvs_noise
 from spinfilters.lidar.scan_pose import rotation_vector
 from spinfilters.lidar.scan_poses import scan_poses

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from spinfilters.errors import InputError
+from spinfilters.geometry.ray_angles import unit_vectors
 from spinfilters.lidar.body_motion import Still
 from spinfilters.lidar.mesh import box
-from spinfilters.lidar.ray_pattern import HighResolutionWindow, RayPattern, unit_vectors
+from spinfilters.lidar.ray_pattern import HighResolutionWindow, RayPattern
 from spinfilters.lidar.scan import Scan
 from spinfilters.lidar.scan_errors import DUST, MISS, RETURN, SATURATED, WEAK, LidarNoise, Losses, rvs_noise
 from spinfilters.lidar.scan_files import read_scan, write_scan

@@ -5,7 +5,7 @@ from jaxtyping import Float
 
 from spinfilters.dynamics.mass_distribution import from_inertia
 from spinfilters.models.process import TorqueFreeProcess
-from spinfilters.state.blocks import BLOCKS
+from spinfilters.state.block_table import BLOCKS
 from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
 
 LAYOUTS = tuple(

@@ -6,8 +6,9 @@ from sensor_contract import check_sensor_contract
 
 from spinfilters.geometry.cameras import NEAREST_DEPTH
 from spinfilters.models.sensor_models.attitude_model import Attitude, attitude_parameters
-from spinfilters.models.sensor_models.monocular_landmark import MonocularLandmark, monocular_parameters
-from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark, stereo_parameters
+from spinfilters.models.sensor_models.camera_landmark import camera_parameters
+from spinfilters.models.sensor_models.monocular_landmark import MonocularLandmark
+from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark
 from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
 
 FULL, POSE_ONLY = StateLayout(FULL_BLOCKS), StateLayout(("t", "a"))
@@ -36,20 +37,20 @@ def test_an_attitude_keeps_the_contract(layout: StateLayout, seed: int) -> None:
 def test_a_single_camera_keeps_the_contract(layout: StateLayout, seed: int) -> None:
     points = 0.1 * np.random.default_rng(2).uniform(-1, 1, (5, 3))
     check_sensor_contract(
-        MonocularLandmark(layout), _point(layout, seed), monocular_parameters(points, CALIBRATION, 0.8)
+        MonocularLandmark(layout), _point(layout, seed), camera_parameters(points, CALIBRATION, 0.8)
     )
 
 
 def test_a_single_camera_is_the_left_one_of_the_stereo_pair() -> None:
     x, points = _point(FULL, 3), 0.1 * np.random.default_rng(2).uniform(-1, 1, (5, 3))
-    left = MonocularLandmark(FULL).predict(x, monocular_parameters(points, CALIBRATION, 1.0))
-    pair = StereoLandmark(FULL).predict(x, stereo_parameters(points, np.append(CALIBRATION, 0.09), 1.0))
+    left = MonocularLandmark(FULL).predict(x, camera_parameters(points, CALIBRATION, 1.0))
+    pair = StereoLandmark(FULL).predict(x, camera_parameters(points, np.append(CALIBRATION, 0.09), 1.0))
     np.testing.assert_array_equal(left, pair[:, :2])
 
 
 @pytest.mark.parametrize(("depth", "valid"), [(2 * NEAREST_DEPTH, True), (0.0, False), (-0.5, False)])
 def test_a_landmark_behind_the_single_camera_is_not_valid_and_stays_finite(depth: float, valid: bool) -> None:
-    parameters = monocular_parameters(np.array([[0.1, 0.2, depth]]), CALIBRATION, 1.0)
+    parameters = camera_parameters(np.array([[0.1, 0.2, depth]]), CALIBRATION, 1.0)
     about = MonocularLandmark(POSE_ONLY).linearise(POSE_ONLY.origin(), parameters, np.zeros((1, 2)))
     assert about.valid[0] == valid
     assert np.isfinite(about.jacobian).all()

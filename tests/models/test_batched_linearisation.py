@@ -9,7 +9,8 @@ from process_samples import LAYOUTS, random_point
 
 from spinfilters.errors import InputError, ShapeError
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark, stereo_parameters
+from spinfilters.models.sensor_models.camera_landmark import camera_parameters
+from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 from spinfilters.symbolic import c_library
 
@@ -160,7 +161,7 @@ def _scene(count: int) -> tuple[StereoLandmark, np.ndarray, np.ndarray, np.ndarr
     sensor, x = StereoLandmark(layout), _points(NAMES[2], count)
     x[:, layout.mean_slice("t")] = [0.02, -0.01, 0.6] + 0.1 * generator.standard_normal((count, 3))
     x[::5, 2] = -0.5
-    parameters = stereo_parameters(0.1 * generator.standard_normal((count, 3)), CALIBRATION, 1.3)
+    parameters = camera_parameters(0.1 * generator.standard_normal((count, 3)), CALIBRATION, 1.3)
     values = sensor.predict(x, parameters) + generator.standard_normal((count, 3))
     return sensor, x, parameters, values
 

@@ -5,8 +5,9 @@ import pytest
 
 from spinfilters.models.gauge import gauge_directions, gauge_of_points
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark, stereo_parameters
-from spinfilters.state.blocks import BLOCKS
+from spinfilters.models.sensor_models.camera_landmark import camera_parameters
+from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark
+from spinfilters.state.block_table import BLOCKS
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 
 LAYOUT = StateLayout(FULL_BLOCKS)
@@ -54,7 +55,7 @@ def test_the_bias_of_a_gyro_turns_with_g_as_the_rate_does():
 def test_no_observation_sees_a_gauge_direction(seed):
     sensor, x = StereoLandmark(LAYOUT), state(seed)
     points = 0.2 * np.random.default_rng(seed).standard_normal((5, 3))
-    at = sensor.linearise_landmarks(x, stereo_parameters(points, CALIBRATION, 1.0), np.zeros((5, 3)))
+    at = sensor.linearise_landmarks(x, camera_parameters(points, CALIBRATION, 1.0), np.zeros((5, 3)))
     seen = at.jacobian @ gauge_directions(LAYOUT, x)[sensor.columns]
     seen = seen + at.by_landmark @ gauge_of_points(points).reshape(-1, 3, 6)
     assert np.abs(seen).max() < 1e-10 * np.abs(at.jacobian).max()

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark, stereo_parameters
+from spinfilters.models.sensor_models.camera_landmark import camera_parameters
+from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark
 from spinfilters.state.layout import StateLayout
 
 LAYOUT = StateLayout(("t", "a"))
@@ -16,7 +17,7 @@ STEP = 1e-6
 def scene():
     generator = np.random.default_rng(5)
     x = LAYOUT.retract(np.array([0.02, -0.01, 0.7, 0, 0, 0, 1.0]), generator.standard_normal(6) * 0.3)
-    return x, stereo_parameters(0.1 * generator.standard_normal((6, 3)), CALIBRATION, 1.3)
+    return x, camera_parameters(0.1 * generator.standard_normal((6, 3)), CALIBRATION, 1.3)
 
 
 def test_derivative_by_the_landmark_is_the_finite_difference(scene):

@@ -9,9 +9,10 @@ from sensor_contract import check_sensor_contract
 from spinfilters.attitude.expressions import Expression
 from spinfilters.geometry.cameras import NEAREST_DEPTH
 from spinfilters.models.measurement import MeasurementModel
+from spinfilters.models.sensor_models.camera_landmark import camera_parameters
 from spinfilters.models.sensor_models.gyro_model import Gyro, gyro_parameters
 from spinfilters.models.sensor_models.pose_model import Pose, pose_parameters
-from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark, stereo_parameters
+from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark
 from spinfilters.models.sensor_noise import CorrelatedNoise, IsotropicNoise, NoiseLevel, SensorNoiseModel
 from spinfilters.state.blocks.gyro_bias import GYRO_BIAS
 from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
@@ -41,7 +42,7 @@ def _random_parameters(model: MeasurementModel, count: int = 5) -> Float[np.ndar
         return pose_parameters(roots @ np.swapaxes(roots, 1, 2) + 1e-5 * np.eye(6))
     assert isinstance(model, StereoLandmark)
     points = 0.1 * generator.uniform(-1, 1, (count, 3))
-    return stereo_parameters(points, CALIBRATION, _level(model.noise, 0.8, count))
+    return camera_parameters(points, CALIBRATION, _level(model.noise, 0.8, count))
 
 
 def _level(noise: SensorNoiseModel, std: float, count: int = 5) -> NoiseLevel:
@@ -83,7 +84,7 @@ def test_a_covariance_tells_how_sure_a_disparity_is() -> None:
     for correlation, known in ((0.0, False), (0.99, True)):
         noise = np.eye(3)
         noise[0, 2] = noise[2, 0] = correlation
-        parameters = stereo_parameters(np.zeros((1, 3)), CALIBRATION, noise[None])
+        parameters = camera_parameters(np.zeros((1, 3)), CALIBRATION, noise[None])
         assert model.new_landmarks(POSE_ONLY.origin(), parameters, pixels).determined[0] == known
 
 
@@ -118,7 +119,7 @@ def test_the_contract_notices_a_broken_sensor(broken: MeasurementModel) -> None:
 )
 def test_a_landmark_at_or_behind_the_camera_is_not_valid_and_stays_finite(depth: float, valid: bool) -> None:
     model, x = StereoLandmark(POSE_ONLY), POSE_ONLY.origin()
-    parameters = stereo_parameters(np.array([[0.1, 0.2, depth]]), CALIBRATION, 1.0)
+    parameters = camera_parameters(np.array([[0.1, 0.2, depth]]), CALIBRATION, 1.0)
     about = model.linearise(x, parameters, np.zeros((1, 3)))
     assert about.valid[0] == valid
     assert np.isfinite(about.innovation).all()
@@ -127,7 +128,7 @@ def test_a_landmark_at_or_behind_the_camera_is_not_valid_and_stays_finite(depth:
 
 def test_stereo_pixels_are_those_of_the_pinhole_pair() -> None:
     model, x = StereoLandmark(POSE_ONLY), POSE_ONLY.origin()
-    pixels = model.predict(x, stereo_parameters(np.array([[0.1, -0.2, 0.5]]), CALIBRATION, 1.0))
+    pixels = model.predict(x, camera_parameters(np.array([[0.1, -0.2, 0.5]]), CALIBRATION, 1.0))
     expected = [466.7 * 0.2 + 320.0, -470.0 * 0.4 + 240.0, 466.7 * (0.1 - 0.09) / 0.5 + 320.0]
     np.testing.assert_allclose(pixels[0], expected, rtol=1e-14)
 

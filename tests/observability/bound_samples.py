@@ -7,7 +7,8 @@ from observability.canonical_motions import CanonicalMotion, landmarks, point_of
 from observability.charts.filter_state import FilterChart
 from observability.rational import as_floats
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark, stereo_parameters
+from spinfilters.models.sensor_models.camera_landmark import camera_parameters
+from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 
 LAYOUT = StateLayout(FULL_BLOCKS)
@@ -27,4 +28,4 @@ def stereo_watch(count: int, frames: int, pixel_std: float = 1.0) -> SensorSched
     """Unknown landmarks, of which each is missed now and then."""
     points = np.stack([as_floats(point) for point in landmarks(count)])
     seen = (np.arange(frames)[:, np.newaxis] + np.arange(count)) % 5 > 0
-    return SensorSchedule(MODEL, stereo_parameters(points, CALIBRATION, pixel_std), 3, seen)
+    return SensorSchedule(MODEL, camera_parameters(points, CALIBRATION, pixel_std), 3, seen)

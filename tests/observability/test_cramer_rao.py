@@ -12,8 +12,9 @@ from observability.bounds.reference_trajectory import ReferenceTrajectory, Senso
 from observability.sensors import analysed
 from spinfilters.errors import InputError, ShapeError
 from spinfilters.models.process import ProcessNoise
+from spinfilters.models.sensor_models.camera_landmark import camera_parameters
 from spinfilters.models.sensor_models.gyro_model import Gyro, gyro_parameters
-from spinfilters.models.sensor_models.monocular_landmark import MonocularLandmark, monocular_parameters
+from spinfilters.models.sensor_models.monocular_landmark import MonocularLandmark
 from spinfilters.models.sensor_models.pose_model import Pose, pose_parameters
 
 QUIET = ProcessNoise(0.0, 0.0)
@@ -101,7 +102,7 @@ def test_with_process_noise_the_bound_is_that_of_one_large_least_squares_problem
         ),
         SensorSchedule(
             MonocularLandmark(LAYOUT),
-            monocular_parameters(np.array([[0.05, 0.02, -0.03], [0.01, -0.04, 0.02]]), CALIBRATION[:4], 0.7),
+            camera_parameters(np.array([[0.05, 0.02, -0.03], [0.01, -0.04, 0.02]]), CALIBRATION[:4], 0.7),
             3,
             np.ones((3, 2), dtype=bool),
         ),

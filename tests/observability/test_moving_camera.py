@@ -13,9 +13,9 @@ from spinfilters.errors import ShapeError
 from spinfilters.geometry.cameras import monocular_camera, stereo_pair
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.process import ProcessNoise
-from spinfilters.models.sensor_models.camera_landmark import MOVING
-from spinfilters.models.sensor_models.monocular_landmark import MonocularLandmark, monocular_parameters
-from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark, stereo_parameters
+from spinfilters.models.sensor_models.camera_landmark import MOVING, camera_parameters
+from spinfilters.models.sensor_models.monocular_landmark import MonocularLandmark
+from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark
 from spinfilters.models.sensor_noise import IsotropicNoise
 from spinfilters.simulation.inspector import circling
 
@@ -37,10 +37,10 @@ def schedule(name: str, poses: Float[np.ndarray, "k 7"] | None) -> SensorSchedul
     if name == "stereo":
         camera = stereo_pair(CALIBRATION)
         model: MeasurementModel = StereoLandmark(LAYOUT, IsotropicNoise(3), camera, *pose)
-        return SensorSchedule(model, stereo_parameters(POINTS, CALIBRATION, 1.0), 3, SEEN, poses)
+        return SensorSchedule(model, camera_parameters(POINTS, CALIBRATION, 1.0), 3, SEEN, poses)
     one = CALIBRATION[:4]
     model = MonocularLandmark(LAYOUT, IsotropicNoise(2), monocular_camera(one), *pose)
-    return SensorSchedule(model, monocular_parameters(POINTS, one, 1.0), 3, SEEN, poses)
+    return SensorSchedule(model, camera_parameters(POINTS, one, 1.0), 3, SEEN, poses)
 
 
 def circle() -> Float[np.ndarray, "k 7"]:

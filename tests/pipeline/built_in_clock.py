@@ -16,9 +16,9 @@ from spinfilters.pipeline.estimator_entry import estimator_names
 from spinfilters.pipeline.preparation import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
-from spinfilters.symbolic import Compiled, c_library
+from spinfilters.symbolic import c_library
 from spinfilters.symbolic.c_library import load_loop
-from spinfilters.symbolic.compiled import Loader
+from spinfilters.symbolic.compiled import Compiled, Loader
 
 running: set[str] = set()
 """Modules whose clock has been looked at once, and not yet again."""

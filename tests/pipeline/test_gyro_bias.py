@@ -29,7 +29,7 @@ from spinfilters.pipeline.preparation import prepare
 from spinfilters.runs.run_summary import summary
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
-from spinfilters.state.blocks import BLOCKS
+from spinfilters.state.block_table import BLOCKS
 from spinfilters.state.layout import StateLayout
 
 SEEDS, BIAS_STD, WIDE_STD, GYRO_STD = 12, 0.003, 0.02, 0.002

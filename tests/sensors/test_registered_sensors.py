@@ -13,10 +13,12 @@ from contracts.sensor import check_sensor
 from spinfilters.cli.main import main
 from spinfilters.data.dataset_writing import write_dataset
 from spinfilters.data.measurement_log import MeasurementLog
-from spinfilters.data.sensor_format import SENSORS, SensorNoise, dataset_kinds, noise_options
+from spinfilters.data.sensor_format import SensorNoise, dataset_kinds, noise_options
 from spinfilters.errors import InputError
+from spinfilters.plugins import installed_plugins
 from spinfilters.runs.run_summary import read_summary
-from spinfilters.sensors.sensor import Sensor, all_sensors, sensor_of
+from spinfilters.sensors.sensor import Sensor
+from spinfilters.sensors.sensor_registry import all_sensors, sensor_of
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 
 HOW_TO = Path(__file__).parents[2] / "docs" / "how-to" / "add-a-sensor.md"
@@ -33,14 +35,14 @@ def distribution(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Pa
     yield information
     monkeypatch.undo()
     sys.modules.pop("range_sensor", None)
-    SENSORS.reload()
+    installed_plugins.cache_clear()
 
 
 def installed(distribution: Path, module: str, entry_point: str = "range = range_sensor:SENSOR") -> None:
     """Write a module and its entry point, and let the registry look again."""
     (distribution.parent / "range_sensor.py").write_text(module)
     (distribution / "entry_points.txt").write_text(f"[spinfilters.sensors]\n{entry_point}\n")
-    SENSORS.reload()
+    installed_plugins.cache_clear()
 
 
 def how_to_module() -> str:

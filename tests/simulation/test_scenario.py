@@ -12,7 +12,8 @@ from spinfilters.dynamics.mass_distribution import inertia_matrix
 from spinfilters.errors import InputError
 from spinfilters.evaluation.consistency import true_states
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark, stereo_parameters
+from spinfilters.models.sensor_models.camera_landmark import camera_parameters
+from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark
 from spinfilters.sensors.feature_tracks import RIG, EveryAppearance, SomeAppearances, stays_in_view
 from spinfilters.simulation.motion import Motion, simulate_motion
 from spinfilters.simulation.scenario import RICH_RPM, THESIS_RPM, Scenario, simulate, without_map
@@ -54,7 +55,7 @@ def _whitened_noise(dataset: Dataset, scenario: Scenario) -> np.ndarray:
         return small.local(exact, stream.values) / std
     assert dataset.known_map is not None
     assert stream.ids is not None
-    parameters = stereo_parameters(dataset.known_map.points[stream.ids], RIG.calibration, 1.0)
+    parameters = camera_parameters(dataset.known_map.points[stream.ids], RIG.calibration, 1.0)
     return (stream.values - StereoLandmark(FULL).predict(states[rows], parameters)) / scenario.pixel_std
 
 

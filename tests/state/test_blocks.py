@@ -11,7 +11,7 @@ import pytest
 import spinfilters
 from spinfilters.errors import InputError
 from spinfilters.state.block import ErrorChart, StateBlock
-from spinfilters.state.blocks import BLOCKS, table
+from spinfilters.state.block_table import BLOCKS, table
 from spinfilters.state.blocks.drag import DRAG
 from spinfilters.state.blocks.gyro_bias import GYRO_BIAS
 from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from spinfilters.attitude.conversions import angle_between, quaternion_from_mrp
 from spinfilters.dynamics.mass_distribution import from_inertia, inertia_matrix
 from spinfilters.errors import InputError, ShapeError
-from spinfilters.state.blocks import BLOCKS
+from spinfilters.state.block_table import BLOCKS
 from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
 
 ROTATION, FULL = StateLayout(ROTATION_BLOCKS), StateLayout(FULL_BLOCKS)

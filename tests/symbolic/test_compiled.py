@@ -12,7 +12,8 @@ import pytest
 
 from spinfilters.attitude import expressions
 from spinfilters.errors import ShapeError
-from spinfilters.symbolic import Compiled, c_library
+from spinfilters.symbolic import c_library
+from spinfilters.symbolic.compiled import Compiled
 
 
 @pytest.fixture

@@ -13,7 +13,8 @@ import platformdirs
 import pytest
 
 from spinfilters.cli.doctor_checks import CHECKS
-from spinfilters.symbolic import Compiled, c_library, library_folder
+from spinfilters.symbolic import c_library, library_folder
+from spinfilters.symbolic.compiled import Compiled
 
 NOBODY = 65534
 

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from spinfilters.estimators.smoothing.linear.buffer_pool import LARGE, pooled_array
-from spinfilters.symbolic import Compiled, building, built_property
+from spinfilters.symbolic.compiled import Compiled
+from spinfilters.symbolic.working_time import building, built_property
 
 THREADS, CALLS = 4, 200
 

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from spinfilters.errors import ShapeError
-from spinfilters.symbolic import Compiled, Vectorised, VectorisedScan, c_library
+from spinfilters.symbolic import c_library
+from spinfilters.symbolic.compiled import Compiled
 from spinfilters.symbolic.simd_code import simd_text
+from spinfilters.symbolic.vectorised import Vectorised, VectorisedScan
 
 
 @pytest.fixture

@@ -7,8 +7,9 @@ import casadi as ca
 import pytest
 
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
-from spinfilters.symbolic import Compiled, building, c_library, working_seconds, working_time
-from spinfilters.symbolic.compiled import Loader
+from spinfilters.symbolic import c_library, working_time
+from spinfilters.symbolic.compiled import Compiled, Loader
+from spinfilters.symbolic.working_time import building, working_seconds
 
 
 @pytest.fixture

@@ -3,7 +3,8 @@
 import numpy as np
 
 from spinfilters.attitude.conversions import matrix_from_quaternion
-from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark, stereo_parameters
+from spinfilters.models.sensor_models.camera_landmark import camera_parameters
+from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark
 from spinfilters.sensors.feature_tracks import RIG
 from spinfilters.state.layout import POSE_BLOCKS, StateLayout
 from spinfilters.tracks.map_noise import UncertainMatches
@@ -18,7 +19,7 @@ def sample() -> tuple[UncertainMatches, np.ndarray, np.ndarray]:
     poses = np.hstack([[[0.02, -0.01, 0.6]] * 3, q / np.linalg.norm(q, axis=1, keepdims=True)])
     epochs = np.repeat(np.arange(3), 4)
     points = generator.uniform(-0.1, 0.1, (12, 3))
-    parameters = stereo_parameters(points, RIG.calibration, 1.3)
+    parameters = camera_parameters(points, RIG.calibration, 1.3)
     pixels = MODEL.predict(poses[epochs], parameters) + generator.standard_normal((12, 3))
     roots = 0.01 * generator.standard_normal((12, 3, 3))
     away = 0.005 * generator.standard_normal((12, 3))

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from jaxtyping import Float
 
-from spinfilters.models.sensor_models.monocular_landmark import MonocularLandmark, monocular_parameters
+from spinfilters.models.sensor_models.camera_landmark import camera_parameters
+from spinfilters.models.sensor_models.monocular_landmark import MonocularLandmark
 from spinfilters.state.layout import StateLayout
 from spinfilters.tracks.perspective_poses import perspective_pose
 
@@ -20,7 +21,7 @@ def scene(
     generator = np.random.default_rng(seed)
     points = 0.1 * generator.uniform(-1, 1, (count, 3)) * [1, 1, 0 if planar else 1]
     pose = LAYOUT.retract(LAYOUT.origin(), np.r_[0.05, -0.04, 0.6, generator.uniform(-1.5, 1.5, 3)])
-    parameters = monocular_parameters(points, CALIBRATION, 1.0)
+    parameters = camera_parameters(points, CALIBRATION, 1.0)
     return pose, parameters, CAMERA.predict(np.tile(pose, (count, 1)), parameters)
 
 

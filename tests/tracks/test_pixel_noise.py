@@ -13,7 +13,8 @@ from spinfilters.attitude.conversions import (
     rotation_vector_from_quaternion,
 )
 from spinfilters.data.measurement_log import MeasurementStream
-from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark, stereo_parameters
+from spinfilters.models.sensor_models.camera_landmark import camera_parameters
+from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark
 from spinfilters.sensors.feature_tracks import RIG
 from spinfilters.state.layout import StateLayout
 from spinfilters.tracks.map_building import poses_without_map
@@ -31,7 +32,7 @@ def _attitudes(count: int) -> Float[np.ndarray, "n 4"]:
 def _tracks(count: int, std: float, seed: int) -> MeasurementStream:
     """Of landmarks on a body of 0.1 m, all of them in every view."""
     generator = np.random.default_rng(seed)
-    parameters = stereo_parameters(generator.uniform(-0.1, 0.1, (LANDMARKS, 3)), RIG.calibration, 1.0)
+    parameters = camera_parameters(generator.uniform(-0.1, 0.1, (LANDMARKS, 3)), RIG.calibration, 1.0)
     exact = [CAMERA.predict(np.array([0.0, 0.0, 0.6, *q]), parameters) for q in _attitudes(count)]
     pixels = np.concatenate(exact) + std * generator.standard_normal((count * LANDMARKS, 3))
     ids = np.tile(np.arange(LANDMARKS), count)

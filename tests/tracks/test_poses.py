@@ -18,7 +18,8 @@ from spinfilters.data.known_map import KnownMap
 from spinfilters.errors import InputError
 from spinfilters.geometry.absolute_orientation import absolute_orientation, rigid_motions
 from spinfilters.geometry.cameras import StereoPair
-from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark, stereo_parameters
+from spinfilters.models.sensor_models.camera_landmark import camera_parameters
+from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark
 from spinfilters.sensors.feature_tracks import RIG
 from spinfilters.simulation.scenario import Scenario, simulate
 from spinfilters.state.layout import StateLayout
@@ -44,7 +45,7 @@ def _pose(turn: float, seed: int = 0) -> Float[np.ndarray, " 7"]:
 
 
 def _pixels(pose: np.ndarray, points: np.ndarray) -> Float[np.ndarray, "count 3"]:
-    return CAMERA.predict(pose, stereo_parameters(points, RIG.calibration, 1.0))
+    return CAMERA.predict(pose, camera_parameters(points, RIG.calibration, 1.0))
 
 
 @pytest.mark.parametrize("turn", TURNS)

@@ -16,7 +16,8 @@ from spinfilters.attitude.conversions import (
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.geometry.cameras import StereoPair
-from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark, stereo_parameters
+from spinfilters.models.sensor_models.camera_landmark import camera_parameters
+from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark
 from spinfilters.sensors.feature_tracks import RIG
 from spinfilters.simulation.scenario import Scenario, simulate
 from spinfilters.state.layout import StateLayout
@@ -36,7 +37,7 @@ def _points(count: int) -> Float[np.ndarray, "count 3"]:
 def _swapped_matches(share: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Map points, the pixels they are taken to have, and which are wrong: each has another point's."""
     points, generator = _points(150), np.random.default_rng(1)
-    pixels = CAMERA.predict(POSE, stereo_parameters(points, RIG.calibration, 1.0))
+    pixels = CAMERA.predict(POSE, camera_parameters(points, RIG.calibration, 1.0))
     pixels += generator.standard_normal(pixels.shape)
     wrong = np.arange(len(points)) < share * len(points)
     pixels[wrong] = np.roll(pixels[wrong], 1, axis=0)

@@ -13,7 +13,8 @@ from spinfilters.attitude.expressions import Expression, mrp_from_quaternion, qu
 from spinfilters.state.blocks.rigid_body import ATTITUDE
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import StateLayout
-from spinfilters.symbolic import Compiled, built_property
+from spinfilters.symbolic.compiled import Compiled
+from spinfilters.symbolic.working_time import built_property
 
 LARGEST_MRP = 4.0
 """|a| at half a revolution: beyond it the shadow set is the shorter name of the same attitude."""

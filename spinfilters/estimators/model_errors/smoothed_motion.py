@@ -24,7 +24,8 @@ from spinfilters.state.blocks.acceleration import ACCELERATION
 from spinfilters.state.blocks.rigid_body import ATTITUDE, CENTRE_OF_MASS, MASS_DISTRIBUTION, POSITION, RATE
 from spinfilters.state.blocks.rigid_body import VELOCITY as CENTRE_VELOCITY
 from spinfilters.state.layout import StateLayout
-from spinfilters.symbolic import Compiled, building
+from spinfilters.symbolic.compiled import Compiled
+from spinfilters.symbolic.working_time import building
 
 
 @dataclass(frozen=True)

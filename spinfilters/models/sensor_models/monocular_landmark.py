@@ -2,11 +2,8 @@
 
 from spinfilters.geometry.cameras import Monocular
 from spinfilters.models.sensor_models.camera_landmark import RESTING, CameraLandmark, CameraPoseModel
-from spinfilters.models.sensor_models.camera_landmark import camera_parameters as monocular_parameters
 from spinfilters.models.sensor_noise import SensorNoiseModel
 from spinfilters.state.layout import StateLayout
-
-__all__ = ["MonocularLandmark", "monocular_parameters"]
 
 
 class MonocularLandmark(CameraLandmark[Monocular]):

@@ -4,11 +4,8 @@ from spinfilters.attitude.expressions import Expression, conjugate, rotate
 from spinfilters.geometry.cameras import StereoPair
 from spinfilters.models.landmark_sensor import LandmarkSensor
 from spinfilters.models.sensor_models.camera_landmark import RESTING, CameraLandmark, CameraPoseModel
-from spinfilters.models.sensor_models.camera_landmark import camera_parameters as stereo_parameters
 from spinfilters.models.sensor_noise import SensorNoiseModel
 from spinfilters.state.layout import StateLayout
-
-__all__ = ["StereoLandmark", "stereo_parameters"]
 
 SMALLEST_DENOMINATOR = 1e-6
 """Disparity in px that a division is guarded with; such a point is not `determined`."""

@@ -16,7 +16,7 @@ def _moved(values: Expression, parameters: Expression, error: Expression) -> tup
     return values, ca.vertcat(parameters[:7], parameters[7] * (1 + error), parameters[8:])
 
 
-PARAMETER: Final = ConsiderParameter(
+BASELINE: Final = ConsiderParameter(
     name="baseline_std",
     words="baseline",
     allowed=NumberRange(0, 0.1, "of the baseline"),

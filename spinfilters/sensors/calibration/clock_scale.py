@@ -8,7 +8,7 @@ from typing import Final
 from spinfilters.data.consider_parameter import ConsiderParameter
 from spinfilters.data.stated_values import NumberRange
 
-PARAMETER: Final = ConsiderParameter(
+CLOCK_SCALE: Final = ConsiderParameter(
     name="clock_scale_std",
     words="scale of the clock",
     allowed=NumberRange(0, 0.1, "of durations"),

@@ -16,7 +16,7 @@ def _moved(values: Expression, parameters: Expression, error: Expression) -> tup
     return values, ca.vertcat(parameters[:3], parameters[3:5] * (1 + error), parameters[5:])
 
 
-PARAMETER: Final = ConsiderParameter(
+FOCAL_LENGTH: Final = ConsiderParameter(
     name="focal_std",
     words="focal length",
     allowed=NumberRange(0, 0.1, "of the focal length"),

@@ -15,7 +15,7 @@ def _moved(values: Expression, parameters: Expression, error: Expression) -> tup
     return values / (1 + error), parameters
 
 
-PARAMETER: Final = ConsiderParameter(
+GYRO_SCALE_ERROR: Final = ConsiderParameter(
     name="gyro_scale_std",
     words="scale of the gyro",
     allowed=NumberRange(0, 0.1, "of the rate"),

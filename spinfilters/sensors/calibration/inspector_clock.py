@@ -10,7 +10,7 @@ from spinfilters.data.consider_parameter import ConsiderParameter
 from spinfilters.data.stated_values import NumberRange
 from spinfilters.geometry.camera_displacements import later
 
-PARAMETER: Final = ConsiderParameter(
+INSPECTOR_CLOCK: Final = ConsiderParameter(
     name="inspector_clock_std",
     words="clock of the inspector's poses",
     allowed=NumberRange(0, 10.0, "s"),

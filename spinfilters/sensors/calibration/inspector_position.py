@@ -10,7 +10,7 @@ from spinfilters.data.consider_parameter import ConsiderParameter
 from spinfilters.data.stated_values import NumberRange
 from spinfilters.geometry.camera_displacements import drifting
 
-PARAMETER: Final = ConsiderParameter(
+INSPECTOR_POSITION: Final = ConsiderParameter(
     name="inspector_position_std",
     words="positions of the inspector",
     allowed=NumberRange(0, 1.0, "m/min"),

@@ -9,7 +9,7 @@ from spinfilters.data.consider_parameter import ConsiderParameter
 from spinfilters.data.stated_values import NumberRange
 from spinfilters.geometry.camera_displacements import turning
 
-PARAMETER: Final = ConsiderParameter(
+INSPECTOR_ROTATION: Final = ConsiderParameter(
     name="inspector_rotation_std",
     words="attitudes of the inspector",
     allowed=NumberRange(0, 1.0, "rad/min"),

@@ -16,7 +16,7 @@ def _moved(values: Expression, parameters: Expression, error: Expression) -> tup
     return ca.vertcat(values[:3] / (1 + error), values[3:]), parameters
 
 
-PARAMETER: Final = ConsiderParameter(
+LENGTH_SCALE: Final = ConsiderParameter(
     name="length_scale_std",
     words="lengths of poses",
     allowed=NumberRange(0, 0.1, "of lengths"),

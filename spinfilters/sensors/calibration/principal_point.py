@@ -13,7 +13,7 @@ def _moved(values: Expression, parameters: Expression, error: Expression) -> tup
     return values, ca.vertcat(parameters[:5], parameters[5:7] + error, parameters[7:])
 
 
-PARAMETER: Final = ConsiderParameter(
+PRINCIPAL_POINT: Final = ConsiderParameter(
     name="center_std",
     words="principal point",
     allowed=NumberRange(0, 1e3, "px"),

@@ -16,4 +16,3 @@ ACCELERATION: Final = StateBlock(
     prior_std=10.0,
     reported=ReportedConstant("acceleration", "acceleration_std"),
 )
-BLOCKS: Final = (ACCELERATION,)

@@ -23,4 +23,3 @@ DRAG: Final = StateBlock(
     rotation=RotationParameters(1, _coefficient),
     reported=ReportedConstant("drag_per_rad", "drag_std_per_rad", ".2e", ".1e"),
 )
-BLOCKS: Final = (DRAG,)

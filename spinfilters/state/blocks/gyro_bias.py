@@ -18,4 +18,3 @@ GYRO_BIAS: Final = StateBlock(
     truth_field="gyro_bias",
     reported=ReportedConstant("gyro_bias", "gyro_bias_std"),
 )
-BLOCKS: Final = (GYRO_BIAS,)

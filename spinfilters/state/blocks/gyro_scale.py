@@ -16,4 +16,3 @@ GYRO_SCALE: Final = StateBlock(
     prior_option="gyro_scale_error_std",
     reported=ReportedConstant("gyro_scale_error", "gyro_scale_error_std"),
 )
-BLOCKS: Final = (GYRO_SCALE,)

@@ -23,4 +23,3 @@ LINEAR_DRAG: Final = StateBlock(
     rotation=RotationParameters(1, _coefficient),
     reported=ReportedConstant("linear_drag_per_s", "linear_drag_std_per_s", ".2e", ".1e"),
 )
-BLOCKS: Final = (LINEAR_DRAG,)

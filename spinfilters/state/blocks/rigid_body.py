@@ -141,4 +141,4 @@ MASS_DISTRIBUTION: Final = StateBlock(
     after_gauge_move=_rotated_mass,
 )
 """See `spinfilters.dynamics.mass_distribution`."""
-BLOCKS: Final = (POSITION, ATTITUDE, VELOCITY, RATE, CENTRE_OF_MASS, MASS_DISTRIBUTION)
+RIGID_BODY: Final = (POSITION, ATTITUDE, VELOCITY, RATE, CENTRE_OF_MASS, MASS_DISTRIBUTION)

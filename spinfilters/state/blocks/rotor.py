@@ -27,4 +27,3 @@ ROTOR: Final = StateBlock(
     after_gauge_move=vector_after_gauge_move,
     reported=ReportedConstant("rotor_momentum", "rotor_momentum_std"),
 )
-BLOCKS: Final = (ROTOR,)

@@ -26,4 +26,3 @@ TORQUE: Final = StateBlock(
     after_gauge_move=vector_after_gauge_move,
     reported=ReportedConstant("body_torque", "body_torque_std"),
 )
-BLOCKS: Final = (TORQUE,)

@@ -10,7 +10,9 @@ from spinfilters.data.consider_parameter import ConsiderParameter
 from spinfilters.estimators.model_errors.alternative import Alternative
 from spinfilters.estimators.model_errors.columns import Columns
 from spinfilters.estimators.model_errors.smoothed_motion import MeasuredRows, SmoothedMotion
-from spinfilters.sensors.calibration import baseline, focal_length, principal_point
+from spinfilters.sensors.calibration.baseline import BASELINE
+from spinfilters.sensors.calibration.focal_length import FOCAL_LENGTH
+from spinfilters.sensors.calibration.principal_point import PRINCIPAL_POINT
 
 CALIBRATION: Final = 3
 """First parameter of a camera's calibration (fx, fy, cx, cy px, of a pair the baseline m): the point stands before it."""
@@ -83,7 +85,7 @@ class FocalLength(_CalibrationAlternative):
     name, phrase, unit = "focal-length", "an error of the focal length", "of it"
     plausible = 0.05
     cure = "calibrate the cameras again (spinfilters calibrate)"
-    parameter = focal_length.PARAMETER
+    parameter = FOCAL_LENGTH
 
 
 class PrincipalPoint(_CalibrationAlternative):
@@ -92,7 +94,7 @@ class PrincipalPoint(_CalibrationAlternative):
     name, phrase, unit = "principal-point", "an error of the principal point", "px"
     plausible = 20.0
     cure = "calibrate the cameras again (spinfilters calibrate)"
-    parameter = principal_point.PARAMETER
+    parameter = PRINCIPAL_POINT
 
 
 class Distortion(_CameraAlternative):
@@ -128,7 +130,7 @@ class Baseline(_CalibrationAlternative):
     name, phrase, unit = "baseline", "an error of the baseline", "of it"
     plausible = 0.05
     cure = "calibrate the pair again (spinfilters calibrate)"
-    parameter = baseline.PARAMETER
+    parameter = BASELINE
 
     def columns(self, motion: SmoothedMotion) -> Columns | None:
         """One column: the pixels of a longer baseline, and the motion in its unit."""

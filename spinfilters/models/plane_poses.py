@@ -12,7 +12,6 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from spinfilters.errors import InputError
-from spinfilters.lidar.scan_pose import rotation_matrix
 
 FEWEST: Final = 12
 """Points of a scan that a pose is found from, at least: twice its unknowns."""
@@ -117,7 +116,7 @@ def _settled(scan: PlanePoints, R: Float[np.ndarray, "3 3"], t: Float[np.ndarray
         H = J.T @ J
         step = np.linalg.solve(H + _RIDGE * np.trace(H) * np.eye(6), -J.T @ residual)
         step *= min(1.0, 0.5 / max(float(np.abs(step).max()), 1e-300))
-        R, t = rotation_matrix(step[:3]) @ R, t + size * step[3:]
+        R, t = Rotation.from_rotvec(step[:3]).as_matrix() @ R, t + size * step[3:]
         if np.abs(step).max() < SETTLED:
             break
     else:
