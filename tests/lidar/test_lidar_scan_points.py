@@ -9,7 +9,6 @@ from scipy.spatial import ConvexHull
 
 from spinfilters.api.recordings import simulate
 from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.data.sensor_format import SensorNoise
 from spinfilters.errors import InputError
 from spinfilters.evaluation.consistency import true_states
@@ -27,6 +26,7 @@ from spinfilters.lidar.sequence import (
     write_sequence,
 )
 from spinfilters.pipeline.preparation import prepare
+from spinfilters.pipeline.readers import read_dataset
 from spinfilters.sensors.sensor import sensor_of
 from spinfilters.settings.run_settings import Settings
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout
