@@ -27,8 +27,12 @@ from spinfilters.lidar.scan import Scan
 from spinfilters.lidar.scan_files import read_scan
 from spinfilters.lidar.scan_pose import nearest_rotation, rotation_vector
 from spinfilters.lidar.scan_poses import ScanPoses, scan_poses
-from spinfilters.lidar.sequence import KIND, POINTS_KIND, SCAN_FOLDER
 
+KIND: Final = "lidar-scans"
+"""Kind of a data set that holds scans, of which the poses are measurements."""
+POINTS_KIND: Final = "lidar-scan-points"
+"""Kind of a data set that holds scans, of which the points are measurements."""
+SCAN_FOLDER: Final = "scans"
 LARGE: Final = 25.0
 """Squared error of a pose, in standard deviations, at which its weight is halved."""
 _STEPS = 8

@@ -15,9 +15,9 @@ from spinfilters.evaluation.consistency import true_states
 from spinfilters.lidar.mesh import TriangleMesh, box
 from spinfilters.lidar.ray_pattern import RayPattern
 from spinfilters.lidar.scan_errors import LidarNoise
+from spinfilters.lidar.scan_streams import POINTS_KIND
 from spinfilters.lidar.scanner import LidarSettings, Scanner
 from spinfilters.lidar.sequence import (
-    POINTS_KIND,
     Initial,
     scan_sequence,
     scan_times,

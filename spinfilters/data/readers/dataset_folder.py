@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from spinfilters.data.camera import with_told_deviations
 from spinfilters.data.covariance_files import with_covariance
 from spinfilters.data.dataset import (
     DATASET_FILE,
@@ -16,7 +15,7 @@ from spinfilters.data.dataset import (
     calibrations_of,
     require_cover,
 )
-from spinfilters.data.dataset_options import DatasetOptions, options_from_toml
+from spinfilters.data.dataset_options import DatasetOptions, options_from_toml, with_told_deviations
 from spinfilters.data.dataset_reader import DatasetReader
 from spinfilters.data.input_file import path_text, printable, read_toml, require_folder, value_text
 from spinfilters.data.known_map import read_landmarks
