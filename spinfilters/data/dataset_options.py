@@ -78,8 +78,8 @@ class DatasetOptions:
         INFLATION.require("covariance_inflation", covariance_inflation)
         told = frames, dict(notes or {}), dict(calibration or {}), float(covariance_inflation)
         values = (stated, force_psd, torque_psd, *told)
-        for name, field in zip(_FIELDS, values, strict=True):
-            object.__setattr__(self, name, field)
+        for name, value in zip(_FIELDS, values, strict=True):
+            object.__setattr__(self, name, value)
 
     def __getattr__(self, name: str) -> float | None:
         if name in _FIELDS or name.startswith("__") or name not in noise_options():
