@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 
 from experiments.command_line import run_study
-from spinfilters.data.dataset_reader import read_dataset, read_segments, read_whole
 from spinfilters.flight.free_flight import find_flights
 from spinfilters.flight.gyro_flights import gyro_flights
 from spinfilters.flight.parabola import PoseLog, acceleration_of, pose_flights
+from spinfilters.pipeline.readers import read_dataset, read_segments, read_whole
 
 HALF_EDGE = 0.0524
 """Of the cube, m."""

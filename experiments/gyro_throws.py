@@ -16,10 +16,10 @@ import numpy as np
 from experiments.command_line import run_study
 from spinfilters.data.atomic_write import make_folder
 from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.pipeline.estimation import compare_estimators
 from spinfilters.pipeline.preparation import prepare
+from spinfilters.pipeline.readers import read_dataset
 from spinfilters.pipeline.segment_choice import ALL, AUTO, read_several
 from spinfilters.pipeline.setup import Setup
 from spinfilters.plots.style import save_figure

@@ -28,12 +28,12 @@ from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.data.truth import Truth
 from spinfilters.evaluation.consistency import true_states
 from spinfilters.evaluation.estimator_evaluation import Evaluation
-from spinfilters.front_ends.lidar_scans import in_frame_of, pose_stream
 from spinfilters.lidar.mesh import TriangleMesh, box
 from spinfilters.lidar.mesh_files import read_mesh
 from spinfilters.lidar.ray_pattern import RayPattern
 from spinfilters.lidar.scan_errors import rvs_noise
 from spinfilters.lidar.scan_poses import scan_poses
+from spinfilters.lidar.scan_streams import in_frame_of, pose_stream
 from spinfilters.lidar.scanner import LidarSettings, Scanner
 from spinfilters.lidar.sequence import Initial, scan_times, truth_of, tumble_of
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess

@@ -33,10 +33,11 @@ from spinfilters.data.argument_checks import (
 )
 from spinfilters.data.argument_checks import path as path_of
 from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_reader import IMAGES, has_images, read_dataset
+from spinfilters.data.dataset_reader import IMAGES, has_images
 from spinfilters.data.sensor_format import dataset_kinds
 from spinfilters.data.stated_values import SAMPLING_RATE, ReadingOptions
 from spinfilters.errors import InputError
+from spinfilters.pipeline.readers import read_dataset
 from spinfilters.pipeline.segment_choice import read_chosen, segment_choice
 from spinfilters.sensors.sensor_registry import has_error
 from spinfilters.simulation.bundled_example import EPOCHS, INTERVAL, PRINCIPAL_MOMENTS, RATE_RPM

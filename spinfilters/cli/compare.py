@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING
 
 from spinfilters.cli.arguments import reading_options
 from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_reader import IMAGES, has_images, read_dataset
+from spinfilters.data.dataset_reader import IMAGES, has_images
 from spinfilters.data.input_file import value_text
 from spinfilters.data.stated_values import ReadingOptions
 from spinfilters.errors import InputError
 from spinfilters.pipeline.estimator_entry import estimator_entries, names_in
+from spinfilters.pipeline.readers import read_dataset
 from spinfilters.settings.run_settings import Settings, read_settings
 
 if TYPE_CHECKING:

@@ -19,10 +19,9 @@ from spinfilters.lidar.ray_pattern import HighResolutionWindow, RayPattern
 from spinfilters.lidar.scan import Scan
 from spinfilters.lidar.scan_errors import LidarNoise, Losses, rvs_noise
 from spinfilters.lidar.scan_files import write_scan
+from spinfilters.lidar.scan_streams import KIND, POINTS_KIND
 from spinfilters.lidar.scanner import LidarSettings, Scanner
 from spinfilters.lidar.sequence import (
-    KIND,
-    POINTS_KIND,
     Initial,
     scan_sequence,
     scan_times,

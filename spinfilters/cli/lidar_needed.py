@@ -8,8 +8,8 @@ import numpy as np
 
 from spinfilters.cli.console import wide_console
 from spinfilters.data.output_folder import output_folder, refuse_foreign
-from spinfilters.front_ends.lidar_scans import registered_scans
 from spinfilters.lidar.scan_accuracy import attitude_stds, scans_needed
+from spinfilters.lidar.scan_streams import registered_scans
 from spinfilters.plots.lidar_scan import scan_accuracy_figure
 from spinfilters.plots.style import save_figure
 

@@ -9,7 +9,6 @@ from pathlib import Path
 
 from spinfilters.cli.interrupts import require_uninterrupted, until_interrupted
 from spinfilters.data.atomic_write import write_json
-from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.live.answer import Answer, AnswerWriter
 from spinfilters.live.course import CourseRecorder
 from spinfilters.live.executive import Executive
@@ -17,6 +16,7 @@ from spinfilters.live.live_options import LONG_RUN, LiveOptions, live_setup
 from spinfilters.live.sources import Replay, Source, open_lines
 from spinfilters.live.supervisor import SupervisionOptions
 from spinfilters.live.terminal_view import TerminalView
+from spinfilters.pipeline.readers import read_dataset
 from spinfilters.plots.live_course import live_figure
 from spinfilters.plots.style import draw_figure
 from spinfilters.settings.run_settings import Settings, read_settings

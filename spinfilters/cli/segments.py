@@ -9,10 +9,10 @@ from rich.table import Table
 from spinfilters.cli.arguments import reading_options
 from spinfilters.cli.console import progress_bars, wide_console
 from spinfilters.data.atomic_write import made_folder
-from spinfilters.data.dataset_reader import read_whole
 from spinfilters.data.stated_values import ReadingOptions
 from spinfilters.errors import InputError
 from spinfilters.flight.free_flight import find_flights
+from spinfilters.pipeline.readers import read_whole
 from spinfilters.pipeline.segment_choice import has_marks, no_flight, read_several
 from spinfilters.pipeline.segment_runs import (
     SegmentResult,

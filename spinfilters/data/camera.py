@@ -1,7 +1,7 @@
 """Calibrations of one camera or a stereo pair, with deviations, in `sensor.yaml` files (EuRoC)."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from itertools import chain
 from operator import attrgetter
 from pathlib import Path
@@ -12,7 +12,6 @@ from jaxtyping import Float
 
 from spinfilters.data.atomic_write import make_folder, write_text
 from spinfilters.data.consider_parameter import consider_parameters
-from spinfilters.data.dataset_options import DatasetOptions
 from spinfilters.data.input_file import path_text, value_text
 from spinfilters.data.sensor_yaml import (
     DISTORTION_KEY,
@@ -242,18 +241,13 @@ def _baseline(path: Path, shift: Float[np.ndarray, "3"]) -> float:
     return float(shift[0])
 
 
-def with_told_deviations(options: DatasetOptions, folder: Path) -> DatasetOptions:
-    """Options completed by the calibration deviations in the folder's `sensor.yaml` files.
+def told_deviations(folder: Path) -> Mapping[str, float]:
+    """Calibration deviations of a folder's cameras, the larger of two.
 
     Raises
     ------
     InputError: as `read_sensor_file`; a deviation out of the range of its parameter.
     """
-    return replace(options, calibration={**told_deviations(folder), **options.calibration})
-
-
-def told_deviations(folder: Path) -> Mapping[str, float]:
-    """Calibration deviations of a folder's cameras, the larger of two. Errors: `with_told_deviations`."""
     cameras = {
         path: read_sensor_file(path) for path in (folder / file for file in RIG_FILES) if path.is_file()
     }

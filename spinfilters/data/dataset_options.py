@@ -1,10 +1,11 @@
 """What `dataset.toml` says about a data set besides its kind: noise levels and notes."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, Final
 
+from spinfilters.data.camera import told_deviations
 from spinfilters.data.consider_parameter import consider_parameters
 from spinfilters.data.input_file import path_text, value_text
 from spinfilters.data.sensor_format import noise_options
@@ -77,8 +78,8 @@ class DatasetOptions:
         INFLATION.require("covariance_inflation", covariance_inflation)
         told = frames, dict(notes or {}), dict(calibration or {}), float(covariance_inflation)
         values = (stated, force_psd, torque_psd, *told)
-        for name, field in zip(_FIELDS, values, strict=True):
-            object.__setattr__(self, name, field)
+        for name, value in zip(_FIELDS, values, strict=True):
+            object.__setattr__(self, name, value)
 
     def __getattr__(self, name: str) -> float | None:
         if name in _FIELDS or name.startswith("__") or name not in noise_options():
@@ -132,6 +133,16 @@ def options_from_toml(path: Path, document: Mapping[str, Any]) -> DatasetOptions
         return DatasetOptions(**values)
     except InputError as error:
         raise InputError(f"{path_text(path)}: {error}; correct it") from None
+
+
+def with_told_deviations(options: DatasetOptions, folder: Path) -> DatasetOptions:
+    """Options completed by the calibration deviations in the folder's `sensor.yaml` files.
+
+    Raises
+    ------
+    InputError: as `read_sensor_file`; a deviation out of the range of its parameter.
+    """
+    return replace(options, calibration={**told_deviations(folder), **options.calibration})
 
 
 def _is_number(key: str) -> bool:

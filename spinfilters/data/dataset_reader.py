@@ -1,4 +1,4 @@
-"""Data sets read from a path: interface of readers, the table of all, and who reads."""
+"""Interface of readers of recordings; all of them stand in `spinfilters.pipeline.readers`."""
 
 import os
 from abc import ABC, abstractmethod
@@ -7,12 +7,7 @@ from pathlib import Path
 from typing import Final
 
 from spinfilters.data.dataset import Dataset
-from spinfilters.data.input_file import path_text
-from spinfilters.data.repeated_rates import without_repeated_rates
-from spinfilters.data.sensor_format import sensor_format
-from spinfilters.data.stated_values import NOTHING_STATED, ReadingOptions
-from spinfilters.errors import InputError
-from spinfilters.plugins import PluginGroup, by_name
+from spinfilters.data.stated_values import ReadingOptions
 
 OnRefused = Callable[[int, str], None]
 """Called with the number of a segment that cannot be used, and why."""
@@ -69,47 +64,6 @@ class DatasetReader(ABC):
         return [self.read(path, None)]
 
 
-TABLE: Final = PluginGroup("spinfilters.data.readers", "READER", DatasetReader, group="spinfilters.readers")
-"""All readers: one per module of that package, and those of the entry points ``spinfilters.readers``."""
-
-
-def dataset_readers() -> list[DatasetReader]:
-    """All readers, in the order they are asked.
-
-    InputError: a plug-in that cannot be loaded, a name that stands twice.
-    """
-    return list(by_name(TABLE, "reader").values())
-
-
-def reader_of(path: Path, options: ReadingOptions = NOTHING_STATED) -> DatasetReader:
-    """First reader that recognises a path; the last takes any. InputError: `DatasetReader.stating`."""
-    reader = next(reader for reader in dataset_readers() if reader.recognises(path))
-    return reader.stating(options) if options.stated else reader
-
-
-def read_dataset(
-    path: str | os.PathLike[str], segment: int | None = None, options: ReadingOptions = NOTHING_STATED
-) -> Dataset:
-    """The data set of a path, by the reader that recognises it.
-
-    Parameters
-    ----------
-    segment: number of a kept segment of a phyphox recording; None where there is only one.
-    options: what its user states of the recording.
-
-    Raises
-    ------
-    InputError: an unusable file (see the readers), several segments and none chosen, a segment that is not a
-    trial, a kind whose front end is not part of this version. The text names file, line or value, and the
-    cure.
-    """
-    place = Path(path)
-    reader = reader_of(place, options)
-    if segment is not None and not reader.has_segments:
-        raise InputError(f"{path_text(place)}: has no segments; leave out --segment {segment}")
-    return _told_once(reader.read(place, segment))
-
-
 IMAGES: Final = "stereo images"
 """What a folder of images is called."""
 
@@ -121,31 +75,3 @@ def has_images(path: str | os.PathLike[str]) -> bool:
     """
     folder = Path(path)
     return os.path.isdir(folder / "cam0" / "data") and not os.path.lexists(folder / "tracks.csv")
-
-
-def read_whole(path: str | os.PathLike[str], options: ReadingOptions = NOTHING_STATED) -> Dataset:
-    """The whole recording of a path, whatever segments are marked in it. Errors: `read_dataset`."""
-    return _told_once(reader_of(Path(path), options).whole(Path(path)))
-
-
-def read_segments(
-    path: str | os.PathLike[str],
-    on_refused: OnRefused | None = None,
-    options: ReadingOptions = NOTHING_STATED,
-) -> list[Dataset]:
-    """Every kept segment of a phyphox folder, else the one data set.
-
-    Errors: `read_dataset`.
-
-    Parameters
-    ----------
-    on_refused: called with the number of a segment that is no trial, and why, instead of raising InputError for it.
-    """
-    found = reader_of(Path(path), options).segments(Path(path), on_refused)
-    return [_told_once(each) for each in found]
-
-
-def _told_once(dataset: Dataset) -> Dataset:
-    """Without rows that a logger wrote again, where a sensor's format says that loggers do."""
-    logged_again = any(sensor_format(name).logged_again for name in dataset.log.sensors)
-    return without_repeated_rates(dataset) if logged_again else dataset

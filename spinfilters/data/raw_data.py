@@ -3,9 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
-
-from spinfilters.plugins import PluginGroup
+from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from spinfilters.data.measurement_log import MeasurementStream
@@ -42,12 +40,3 @@ class RawDataReader:
     kind: str
     made: str
     read: "Callable[[Path, Truth | None], RawMeasurements]"
-
-
-RAW_DATA: Final = PluginGroup("spinfilters.front_ends", "READER", RawDataReader)
-"""All of them: one per module of `spinfilters.front_ends`, and those of the entry points of that group."""
-
-
-def raw_data_reader(kind: str) -> RawDataReader | None:
-    """The reader of a kind, or None."""
-    return next((reader for reader in RAW_DATA.entries if reader.kind == kind), None)

@@ -4,7 +4,7 @@ import ctypes
 import os
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
-from importlib.resources import files
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
@@ -39,7 +39,7 @@ def ray_tracer(mesh: TriangleMesh) -> RayTracer:
 
 @cache
 def _library() -> ctypes.CDLL | None:
-    text = files("spinfilters.lidar").joinpath("tracer.c").read_text()
+    text = Path(__file__).with_name("tracer.c").read_text()
     loaded = load_text("lidar_tracer", text, _FLAGS)
     if loaded is None:
         return None

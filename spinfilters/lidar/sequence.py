@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 from jaxtyping import Float
@@ -19,13 +18,9 @@ from spinfilters.lidar.mass_properties import mass_properties
 from spinfilters.lidar.mesh import TriangleMesh
 from spinfilters.lidar.scan import Scan
 from spinfilters.lidar.scan_files import write_scan
+from spinfilters.lidar.scan_streams import KIND, SCAN_FOLDER
 from spinfilters.lidar.scanner import Scanner
 
-KIND: Final = "lidar-scans"
-"""Kind of a data set that holds scans, of which the poses are measurements."""
-POINTS_KIND: Final = "lidar-scan-points"
-"""Kind of a data set that holds scans, of which the points are measurements."""
-SCAN_FOLDER: Final = "scans"
 Progress = Callable[[int, int], None]
 
 

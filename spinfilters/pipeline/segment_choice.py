@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Final
 
 from spinfilters.data.dataset import Dataset, Segment
-from spinfilters.data.dataset_reader import OnRefused, read_dataset, read_segments, read_whole, reader_of
+from spinfilters.data.dataset_reader import OnRefused
 from spinfilters.data.input_file import path_text, value_text
-from spinfilters.data.recording_folder import recordings_in
 from spinfilters.data.stated_values import NOTHING_STATED, ReadingOptions
 from spinfilters.errors import InputError
 from spinfilters.flight.free_flight import FreeFlight, find_flights, flying_unit
+from spinfilters.pipeline.readers import read_dataset, read_segments, read_whole, reader_of, recordings_in
 
 ALL: Final = "all"
 AUTO: Final = "auto"

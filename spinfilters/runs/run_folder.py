@@ -13,7 +13,6 @@ import numpy as np
 from spinfilters.data.atomic_write import make_folder, write_json, write_toml
 from spinfilters.data.camera import RIG_FILES
 from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.data.dataset_writing import dataset_files, write_dataset
 from spinfilters.data.input_file import path_text, read_toml, value_text
 from spinfilters.data.measurement_log import MeasurementStream
@@ -32,6 +31,7 @@ from spinfilters.pipeline.conditions import told_sentences
 from spinfilters.pipeline.estimation import Comparison
 from spinfilters.pipeline.estimator_entry import estimator_names
 from spinfilters.pipeline.figures import FigureData, picture_files
+from spinfilters.pipeline.readers import read_dataset
 from spinfilters.pipeline.setup import Setup, knows_frames
 from spinfilters.runs.checkpoint_store import remove_checkpoints
 from spinfilters.runs.history_file import read_history, write_history

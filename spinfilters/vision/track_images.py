@@ -9,9 +9,8 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from spinfilters.data.camera import with_told_deviations
 from spinfilters.data.dataset import DATASET_FILE, Dataset
-from spinfilters.data.dataset_options import DatasetOptions, options_from_toml
+from spinfilters.data.dataset_options import DatasetOptions, options_from_toml, with_told_deviations
 from spinfilters.data.input_file import path_text, printable, read_toml
 from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.errors import InputError

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from spinfilters.cli.main import main
-from spinfilters.data.dataset_reader import read_dataset
+from spinfilters.pipeline.readers import read_dataset
 
 SHORT = ("--frames", "12", "--rate-rpm", "4", "9", "3")
 

@@ -14,8 +14,8 @@ from faults import refusal
 from forked import killed
 
 from spinfilters.cli.main import main
-from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.errors import InputError
+from spinfilters.pipeline.readers import read_dataset
 from spinfilters.runs import run_lock
 from spinfilters.runs.run_lock import LOCK_FILE, locked_run
 

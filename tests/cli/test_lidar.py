@@ -7,9 +7,9 @@ import pytest
 
 from spinfilters.attitude.conversions import angle_between
 from spinfilters.cli.main import main
-from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.data.truth import read_truth
 from spinfilters.lidar.scan_files import read_scan
+from spinfilters.pipeline.readers import read_dataset
 
 
 def test_a_preset_is_scanned_into_files_and_a_picture(

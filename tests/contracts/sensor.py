@@ -9,11 +9,11 @@ from models.sensor_contract import check_sensor_contract
 from scipy.stats import chi2
 
 from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.data.dataset_writing import write_dataset
 from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.data.sensor_format import SensorFormat, SensorNoise
 from spinfilters.evaluation.consistency import true_states
+from spinfilters.pipeline.readers import read_dataset
 from spinfilters.sensors.sensor import BoundStream, CameraView, Sensor
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout

@@ -8,10 +8,10 @@ import pytest
 from spinfilters.data.camera import StereoRig
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.dataset_options import DatasetOptions
-from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.data.dataset_writing import write_dataset
 from spinfilters.data.sensor_yaml import deviations_text
 from spinfilters.errors import InputError
+from spinfilters.pipeline.readers import read_dataset
 from spinfilters.simulation.scenario import Scenario, simulate
 
 LARGEST_LINE = 300

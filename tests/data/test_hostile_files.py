@@ -8,8 +8,8 @@ from log_samples import DATASET, GYRO, PHYPHOX, SEGMENTS, phyphox_folder, stereo
 from test_malformed_inputs import message_of
 
 from spinfilters.data import input_file
-from spinfilters.data.dataset_reader import read_dataset, read_segments
 from spinfilters.data.gyro_files import read_gyro_csv
+from spinfilters.pipeline.readers import read_dataset, read_segments
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:

@@ -19,10 +19,10 @@ from log_samples import (
     written,
 )
 
-from spinfilters.data.dataset_reader import read_dataset, read_segments
 from spinfilters.data.gyro_files import read_gyro_csv
 from spinfilters.data.pose_files import read_tum
 from spinfilters.errors import InputError
+from spinfilters.pipeline.readers import read_dataset, read_segments
 
 
 def message_of(action: Callable[[], object]) -> str:

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.data.stated_values import NOTHING_STATED, ReadingOptions
 from spinfilters.errors import InputError
+from spinfilters.pipeline.readers import read_dataset
 
 ROWS = np.array([[0.0, 0.1, 0.2, 0.3], [0.01, 0.4, 0.5, 0.6], [0.02, 0.7, 0.8, 0.9]])
 DEG = np.pi / 180

@@ -4,9 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from spinfilters.data.dataset_reader import read_dataset
-from spinfilters.data.recording_folder import recordings_in
 from spinfilters.errors import InputError
+from spinfilters.pipeline.readers import read_dataset, recordings_in
 
 TABLE = "time_s,wx,wy,wz\n0,1,2,3\n0.01,1,2,3\n"
 

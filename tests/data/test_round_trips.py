@@ -26,7 +26,6 @@ from log_samples import (
 
 from spinfilters.data.camera import read_stereo_rig, write_stereo_rig
 from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_reader import read_dataset, read_segments
 from spinfilters.data.dataset_writing import write_dataset
 from spinfilters.data.gyro_files import saturated
 from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
@@ -36,6 +35,7 @@ from spinfilters.data.sensor_files import read_sensor_file
 from spinfilters.data.sensor_format import sensor_format
 from spinfilters.data.truth import Truth
 from spinfilters.errors import InputError
+from spinfilters.pipeline.readers import read_dataset, read_segments
 
 
 @pytest.fixture

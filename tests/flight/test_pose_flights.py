@@ -11,11 +11,11 @@ from throws import FLIGHTS, INTERVAL, carried
 
 import spinfilters
 from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.flight.free_flight import find_flights, flying_unit
 from spinfilters.flight.parabola import PoseLog, acceleration_of, pose_flights
 from spinfilters.flight.rotation_jumps import leads_on, turns_on
+from spinfilters.pipeline.readers import read_dataset
 
 HALF_EDGE = 0.0524
 NOISE = 5e-4

@@ -10,14 +10,14 @@ from plain_comparison import plain_comparison
 from spinfilters.attitude.conversions import inverse, multiply, rotation_vector_from_quaternion
 from spinfilters.cli.main import main
 from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.data.sensor_format import SensorNoise
 from spinfilters.errors import InputError
 from spinfilters.evaluation.consistency import chi_square_band
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.pipeline.preparation import prepare
-from spinfilters.sensors.sensor import CameraView
+from spinfilters.pipeline.readers import read_dataset
+from spinfilters.sensors.sensor import CameraView, sensor_of
 from spinfilters.sensors.sensor_registry import sensor_of
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.faults import Outliers, WrongAssociations, with_faults

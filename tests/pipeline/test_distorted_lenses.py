@@ -9,12 +9,12 @@ import pytest
 
 from spinfilters.data.camera import StereoRig
 from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.data.dataset_writing import write_dataset
 from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.geometry.cameras import monocular_camera, stereo_pair
 from spinfilters.pipeline.comparison_run import compare_dataset
+from spinfilters.pipeline.readers import read_dataset
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
 

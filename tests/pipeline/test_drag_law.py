@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from spinfilters.data.dataset_reader import read_whole
 from spinfilters.pipeline.preparation import prepare
+from spinfilters.pipeline.readers import read_whole
 from spinfilters.settings.run_settings import ProcessSettings, Settings
 from spinfilters.state.blocks.drag import DRAG
 from spinfilters.state.blocks.linear_drag import LINEAR_DRAG

@@ -10,10 +10,10 @@ from plain_comparison import plain_comparison
 
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.dataset_options import DatasetOptions
-from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.data.dataset_writing import write_dataset
 from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.errors import InputError
+from spinfilters.pipeline.readers import read_dataset
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 from spinfilters.state.status import EstimatorStatus

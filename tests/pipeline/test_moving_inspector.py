@@ -12,7 +12,6 @@ from spinfilters.attitude.conversions import multiply, quaternion_from_rotation_
 from spinfilters.cli.main import main
 from spinfilters.data.consider_parameter import exact_calibration
 from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.data.dataset_writing import write_dataset
 from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.errors import InputError
@@ -30,6 +29,7 @@ from spinfilters.pipeline.comparison_run import compare_dataset
 from spinfilters.pipeline.estimation import Comparison
 from spinfilters.pipeline.figures import FigureData, drawn_figure
 from spinfilters.pipeline.first_epochs import initial_samples
+from spinfilters.pipeline.readers import read_dataset
 from spinfilters.pipeline.setup import camera_view
 from spinfilters.runs.run_folder import DECISIVE
 from spinfilters.settings.run_settings import Settings

@@ -7,11 +7,11 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from spinfilters.data.dataset_reader import read_whole
 from spinfilters.evaluation.body import body_estimate
 from spinfilters.pipeline.conditions import conditions_of
 from spinfilters.pipeline.identified_noise import smallest_level
 from spinfilters.pipeline.preparation import prepare
+from spinfilters.pipeline.readers import read_whole
 from spinfilters.pipeline.setup import Setup
 from spinfilters.settings.run_settings import Settings
 

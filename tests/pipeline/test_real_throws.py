@@ -10,10 +10,10 @@ from jaxtyping import Float
 from plain_comparison import plain_comparison
 
 from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.pipeline.estimation import Comparison
 from spinfilters.pipeline.preparation import prepare
+from spinfilters.pipeline.readers import read_dataset
 from spinfilters.settings.run_settings import ProcessSettings, Settings
 
 FILTERS = Settings(estimators=("mekf", "ukf"))

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.data.measurement_log import MeasurementLog
+from spinfilters.pipeline.readers import read_dataset
 from spinfilters.simulation.model_faults.faulty_recording import faulty_recording, model_faults
 from spinfilters.simulation.scenario import RICH_RPM, THESIS_RPM, Scenario, simulate
 from spinfilters.verdict.wrong_units import wrong_units

@@ -10,7 +10,6 @@ from pictures import unrendered_pictures
 
 from spinfilters.cli.main import main
 from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.data.dataset_writing import write_dataset
 from spinfilters.data.pose_files import read_tum
 from spinfilters.data.table_files import read_csv
@@ -21,6 +20,7 @@ from spinfilters.pipeline import figures
 from spinfilters.pipeline.estimation import Comparison, compare_estimators
 from spinfilters.pipeline.figures import FigureData, draw_run, picture_files
 from spinfilters.pipeline.preparation import prepare
+from spinfilters.pipeline.readers import read_dataset
 from spinfilters.pipeline.segment_runs import run_segments
 from spinfilters.runs.history_file import read_history, write_history
 from spinfilters.runs.run_folder import read_figure_data, write_run

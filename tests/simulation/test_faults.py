@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.data.dataset_writing import write_dataset
 from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.data.sensor_format import dataset_kinds
 from spinfilters.errors import InputError
+from spinfilters.pipeline.readers import read_dataset
 from spinfilters.sensors.feature_tracks import RIG
 from spinfilters.sensors.gyro import GYRO_FULL_SCALE
 from spinfilters.sensors.pose import POSE_REACH_M

@@ -11,9 +11,9 @@ import pytest
 from spinfilters.attitude.conversions import matrix_from_quaternion
 from spinfilters.cli.main import main
 from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.errors import InputError
 from spinfilters.geometry.cameras import stereo_pair
+from spinfilters.pipeline.readers import read_dataset
 from spinfilters.vision.features import DETECTORS
 from spinfilters.vision.front_end import FrontEndOptions
 from spinfilters.vision.image_folder import STAGE, PairReader, StampedPair, read_pairs, stamped_pairs

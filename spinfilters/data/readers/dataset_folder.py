@@ -1,11 +1,11 @@
 """Folder with dataset.toml and a table per sensor."""
 
 import os
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from spinfilters.data.camera import with_told_deviations
 from spinfilters.data.covariance_files import with_covariance
 from spinfilters.data.dataset import (
     DATASET_FILE,
@@ -15,14 +15,13 @@ from spinfilters.data.dataset import (
     calibrations_of,
     require_cover,
 )
-from spinfilters.data.dataset_options import DatasetOptions, options_from_toml
+from spinfilters.data.dataset_options import DatasetOptions, options_from_toml, with_told_deviations
 from spinfilters.data.dataset_reader import DatasetReader
 from spinfilters.data.input_file import path_text, printable, read_toml, require_folder, value_text
 from spinfilters.data.known_map import read_landmarks
 from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.data.pose_files import read_tum
-from spinfilters.data.raw_data import RawDataReader, raw_data_reader
-from spinfilters.data.recording_folder import recordings_in
+from spinfilters.data.raw_data import RawDataReader
 from spinfilters.data.sensor_files import read_sensor_file
 from spinfilters.data.sensor_format import SensorFormat, dataset_kinds, sensor_formats
 from spinfilters.data.table_files import read_header
@@ -35,9 +34,16 @@ _FRONT_ENDS = {
 }
 
 
+@dataclass(frozen=True)
 class DatasetFolderReader(DatasetReader):
-    """Folders with a dataset.toml, asked first: whatever else lies there is part of the data set."""
+    """Folders with a dataset.toml, asked first: whatever else lies there is part of the data set.
 
+    Attributes
+    ----------
+    front_end: gives the maker of measurements from raw data of a kind, None where there is none.
+    """
+
+    front_end: Callable[[str], RawDataReader | None]
     name, order = "folder", 0
     words = "a folder"
 
@@ -47,12 +53,19 @@ class DatasetFolderReader(DatasetReader):
 
     def read(self, path: Path, segment: int | None) -> Dataset:
         """Data set of the folder."""
-        return _read_folder(path)
+        return _read_folder(path, self.front_end)
 
 
+@dataclass(frozen=True)
 class OtherFolderReader(DatasetReader):
-    """Any folder that no other reader recognises: refused with what it lacks."""
+    """Any folder that no other reader recognises: refused with what it lacks.
 
+    Attributes
+    ----------
+    recordings_in: gives the recordings in a folder that is none itself.
+    """
+
+    recordings_in: Callable[[Path], Sequence[Path]]
     name, order = "other-folder", 90
     words = DatasetFolderReader.words
 
@@ -63,16 +76,16 @@ class OtherFolderReader(DatasetReader):
     def read(self, path: Path, segment: int | None) -> Dataset:
         """InputError: always."""
         require_folder(path)
-        raise _undescribed(path)
+        raise _undescribed(path, self.recordings_in(path))
 
 
-def _read_folder(folder: Path) -> Dataset:
+def _read_folder(folder: Path, front_end: Callable[[str], RawDataReader | None]) -> Dataset:
     require_folder(folder)
     kinds = dataset_kinds()
     path = folder / DATASET_FILE
     document = read_toml(path)
     kind, description = _text(path, document, "kind"), _text(path, document, "description", "")
-    reader = None if kind in kinds else raw_data_reader(kind)
+    reader = None if kind in kinds else front_end(kind)
     if reader is not None:
         return _read_raw(folder, reader, description, options_from_toml(path, document))
     if kind in _FRONT_ENDS:
@@ -96,11 +109,11 @@ def _read_folder(folder: Path) -> Dataset:
     )
 
 
-def _undescribed(folder: Path) -> InputError:
+def _undescribed(folder: Path, recordings: Sequence[Path]) -> InputError:
     """Error of a folder without dataset.toml, by what lies there instead."""
     if os.path.isfile(folder / "cam0" / "data.csv"):
         return _no_front_end(folder, "stereo-images")
-    if recordings := recordings_in(folder):
+    if recordings:
         such = f"{len(recordings)} recordings, such as {printable(recordings[0].name)}"
         return InputError(
             f"{path_text(folder)}: holds {such}; give one of them, or take the free flights in all with --segment auto"
@@ -194,6 +207,3 @@ def _text(path: Path, document: dict[str, Any], key: str, default: str | None = 
     if not isinstance(value, str):
         raise InputError(f"{path_text(path)}: {key} is {value_text(value)}, expected text; put it in quotes")
     return value
-
-
-READER = (DatasetFolderReader(), OtherFolderReader())

@@ -64,6 +64,3 @@ def _parts() -> set[str]:
     """Tables of data set folders, which tell nothing alone."""
     files = {form.file for form in sensor_formats().values() if not form.suffixes} - {_ALONE}
     return files | {DATASET_FILE, LANDMARK_FILE, TRUTH_TABLE}
-
-
-READER = MotionFileReader()

@@ -49,6 +49,3 @@ class PhoneExportReader(DatasetReader):
 
 def _table(folder: Path, names: tuple[str, ...]) -> Path | None:
     return next((folder / name for name in names if os.path.isfile(folder / name)), None)
-
-
-READER = PhoneExportReader()

@@ -74,9 +74,6 @@ def _trial(whole: Dataset, segment: Segment | None) -> Dataset:
     return replace(whole.part(segment), description=description)
 
 
-READER = PhyphoxReader()
-
-
 _MOST_DESCRIBED = 8  # segments that an error describes; of more it gives the numbers only
 
 

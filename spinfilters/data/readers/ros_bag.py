@@ -165,6 +165,3 @@ def _stamp(message: Any, recorded: int) -> float:
     stamp = message.header.stamp
     seconds = float(stamp.sec) + 1e-9 * float(stamp.nanosec)
     return seconds if seconds else 1e-9 * recorded
-
-
-READER = RosBagReader()

@@ -3,12 +3,13 @@
 import os
 import tempfile
 import zipfile
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Final
 
 from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_reader import DatasetReader, OnRefused, reader_of
+from spinfilters.data.dataset_reader import DatasetReader, OnRefused
 from spinfilters.data.input_file import MAX_TABLE_BYTES, path_text, reason, require_file
 from spinfilters.data.stated_values import NOTHING_STATED, ReadingOptions
 from spinfilters.errors import InputError
@@ -26,9 +27,11 @@ class ZipReader(DatasetReader):
 
     Attributes
     ----------
+    reader_of: gives the reader of what an archive holds, with what the user states.
     options: what the user states of the recording.
     """
 
+    reader_of: Callable[[Path, ReadingOptions], DatasetReader]
     options: ReadingOptions = NOTHING_STATED
     name, order = "zip", 30
     words = "a .zip of an export"
@@ -41,7 +44,7 @@ class ZipReader(DatasetReader):
     def read(self, path: Path, segment: int | None) -> Dataset:
         """Data set of the archive, read as the folder that it packs."""
         with _Unpacked(path) as folder:
-            reader = reader_of(folder, self.options)
+            reader = self.reader_of(folder, self.options)
             if segment is not None and not reader.has_segments:
                 raise InputError(f"{path_text(path)}: has no segments; leave out --segment {segment}")
             return _named(path, reader.read(folder, segment))
@@ -49,18 +52,19 @@ class ZipReader(DatasetReader):
     def whole(self, path: Path) -> Dataset:
         """The whole recording of the archive."""
         with _Unpacked(path) as folder:
-            return _named(path, reader_of(folder, self.options).whole(folder))
+            return _named(path, self.reader_of(folder, self.options).whole(folder))
 
     def segments(self, path: Path, on_refused: OnRefused | None) -> list[Dataset]:
         """Every kept segment of the archive."""
         with _Unpacked(path) as folder:
             return [
-                _named(path, each) for each in reader_of(folder, self.options).segments(folder, on_refused)
+                _named(path, each)
+                for each in self.reader_of(folder, self.options).segments(folder, on_refused)
             ]
 
     def stating(self, options: ReadingOptions) -> DatasetReader:
         """The reader with what the user states of units and clock."""
-        return ZipReader(options)
+        return ZipReader(self.reader_of, options)
 
 
 class _Unpacked:
@@ -146,6 +150,3 @@ def _write(archive: zipfile.ZipFile, member: zipfile.ZipInfo, target: Path) -> N
 def _named(path: Path, dataset: Dataset) -> Dataset:
     """A data set of the archive, not of the folder that is gone."""
     return replace(dataset, path=path)
-
-
-READER = ZipReader()

@@ -9,16 +9,15 @@ from scipy.spatial import ConvexHull
 
 from spinfilters.api.recordings import simulate
 from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.data.sensor_format import SensorNoise
 from spinfilters.errors import InputError
 from spinfilters.evaluation.consistency import true_states
 from spinfilters.lidar.mesh import TriangleMesh, box
 from spinfilters.lidar.ray_pattern import RayPattern
 from spinfilters.lidar.scan_errors import LidarNoise
+from spinfilters.lidar.scan_streams import POINTS_KIND
 from spinfilters.lidar.scanner import LidarSettings, Scanner
 from spinfilters.lidar.sequence import (
-    POINTS_KIND,
     Initial,
     scan_sequence,
     scan_times,
@@ -27,6 +26,8 @@ from spinfilters.lidar.sequence import (
     write_sequence,
 )
 from spinfilters.pipeline.preparation import prepare
+from spinfilters.pipeline.readers import read_dataset
+from spinfilters.sensors.sensor import sensor_of
 from spinfilters.sensors.sensor_registry import sensor_of
 from spinfilters.settings.run_settings import Settings
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout

@@ -10,14 +10,14 @@ from scipy.spatial.transform import Rotation
 
 from spinfilters.attitude.conversions import angle_between
 from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_reader import read_dataset
 from spinfilters.errors import InputError
-from spinfilters.front_ends.lidar_scans import in_frame_of
 from spinfilters.lidar.mesh import box
 from spinfilters.lidar.ray_pattern import RayPattern
 from spinfilters.lidar.scan_errors import rvs_noise
+from spinfilters.lidar.scan_streams import in_frame_of
 from spinfilters.lidar.scanner import LidarSettings, Scanner
 from spinfilters.lidar.sequence import Initial, scan_sequence, scan_times, truth_of, tumble_of, write_sequence
+from spinfilters.pipeline.readers import read_dataset
 from spinfilters.settings.run_settings import Settings
 from spinfilters.state.status import Verdict
 

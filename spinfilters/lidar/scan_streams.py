@@ -1,4 +1,4 @@
-"""Data sets of lidar scans: registered into poses with covariance."""
+"""Measurements of a folder of scans: registered into poses with covariance, or points on the faces of the body."""
 
 import re
 from collections.abc import Sequence
@@ -22,11 +22,16 @@ from spinfilters.data.raw_data import RawDataReader, RawMeasurements
 from spinfilters.data.truth import Truth
 from spinfilters.errors import InputError
 from spinfilters.geometry.truth_frame import truth_in_moved_frame
+from spinfilters.lidar.face_points import face_points
 from spinfilters.lidar.scan import Scan
 from spinfilters.lidar.scan_files import read_scan
 from spinfilters.lidar.scan_pose import nearest_rotation, rotation_vector
 from spinfilters.lidar.scan_poses import ScanPoses, scan_poses
 
+KIND: Final = "lidar-scans"
+"""Kind of a data set that holds scans, of which the poses are measurements."""
+POINTS_KIND: Final = "lidar-scan-points"
+"""Kind of a data set that holds scans, of which the points are measurements."""
 SCAN_FOLDER: Final = "scans"
 LARGE: Final = 25.0
 """Squared error of a pose, in standard deviations, at which its weight is halved."""
@@ -46,6 +51,23 @@ def read_scans(folder: Path, truth: Truth | None) -> RawMeasurements:
     stream = pose_stream(found)
     told = None if truth is None else in_frame_of(stream, truth)
     return RawMeasurements(stream, told, found.remarks, found.doubts, found.inflation)
+
+
+def read_scan_points(folder: Path, truth: Truth | None) -> RawMeasurements:
+    """Points of the scans in ``scans/*.ply``, the truth told in the frame g of their faces.
+
+    Raises
+    ------
+    InputError: as `read_scans`; a body without plane faces.
+    """
+    found = registered_scans(folder)
+    try:
+        points = face_points(found)
+    except InputError as error:
+        raise InputError(f"{path_text(folder)}: {error}") from None
+    stream = MeasurementStream("lidar-points", points.time, points.values, None, points.covariance)
+    told = None if truth is None else in_frame_of(pose_stream(found), truth)
+    return RawMeasurements(stream, told, found.remarks, found.doubts)
 
 
 def registered_scans(folder: Path) -> ScanPoses:
@@ -155,4 +177,5 @@ def _common_shift(
     return shift
 
 
-READER = RawDataReader("lidar-scans", "lidar-poses", read_scans)
+SCANS: Final = RawDataReader(KIND, "lidar-poses", read_scans)
+SCAN_POINTS: Final = RawDataReader(POINTS_KIND, "lidar-points", read_scan_points)
