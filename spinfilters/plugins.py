@@ -1,10 +1,16 @@
-"""Registries filled by modules of a package and entry points.
+"""Plug-ins: entries that installed distributions add to a registry through entry points.
 
-Those of installed distributions.
+A registry names its own members in a tuple of one module, and adds those of others when it is asked for them::
+
+    OWN = (ATTITUDE, GYRO, POSE)
+
+    def all_sensors() -> tuple[Sensor, ...]:
+        return (*OWN, *installed_plugins("spinfilters.sensors", Sensor))
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from importlib import import_module, metadata
 from pkgutil import iter_modules
 from typing import Generic, Protocol, TypeVar
@@ -12,16 +18,84 @@ from typing import Generic, Protocol, TypeVar
 from spinfilters.errors import InputError
 
 
-class OrderedEntry(Protocol):
-    """Table entry with a name and a place in the order."""
+class NamedEntry(Protocol):
+    """Entry of a registry that has a name."""
 
     name: str
+
+
+class OrderedEntry(NamedEntry, Protocol):
+    """Entry of a registry with a name and a place in the order."""
+
     order: int
 
 
 Entry = TypeVar("Entry")
 Narrower = TypeVar("Narrower")
+Named = TypeVar("Named", bound=NamedEntry)
 Ordered = TypeVar("Ordered", bound=OrderedEntry)
+
+
+@cache
+def installed_plugins(group: str, kind: type[Entry]) -> tuple[Entry, ...]:
+    """Entries that installed distributions register, loaded at the first call.
+
+    Tests that install a plug-in call ``installed_plugins.cache_clear()`` before and after.
+
+    Parameters
+    ----------
+    group : str
+        Name of the entry points, such as "spinfilters.sensors".
+    kind : type
+        Class that every entry is an instance of.
+
+    Raises
+    ------
+    InputError
+        An entry point that cannot be imported, or is not of the kind; the text names it.
+    """
+    return tuple(_loaded(group, kind, point) for point in metadata.entry_points(group=group))
+
+
+def entries_by_name(entries: Iterable[Named], what: str) -> dict[str, Named]:
+    """Entries by name, in the order given.
+
+    Parameters
+    ----------
+    entries : iterable
+        Members of a registry; sort them by their ``order`` first, where they have one.
+    what : str
+        What an entry is, for the message: "estimator".
+
+    Raises
+    ------
+    InputError
+        A name that two entries have.
+    """
+    found: dict[str, Named] = {}
+    for entry in entries:
+        if entry.name in found:
+            raise InputError(f"{what} {entry.name!r} is registered twice; uninstall one of the plug-ins")
+        found[entry.name] = entry
+    return found
+
+
+def in_order(entries: Iterable[Ordered]) -> list[Ordered]:
+    """Entries sorted by their ``order``; those of equal order stay as they are."""
+    return sorted(entries, key=lambda entry: entry.order)
+
+
+def _loaded(group: str, kind: type[Entry], point: metadata.EntryPoint) -> Entry:
+    """The object that an entry point names."""
+    where = f"plug-in {point.name!r} ({point.value}) of the group {group}"
+    try:
+        entry = point.load()
+    except Exception as error:  # a stranger's module may raise anything
+        why = " ".join(f"{type(error).__name__}: {error}".split())
+        raise InputError(f"{where} cannot be loaded: {why[:120]}; mend or uninstall it") from error
+    if not isinstance(entry, kind):
+        raise InputError(f"{where} is {type(entry).__name__}, not a {kind.__name__}; mend or uninstall it")
+    return entry
 
 
 @dataclass(frozen=True)
@@ -47,7 +121,7 @@ class PluginGroup(Generic[Entry]):
         ------
         InputError: an entry point that cannot be imported, or is not of the kind; the text names it.
         """
-        return (*self._own(), *map(self._foreign, metadata.entry_points(group=self._group)))
+        return (*self._own(), *installed_plugins(self._group, self.kind))
 
     def entries_of(self, kind: type[Narrower]) -> tuple[Narrower, ...]:
         """All entries, as the kind that a layer above knows them by.
@@ -72,25 +146,13 @@ class PluginGroup(Generic[Entry]):
     def reload(self) -> None:
         """Look for entries again: distributions may have come or gone."""
         self.__dict__.pop("entries", None)
+        installed_plugins.cache_clear()
 
     def _own(self) -> list[Entry]:
         names = sorted(module.name for module in iter_modules(import_module(self.package).__path__))
         modules = [import_module(f"{self.package}.{name}") for name in names]
         found = [vars(module)[self.attribute] for module in modules if self.attribute in vars(module)]
         return [entry for each in found for entry in (each if isinstance(each, tuple) else (each,))]
-
-    def _foreign(self, point: metadata.EntryPoint) -> Entry:
-        where = f"plug-in {point.name!r} ({point.value}) of the group {self._group}"
-        try:
-            entry = point.load()
-        except Exception as error:  # a stranger's module may raise anything
-            why = " ".join(f"{type(error).__name__}: {error}".split())
-            raise InputError(f"{where} cannot be loaded: {why[:120]}; mend or uninstall it") from error
-        if not isinstance(entry, self.kind):
-            raise InputError(
-                f"{where} is {type(entry).__name__}, not a {self.kind.__name__}; mend or uninstall it"
-            )
-        return entry
 
 
 def by_name(group: PluginGroup[Ordered], what: str) -> dict[str, Ordered]:
@@ -100,9 +162,4 @@ def by_name(group: PluginGroup[Ordered], what: str) -> dict[str, Ordered]:
     ----------
     what: an entry is, in words.
     """
-    found: dict[str, Ordered] = {}
-    for entry in sorted(group.entries, key=lambda entry: entry.order):
-        if entry.name in found:
-            raise InputError(f"{what} {entry.name!r} is registered twice; uninstall one of the plug-ins")
-        found[entry.name] = entry
-    return found
+    return entries_by_name(in_order(group.entries), what)
