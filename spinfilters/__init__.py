@@ -15,6 +15,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from spinfilters.errors import InputError
+from spinfilters.version import __version__ as __version__
 
 if TYPE_CHECKING:
     from spinfilters.api.analysis import ObservabilityResult, observe
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
     from spinfilters.lidar.mesh_files import read_mesh
     from spinfilters.settings.run_settings import Settings
 
-__version__ = "0.1.0"
 __all__ = [
     "Dataset",
     "EstimatorResult",
