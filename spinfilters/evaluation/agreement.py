@@ -19,8 +19,8 @@ from jaxtyping import Float
 
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.consistency import finite_epochs
+from spinfilters.linear_algebra.epoch_stretches import by_stretches
 from spinfilters.linear_algebra.normalised_square import normalised_trace
-from spinfilters.linear_algebra.stretches import by_stretches
 from spinfilters.state.blocks.rigid_body import MASS_DISTRIBUTION
 from spinfilters.state.layout import StateLayout
 

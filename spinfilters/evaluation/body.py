@@ -20,8 +20,8 @@ from jaxtyping import Bool, Float, Int
 from spinfilters.dynamics.mass_distribution import inertia
 from spinfilters.evaluation.body_spread import body_spread
 from spinfilters.evaluation.moment_intervals import widest_departures
+from spinfilters.linear_algebra.epoch_stretches import by_stretches
 from spinfilters.linear_algebra.signs import with_largest_positive
-from spinfilters.linear_algebra.stretches import by_stretches
 from spinfilters.state.block import StateBlock
 from spinfilters.state.blocks.drag import DRAG
 from spinfilters.state.blocks.rigid_body import CENTRE_OF_MASS

@@ -18,8 +18,8 @@ from spinfilters.errors import InputError
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.trajectory_errors import common_stamps
 from spinfilters.geometry.truth_frame import truth_in_moved_frame
+from spinfilters.linear_algebra.epoch_stretches import by_stretches
 from spinfilters.linear_algebra.normalised_square import normalised_square, regular_factors
-from spinfilters.linear_algebra.stretches import by_stretches
 from spinfilters.state.blocks import BLOCKS
 from spinfilters.state.blocks.rigid_body import MASS_DISTRIBUTION, POSITION, RATE
 from spinfilters.state.layout import StateLayout

@@ -21,7 +21,7 @@ from spinfilters.errors import InputError, ShapeError
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.body import BodyEstimate, BodyHistory, bodies_of
 from spinfilters.lidar.ply_files import read_ply, write_ply
-from spinfilters.linear_algebra.stretches import by_stretches
+from spinfilters.linear_algebra.epoch_stretches import by_stretches
 from spinfilters.sensors.sensor import sensor_of
 from spinfilters.state.layout import StateLayout, with_error_jacobian
 from spinfilters.symbolic import Compiled

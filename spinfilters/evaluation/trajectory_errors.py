@@ -12,7 +12,7 @@ from spinfilters.data.truth import Truth
 from spinfilters.errors import InputError
 from spinfilters.evaluation.body import BodyEstimate
 from spinfilters.evaluation.estimated_motion import Trajectory
-from spinfilters.linear_algebra.stretches import STRETCH, by_stretches
+from spinfilters.linear_algebra.epoch_stretches import STRETCH, by_stretches
 
 TIME_TOLERANCE: Final[float] = 1e-6
 """Largest difference in s of two stamps of one instant: what printing to six decimals leaves."""
