@@ -27,8 +27,8 @@ from spinfilters.attitude.conversions import (
 )
 from spinfilters.data.atomic_write import make_folder
 from spinfilters.errors import InputError
-from spinfilters.evaluation.consistency import normalised_square
 from spinfilters.evaluation.estimator_evaluation import Evaluation
+from spinfilters.linear_algebra.normalised_square import normalised_square
 from spinfilters.pipeline.estimation import compare_estimators
 from spinfilters.pipeline.preparation import prepare
 from spinfilters.plots.style import save_figure

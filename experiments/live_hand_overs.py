@@ -24,7 +24,7 @@ from spinfilters.evaluation.trajectory_errors import Alignment
 from spinfilters.live.filter_track import FilterTrack
 from spinfilters.live.rebase import HandOver
 from spinfilters.models.process import ProcessNoise
-from spinfilters.pipeline.estimator_entry import estimator_entries
+from spinfilters.pipeline.estimator_table import estimator_entries
 from spinfilters.pipeline.preparation import prepare
 from spinfilters.pipeline.setup import Setup
 from spinfilters.pipeline.smoother_run import begin_after_initialisation, sliding_smoother

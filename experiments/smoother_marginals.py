@@ -13,9 +13,9 @@ from jaxtyping import Float
 from spinfilters.attitude.conversions import quaternion_from_matrix, rotation_vector_from_quaternion
 from spinfilters.data.truth import Truth
 from spinfilters.estimators.history import EstimateHistory
-from spinfilters.evaluation.body import BodyHistory, body_history
+from spinfilters.evaluation.body import BodyHistory
 from spinfilters.evaluation.consistency import true_states
-from spinfilters.evaluation.estimated_motion import trajectory_of
+from spinfilters.evaluation.estimated_motion import body_history, trajectory_of
 
 MAJOR_FIRST: Final = [2, 1, 0]
 """Order of principal axes: ours ascend."""

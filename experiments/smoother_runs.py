@@ -29,12 +29,12 @@ from spinfilters.estimators.smoothing.solver.annealing import GATE, AnnealedSche
 from spinfilters.estimators.smoothing.solver.iterations import Schedule, SolverOptions, solve
 from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
 from spinfilters.estimators.timeline import Timeline
-from spinfilters.evaluation.body import body_history
-from spinfilters.evaluation.consistency import normalised_square, true_states
-from spinfilters.evaluation.estimated_motion import trajectory_of
+from spinfilters.evaluation.consistency import true_states
+from spinfilters.evaluation.estimated_motion import body_history, trajectory_of
 from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate
 from spinfilters.evaluation.trajectory_errors import Alignment
 from spinfilters.evaluation.truth_frames import truth_in_first_frame
+from spinfilters.linear_algebra.normalised_square import normalised_square
 from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.simulation.scenario import Scenario, simulate
 from spinfilters.state.gaussian import Gaussian

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from spinfilters.errors import InputError
 from spinfilters.registries import bind_registries
+from spinfilters.version import __version__ as __version__
 
 if TYPE_CHECKING:
     from spinfilters.api.analysis import ObservabilityResult, observe
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
 
 bind_registries()
 
-__version__ = "0.1.0"
 __all__ = [
     "Dataset",
     "EstimatorResult",

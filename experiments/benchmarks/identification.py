@@ -26,7 +26,7 @@ from spinfilters.estimators.initialisation.initial_smoothing import SmoothingOpt
 from spinfilters.estimators.robust.losses import LeastSquares
 from spinfilters.estimators.run import run
 from spinfilters.estimators.smoothing.solver.batch_smoother import smooth_recording
-from spinfilters.pipeline.estimator_entry import estimator_entries
+from spinfilters.pipeline.estimator_table import estimator_entries
 from spinfilters.pipeline.preparation import prepare
 from spinfilters.pipeline.setup import NOTHING_SOUGHT, Setup
 from spinfilters.settings.run_settings import Settings

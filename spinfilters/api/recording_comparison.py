@@ -27,9 +27,9 @@ from spinfilters.data.input_file import path_text
 from spinfilters.errors import InputError
 from spinfilters.pipeline.comparison_run import RunOutput, compare_dataset, compare_into, silent
 from spinfilters.pipeline.estimation import Comparison, Progress
-from spinfilters.pipeline.estimator_entry import names_in
 from spinfilters.runs.run_folder import CONFIG_FILE, SEGMENTS_FOLDER
 from spinfilters.runs.run_summary import SUMMARY_FILE, read_summary
+from spinfilters.settings.estimator_names import names_in
 from spinfilters.settings.run_settings import Settings, read_settings, settings_from
 
 if TYPE_CHECKING:

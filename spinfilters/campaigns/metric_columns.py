@@ -11,10 +11,11 @@ from spinfilters.campaigns.stated_errors import LARGEST, stated_errors
 from spinfilters.data.truth import Truth
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.estimators.identification.components import VarianceComponent
-from spinfilters.evaluation.consistency import normalised_square, true_states
+from spinfilters.evaluation.consistency import true_states
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.evaluation.span import span_errors
 from spinfilters.evaluation.trajectory_errors import BodyErrors, RmsErrors, TruthErrors, common_stamps
+from spinfilters.linear_algebra.normalised_square import normalised_square
 from spinfilters.state.status import Verdict
 
 

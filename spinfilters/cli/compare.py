@@ -15,8 +15,9 @@ from spinfilters.data.dataset_reader import IMAGES, has_images
 from spinfilters.data.input_file import value_text
 from spinfilters.data.stated_values import ReadingOptions
 from spinfilters.errors import InputError
-from spinfilters.pipeline.estimator_entry import estimator_entries, names_in
+from spinfilters.pipeline.estimator_table import estimator_entries
 from spinfilters.pipeline.readers import read_dataset
+from spinfilters.settings.estimator_names import names_in
 from spinfilters.settings.run_settings import Settings, read_settings
 
 if TYPE_CHECKING:

@@ -1,6 +1,6 @@
 """History of a run: beliefs of all epochs, and their recording."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,8 +18,6 @@ COUNTS = ("dof", "accepted", "rejected")
 """Arrays of a history that hold whole numbers."""
 FEWEST_EPOCHS = 64
 """Room of a history that nobody has told how many will come."""
-STRETCH = 1024
-"""Epochs whose derivatives are in memory together: they take ten times the room of what follows from them."""
 
 EPOCH_ARRAYS = ("time", "mean", "factor", "nis", "log_likelihood", "runtime", *COUNTS)
 """Arrays of a history; each has a row per epoch."""
@@ -237,18 +235,6 @@ class GrowingHistory:
         return EstimateHistory(
             name=name, layout=self.layout, status=status, initialisation=count, noise=(), **arrays
         )
-
-
-def by_stretches(epochs: int, derive: Callable[[slice], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
-    """Named arrays over so many epochs, at least one, from those of stretches of the epochs."""
-    whole: dict[str, np.ndarray] = {}
-    for start in range(0, epochs, STRETCH):
-        rows = slice(start, min(start + STRETCH, epochs))
-        for name, part in derive(rows).items():
-            if name not in whole:
-                whole[name] = np.empty((epochs, *part.shape[1:]), part.dtype)
-            whole[name][rows] = part
-    return whole
 
 
 def checked_epochs(layout: StateLayout, arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

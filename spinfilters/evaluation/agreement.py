@@ -17,8 +17,10 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.estimators.history import EstimateHistory, by_stretches
-from spinfilters.evaluation.consistency import finite_epochs, normalised_trace
+from spinfilters.estimators.history import EstimateHistory
+from spinfilters.evaluation.consistency import finite_epochs
+from spinfilters.linear_algebra.epoch_stretches import by_stretches
+from spinfilters.linear_algebra.normalised_square import normalised_trace
 from spinfilters.state.blocks.rigid_body import MASS_DISTRIBUTION
 from spinfilters.state.layout import StateLayout
 

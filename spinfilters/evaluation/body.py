@@ -18,9 +18,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from spinfilters.dynamics.mass_distribution import inertia
-from spinfilters.estimators.history import EstimateHistory, by_stretches
 from spinfilters.evaluation.body_spread import body_spread
 from spinfilters.evaluation.moment_intervals import widest_departures
+from spinfilters.linear_algebra.epoch_stretches import by_stretches
 from spinfilters.linear_algebra.signs import with_largest_positive
 from spinfilters.state.block import StateBlock
 from spinfilters.state.blocks.drag import DRAG
@@ -120,26 +120,23 @@ class BodyHistory:
 
 
 def body_estimate(belief: Gaussian, intervals: bool = True) -> BodyEstimate:
-    """Body properties of a belief over a layout with block s; see `body_history`."""
+    """Body properties of a belief over a layout with block s; see `bodies_of`."""
     arrays = np.zeros(1), belief.mean[np.newaxis], belief.factor[np.newaxis]
-    return _bodies(belief.layout, *arrays, intervals).at(0)
+    return bodies_of(belief.layout, *arrays, intervals).at(0)
 
 
-def body_history(history: EstimateHistory, intervals: bool = True) -> BodyHistory:
-    """The body after every epoch of a history with block s.
+def bodies_of(
+    layout: StateLayout, time: np.ndarray, mean: np.ndarray, factor: np.ndarray, intervals: bool = True
+) -> BodyHistory:
+    """The body of every belief over a layout with block s.
 
-    Not a number where the history is not finite.
+    Not a number where a belief is not finite.
 
     Parameters
     ----------
+    time: (n,) s.   mean, factor: (n, m), (n, e, e) of the beliefs.
     intervals: whether deviations cover four of the belief; else they are the mean squares of an error alone, as of a bound.
     """
-    return _bodies(history.layout, history.time, history.mean, history.factor, intervals)
-
-
-def _bodies(
-    layout: StateLayout, time: np.ndarray, mean: np.ndarray, factor: np.ndarray, intervals: bool
-) -> BodyHistory:
     centre, centre_std = _block(layout, CENTRE_OF_MASS, mean, factor)
     drag, drag_std = _block(layout, DRAG, mean, factor)
     return BodyHistory(

@@ -15,9 +15,11 @@ from spinfilters.attitude.conversions import (
 from spinfilters.data.truth import BODY_KEYS, Truth
 from spinfilters.dynamics.mass_distribution import from_inertia
 from spinfilters.errors import InputError
-from spinfilters.estimators.history import EstimateHistory, by_stretches
+from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.trajectory_errors import common_stamps
 from spinfilters.geometry.truth_frame import truth_in_moved_frame
+from spinfilters.linear_algebra.epoch_stretches import by_stretches
+from spinfilters.linear_algebra.normalised_square import normalised_square, regular_factors
 from spinfilters.state.block_table import BLOCKS
 from spinfilters.state.blocks.rigid_body import MASS_DISTRIBUTION, POSITION, RATE
 from spinfilters.state.layout import StateLayout
@@ -182,36 +184,11 @@ def _least_square(
 ) -> Float[np.ndarray, " n"]:
     """Least square over changes of the frame, infinite where P is singular."""
     upper = np.asarray(np.linalg.qr(np.swapaxes(factor, 1, 2), mode="r"))
-    regular = _regular(upper)
+    regular = regular_factors(upper)
     both = np.concatenate([moved, error[:, :, np.newaxis]], axis=2)
     whitened = np.linalg.solve(np.swapaxes(upper[regular], 1, 2), both[regular])
     result = np.full(len(error), np.inf)
     result[regular] = np.asarray(np.linalg.qr(whitened, mode="r"))[:, -1, -1] ** 2
-    return result
-
-
-def normalised_square(
-    error: Float[np.ndarray, "n k"], rows: Float[np.ndarray, "n k e"]
-) -> Float[np.ndarray, " n"]:
-    """e' P^-1 e for P = rows rows', infinite where P is singular.
-
-    ``rows`` are those rows of a covariance factor that belong to the error.
-    """
-    return normalised_trace(error[..., np.newaxis], rows)
-
-
-def normalised_trace(
-    columns: Float[np.ndarray, "n k c"], rows: Float[np.ndarray, "n k e"]
-) -> Float[np.ndarray, " n"]:
-    """tr(P^-1 C C') of columns C for P = rows rows', infinite where P is singular.
-
-    By a triangular factor of P and a solve.
-    """
-    upper = np.asarray(np.linalg.qr(np.swapaxes(rows, 1, 2), mode="r"))
-    regular = _regular(upper)
-    result = np.full(len(columns), np.inf)
-    whitened = np.linalg.solve(np.swapaxes(upper[regular], 1, 2), columns[regular])
-    result[regular] = np.square(whitened).sum(axis=(1, 2))
     return result
 
 
@@ -227,12 +204,3 @@ def nis_ratio(history: EstimateHistory) -> float | None:
     """
     dof = int(history.dof.sum())
     return float(history.nis.sum()) / dof if dof else None
-
-
-def _regular(upper: np.ndarray) -> Bool[np.ndarray, " n"]:
-    """Mask of numerically non-singular triangular factors.
-
-    No diagonal element is zero, not even next to its own row of P.
-    """
-    scale = np.linalg.norm(upper, axis=1)
-    return (np.abs(np.einsum("nii->ni", upper)) > np.finfo(float).eps * scale).all(axis=1)

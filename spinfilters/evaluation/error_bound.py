@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Int
 
 from spinfilters.estimators.history import EstimateHistory
-from spinfilters.evaluation.body import BodyEstimate, body_history
-from spinfilters.evaluation.estimated_motion import Trajectory, trajectory_of
+from spinfilters.evaluation.body import BodyEstimate
+from spinfilters.evaluation.estimated_motion import Trajectory, body_history, trajectory_of
 from spinfilters.evaluation.trajectory_errors import BodyErrors, RmsErrors, TruthErrors, root_mean_square
 
 

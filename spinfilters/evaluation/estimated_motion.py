@@ -18,9 +18,10 @@ from spinfilters.data.pose_files import write_poses
 from spinfilters.data.table_files import write_csv
 from spinfilters.data.truth import TRUTH_COLUMNS, Truth
 from spinfilters.errors import InputError, ShapeError
-from spinfilters.estimators.history import EstimateHistory, by_stretches
-from spinfilters.evaluation.body import BodyEstimate
+from spinfilters.estimators.history import EstimateHistory
+from spinfilters.evaluation.body import BodyEstimate, BodyHistory, bodies_of
 from spinfilters.lidar.ply_files import read_ply, write_ply
+from spinfilters.linear_algebra.epoch_stretches import by_stretches
 from spinfilters.sensors.sensor_registry import sensor_of
 from spinfilters.state.layout import StateLayout, with_error_jacobian
 from spinfilters.symbolic.compiled import Compiled
@@ -248,3 +249,8 @@ def _rotation_alone(state: dict[str, Expression]) -> Expression:
 def _motion_of_centre(state: dict[str, Expression]) -> Expression:
     centre = state["t"] + rotate_expression(state["q"], state["c"])
     return ca.vertcat(centre, state["v"], rotate_expression(state["q"], state["w"]))
+
+
+def body_history(history: EstimateHistory, intervals: bool = True) -> BodyHistory:
+    """The body after every epoch of a history with block s; see `bodies_of`."""
+    return bodies_of(history.layout, history.time, history.mean, history.factor, intervals)

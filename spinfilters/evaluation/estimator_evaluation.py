@@ -11,7 +11,7 @@ from spinfilters.data.input_file import reason
 from spinfilters.data.truth import Truth
 from spinfilters.errors import NUMERICAL_ERRORS, InputError, numerical
 from spinfilters.estimators.history import EstimateHistory
-from spinfilters.evaluation.body import BodyEstimate, BodyHistory, body_estimate, body_history
+from spinfilters.evaluation.body import BodyEstimate, BodyHistory, body_estimate
 from spinfilters.evaluation.consistency import (
     NormalisedErrors,
     finite_epochs,
@@ -21,7 +21,7 @@ from spinfilters.evaluation.consistency import (
 )
 from spinfilters.evaluation.deviation_parts import DeviationPart, deviation_parts, without_calibration
 from spinfilters.evaluation.error_bound import ErrorBound
-from spinfilters.evaluation.estimated_motion import Trajectory, trajectory_of
+from spinfilters.evaluation.estimated_motion import Trajectory, body_history, trajectory_of
 from spinfilters.evaluation.reported_constants import ConstantEstimate, constant_estimates
 from spinfilters.evaluation.trajectory_errors import (
     Alignment,

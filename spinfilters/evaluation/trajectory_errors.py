@@ -10,9 +10,9 @@ from jaxtyping import Float, Int
 from spinfilters.attitude.conversions import inverse, multiply, rotate, rotation_vector_from_quaternion
 from spinfilters.data.truth import Truth
 from spinfilters.errors import InputError
-from spinfilters.estimators.history import STRETCH, by_stretches
 from spinfilters.evaluation.body import BodyEstimate
 from spinfilters.evaluation.estimated_motion import Trajectory
+from spinfilters.linear_algebra.epoch_stretches import STRETCH, by_stretches
 
 TIME_TOLERANCE: Final[float] = 1e-6
 """Largest difference in s of two stamps of one instant: what printing to six decimals leaves."""

@@ -15,7 +15,7 @@ from spinfilters.estimators.timeline import Timeline
 from spinfilters.live.smoother_worker import Build
 from spinfilters.live.supervisor import SupervisionOptions
 from spinfilters.models.measurement import MeasurementModel
-from spinfilters.pipeline.estimator_entry import estimator_entries
+from spinfilters.pipeline.estimator_table import estimator_entries
 from spinfilters.pipeline.preparation import prepare
 from spinfilters.pipeline.setup import Setup, camera_view
 from spinfilters.pipeline.smoother_run import begin_after_initialisation, sliding_smoother

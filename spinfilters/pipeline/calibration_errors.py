@@ -29,7 +29,7 @@ from spinfilters.estimators.smoothing.problem.least_squares import problem_of
 from spinfilters.estimators.smoothing.solver.batch_smoother import NO_LANDMARKS, smooth_problem
 from spinfilters.estimators.timeline import LogTimeline, Timeline, times_of
 from spinfilters.geometry.camera_displacements import displaced
-from spinfilters.pipeline.estimator_entry import AnyEntry, estimator_entries
+from spinfilters.pipeline.estimator_entry import AnyEntry
 from spinfilters.pipeline.model_errors import MOST_EPOCHS_WITH_MAP, landmarks_placed, linear_problem
 from spinfilters.pipeline.setup import Setup
 from spinfilters.settings.run_settings import Settings
@@ -42,10 +42,16 @@ UNKNOWN: Final = (
 
 @dataclass(frozen=True)
 class CalibrationErrors:
-    """Effect of calibration errors on one run."""
+    """Effect of calibration errors on one run.
+
+    Attributes
+    ----------
+    ekf: of the table of estimators; its differences stand for those of a smoother that lets go of old epochs.
+    """
 
     setup: Setup
     settings: Settings
+    ekf: AnyEntry
 
     @property
     def considered(self) -> tuple[ConsideredDeviation, ...]:
@@ -100,7 +106,7 @@ class CalibrationErrors:
         if not self.setup.initial.has_landmarks or len(epochs) <= MOST_EPOCHS_WITH_MAP:
             found = self._sensitivity(epochs, history.mean)
             return None if found is None else found.states
-        ekf, initial = estimator_entries()["mekf"], self.setup.initial
+        ekf, initial = self.ekf, self.setup.initial
         means = self._run(ekf, epochs, np.zeros(initial.factor.shape[:2]), np.zeros(initial.points.shape))
         return None if means is None else self._of_filter(ekf, epochs[: first + len(means)], means)
 

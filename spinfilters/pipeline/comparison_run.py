@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING
 from spinfilters.data.atomic_write import made_folder
 from spinfilters.data.dataset import Dataset
 from spinfilters.pipeline.estimation import Comparison, Progress, compare_estimators
-from spinfilters.pipeline.figures import FigureData, draw_run, picture_files
+from spinfilters.pipeline.figures import draw_run, picture_files
 from spinfilters.pipeline.preparation import prepare
 from spinfilters.pipeline.setup import Setup
 from spinfilters.runs.checkpoint_store import StoreOf, checkpoint_stores, no_checkpoints, remove_checkpoints
 from spinfilters.runs.run_folder import (
     REPORT_FILE,
+    figure_data_of,
     finished_run,
     mark_run_folder,
     read_figure_data,
@@ -147,15 +148,13 @@ def _write_and_draw(folder: Path, comparison: Comparison, settings: Settings, re
     write_run(folder, comparison, settings)
     if comparison.interrupted:
         return
-    draw_run(
-        FigureData.from_comparison(comparison), folder, lambda done, total: report("figures", done, total)
-    )
+    draw_run(figure_data_of(comparison), folder, lambda done, total: report("figures", done, total))
 
 
 def _write_report(folder: Path, comparison: Comparison) -> None:
     from spinfilters.pipeline.run_report import write_run_report
 
-    write_run_report(FigureData.from_comparison(comparison), folder)
+    write_run_report(figure_data_of(comparison), folder)
 
 
 def _complete(dataset: Dataset, settings: Settings, output: RunOutput, report: Progress) -> list[str]:

@@ -1,6 +1,6 @@
 """Findings about estimates from other estimates, models and noise levels."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -12,7 +12,7 @@ from spinfilters.pipeline.estimate_diagnostics import (
     motion_diagnostics,
     reference_smoother,
 )
-from spinfilters.pipeline.estimator_entry import AnyEntry, estimator_entries
+from spinfilters.pipeline.estimator_entry import AnyEntry
 from spinfilters.pipeline.flywheel_refit import with_flywheel_refit
 from spinfilters.pipeline.front_end_slips import front_end_slips
 from spinfilters.pipeline.model_errors import tested_epochs, tested_history, tested_models
@@ -36,6 +36,7 @@ class Doubts:
     ----------
     shared: about every estimator.   of_filters: about those that continue from the initialisation, with no smoother beside.
     smoother: that filters are held against, None where there is none.   models: tests of the models' errors.
+    baselines: names of others' estimators, whose noise levels say nothing of ours.
     """
 
     setup: Setup
@@ -45,6 +46,7 @@ class Doubts:
     of_filters: list[Finding]
     smoother: EstimateHistory | None
     models: TestedModels = NOT_TESTED
+    baselines: Collection[str] = ()
     _agreements: dict[str, list[Finding]] = field(default_factory=dict)
     _noise: dict[str, list[Finding]] = field(default_factory=dict)
 
@@ -63,8 +65,7 @@ class Doubts:
     @cached_property
     def of_levels(self) -> list[Finding]:
         """Doubts about stated levels of noise."""
-        entries = estimator_entries()
-        own = [each.history for each in self.evaluations if not entries[each.name].is_baseline]
+        own = [each.history for each in self.evaluations if each.name not in self.baselines]
         first = [] if self.smoother is None else [self.smoother]
         return stated_level_diagnostics(self.setup, self.settings, [*first, *own])
 
@@ -99,7 +100,9 @@ class Doubts:
         return self._noise[evaluation.name]
 
 
-def doubts_of(evaluations: Sequence[Evaluation], setup: Setup, settings: Settings) -> Doubts:
+def doubts_of(
+    evaluations: Sequence[Evaluation], setup: Setup, settings: Settings, baselines: Collection[str] = ()
+) -> Doubts:
     """The doubts of a run, as far as they are the same for several estimators.
 
     A given initialisation means that filters alone are studied, by the thousand: what their innovations tell is all, and the
@@ -107,7 +110,8 @@ def doubts_of(evaluations: Sequence[Evaluation], setup: Setup, settings: Setting
     """
     if setup.is_given:
         shared, reference = shared_diagnostics(setup), reference_smoother([], setup, settings)
-        return Doubts(setup, settings, evaluations, shared, filter_diagnostics(setup), reference)
+        own = filter_diagnostics(setup)
+        return Doubts(setup, settings, evaluations, shared, own, reference, baselines=baselines)
     smoothers = [each.history for each in evaluations if each.name == SMOOTHER]
     models = _explained(setup, settings, evaluations)
     return Doubts(
@@ -123,6 +127,7 @@ def doubts_of(evaluations: Sequence[Evaluation], setup: Setup, settings: Setting
         filter_diagnostics(setup),
         reference_smoother(smoothers, setup, settings),
         models,
+        baselines,
     )
 
 

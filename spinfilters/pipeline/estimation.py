@@ -15,7 +15,8 @@ from spinfilters.estimators.timeline import Timeline, times_of
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.pipeline.calibration_errors import CalibrationErrors
 from spinfilters.pipeline.doubts import doubts_of
-from spinfilters.pipeline.estimator_entry import AnyEntry, estimator_entries
+from spinfilters.pipeline.estimator_entry import AnyEntry
+from spinfilters.pipeline.estimator_table import estimator_entries
 from spinfilters.pipeline.recording_bound import Bounding, with_bounds
 from spinfilters.pipeline.setup import Setup
 from spinfilters.pipeline.tested_models import NOT_TESTED, TestedModels
@@ -105,7 +106,8 @@ def compare_estimators(
     maps: dict[str, np.ndarray] = {}
     interrupted = False
     company = _Company(progress, store_of, extent.rehearsing)
-    entries, calibration = _fit_entries(settings, setup), CalibrationErrors(setup, settings)
+    entries = _fit_entries(settings, setup)
+    calibration = CalibrationErrors(setup, settings, entries["mekf"])
     try:
         for name in settings.estimators:
             history, points = _estimated(entries[name], setup, settings, company)
@@ -120,8 +122,9 @@ def compare_estimators(
         if not evaluations:
             raise
         interrupted = True
-    doubts = doubts_of(evaluations, setup, settings)
-    found = with_verdicts(doubts, settings)
+    baselines = frozenset(name for name, entry in entries.items() if entry.is_baseline)
+    doubts = doubts_of(evaluations, setup, settings, baselines)
+    found = with_verdicts(doubts, settings, entries)
     bounded = found if interrupted else extent.bounding(found, setup)
     return Comparison(setup, tuple(bounded), interrupted, maps, doubts.models)
 

@@ -1,13 +1,13 @@
-"""Interface of an estimator in a comparison, of a batch estimator, and the table of all."""
+"""Interface of an estimator in a comparison: recursive, or batch over all epochs."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Final, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.plugins import PluginGroup, by_name
+from spinfilters.settings.estimator_names import NamedEstimator
 
 if TYPE_CHECKING:
     from spinfilters.estimators.estimator import Estimator
@@ -35,7 +35,7 @@ class BatchEstimator(Protocol):
         ...
 
 
-class EstimatorEntry(ABC, Generic[Built]):
+class EstimatorEntry(NamedEstimator, ABC, Generic[Built]):
     """An estimator of the table.
 
     A subclass states its attributes and writes `build`; what else it does differently it overrides.
@@ -50,9 +50,6 @@ class EstimatorEntry(ABC, Generic[Built]):
     continues: whether it continues from the initialisation, so that doubts about that are doubts about it.
     """
 
-    name: str
-    order: int = 100
-    is_default: bool = False
     holds_landmarks: bool = False
     is_baseline: bool = False
     continues: bool = True
@@ -94,26 +91,3 @@ class EstimatorEntry(ABC, Generic[Built]):
 
 
 AnyEntry = EstimatorEntry[Any]
-
-TABLE: Final[PluginGroup[AnyEntry]] = PluginGroup(
-    "spinfilters.pipeline.estimator_entries", "ESTIMATOR", EstimatorEntry, group="spinfilters.estimators"
-)
-"""All estimators: those of the modules of that package, and those of the entry points ``spinfilters.estimators``."""
-
-
-def estimator_entries() -> dict[str, AnyEntry]:
-    """Entries by name, in their order.
-
-    InputError: a plug-in that cannot be loaded, a name that stands twice.
-    """
-    return by_name(TABLE, "estimator")
-
-
-def estimator_names() -> tuple[str, ...]:
-    """Names of all estimators."""
-    return tuple(estimator_entries())
-
-
-def names_in(text: str) -> tuple[str, ...]:
-    """Names that a text lists with commas."""
-    return tuple(name.strip() for name in text.split(",") if name.strip())

@@ -31,11 +31,13 @@ from spinfilters.estimators.timeline import build_timeline
 from spinfilters.linear_algebra.chi_square import chi_square_tail
 from spinfilters.pipeline.identified_noise import Unstated, noise_model
 from spinfilters.pipeline.model_errors import landmarks_placed, linear_problem
-from spinfilters.pipeline.preparation import prepare
 from spinfilters.pipeline.setup import Setup, camera_view
+from spinfilters.pipeline.stated_noise import layout_of, stated_models
 from spinfilters.pipeline.tested_models import TestedModels
-from spinfilters.settings.run_settings import Settings
+from spinfilters.settings.run_settings import LINEAR, QUADRATIC, DragLaw, Settings
 from spinfilters.state.blocks.acceleration import ACCELERATION
+from spinfilters.state.blocks.drag import DRAG
+from spinfilters.state.blocks.linear_drag import LINEAR_DRAG
 from spinfilters.state.blocks.rigid_body import ATTITUDE, MASS_DISTRIBUTION, RATE
 from spinfilters.state.blocks.rotor import ROTOR
 from spinfilters.state.layout import StateLayout
@@ -81,8 +83,11 @@ def _samples_as_one(setup: Setup, settings: Settings) -> float:
     """
     if setup.gyro_noise is None:
         return 1.0
-    process = replace(settings.process, rotor=True, gravity=setup.process.layout.has(ACCELERATION))
-    beside = prepare(setup.dataset, replace(settings, process=process)).gyro_noise
+    layout = setup.process.layout
+    drag: DragLaw | bool = QUADRATIC if layout.has(DRAG) else LINEAR if layout.has(LINEAR_DRAG) else False
+    process = replace(settings.process, rotor=True, gravity=layout.has(ACCELERATION), drag=drag)
+    chosen = replace(settings, process=process)
+    beside = stated_models(setup.dataset, setup.log, layout_of(setup.log, chosen), chosen).gyro_noise
     return 1.0 if beside is None else max(beside.correlation_time, 1.0)
 
 

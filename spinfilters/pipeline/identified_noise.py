@@ -20,7 +20,7 @@ from spinfilters.estimators.initialisation.initial_estimate import InitialEstima
 from spinfilters.estimators.smoothing.factors.landmark_observations import OBSERVATIONS_NEEDED
 from spinfilters.estimators.smoothing.problem.least_squares import Problem, problem_of
 from spinfilters.estimators.timeline import SensorNoise, Timeline
-from spinfilters.evaluation.consistency import normalised_square
+from spinfilters.linear_algebra.normalised_square import normalised_square
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 

@@ -23,7 +23,7 @@ from spinfilters.estimators.run import run
 from spinfilters.estimators.smoothing.factors.sensor_rows import without_refused
 from spinfilters.estimators.timeline import Timeline
 from spinfilters.evaluation.body import body_estimate
-from spinfilters.evaluation.consistency import normalised_square
+from spinfilters.linear_algebra.normalised_square import normalised_square
 from spinfilters.state.blocks.rigid_body import RATE
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.status import Verdict

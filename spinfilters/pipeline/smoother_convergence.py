@@ -23,8 +23,7 @@ from spinfilters.estimators.smoothing.window.convergence_record import (
 )
 from spinfilters.estimators.smoothing.window.sliding_smoother import SlidingSmoother
 from spinfilters.estimators.smoothing.window.smoother_records import MarginalizedState
-from spinfilters.evaluation.body import body_history
-from spinfilters.evaluation.estimated_motion import estimated_rates, trajectory_of
+from spinfilters.evaluation.estimated_motion import body_history, estimated_rates, trajectory_of
 from spinfilters.evaluation.trajectory_errors import attitude_alignment, common_stamps
 from spinfilters.evaluation.truth_frames import tells_first_frame, truth_in_first_frame
 from spinfilters.pipeline.plotted_quantities import ATTITUDE, QUANTITIES, deviations_of

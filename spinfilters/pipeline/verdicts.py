@@ -3,6 +3,7 @@
 The covariances they speak of hold with errors that may be correlated, too.
 """
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -11,7 +12,7 @@ from spinfilters.estimators.history import EstimateHistory
 from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate
 from spinfilters.evaluation.trajectory_errors import Alignment
 from spinfilters.pipeline.doubts import Doubts
-from spinfilters.pipeline.estimator_entry import estimator_entries
+from spinfilters.pipeline.estimator_entry import AnyEntry
 from spinfilters.pipeline.setup import Setup
 from spinfilters.settings.run_settings import Settings
 from spinfilters.state.blocks.rigid_body import CENTRE_OF_MASS
@@ -28,9 +29,9 @@ def evaluated(history: EstimateHistory, setup: Setup) -> Evaluation:
     return evaluate(observed, setup.dataset.truth, alignment)
 
 
-def with_verdicts(doubts: Doubts, settings: Settings) -> list[Evaluation]:
-    """Evaluations with their verdicts."""
-    setup, entries = doubts.setup, estimator_entries()
+def with_verdicts(doubts: Doubts, settings: Settings, entries: Mapping[str, AnyEntry]) -> list[Evaluation]:
+    """Evaluations with their verdicts, for estimators of a table of entries by name."""
+    setup = doubts.setup
     widened = {each.name: _widened(each, doubts) for each in doubts.evaluations}
     peers = [each for each in widened.values() if not entries[each.name].is_baseline]
     others = [peer for peer in peers if peer.history.status.verdict is not Verdict.FAILED]

@@ -11,8 +11,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from spinfilters.evaluation.body import BodyHistory, body_history
+from spinfilters.evaluation.body import BodyHistory
 from spinfilters.evaluation.deviation_parts import without_calibration
+from spinfilters.evaluation.estimated_motion import body_history
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.evaluation.span import initialisation_end
 from spinfilters.plots.style import (

@@ -18,10 +18,10 @@ from spinfilters.errors import InputError
 from spinfilters.estimators.estimator import Estimator
 from spinfilters.estimators.history import EstimateHistory, GrowingHistory
 from spinfilters.estimators.timeline import times_of
-from spinfilters.pipeline.estimator_entry import estimator_names
 from spinfilters.pipeline.setup import Setup
 from spinfilters.runs.checkpoint import Checkpoint, load_checkpoint, save_checkpoint, save_ended
 from spinfilters.runs.fingerprint import ANEW, RunFingerprint, fingerprint_of
+from spinfilters.settings.estimator_names import estimator_names
 from spinfilters.settings.run_settings import Settings
 from spinfilters.state.status import Verdict
 

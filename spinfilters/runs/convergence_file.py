@@ -10,7 +10,8 @@ from jaxtyping import Float
 from spinfilters.estimators.history import EstimateHistory, GrowingHistory
 from spinfilters.estimators.smoothing.window.convergence_record import ConvergenceRecord
 from spinfilters.estimators.smoothing.window.smoother_records import MarginalizedState
-from spinfilters.evaluation.body import BodyHistory, body_history
+from spinfilters.evaluation.body import BodyHistory
+from spinfilters.evaluation.estimated_motion import body_history
 from spinfilters.pipeline.plotted_quantities import QUANTITIES, deviations_of
 from spinfilters.pipeline.smoother_run import NAME
 from spinfilters.runs.npz_file import DAMAGED, read_arrays, unusable, write_arrays

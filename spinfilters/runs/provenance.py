@@ -6,7 +6,7 @@ from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 
-import spinfilters
+from spinfilters.version import __version__
 
 PACKAGES = ("numpy", "scipy", "casadi", "filterpy", "matplotlib")
 
@@ -20,7 +20,7 @@ def provenance() -> dict[str, str]:
 def _provenance() -> dict[str, str]:
     """Provenance, cached: what the process has loaded does not change."""
     return {
-        "spinfilters": spinfilters.__version__,
+        "spinfilters": __version__,
         "git_commit": git_commit() or "not a checkout",
         "python": platform.python_version(),
         "platform": platform.platform(),
@@ -30,7 +30,7 @@ def _provenance() -> dict[str, str]:
 
 def git_commit() -> str | None:
     """Commit of the package's checkout, ``-dirty`` with changes; None elsewhere."""
-    folder = Path(spinfilters.__file__).resolve().parents[1]
+    folder = Path(__file__).resolve().parents[2]
     if not (folder / ".git").exists():
         return None
     try:

@@ -27,9 +27,8 @@ from spinfilters.evaluation.estimated_motion import (
 )
 from spinfilters.evaluation.estimator_evaluation import evaluate
 from spinfilters.evaluation.trajectory_errors import Alignment
-from spinfilters.pipeline.conditions import told_sentences
+from spinfilters.pipeline.conditions import conditions_of, told_sentences
 from spinfilters.pipeline.estimation import Comparison
-from spinfilters.pipeline.estimator_entry import estimator_names
 from spinfilters.pipeline.figures import FigureData, picture_files
 from spinfilters.pipeline.readers import read_dataset
 from spinfilters.pipeline.setup import Setup, knows_frames
@@ -38,6 +37,7 @@ from spinfilters.runs.history_file import read_history, write_history
 from spinfilters.runs.provenance import provenance
 from spinfilters.runs.run_lock import LOCK_FILE
 from spinfilters.runs.run_summary import SUMMARY_FILE, not_whole, read_summary, summary
+from spinfilters.settings.estimator_names import estimator_names
 from spinfilters.settings.run_settings import Settings
 from spinfilters.state.status import Verdict
 
@@ -158,6 +158,13 @@ def read_histories(folder: Path, names: Sequence[str]) -> list[EstimateHistory]:
                 f"{path_text(path)}: is of {value_text(history.name)}, not of {name}; make the run again"
             )
     return histories
+
+
+def figure_data_of(comparison: Comparison) -> FigureData:
+    """Data of the figures of a run that has just ended."""
+    setup, first = comparison.setup, comparison.evaluations[0].name
+    sentences = conditions_of(setup).sentences
+    return FigureData(setup.dataset, comparison.evaluations, comparison.maps.get(first), sentences)
 
 
 def read_figure_data(folder: Path) -> FigureData:

@@ -18,7 +18,7 @@ from spinfilters.estimators.initialisation.options import InitialisationOptions
 from spinfilters.estimators.landmarks.landmark_options import LandmarkOptions
 from spinfilters.estimators.robust.gate_weights import RobustOptions
 from spinfilters.models.process import ProcessNoise
-from spinfilters.pipeline.estimator_entry import estimator_names
+from spinfilters.settings.estimator_names import DEFAULT_ESTIMATORS, estimator_names
 from spinfilters.settings.smoother_settings import SmootherSettings
 
 AUTO: Final = "auto"
@@ -79,9 +79,6 @@ else:
         frozen=True,
         namespace={"__doc__": "Standard deviations of the calibration, see the module."},
     )
-
-
-DEFAULT_ESTIMATORS = ("mekf", "ukf", "smoother")
 
 
 class TruthValue:

@@ -10,7 +10,8 @@ from jaxtyping import Float
 from spinfilters.errors import InputError
 from spinfilters.estimators.filters.belief_prediction import predict_ahead
 from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
-from spinfilters.evaluation.consistency import chi_square_band, normalised_square
+from spinfilters.evaluation.consistency import chi_square_band
+from spinfilters.linear_algebra.normalised_square import normalised_square
 from spinfilters.state.gaussian import Gaussian
 
 SEEDS, STEPS, INTERVAL = 20, 40, 0.5

@@ -7,7 +7,7 @@ from smoothing_samples import LAYOUT, MIDDLE, SOON, run, sample, smoother
 from spinfilters.errors import InputError
 from spinfilters.estimators.smoothing.window.convergence_record import record_convergence
 from spinfilters.estimators.smoothing.window.window_policy import FixedLag, FullSmoothing
-from spinfilters.evaluation.consistency import normalised_square
+from spinfilters.linear_algebra.normalised_square import normalised_square
 from spinfilters.state.status import Verdict
 
 FRAMES = MIDDLE.epochs

@@ -16,7 +16,8 @@ from spinfilters.estimators.smoothing.window.sliding_smoother import SlidingSmoo
 from spinfilters.estimators.smoothing.window.smoother_records import SmootherOptions
 from spinfilters.estimators.smoothing.window.window_policy import FullSmoothing
 from spinfilters.estimators.timeline import CameraView, SensorNoise, Timeline, build_timeline
-from spinfilters.evaluation.consistency import normalised_square, true_states
+from spinfilters.evaluation.consistency import true_states
+from spinfilters.linear_algebra.normalised_square import normalised_square
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout

@@ -7,7 +7,8 @@ import pytest
 from estimate_samples import AXES, FULL, MOMENTS, history_of, sample_factor, sample_point
 
 from spinfilters.dynamics.mass_distribution import inertia_matrix
-from spinfilters.evaluation.body import UNDETERMINED_STD, body_estimate, body_history
+from spinfilters.evaluation.body import UNDETERMINED_STD, body_estimate
+from spinfilters.evaluation.estimated_motion import body_history
 from spinfilters.state.gaussian import Gaussian
 from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
 

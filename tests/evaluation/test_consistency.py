@@ -13,10 +13,10 @@ from spinfilters.evaluation.consistency import (
     knows_state,
     nis_ratio,
     normalised_errors,
-    normalised_square,
     true_states,
 )
 from spinfilters.evaluation.estimated_motion import trajectory_of
+from spinfilters.linear_algebra.normalised_square import normalised_square
 from spinfilters.state.block_table import BLOCKS
 from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
 

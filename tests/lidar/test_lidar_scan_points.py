@@ -27,7 +27,6 @@ from spinfilters.lidar.sequence import (
 )
 from spinfilters.pipeline.preparation import prepare
 from spinfilters.pipeline.readers import read_dataset
-from spinfilters.sensors.sensor import sensor_of
 from spinfilters.sensors.sensor_registry import sensor_of
 from spinfilters.settings.run_settings import Settings
 from spinfilters.state.layout import FULL_BLOCKS, StateLayout

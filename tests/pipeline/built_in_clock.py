@@ -12,8 +12,8 @@ from spinfilters.data.dataset import Dataset
 from spinfilters.estimators import run
 from spinfilters.pipeline import smoother_run
 from spinfilters.pipeline.estimation import compare_estimators
-from spinfilters.pipeline.estimator_entry import estimator_names
 from spinfilters.pipeline.preparation import prepare
+from spinfilters.settings.estimator_names import estimator_names
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 from spinfilters.symbolic import c_library

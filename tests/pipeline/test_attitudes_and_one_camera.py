@@ -17,7 +17,7 @@ from spinfilters.evaluation.consistency import chi_square_band
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.pipeline.preparation import prepare
 from spinfilters.pipeline.readers import read_dataset
-from spinfilters.sensors.sensor import CameraView, sensor_of
+from spinfilters.sensors.sensor import CameraView
 from spinfilters.sensors.sensor_registry import sensor_of
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.faults import Outliers, WrongAssociations, with_faults

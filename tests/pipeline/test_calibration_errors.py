@@ -21,7 +21,7 @@ from spinfilters.pipeline.comparison_run import compare_dataset
 from spinfilters.pipeline.conditions import conditions_of
 from spinfilters.pipeline.considered_calibration import considered_deviations
 from spinfilters.pipeline.estimation import Comparison
-from spinfilters.pipeline.estimator_entry import estimator_entries
+from spinfilters.pipeline.estimator_table import estimator_entries
 from spinfilters.pipeline.preparation import prepare
 from spinfilters.runs.history_file import read_history, write_history
 from spinfilters.runs.run_summary import summary
@@ -75,7 +75,7 @@ def test_a_filter_and_the_smoother_agree_in_the_last_epoch() -> None:
 
 def test_a_smoother_too_long_for_memory_says_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     chosen = settings("smoother", clock_scale_std=CLOCK)
-    errors = CalibrationErrors(prepare(poses(), chosen), chosen)
+    errors = CalibrationErrors(prepare(poses(), chosen), chosen, estimator_entries()["mekf"])
     at_once = by_name("smoother").history
     monkeypatch.setattr("spinfilters.pipeline.calibration_errors.STRETCH", 10)
     again = errors.counted(replace(at_once, factor=at_once.random_factor()), estimator_entries()["smoother"])
@@ -96,7 +96,11 @@ def test_a_smoother_that_lets_go_of_epochs_scales_with_the_baseline(monkeypatch:
     whole = by_name("smoother").history
     first = {name: getattr(whole, name)[: scenario.epochs] for name in EPOCH_ARRAYS}
     history = replace(whole, calibration=None, observations=None, **first)
-    found = CalibrationErrors(setup, chosen).counted(history, estimator_entries()["smoother"]).calibration
+    found = (
+        CalibrationErrors(setup, chosen, estimator_entries()["mekf"])
+        .counted(history, estimator_entries()["smoother"])
+        .calibration
+    )
     assert found is not None
     layout, count = setup.process.layout, len(setup.initial.mean)
     ahead = setup.process.step(setup.initial.mean[-1], scenario.interval)  # the filter's first epoch
@@ -108,7 +112,7 @@ def test_a_smoother_that_lets_go_of_epochs_scales_with_the_baseline(monkeypatch:
 
 def test_an_exact_calibration_changes_nothing() -> None:
     setup = prepare(poses(), settings())
-    exact = CalibrationErrors(setup, settings())
+    exact = CalibrationErrors(setup, settings(), estimator_entries()["mekf"])
     history = by_name("mekf").history
     assert exact.considered == ()
     assert exact.counted(history, estimator_entries()["mekf"]) is history
@@ -158,7 +162,7 @@ def test_a_data_set_that_is_silent_is_not_taken_for_exact() -> None:
     assert any("(assumed)" in line for line in sentences)
     assert any("state [calibration] length_scale_std = 0, clock_scale_std = 0" in line for line in sentences)
     settled = prepare(silent, settings(clock_scale_std=0.0, length_scale_std=0.0))
-    assert not CalibrationErrors(settled, settings()).considered
+    assert not CalibrationErrors(settled, settings(), estimator_entries()["mekf"]).considered
 
 
 def test_what_a_state_estimates_is_not_considered() -> None:
@@ -174,7 +178,7 @@ def test_what_a_state_estimates_is_not_considered() -> None:
 
 def test_a_filter_that_does_not_stand_the_error_is_degraded(monkeypatch: pytest.MonkeyPatch) -> None:
     setup = prepare(poses(), settings(clock_scale_std=CLOCK))
-    errors = CalibrationErrors(setup, settings())
+    errors = CalibrationErrors(setup, settings(), estimator_entries()["mekf"])
     monkeypatch.setattr(CalibrationErrors, "_run", lambda *_: None)
     history = replace(by_name("mekf").history, calibration=None)
     status = errors.counted(history, estimator_entries()["mekf"]).status

@@ -9,9 +9,11 @@ import pytest
 
 from spinfilters.cli.main import main
 from spinfilters.errors import InputError
-from spinfilters.pipeline.estimator_entry import TABLE, estimator_entries, estimator_names
+from spinfilters.pipeline.estimator_table import estimator_entries
+from spinfilters.plugins import installed_plugins
 from spinfilters.runs.run_summary import read_summary
-from spinfilters.settings.run_settings import DEFAULT_ESTIMATORS, Settings
+from spinfilters.settings.estimator_names import DEFAULT_ESTIMATORS, estimator_names
+from spinfilters.settings.run_settings import Settings
 
 HOW_TO = Path(__file__).parents[2] / "docs" / "how-to" / "add-an-estimator.md"
 PROGRAM = re.findall(r"^```python\n(.*?)^```", HOW_TO.read_text(), re.MULTILINE | re.DOTALL)[0]
@@ -28,16 +30,20 @@ def distribution(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Pa
     )
     (information.parent / "open_loop.py").write_text(PROGRAM)
     monkeypatch.syspath_prepend(str(information.parent))
-    TABLE.reload()
+    installed_plugins.cache_clear()
     yield information
     monkeypatch.undo()
     sys.modules.pop("open_loop", None)
-    TABLE.reload()
+    installed_plugins.cache_clear()
 
 
 def test_the_table_has_ours_before_the_baselines_and_the_defaults_among_them() -> None:
     ours, baselines = ("mekf", "ukf", "smoother"), ("filterpy-ekf", "filterpy-ukf")
-    assert estimator_names() == (*ours, *baselines, "embedded", "embedded-double", "smoother-latest")
+    assert (
+        tuple(estimator_entries())
+        == estimator_names()
+        == (*ours, *baselines, "embedded", "embedded-double", "smoother-latest")
+    )
     assert tuple(n for n, entry in estimator_entries().items() if entry.is_default) == DEFAULT_ESTIMATORS
 
 
@@ -68,6 +74,6 @@ def test_a_name_that_stands_twice_is_refused(distribution: Path) -> None:
         PROGRAM.replace('    name = "open-loop"\n    is_base', '    name = "mekf"\n    is_base')
     )
     sys.modules.pop("open_loop", None)
-    TABLE.reload()
+    installed_plugins.cache_clear()
     with pytest.raises(InputError, match="'mekf' is registered twice"):
         estimator_entries()

@@ -10,7 +10,7 @@ from contracts.plugin import installed_plugin, program_of
 import spinfilters
 from spinfilters.api.recording_comparison import Run
 from spinfilters.errors import InputError
-from spinfilters.pipeline.figures import TABLE, FigureData, draw_run, figure_entries, picture_files
+from spinfilters.pipeline.figures import FigureData, draw_run, figure_entries, picture_files
 
 DOCS = Path(__file__).parents[2] / "docs"
 PROGRAM = program_of(DOCS / "how-to" / "add-a-figure.md")
@@ -19,7 +19,7 @@ PROGRAM = program_of(DOCS / "how-to" / "add-a-figure.md")
 @pytest.fixture
 def module(tmp_path: Path) -> Iterator[Path]:
     """The module of the how-to page in an installed distribution, on the path."""
-    with installed_plugin(TABLE, "spin-speed = spin_speed:FIGURE", PROGRAM, tmp_path) as file:
+    with installed_plugin("spinfilters.figures", "spin-speed = spin_speed:FIGURE", PROGRAM, tmp_path) as file:
         yield file
 
 

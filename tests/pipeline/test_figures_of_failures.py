@@ -10,9 +10,10 @@ import pytest
 
 from spinfilters.errors import InputError
 from spinfilters.pipeline.estimation import Comparison, compare_estimators
-from spinfilters.pipeline.figures import FigureData, draw_run, picture_files
+from spinfilters.pipeline.figures import draw_run, picture_files
 from spinfilters.pipeline.preparation import prepare
 from spinfilters.plots import style
+from spinfilters.runs.run_folder import figure_data_of
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import Scenario, simulate
 
@@ -54,7 +55,7 @@ def drawn(comparison: Comparison, folder: Path, change: Callable[[Any], Any]) ->
     changed = evaluate(change(first.history), truth, first.alignment)
     if first.bound is not None and changed.errors is not None and len(changed.errors.time) == 12:
         changed = replace(changed, bound=first.bound)
-    figure_data = FigureData.from_comparison(replace(comparison, evaluations=(changed, *others)))
+    figure_data = figure_data_of(replace(comparison, evaluations=(changed, *others)))
     assert draw_run(figure_data, folder, lambda *_: None) == picture_files(NAMES)
     for name in picture_files(NAMES):
         assert (folder / name).read_bytes().startswith(b"\x89PNG")

@@ -18,12 +18,8 @@ from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.estimators.history import EstimateHistory
 from spinfilters.estimators.initialisation.options import InitialisationOptions
 from spinfilters.evaluation.comparison import comparison_table
-from spinfilters.evaluation.consistency import (
-    chi_square_band,
-    normalised_errors,
-    normalised_square,
-    true_states,
-)
+from spinfilters.evaluation.consistency import chi_square_band, normalised_errors, true_states
+from spinfilters.linear_algebra.normalised_square import normalised_square
 from spinfilters.models.process import ProcessNoise
 from spinfilters.pipeline.preparation import prepare
 from spinfilters.runs.run_summary import summary

@@ -27,11 +27,11 @@ from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.pipeline.comparison_run import compare_dataset
 from spinfilters.pipeline.estimation import Comparison
-from spinfilters.pipeline.figures import FigureData, drawn_figure
+from spinfilters.pipeline.figures import drawn_figure
 from spinfilters.pipeline.first_epochs import initial_samples
 from spinfilters.pipeline.readers import read_dataset
 from spinfilters.pipeline.setup import camera_view
-from spinfilters.runs.run_folder import DECISIVE
+from spinfilters.runs.run_folder import DECISIVE, figure_data_of
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.inspector import CIRCLE_PERIOD
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
@@ -220,7 +220,7 @@ def test_the_command_simulates_a_circling_inspector(tmp_path: Path) -> None:
 
 
 def test_a_run_draws_the_path_of_its_inspector() -> None:
-    figure = drawn_figure(FigureData.from_comparison(circling_comparison()), "scene")
+    figure = drawn_figure(figure_data_of(circling_comparison()), "scene")
     texts = [text.get_text() for text in figure.findobj(Text)]
     assert "path of the inspector" in texts
 

@@ -12,9 +12,10 @@ from spinfilters.data.dataset import Dataset
 from spinfilters.data.dataset_options import DatasetOptions
 from spinfilters.data.dataset_writing import write_dataset
 from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
-from spinfilters.evaluation.consistency import chi_square_band, normalised_square
+from spinfilters.evaluation.consistency import chi_square_band
 from spinfilters.evaluation.estimated_motion import true_rates
 from spinfilters.evaluation.estimator_evaluation import Evaluation
+from spinfilters.linear_algebra.normalised_square import normalised_square
 from spinfilters.pipeline.preparation import prepare
 from spinfilters.pipeline.readers import read_dataset
 from spinfilters.settings.run_settings import SensorSettings, Settings

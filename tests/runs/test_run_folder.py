@@ -18,12 +18,12 @@ from spinfilters.errors import InputError
 from spinfilters.evaluation.estimated_motion import STD_COLUMNS, read_map_ply
 from spinfilters.pipeline import figures
 from spinfilters.pipeline.estimation import Comparison, compare_estimators
-from spinfilters.pipeline.figures import FigureData, draw_run, picture_files
+from spinfilters.pipeline.figures import draw_run, picture_files
 from spinfilters.pipeline.preparation import prepare
 from spinfilters.pipeline.readers import read_dataset
 from spinfilters.pipeline.segment_runs import run_segments
 from spinfilters.runs.history_file import read_history, write_history
-from spinfilters.runs.run_folder import read_figure_data, write_run
+from spinfilters.runs.run_folder import figure_data_of, read_figure_data, write_run
 from spinfilters.settings.run_settings import Settings, read_settings
 from spinfilters.simulation.scenario import Scenario, simulate
 from spinfilters.state.status import Verdict
@@ -52,7 +52,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     comparison = compare_estimators(setup, settings, silent)
     write_run(folder, comparison, settings)
     with unrendered_pictures():
-        draw_run(FigureData.from_comparison(comparison), folder, silent)
+        draw_run(figure_data_of(comparison), folder, silent)
     return Run(folder, comparison, settings)
 
 
@@ -159,7 +159,7 @@ def test_plot_draws_what_was_deleted(run: Run, monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_a_picture_drawn_again_says_what_the_first_said(run: Run) -> None:
-    again, first = read_figure_data(run.folder), FigureData.from_comparison(run.comparison)
+    again, first = read_figure_data(run.folder), figure_data_of(run.comparison)
     assert again.conditions == first.conditions
     assert [e.history.initialisation for e in again.evaluations] == [24, 24]
 

@@ -73,6 +73,3 @@ class EmbeddedDoubleEntry(EmbeddedEntry):
     """Table entry of the embedded filter in double precision: what float costs is the difference."""
 
     name, order, real = "embedded-double", 6, "double"
-
-
-ESTIMATOR = (EmbeddedEntry(), EmbeddedDoubleEntry())

@@ -32,6 +32,3 @@ class FilterpyUkfEntry(EstimatorEntry[Estimator]):
         from spinfilters.estimators.baselines.filterpy_filters import FilterpyUkf
 
         return FilterpyUkf(setup.process)
-
-
-ESTIMATOR = (FilterpyEkfEntry(), FilterpyUkfEntry())

@@ -54,6 +54,3 @@ class MekfEntry(MultiplicativeEntry):
         return MultiplicativeEkf(
             setup.process, settings.robust, settings.adaptation, settings.iteration, settings.landmarks
         )
-
-
-ESTIMATOR = MekfEntry()

@@ -74,6 +74,3 @@ class SmootherEntry(EstimatorEntry[RecursiveSmoother]):
             return 0.0
         dimension = max(sensor_format(sensor).dimension for sensor in setup.dataset.log.sensors)
         return float(chdtrc(dimension, settings.smoother.width**2))
-
-
-ESTIMATOR = SmootherEntry()

@@ -31,6 +31,3 @@ class LatestSmootherEntry(SmootherEntry):
 
     def final(self, estimator: RecursiveSmoother, passed: EstimateHistory, setup: Setup) -> None:
         """None: what it said of each epoch as it came stands."""
-
-
-ESTIMATOR = LatestSmootherEntry()

@@ -16,6 +16,3 @@ class UkfEntry(MultiplicativeEntry):
         return MultiplicativeUkf(
             setup.process, settings.ukf, settings.robust, settings.adaptation, settings.landmarks
         )
-
-
-ESTIMATOR = UkfEntry()

@@ -2,32 +2,43 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from importlib import import_module
-from pkgutil import iter_modules
 from types import MappingProxyType
+from typing import Final
 
 import numpy as np
 from jaxtyping import Float
 
 from spinfilters.data.dataset import Dataset
 from spinfilters.simulation.faults import with_stream
+from spinfilters.simulation.model_faults import (
+    body_disturbances,
+    camera_faults,
+    clock_faults,
+    front_end_faults,
+    gyro_faults,
+    pose_faults,
+)
 from spinfilters.simulation.model_faults.faulty_motion import Physics, faulty_motion, motion_at
 from spinfilters.simulation.model_faults.model_fault import FaultyRates, FaultyView, ModelFault
 from spinfilters.simulation.motion import Motion
 from spinfilters.simulation.scenario import Scenario, measured
 
-FOLDER = "spinfilters.simulation.model_faults"
+MODEL_FAULTS: Final[tuple[ModelFault, ...]] = (
+    *body_disturbances.FAULTS,
+    *camera_faults.FAULTS,
+    *clock_faults.FAULTS,
+    *front_end_faults.FAULTS,
+    *gyro_faults.FAULTS,
+    *pose_faults.FAULTS,
+)
+"""Every model of a recording that can be wrong."""
 STEP = 1e-3
 """Between two views that tell how fast points move, s."""
 
 
 def model_faults() -> Mapping[str, ModelFault]:
     """All by name."""
-    modules = (
-        import_module(module.name) for module in iter_modules(import_module(FOLDER).__path__, f"{FOLDER}.")
-    )
-    every = [fault for module in modules for fault in getattr(module, "FAULTS", ())]
-    return MappingProxyType({fault.name: fault for fault in every})
+    return MappingProxyType({fault.name: fault for fault in MODEL_FAULTS})
 
 
 def faulty_recording(

@@ -1,1 +1,0 @@
-"""Figures of a run, in modules with a ``FIGURE`` or several."""
