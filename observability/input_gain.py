@@ -8,9 +8,9 @@ from observability.bounds.quantities import Quantity, bounded_quantities
 from observability.cases import Case
 from observability.certificate import Certificate
 
-WORTH_SAYING = 0.9
+GAIN_WORTH_SAYING = 0.9
 """Part of a bound that inputs must bring it below, to be told."""
-PERCENT = round(100 * (1 - WORTH_SAYING))
+PERCENT = round(100 * (1 - GAIN_WORTH_SAYING))
 
 
 @dataclass(frozen=True)
@@ -66,5 +66,5 @@ def input_gain(
     return InputGain(
         rank=(proved.rank, certificate.rank),
         dimension=(proved.dimension, certificate.dimension),
-        falls={name: pair for name, pair in pairs.items() if pair[1] < WORTH_SAYING * pair[0]},
+        falls={name: pair for name, pair in pairs.items() if pair[1] < GAIN_WORTH_SAYING * pair[0]},
     )

@@ -12,7 +12,6 @@ from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any, Final
 
-import spinfilters
 from spinfilters.campaigns.runner import Row, ended
 from spinfilters.campaigns.study import Study
 from spinfilters.errors import InputError
@@ -109,7 +108,7 @@ class WorkerProcess:
         return [row]
 
     def _start(self) -> None:
-        paths = [str(Path(spinfilters.__file__).parents[1]), *filter(None, [os.environ.get("PYTHONPATH")])]
+        paths = [str(Path(__file__).parents[2]), *filter(None, [os.environ.get("PYTHONPATH")])]
         environment = {**ENVIRONMENT, **os.environ, "PYTHONPATH": os.pathsep.join(paths)}
         self._process = subprocess.Popen(
             self._command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0, env=environment

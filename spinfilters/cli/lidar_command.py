@@ -32,7 +32,7 @@ from spinfilters.lidar.sequence import (
 from spinfilters.plots.lidar_scan import scan_figure
 from spinfilters.plots.style import save_figure
 
-COMMAND: Final = "lidar scan"
+SCAN: Final = "lidar scan"
 FAR: Final = 2000.0
 """Distance of a body, m, beyond which its unit is doubted."""
 _RADII, _MARGIN, _RAYS = 4.0, 1.1, 200
@@ -47,7 +47,7 @@ def lidar(options: argparse.Namespace) -> int:
 def _scan(options: argparse.Namespace) -> int:
     """Simulate one scan, or a sequence as a data set."""
     folder = Path(options.output)
-    refuse_foreign(folder, COMMAND)
+    refuse_foreign(folder, SCAN)
     scene = _scene(options)
     _require_outside(scene)
     scanner = Scanner.of(scene.mesh, _settings(options, scene))
@@ -153,7 +153,7 @@ def _one(options: argparse.Namespace, scene: _Scene, scanner: Scanner, folder: P
     scan = replace(scan, metadata={**scan.metadata, **_told(options, scene, scanner)})
     if not scan.is_return.any():
         raise InputError(f"none of {len(scan)} rays met {scene.mesh.name}; aim at it, or give a wider --fov")
-    with output_folder(folder, COMMAND) as place:
+    with output_folder(folder, SCAN) as place:
         for ending in dict.fromkeys(options.format):
             write_scan(place / f"scan.{ending}", scan, options.misses)
         save_figure(scan_figure(scan, Path(scene.mesh.name).name), place / "scan.png")
@@ -195,7 +195,7 @@ def _many(options: argparse.Namespace, scene: _Scene, scanner: Scanner, folder: 
         f"{len(scans)} simulated scans of {scene.mesh.name} at {options.interval} s, seed {options.seed}"
     )
     best = max(scans, key=lambda scan: np.count_nonzero(scan.is_return))
-    with output_folder(folder, COMMAND) as place:
+    with output_folder(folder, SCAN) as place:
         kind = POINTS_KIND if options.points else KIND
         write_sequence(place, scans, truth_of(motion, epochs), described, kind)
         save_figure(scan_figure(best, Path(scene.mesh.name).name), place / "scan.png")

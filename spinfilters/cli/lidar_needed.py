@@ -13,16 +13,16 @@ from spinfilters.lidar.scan_streams import registered_scans
 from spinfilters.plots.lidar_scan import scan_accuracy_figure
 from spinfilters.plots.style import save_figure
 
-COMMAND: Final = "lidar needed"
+NEEDED: Final = "lidar needed"
 
 
 def needed(options: argparse.Namespace) -> int:
     """Print how many scans an attitude of a given accuracy takes, with a picture."""
     folder, place, asked = Path(options.scans), Path(options.output), np.deg2rad(options.attitude_deg)
-    refuse_foreign(place, COMMAND)
+    refuse_foreign(place, NEEDED)
     found = registered_scans(folder)
     stds, count = attitude_stds(found.poses), scans_needed(found.poses, asked)
-    with output_folder(place, COMMAND) as written:
+    with output_folder(place, NEEDED) as written:
         save_figure(scan_accuracy_figure(stds, asked, count, folder.name), written / "scans_needed.png")
     console = wide_console()
     for remark in dict.fromkeys((*found.doubts, *found.remarks)):

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Final, NoReturn
 
 from spinfilters import __version__
-from spinfilters.cli.command import commands
+from spinfilters.cli.commands import COMMANDS
 from spinfilters.cli.interrupts import noted_interrupts
 from spinfilters.data.input_file import printable
 from spinfilters.errors import SpinfiltersError
@@ -153,7 +153,7 @@ def parser() -> argparse.ArgumentParser:
     parser = _Parser(prog="spinfilters", description="How does that unknown object spin?")
     parser.add_argument("--version", action="version", version=f"spinfilters {__version__}")
     subparsers = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    for command in commands():
+    for command in COMMANDS:
         command.add(subparsers)
     return parser
 

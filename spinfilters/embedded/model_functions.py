@@ -151,8 +151,8 @@ def measurement_function(model: MeasurementModel) -> ca.Function:
     jacobian = ca.substitute(-ca.jacobian(away, d)[:, model.columns], d, ca.SX.zeros(*d.shape))
     root = ca.SX(model.noise_factor(state, p))
     outputs = {
-        "rho": _solved(root, here),
-        "h": row_by_row(_solved(root, jacobian)),
+        "rho": _solve_lower(root, here),
+        "h": row_by_row(_solve_lower(root, jacobian)),
         "valid": model.valid(state, p),
     }
     return _function(model.name, {"x": x, "p": p, "z": z}, outputs)
@@ -173,8 +173,8 @@ def landmark_functions(model: LandmarkSensor) -> list[ca.Function]:
     state = origin | {"t": y}
     here, root = model.innovation(model.symbolic(state, p), z), ca.SX(model.noise_factor(state, p))
     observed = {
-        "rho": _solved(root, here),
-        "by_y": row_by_row(_solved(root, -ca.jacobian(here, y))),
+        "rho": _solve_lower(root, here),
+        "by_y": row_by_row(_solve_lower(root, -ca.jacobian(here, y))),
         "valid": model.valid(state, p),
     }
     made = model.landmark(origin, z, p)
@@ -230,7 +230,7 @@ def _function(name: str, inputs: Mapping[str, ca.SX], outputs: Mapping[str, Expr
     return ca.Function(name, list(inputs.values()), dense, list(inputs), list(outputs), SHARED)
 
 
-def _solved(root: ca.SX, right: ca.SX) -> ca.SX:
+def _solve_lower(root: ca.SX, right: ca.SX) -> ca.SX:
     """root^-1 right by forward substitution; root is lower triangular."""
     rows: list[ca.SX] = []
     for k in range(root.shape[0]):

@@ -44,7 +44,7 @@ def mass_correction(s: Expression, d: Expression) -> tuple[Expression, Expressio
     for order in range(EXPONENTIAL_ORDER, 0, -1):
         root = D @ (ca.SX.eye(3) + root) / (2 * order)
     F = _cholesky(2 * root + root @ root)
-    K = _solved(F, root - F)  # Q - I
+    K = _solve_identity_plus(F, root - F)  # Q - I
     X = traceless(e)
     turned = ca.jacobian(_components(K @ X + X @ K.T + K @ X @ K.T), e)
     off = lower_factor(s) @ F
@@ -71,7 +71,7 @@ def _root(x: Expression) -> Expression:
     return x / (1 + ca.sqrt(1 + x))
 
 
-def _solved(F: Expression, right: Expression) -> Expression:
+def _solve_identity_plus(F: Expression, right: Expression) -> Expression:
     """(I + F)^-1 right for a lower triangular F."""
     first = right[0, :] / (1 + F[0, 0])
     second = (right[1, :] - F[1, 0] * first) / (1 + F[1, 1])

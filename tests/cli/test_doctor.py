@@ -7,9 +7,14 @@ import pytest
 from rich.console import Console
 
 import spinfilters
-from spinfilters.cli import doctor_checks
-from spinfilters.cli.doctor import doctor
-from spinfilters.cli.doctor_checks import CHECKS, CheckError, InstallationCheck, compare_with_virtual_machine
+from spinfilters.cli import installation_checks
+from spinfilters.cli.installation import doctor
+from spinfilters.cli.installation_checks import (
+    CHECKS,
+    CheckError,
+    InstallationCheck,
+    compare_with_virtual_machine,
+)
 from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.symbolic import c_library, library_folder
 
@@ -60,21 +65,23 @@ def test_a_wrong_derivative_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(TorqueFreeProcess, "linearise", off_by_a_thousandth)
     with pytest.raises(CheckError, match="largest difference of an entry 1"):
-        doctor_checks.process_linearisation()
+        installation_checks.process_linearisation()
 
 
 def test_an_inexact_attitude_conversion_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    exact = doctor_checks.conversions.matrix_from_quaternion
-    monkeypatch.setattr(doctor_checks.conversions, "matrix_from_quaternion", lambda q: exact(q) * (1 + 1e-9))
+    exact = installation_checks.conversions.matrix_from_quaternion
+    monkeypatch.setattr(
+        installation_checks.conversions, "matrix_from_quaternion", lambda q: exact(q) * (1 + 1e-9)
+    )
     with pytest.raises(CheckError, match="largest error of a component"):
-        doctor_checks.attitude_round_trip()
+        installation_checks.attitude_round_trip()
 
 
 def test_a_cache_folder_that_cannot_be_written_is_named_with_its_cure(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     (tmp_path / "file").touch()
-    monkeypatch.setattr(doctor_checks, "compiler", lambda: "cc")
+    monkeypatch.setattr(installation_checks, "compiler", lambda: "cc")
     monkeypatch.setenv("SPINFILTERS_CACHE", str(tmp_path / "file" / "cache"))
     code, text = page(CHECKS[-1:])
     assert code == 1
@@ -88,7 +95,7 @@ def test_a_compiler_that_fails_is_named(monkeypatch: pytest.MonkeyPatch, tmp_pat
     broken.chmod(0o755)
     monkeypatch.setenv("SPINFILTERS_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr(c_library, "compiler", lambda: str(broken))
-    monkeypatch.setattr(doctor_checks, "compiler", lambda: str(broken))
+    monkeypatch.setattr(installation_checks, "compiler", lambda: str(broken))
     code, text = page(CHECKS[-1:])
     assert code == 1
     assert f"{broken} fails" in text

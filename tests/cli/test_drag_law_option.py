@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from spinfilters.cli.compare import _settings
+from spinfilters.cli.compare_recording import _settings
 from spinfilters.cli.main import parser
 
 

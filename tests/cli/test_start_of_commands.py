@@ -11,7 +11,7 @@ import pytest
     [
         ("spinfilters.cli.main", ("numpy", "casadi", "rich", "pydantic", "matplotlib")),
         (
-            "spinfilters.cli.compare",
+            "spinfilters.cli.compare_recording",
             (
                 "pydantic",
                 "matplotlib",

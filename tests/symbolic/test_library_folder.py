@@ -12,7 +12,7 @@ import casadi as ca
 import platformdirs
 import pytest
 
-from spinfilters.cli.doctor_checks import CHECKS
+from spinfilters.cli.installation_checks import CHECKS
 from spinfilters.symbolic import c_library, library_folder
 from spinfilters.symbolic.compiled import Compiled
 

@@ -11,7 +11,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from spinfilters.api.image_recordings import example_rig
-from spinfilters.cli.calibrate import stated_deviations
+from spinfilters.cli.calibrate_pair import stated_deviations
 from spinfilters.cli.main import main
 from spinfilters.data.camera import told_deviations
 from spinfilters.data.sensor_yaml import read_sensor_file
@@ -87,8 +87,8 @@ def test_left_and_right_exchanged_in_one_pair_or_in_all_are_named(
     assert list(calibrate_stereo([*views[:3], exchanged[3], *views[4:]], BOARD, SIZE).dropped) == [
         "left03.png"
     ]
-    monkeypatch.setattr("spinfilters.cli.calibrate.image_pairs", lambda _: [])
-    monkeypatch.setattr("spinfilters.cli.calibrate.board_views", lambda *_: (exchanged, SIZE))
+    monkeypatch.setattr("spinfilters.cli.calibrate_pair.image_pairs", lambda _: [])
+    monkeypatch.setattr("spinfilters.cli.calibrate_pair.board_views", lambda *_: (exchanged, SIZE))
     call = ["calibrate", str(tmp_path), "--corners", "7x5", "--square", "0.03", "-o", str(tmp_path / "out")]
     assert main(call) == 2
     assert "not side by side with cam0 on the left; exchange them" in capsys.readouterr().err

@@ -212,4 +212,11 @@ def _triple(
     group.add_argument(name, type=number(allowed), nargs=3, metavar=tuple(metavar.split()), help=words)
 
 
-COMMANDS = (Command(35, add_lidar, "spinfilters.cli.lidar_command:lidar"),)
+def run_lidar(options: argparse.Namespace) -> int:
+    """Simulate scans, or say how many are needed."""
+    from spinfilters.cli.lidar_command import lidar
+
+    return lidar(options)
+
+
+LIDAR = Command(add_lidar, run_lidar)

@@ -1,4 +1,4 @@
-"""The commands ``calibrate`` and ``rig``."""
+"""The command ``calibrate``."""
 
 import argparse
 
@@ -8,12 +8,6 @@ from spinfilters.data.stated_values import NumberRange
 
 SQUARE = NumberRange(1e-4, 10, "m")
 WINDOW = NumberRange(2, 50, "px", whole=True)
-FOCAL, BASELINE, DISTANCE = (
-    NumberRange(1, 1e6, "px"),
-    NumberRange(1e-4, 1e3, "m"),
-    NumberRange(1e-3, 1e6, "m"),
-)
-SIZE, PIXEL_STD = NumberRange(2, 100_000, "px", whole=True), NumberRange(1e-3, 100, "px")
 
 
 def add_calibrate(commands: Subparsers) -> argparse.ArgumentParser:
@@ -55,33 +49,11 @@ def _add_board(calibrate: argparse.ArgumentParser) -> None:
     )
 
 
-def add_rig(commands: Subparsers) -> argparse.ArgumentParser:
-    """Parser of ``spinfilters rig``."""
-    rig = commands.add_parser(
-        "rig",
-        help="how well a stereo rig can measure, before it is built",
-        description="Accuracy of triangulation half-way between the cameras' axes (Tweddle 2013, section 5.3); the defaults "
-        "are the thesis' rig.",
-    )
-    rig.add_argument(
-        "--focal", type=number(FOCAL), default=466.7, metavar="PX", help="focal length (default 466.7)"
-    )
-    rig.add_argument("--baseline", type=number(BASELINE), default=0.09, metavar="M", help="default 0.09")
-    rig.add_argument(
-        "--width", type=number(SIZE), default=640, metavar="PX", help="of the images (default 640)"
-    )
-    rig.add_argument(
-        "--height", type=number(SIZE), default=480, metavar="PX", help="of the images (default 480)"
-    )
-    rig.add_argument("--distance", type=number(DISTANCE), default=0.5, metavar="M", help="default 0.5")
-    rig.add_argument(
-        "--pixel-std", type=number(PIXEL_STD), default=1.0, metavar="PX", help="noise (default 1)"
-    )
-    return rig
+def run_calibrate(options: argparse.Namespace) -> int:
+    """Calibrate a stereo pair; write and print the result."""
+    from spinfilters.cli.calibrate_pair import calibrate
+
+    return calibrate(options)
 
 
-COMMANDS = (
-    Command(26, add_calibrate, "spinfilters.cli.calibrate:calibrate"),
-    Command(27, add_rig, "spinfilters.cli.rig:rig"),
-)
-"""``spinfilters calibrate`` and ``rig``."""
+CALIBRATE = Command(add_calibrate, run_calibrate)

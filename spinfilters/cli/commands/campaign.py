@@ -37,4 +37,11 @@ def add_campaign(commands: Subparsers) -> argparse.ArgumentParser:
     return campaign
 
 
-COMMANDS = (Command(45, add_campaign, "spinfilters.cli.campaign:campaign"),)
+def run_campaign(options: argparse.Namespace) -> int:
+    """Run a study, report it, merge its shards or repeat one of its runs."""
+    from spinfilters.cli.campaign_actions import campaign
+
+    return campaign(options)
+
+
+CAMPAIGN = Command(add_campaign, run_campaign)

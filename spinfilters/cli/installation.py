@@ -19,7 +19,7 @@ import spinfilters
 from spinfilters.runs.provenance import PACKAGES, git_commit
 
 if TYPE_CHECKING:
-    from spinfilters.cli.doctor_checks import InstallationCheck
+    from spinfilters.cli.installation_checks import InstallationCheck
 
 NAME_WIDTH: Final[int] = 28
 COMPILING_FAILED: Final[str] = (
@@ -47,7 +47,7 @@ def doctor(console: Console | None = None, checks: "Iterable[InstallationCheck] 
         _row(console, name, text)
     try:
         # only now: a library that cannot be loaded is a finding, not the end of the page
-        from spinfilters.cli import doctor_checks
+        from spinfilters.cli import installation_checks
     except Exception as error:
         _outcome(console, "FAILED", "imports", _reason(error))
         _outcome(console, "cure", "", "install again: make clean, then make compare")
@@ -59,7 +59,7 @@ def doctor(console: Console | None = None, checks: "Iterable[InstallationCheck] 
     _row(console, "BLAS threads", _threads())
     _row(console, "noise scaling", _scaling())
     console.print()
-    passed = [_passes(console, check) for check in (doctor_checks.CHECKS if checks is None else checks)]
+    passed = [_passes(console, check) for check in (installation_checks.CHECKS if checks is None else checks)]
     return 0 if all(passed) else 1
 
 
@@ -98,7 +98,7 @@ def _compiler() -> str:
 
 
 def _compiled_code() -> str:
-    from spinfilters.cli.doctor_checks import compare_with_virtual_machine
+    from spinfilters.cli.installation_checks import compare_with_virtual_machine
     from spinfilters.symbolic.c_library import compiler
 
     try:

@@ -97,4 +97,11 @@ def _add_input_sizes(observe: argparse.ArgumentParser) -> None:
         )
 
 
-COMMANDS = (Command(40, add_observe, "spinfilters.cli.observe:observe"),)
+def run_observe(options: argparse.Namespace) -> int:
+    """Analyse, bound, write text, JSON and a picture, print the text."""
+    from spinfilters.cli.observe_motion import observe
+
+    return observe(options)
+
+
+OBSERVE = Command(add_observe, run_observe)

@@ -10,4 +10,11 @@ def add_doctor(commands: Subparsers) -> argparse.ArgumentParser:
     return commands.add_parser("doctor", help="print versions and check that everything works")
 
 
-COMMANDS = (Command(90, add_doctor, "spinfilters.cli.doctor:run_doctor"),)
+def run_doctor(options: argparse.Namespace) -> int:
+    """Examine this installation, print what was found."""
+    from spinfilters.cli.installation import run_doctor
+
+    return run_doctor(options)
+
+
+DOCTOR = Command(add_doctor, run_doctor)

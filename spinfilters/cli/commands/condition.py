@@ -30,9 +30,6 @@ def add_condition(commands: Subparsers) -> argparse.ArgumentParser:
     return condition
 
 
-COMMANDS = (Command(50, add_condition, "spinfilters.cli.condition:condition"),)
-
-
 def _add_motion(condition: argparse.ArgumentParser) -> None:
     condition.add_argument(
         "--time-step", type=number(NumberRange(1e-6, 1e6, "s")), metavar="DT", help="s (default 0.5)"
@@ -50,3 +47,13 @@ def _add_motion(condition: argparse.ArgumentParser) -> None:
         metavar=("X", "Y", "Z"),
         help="body rate about the principal axes x, y, z (default 0.5 10 0.5)",
     )
+
+
+def run_condition(options: argparse.Namespace) -> int:
+    """Compute, write JSON, CSV and a picture, print the table."""
+    from spinfilters.cli.condition_numbers import condition
+
+    return condition(options)
+
+
+CONDITION = Command(add_condition, run_condition)

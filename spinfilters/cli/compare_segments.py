@@ -1,19 +1,13 @@
-"""``spinfilters compare --segment all`` or ``auto``, and ``spinfilters segments``."""
+"""``spinfilters compare --segment all`` or ``auto``: every segment of a recording, and what they say together."""
 
-import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
-from rich.table import Table
-
-from spinfilters.cli.arguments import reading_options
 from spinfilters.cli.console import progress_bars, wide_console
 from spinfilters.data.atomic_write import made_folder
 from spinfilters.data.stated_values import ReadingOptions
 from spinfilters.errors import InputError
-from spinfilters.flight.free_flight import find_flights
-from spinfilters.pipeline.readers import read_whole
-from spinfilters.pipeline.segment_choice import has_marks, no_flight, read_several
+from spinfilters.pipeline.segment_choice import read_several
 from spinfilters.pipeline.segment_runs import (
     SegmentResult,
     pool,
@@ -27,32 +21,6 @@ from spinfilters.pipeline.segment_runs import (
 from spinfilters.runs.run_folder import refuse_foreign_run
 from spinfilters.runs.run_lock import locked_run
 from spinfilters.settings.run_settings import Settings
-
-
-def list_segments(options: argparse.Namespace) -> int:
-    """Print the free flights of a recording and how to compare one."""
-    whole = read_whole(options.dataset, reading_options(options))
-    flights = find_flights(whole)
-    if not flights:
-        raise no_flight(whole)
-    table = Table(title=f"Free flights in {whole.name}", title_justify="left")
-    for heading in ("segment", "start s", "end s", "epochs", "turned rad", "evidence"):
-        table.add_column(heading)
-    for number, flight in enumerate(flights, start=1):
-        cells = (f"{flight.start:.3f}", f"{flight.end:.3f}", str(flight.epochs), f"{flight.rotation:.1f}")
-        table.add_row(str(number), *cells, flight.evidence)
-    console = wide_console()
-    console.print(table)
-    marked = has_marks(options.dataset, reading_options(options))
-    one = "its times" if marked else "its number or times"
-    console.print(
-        f"compare all with --segment auto, one with --segment and {one} (START:END)", highlight=False
-    )
-    if marked:
-        console.print(
-            "segments are marked, too: --segment all takes them, --segment N one of them", highlight=False
-        )
-    return 0
 
 
 def compare_segments(

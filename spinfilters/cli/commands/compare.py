@@ -98,23 +98,11 @@ def _add_optional_outputs(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_segments(commands: Subparsers) -> argparse.ArgumentParser:
-    """Parser of ``spinfilters segments``."""
-    segments = commands.add_parser(
-        "segments",
-        help="list the free flights of a recording",
-        description="Finds where a body flies freely: in body rates, where some inertia tensor keeps the angular momentum; in "
-        "poses, where some point of the body falls on a parabola. No inertia need be known.",
-    )
-    segments.add_argument(
-        "dataset", metavar="RECORDING", help="gyro .csv, phone export, poses, data set folder"
-    )
-    add_reading(segments)
-    return segments
+def run_compare(options: argparse.Namespace) -> int:
+    """Run the estimators, write the run folder, print the table."""
+    from spinfilters.cli.compare_recording import compare
+
+    return compare(options)
 
 
-COMMANDS = (
-    Command(10, add_compare, "spinfilters.cli.compare:compare"),
-    Command(20, add_estimate, "spinfilters.cli.compare:compare"),
-    Command(25, add_segments, "spinfilters.cli.segments:list_segments"),
-)
+COMPARE, ESTIMATE = Command(add_compare, run_compare), Command(add_estimate, run_compare)

@@ -59,7 +59,7 @@ def _additions(options: argparse.Namespace) -> "OptionalOutputs | None":
 
 
 def _compare_segments(options: argparse.Namespace, which: str, folder: Path, settings: Settings) -> int:
-    from spinfilters.cli.segments import compare_segments
+    from spinfilters.cli.compare_segments import compare_segments
 
     return compare_segments(options.dataset, which, folder, settings, reading_options(options))
 

@@ -31,9 +31,6 @@ def add_live(commands: Subparsers) -> argparse.ArgumentParser:
     return live
 
 
-COMMANDS = (Command(25, add_live, "spinfilters.cli.live_command:live"),)
-
-
 def _add_input(live: argparse.ArgumentParser) -> None:
     live.add_argument("dataset", metavar="DATASET", help="data set folder, gyro .csv or TUM .tum")
     live.add_argument(
@@ -75,3 +72,13 @@ def _add_answers(live: argparse.ArgumentParser) -> None:
     live.add_argument(
         "--deadline-ms", type=number(NumberRange(1e-3, 1e6, "ms")), default=20.0, help="default 20"
     )
+
+
+def run_live(options: argparse.Namespace) -> int:
+    """Estimate every epoch until measurements end."""
+    from spinfilters.cli.live_run import live
+
+    return live(options)
+
+
+LIVE = Command(add_live, run_live)

@@ -73,4 +73,11 @@ def _add_images(simulate: argparse.ArgumentParser) -> None:
     )
 
 
-COMMANDS = (Command(30, add_simulate, "spinfilters.cli.simulate:simulate"),)
+def run_simulate(options: argparse.Namespace) -> int:
+    """Write a simulated data set and a picture of its true rates."""
+    from spinfilters.cli.simulate_recording import simulate
+
+    return simulate(options)
+
+
+SIMULATE = Command(add_simulate, run_simulate)

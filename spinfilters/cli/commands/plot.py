@@ -1,0 +1,36 @@
+"""The command ``plot``."""
+
+import argparse
+from pathlib import Path
+
+from spinfilters.cli.command import Command, Subparsers
+
+
+def add_plot(commands: Subparsers) -> argparse.ArgumentParser:
+    """Parser of ``spinfilters plot``."""
+    plot = commands.add_parser("plot", help="draw the figures of a run folder again")
+    plot.add_argument("run", metavar="RUN", help="folder made by compare or estimate")
+    return plot
+
+
+def draw_again(options: argparse.Namespace) -> int:
+    """Draw the figures of a run folder again, and write its report."""
+    from spinfilters.cli.console import progress_bars, wide_console
+    from spinfilters.pipeline.figures import draw_run
+    from spinfilters.pipeline.optional_outputs import draw_optional_outputs
+    from spinfilters.pipeline.run_report import write_run_report
+    from spinfilters.runs.run_folder import read_figure_data
+    from spinfilters.runs.run_lock import locked_run
+
+    folder = Path(options.run)
+    figure_data = read_figure_data(folder)
+    histories = [evaluation.history for evaluation in figure_data.evaluations]
+    with locked_run(folder), progress_bars() as report:
+        drawn = draw_run(figure_data, folder, lambda done, total: report("figures", done, total))
+        drawn += draw_optional_outputs(folder, histories, figure_data.dataset.truth)
+        write_run_report(figure_data, folder)
+    wide_console().print(f"{len(drawn)} figures and the report in {folder}", highlight=False, soft_wrap=True)
+    return 0
+
+
+PLOT = Command(add_plot, draw_again)

@@ -1,0 +1,79 @@
+"""The command ``reconstruct``."""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from spinfilters.cli.arguments import number
+from spinfilters.cli.command import Command, Subparsers
+from spinfilters.data.stated_values import NumberRange
+
+if TYPE_CHECKING:
+    from spinfilters.pipeline.run_reconstruction import Reconstruction
+
+VOXELS = NumberRange(16, 256, whole=True)
+
+
+def add_reconstruct(commands: Subparsers) -> argparse.ArgumentParser:
+    """Parser of ``spinfilters reconstruct``."""
+    reconstruct = commands.add_parser(
+        "reconstruct",
+        help="dense model of the body of a run made of stereo images",
+        description="Depth of every stereo pair, fused into one surface in principal axes by the motion that the run estimated. "
+        "Writes RUN/reconstruction/model.ply, reconstruction.json (dimensions with standard deviations), reprojection.gif, and "
+        "RUN/report.html with the model to turn.",
+    )
+    reconstruct.add_argument(
+        "run", metavar="RUN", help="folder made by compare or estimate from stereo images"
+    )
+    reconstruct.add_argument(
+        "--images", metavar="FOLDER", help="the stereo images, where the run does not tell or they have moved"
+    )
+    reconstruct.add_argument(
+        "--voxels",
+        type=number(VOXELS),
+        default=128,
+        metavar="N",
+        help="along each axis of the volume (default 128)",
+    )
+    return reconstruct
+
+
+def reconstruct(options: argparse.Namespace) -> int:
+    """Write the dense model of a run folder, and its report."""
+    from spinfilters.cli.console import progress_bars
+    from spinfilters.pipeline.run_reconstruction import reconstruct as reconstruct_run
+    from spinfilters.pipeline.run_report import write_run_report
+    from spinfilters.runs.run_folder import read_figure_data, refuse_foreign_run
+    from spinfilters.runs.run_lock import locked_run
+    from spinfilters.runs.run_summary import read_summary
+
+    folder = Path(options.run)
+    images = None if options.images is None else Path(options.images)
+    read_summary(folder)
+    refuse_foreign_run(folder)
+    with locked_run(folder), progress_bars() as report:
+        made = reconstruct_run(folder, images, options.voxels, report)
+        write_run_report(read_figure_data(folder), folder)
+    _print(made, folder)
+    return 0
+
+
+def _print(made: "Reconstruction", folder: Path) -> None:
+    from spinfilters.cli.console import wide_console
+    from spinfilters.runs.run_folder import REPORT_FILE
+
+    dimensions = made.model.dimensions
+    sizes = zip("xyz", 1e3 * dimensions.extents, 1e3 * dimensions.std, strict=True)
+    extents = ", ".join(f"{axis} {size:.1f} +- {std:.1f} mm" for axis, size, std in sizes)
+    lines = [
+        *made.losses.sentences(),
+        f"extents along the principal axes: {extents}",
+        *dimensions.sentences,
+        f"surface of {len(made.model.triangles)} triangles in {folder}   (look at {folder / REPORT_FILE})",
+    ]
+    for line in lines:
+        wide_console().print(line, highlight=False, soft_wrap=True)
+
+
+RECONSTRUCT = Command(add_reconstruct, reconstruct)

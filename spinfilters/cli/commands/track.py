@@ -1,0 +1,90 @@
+"""The command ``track``."""
+
+import argparse
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from spinfilters.cli.command import Command, Subparsers
+from spinfilters.data.input_file import path_text
+from spinfilters.errors import InputError
+
+if TYPE_CHECKING:
+    from spinfilters.vision.track_images import TrackedImages
+
+COMMAND = "track"
+
+
+def add_track(commands: Subparsers) -> argparse.ArgumentParser:
+    """Parser of ``spinfilters track``."""
+    track = commands.add_parser(
+        "track",
+        help="stereo images to tracks of landmarks",
+        description="Reads stereo images in the EuRoC layout (cam0/data, cam0/data.csv, cam0/sensor.yaml; cam1), finds "
+        "landmarks and follows them through all revolutions. The result is a data set of stereo tracks with a covariance per row, "
+        "for compare; front_end.json says what was lost at which stage, and why. compare takes the images themselves too.",
+    )
+    track.add_argument("dataset", metavar="DATASET", help="folder of the images")
+    track.add_argument(
+        "-o", "--output", metavar="TRACKS", required=True, help="folder of the data set of tracks"
+    )
+    track.add_argument(
+        "--detector", default="sift", help="sift (default) or orb, which is faster and less exact"
+    )
+    track.add_argument(
+        "--online",
+        action="store_true",
+        help="without looking ahead, as on a spacecraft: images in, observations out",
+    )
+    return track
+
+
+def track(options: argparse.Namespace) -> int:
+    """Write the tracks of a folder of stereo images, and counts of losses."""
+    from spinfilters.cli.console import progress_bars
+    from spinfilters.data.atomic_write import write_json
+    from spinfilters.data.dataset_reader import has_images
+    from spinfilters.data.dataset_writing import write_dataset
+    from spinfilters.data.output_folder import output_folder, refuse_foreign
+    from spinfilters.vision.features import detector
+    from spinfilters.vision.front_end import FrontEndOptions
+    from spinfilters.vision.track_images import track_images, track_images_online
+
+    source, folder = Path(options.dataset), Path(options.output)
+    if not has_images(source):
+        raise InputError(
+            f"{path_text(source)}: has no stereo images; give a folder with cam0/data and cam1/data, and no tracks.csv"
+        )
+    refuse_foreign(folder, COMMAND)
+    detector(options.detector)
+    follow, began = track_images_online if options.online else track_images, time.perf_counter()
+    with progress_bars() as report:
+        tracked = follow(source, FrontEndOptions(options.detector), report)
+    seconds = time.perf_counter() - began
+    with output_folder(folder, COMMAND) as place:
+        write_dataset(replace(tracked.dataset, path=None), place)
+        write_json(place / "front_end.json", {**tracked.document, "seconds": seconds})
+    _print(tracked, folder, seconds)
+    return 0
+
+
+def _print(tracked: "TrackedImages", folder: Path, seconds: float) -> None:
+    import numpy as np
+
+    from spinfilters.cli.console import wide_console
+
+    console = wide_console()
+    for line in tracked.losses.sentences():
+        console.print(line, highlight=False, soft_wrap=True)
+    (stream,) = tracked.dataset.log.streams
+    assert stream.ids is not None  # a stream of landmarks always has them
+    epochs, landmarks = len(np.unique(stream.time)), len(np.unique(stream.ids))
+    console.print(
+        f"{len(stream)} observations of {landmarks} landmarks in {epochs} epochs in {folder}, {seconds:.1f} s",
+        highlight=False,
+        soft_wrap=True,
+    )
+
+
+TRACK = Command(add_track, track)
