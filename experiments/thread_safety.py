@@ -20,8 +20,6 @@ import threading
 from dataclasses import dataclass
 from typing import Final
 
-import numpy as np
-
 import spinfilters
 from experiments.command_line import run_study
 
@@ -121,9 +119,8 @@ def digest_of(recording: spinfilters.Dataset) -> str:
     digest = hashlib.sha256()
     for name, result in run.items():
         digest.update(f"{name} {result.status} {result.reasons}".encode())
-        for array in (*vars(result.trajectory).values(), *vars(result.body).values()):
-            if isinstance(array, np.ndarray):
-                digest.update(np.ascontiguousarray(array).tobytes())
+        for value in (*vars(result.trajectory).values(), *vars(result.body).values()):
+            digest.update(getattr(value, "tobytes", bytes)())  # of arrays; the rest is settings
     return digest.hexdigest()
 
 
