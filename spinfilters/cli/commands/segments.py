@@ -26,8 +26,8 @@ def list_segments(options: argparse.Namespace) -> int:
     from rich.table import Table
 
     from spinfilters.cli.console import wide_console
-    from spinfilters.data.dataset_reader import read_whole
     from spinfilters.flight.free_flight import find_flights
+    from spinfilters.pipeline.readers import read_whole
     from spinfilters.pipeline.segment_choice import has_marks, no_flight
 
     whole = read_whole(options.dataset, reading_options(options))
