@@ -77,7 +77,7 @@ class ConsideredDeviation:
     source: str
 
 
-UNITS: Final = ("px", "m/min", "rad/min", "s")
+UNITS: Final = ("px", "m", "m/min", "rad/min", "s")
 """Of deviations that are not relative."""
 PARAMETERS: Final = PluginGroup(
     "spinfilters.sensors.calibration", "PARAMETER", ConsiderParameter, group="spinfilters.calibration"

@@ -10,7 +10,7 @@ from spinfilters.estimators.model_errors.alternative import Alternative
 from spinfilters.estimators.model_errors.columns import Columns
 from spinfilters.estimators.model_errors.displaced_camera import KnownCamera, displaced_camera
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
-from spinfilters.geometry.camera_displacements import Displacement, later, turning
+from spinfilters.geometry.camera_displacements import Displacement, later, levered, turning
 
 DEGREE, HIGHEST_DEGREE = 4, 14
 """Of the polynomials in time of a camera that moves; the latter where the motion is beyond its disturbances, as before a camera
@@ -56,6 +56,18 @@ class InspectorDrift(_InspectorAlternative):
     displacement = staticmethod(turning)
 
 
+class InspectorLever(_InspectorAlternative):
+    """The inspector's poses are of another point of it than the camera, as of the spacecraft's navigation.
+
+    Of a camera that does not turn it is a shift of frame i, which nothing shows.
+    """
+
+    name, phrase, unit = "inspector-lever", "poses of another point of the inspector than its camera", "m"
+    plausible = 0.3
+    cure = "give the poses of cam0 itself (inspector.tum), or state calibration.inspector_lever_std"
+    displacement = staticmethod(levered)
+
+
 class InspectorMissing(Alternative):
     """The camera moves smoothly, and no trajectory is given.
 
@@ -93,4 +105,4 @@ def _smooth_paths(degree: int) -> Displacement:
     return displacement
 
 
-ALTERNATIVES: Final = (InspectorDelay(), InspectorDrift(), InspectorMissing())
+ALTERNATIVES: Final = (InspectorDelay(), InspectorDrift(), InspectorLever(), InspectorMissing())
