@@ -137,7 +137,10 @@ def _sentences(found: TestedModels, refits: Sequence[Explanation]) -> list[str]:
     return [
         *beside,
         *held,
-        *(f"explain: {each.phrase} is no part of a state; {each.cure}" for each in others),
+        *(
+            f"explain: {each.phrase} is no part of a state; {each.cure_before(found.has_inspector)}"
+            for each in others
+        ),
     ]
 
 

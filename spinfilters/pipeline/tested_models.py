@@ -35,6 +35,8 @@ SLOW: Final = ALIKE**2
 """Share of what an error explains that slow changes explain as well, from which a spin about one axis does not tell which it is."""
 SLOW_CHANGE: Final = "slow-change"
 """Name of such errors."""
+COMPARABLE, LEAST_SURPRISE = 0.4, 0.05
+"""Share of what the likeliest error explains, and p-value, from which an error of an inspector's poses is possible beside it."""
 MOST_ALIKE: Final = 3
 """Errors named as one."""
 
@@ -52,6 +54,7 @@ class TestedModels:
     score_inflation: by which errors may enlarge a score that are known to be correlated and for which a noise level stands;
         infinite where it is not known, None where there are none.
     slips: of front ends, beside which residuals tell of no other cause.
+    has_inspector: whether poses of a moving camera are given, of which some cures speak.
     """
 
     tests: tuple[ScoreTest, ...] = ()
@@ -63,6 +66,7 @@ class TestedModels:
     solved: LinearRows | None = None
     score_inflation: float | None = None
     slips: tuple[Slip, ...] = ()
+    has_inspector: bool = False
 
     @cached_property
     def classes(self) -> tuple[tuple[ScoreTest, ...], ...]:
@@ -177,6 +181,22 @@ class TestedModels:
         slips = {each.name: None for each in self.slips}
         return (*(each.name for each in self.units), *slips, *slow, *found)
 
+    @property
+    def comparable(self) -> list[ScoreTest]:
+        """Errors of an inspector's poses that explain a comparable share, but are not named.
+
+        What is considered of such errors is expected of a recording, so that less than what is beyond chance counts.
+        """
+        named = self.named
+        return [
+            each
+            for each in self.tests
+            if each.error.is_of_poses
+            and each not in named
+            and each.p_value < LEAST_SURPRISE
+            and self.share(each) >= COMPARABLE
+        ]
+
     def share(self, test: ScoreTest) -> float:
         """Share that an error explains of what the likeliest explains: the falls of -2 ln likelihood, numbers that are free off.
 
@@ -198,12 +218,15 @@ class TestedModels:
         A score is evidence for a cause, not proof of it: what nobody has put on the list may look like one that is.
         """
         (first, *alike), *others = self.classes
-        like = " or, which looks alike, ".join(map(_phrase, [first, *alike]))
-        possible = [
-            f"{_sized(each)}, explains {self.share(each):.0%} as much)" for own in others for each in own
-        ]
+        like = " or, which looks alike, ".join(map(self._phrase, [first, *alike]))
+        more = (*(each for own in others for each in own), *self.comparable)
+        possible = [f"{_sized(each)}, explains {self.share(each):.0%} as much)" for each in more]
         sentence = f"the residuals are most like {like}"
         return f"{sentence}; also possible: {', '.join(possible)}" if possible else sentence
+
+    def _phrase(self, test: ScoreTest) -> str:
+        cure = test.error.cure_before(self.has_inspector)
+        return f"{_sized(test)}, chi-square {test.statistic:.0f}): {cure}"
 
     @property
     def beside(self) -> list[str]:
@@ -234,10 +257,6 @@ def slow_phrase(test: ScoreTest) -> str:
         f"the rates change slowly by more than the noise explains (chi-square {test.statistic:.0f}): a spin about one axis does "
         "not tell a torque (air, contact) from a bias of the gyro that drifts or from parts that move inside"
     )
-
-
-def _phrase(test: ScoreTest) -> str:
-    return f"{_sized(test)}, chi-square {test.statistic:.0f}): {test.error.cure}"
 
 
 def _sized(test: ScoreTest) -> str:

@@ -121,7 +121,9 @@ INSPECTOR_ERRORS: Final[Mapping[str, InspectorError]] = MappingProxyType(
             "places drift by so many m over the recording", _drifting, largest=FARTHEST
         ),
         "lever": InspectorError(
-            "poses are of a point of the inspector that is so many m from its camera", _levered, largest=FARTHEST
+            "poses are of a point of the inspector that is so many m from its camera",
+            _levered,
+            largest=FARTHEST,
         ),
         "sparse": InspectorError("a pose every so many s only", _sparse, smallest=1e-3, largest=SPARSEST),
         "missing": InspectorError("no poses at all, as of a forgotten inspector.tum", _missing, largest=0.0),

@@ -12,6 +12,8 @@ from spinfilters.state.status import OWN_STATUS, Finding, Holds
 from spinfilters.verdict import estimate_tests as of_estimate
 from spinfilters.verdict.check import Check, Needs, base_name
 
+MOST_MOMENTUM: Final = 0.2
+"""Relative change of the angular momentum of measured rates, from which no free body before a camera at rest is likely."""
 CERTAIN: Final = "none: what it finds is a fact"
 LIMIT: Final = "none by chance: a limit of what is of use"
 MORE: Final = "give a longer recording, a richer motion or a larger initialisation.share"
@@ -113,6 +115,15 @@ CHECKS: Final[tuple[Check, ...]] = (
         leaves=Holds.NOT_DETERMINED,
     ),
     Check(
+        "camera-may-move", ALL, Needs.RECORDING,
+        "Where the smoother of the first epochs did not converge: does the angular momentum, as a camera at rest sees it, change "
+        f"by at most {100 * MOST_MOMENTUM:.0f} %?",
+        "none but where the initialisation did not settle",
+        "the initialisation did not settle, and the angular momentum changes by {percent:.2g} % as a camera at rest sees it: the "
+        "camera may have moved",
+        "give its known poses (inspector.tum), or fix it",
+    ),
+    Check(
         "initialisation-unsettled", ALL, Needs.RECORDING, "Did the smoother of the first epochs converge?", CERTAIN,
         "the initialisation did not settle in its iterations", "raise initialisation.iterations or initialisation.share",
     ),
@@ -139,6 +150,12 @@ CHECKS: Final[tuple[Check, ...]] = (
         "the inspector's poses are too sparse for the bends of its path: between them, {interval:.3g} s apart, it is off by about "
         "{millimetres:.2g} mm and {rotation:.2g} rad, which is {pixels:.2g} px",
         "give poses at the stamps of the images, or more of them (inspector.tum)",
+    ),
+    Check(
+        "repeated-inspector-poses", ALL, Needs.RECORDING,
+        "Does a moving inspector's pose repeat exactly over 3 intervals, without coming to rest before?", CERTAIN,
+        "inspector.tum repeats its pose from t = {begin:.4g} s to {end:.4g} s, and the camera moves right before or behind",
+        "give the poses of that time, or cut the recording there (--segment)",
     ),
     Check(
         "motion-shows-no-moments", BODY, Needs.FILTER,

@@ -111,6 +111,30 @@ def test_errors_that_explain_the_same_residuals_are_named_as_one() -> None:
     assert "or, which looks alike, a loss of energy" in models.reasons[0]
 
 
+@pytest.mark.parametrize(("gain", "is_possible"), [(12.0, False), (25.0, True)])
+def test_an_error_of_an_inspector_is_possible_beside_a_cause_from_a_comparable_share_on(
+    gain: float, is_possible: bool
+) -> None:
+    one, std = np.ones(1), np.full((1, 1), 0.1)
+    torque = ScoreTest(table()["torque"], one, one, 40.0, 1.0, 40.0, 1e-8, 5 * std)
+    late = ScoreTest(table()["inspector-delay"], one, one, gain, 1.0, gain, 0.01)
+    models = tested_models.TestedModels((torque, late), std=std)
+    assert models.names == ("torque",)
+    assert ("poses of the inspector that are late" in models.causes) == is_possible
+
+
+@pytest.mark.parametrize("name", ["camera-shake", "clock-jitter"])
+def test_the_cure_of_shaking_images_speaks_of_the_poses_where_they_are_given(name: str) -> None:
+    one, std = np.ones(1), np.full((1, 1), 0.1)
+    shake = ScoreTest(table()[name], one, one, 40.0, 1.0, 40.0, 1e-8, 5 * std)
+    at_rest = tested_models.TestedModels((shake,), std=std)
+    moving = replace(at_rest, has_inspector=True)
+    accurate = "known to what a pixel is (inspector.tum)"
+    assert accurate in moving.causes
+    assert accurate not in at_rest.causes
+    assert "give its motion" not in moving.causes
+
+
 def test_what_is_impossible_is_not_named_but_doubted() -> None:
     one, std = np.ones(1), np.full((1, 1), 0.1)
     jitter = ScoreTest(table()["clock-jitter"], one, one, 90.0, 1.0, 90.0, 1e-9, std, is_possible=False)

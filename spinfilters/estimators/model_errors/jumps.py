@@ -47,6 +47,7 @@ class Jump(Alternative):
     unit: str
     cure: str
     trials: int
+    moving_cure: str = ""
 
     def columns(self, motion: SmoothedMotion) -> Columns | None:
         """Columns of the kick as all later measurements see it."""
@@ -65,6 +66,7 @@ class _Kind:
     unit: str
     cure: str
     kicks: Kicks
+    moving_cure: str = ""
 
 
 def jumps(motion: SmoothedMotion) -> Iterator[Jump]:
@@ -78,7 +80,8 @@ def jumps(motion: SmoothedMotion) -> Iterator[Jump]:
         if among.max(initial=0.0) > 0:
             step = FEWEST_STEPS + int(among.argmax())
             phrase = f"{kind.phrase} at t = {motion.time[step + 1]:.4g} s"
-            yield Jump(kind.kicks, step, kind.name, phrase, kind.unit, kind.cure, len(among))
+            cures = kind.cure, len(among), kind.moving_cure
+            yield Jump(kind.kicks, step, kind.name, phrase, kind.unit, *cures)
 
 
 def _steps_after(motion: SmoothedMotion) -> StepsAfter:
@@ -138,6 +141,7 @@ KINDS: Final = (
         "rad and m",
         "use the recording before or behind it (--segment), or give the camera's motion (inspector.tum)",
         _of_blocks(ATTITUDE, POSITION),
+        "use the recording before or behind it (--segment), or give poses without a jump (inspector.tum)",
     ),
     _Kind(
         "clock-jump",

@@ -23,6 +23,7 @@ class _InspectorAlternative(Alternative):
     """An error of all poses of a moving camera."""
 
     displacement: ClassVar[Displacement]
+    is_of_poses = True
 
     def columns(self, motion: SmoothedMotion) -> Columns | None:
         """Columns of the displaced poses; None of a camera at rest."""
@@ -65,7 +66,14 @@ class InspectorLever(_InspectorAlternative):
     name, phrase, unit = "inspector-lever", "poses of another point of the inspector than its camera", "m"
     plausible = 0.3
     cure = "give the poses of cam0 itself (inspector.tum), or state calibration.inspector_lever_std"
-    displacement = staticmethod(levered)
+
+    @staticmethod
+    def displacement(
+        time: Float[np.ndarray, " k"], poses: Float[np.ndarray, "k 7"]
+    ) -> Float[np.ndarray, "k 6 3"]:
+        """Beside their mean, which as a shift of frame i is far larger than what can be seen."""
+        found = levered(time, poses)
+        return found - found.mean(axis=0)
 
 
 class InspectorMissing(Alternative):
