@@ -154,7 +154,7 @@ CHECKS: Final[tuple[Check, ...]] = (
     Check(
         "repeated-inspector-poses", ALL, Needs.RECORDING,
         "Does a moving inspector's pose repeat exactly over 3 intervals, without coming to rest before?", CERTAIN,
-        "inspector.tum repeats its pose from t = {begin:.4g} s to {end:.4g} s, and the camera moves right before or behind",
+        "inspector.tum repeats its pose from t = {begin:.3f} s to {end:.3f} s, and the camera moves right before or behind",
         "give the poses of that time, or cut the recording there (--segment)",
     ),
     Check(

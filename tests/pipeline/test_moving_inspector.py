@@ -301,7 +301,7 @@ def test_poses_that_repeat_while_the_camera_moves_are_told_with_their_time() -> 
     frozen = moved(right, replace(right.inspector, values=values))
     for each in compared(frozen, "mekf").evaluations:
         (reason,) = (each for each in each.history.status.reasons if "repeats its pose" in each)
-        assert f"t = {right.inspector.time[40]:.4g} s to {right.inspector.time[-1]:.4g} s" in reason
+        assert f"t = {right.inspector.time[40]:.3f} s to {right.inspector.time[-1]:.3f} s" in reason
 
 
 def test_an_inspector_that_brakes_and_rests_does_not_repeat_its_pose() -> None:
