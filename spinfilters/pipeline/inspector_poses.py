@@ -1,5 +1,7 @@
 """Poses of an inspector that are too sparse for the bends of its path: straight lines between them are off by more than noise."""
 
+from typing import Final
+
 import numpy as np
 from jaxtyping import Float
 
@@ -9,6 +11,9 @@ from spinfilters.pipeline.setup import Setup
 from spinfilters.state.blocks.rigid_body import POSITION
 from spinfilters.state.status import Finding
 from spinfilters.verdict.checks import finding
+
+ROUNDING: Final = 1e-9
+"""m and rad: smaller errors of an interpolation are rounding of numbers, not bends of a path."""
 
 
 def sparse_poses(setup: Setup) -> list[Finding]:
@@ -32,7 +37,8 @@ def sparse_poses(setup: Setup) -> list[Finding]:
     if not pixels > setup.noise.pixel_std / np.sqrt(seen):
         return []
     apart = float(np.median(np.diff(trajectory.time)))
-    numbers = {"interval": apart, "millimetres": 1e3 * _rms(place), "rotation": _rms(turn), "pixels": pixels}
+    off, turned = (size if size > ROUNDING else 0.0 for size in (_rms(place), _rms(turn)))
+    numbers = {"interval": apart, "millimetres": 1e3 * off, "rotation": turned, "pixels": pixels}
     return [finding("sparse-inspector-poses", numbers)]
 
 

@@ -108,12 +108,12 @@ CHECKS: Final[tuple[Check, ...]] = (
     ),
     # ---- the recording and its initialisation
     Check(
-        "not-initialised", ALL, Needs.RECORDING, "Could the first epochs be smoothed?", CERTAIN,
+        "not-initialised", ALL, Needs.INITIALISATION, "Could the first epochs be smoothed?", CERTAIN,
         "the first epochs could not be smoothed", "check the first epochs, or raise initialisation.share",
         leaves=Holds.NOT_DETERMINED,
     ),
     Check(
-        "initialisation-unsettled", ALL, Needs.RECORDING, "Did the smoother of the first epochs converge?", CERTAIN,
+        "initialisation-unsettled", ALL, Needs.INITIALISATION, "Did the smoother of the first epochs converge?", CERTAIN,
         "the initialisation did not settle in its iterations", "raise initialisation.iterations or initialisation.share",
     ),
     Check(
@@ -155,6 +155,7 @@ CHECKS: Final[tuple[Check, ...]] = (
         "front-end-slip", ALL, Needs.RECORDING,
         "Does the attitude jump by more than 60 deg, 6 times its usual departure, with the same rate before and behind?",
         "below 1e-6 of white errors of attitudes", "{text}", "{cure}",
+        is_cause=True,
     ),
     Check(
         "correlated-errors", ALL, Needs.RESIDUALS,
@@ -184,6 +185,7 @@ CHECKS: Final[tuple[Check, ...]] = (
         "Are intervals, rates, baselines and distances such as recordings have, and do places follow the attitudes as "
         "they are read?",
         CERTAIN, "{text}", "{cure}",
+        is_cause=True,
     ),
     Check(
         "slow-change", ALL, Needs.RESIDUALS,
