@@ -92,14 +92,16 @@ def jumps(motion: SmoothedMotion) -> Iterator[Jump]:
 
 
 def interval_of_jump(time: Float[np.ndarray, " k"], among: Float[np.ndarray, " j"]) -> tuple[float, float]:
-    """Time from the beginning of the first step that may contain the jump to the end of the last, s.
+    """Time from the beginning of the first step that may contain the jump to the end of the one behind the last, s.
+
+    The kick of a step is at its end: one early in the next step is as near to it.
 
     Parameters
     ----------
     among: statistics of the steps, without `FEWEST_STEPS` at each end.
     """
     possible = FEWEST_STEPS + np.flatnonzero(among >= among.max() - LARGEST_FALL)
-    return float(time[possible[0]]), float(time[possible[-1] + 1])
+    return float(time[possible[0]]), float(time[possible[-1] + 2])
 
 
 def _steps_after(motion: SmoothedMotion) -> StepsAfter:
