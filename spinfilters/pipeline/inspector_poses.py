@@ -15,6 +15,8 @@ from spinfilters.verdict.checks import finding
 
 FEWEST_REPEATS: Final = 3
 """Intervals of one pose, from which it has not come about by rounding."""
+ROUNDING: Final = 1e-9
+"""m and rad: smaller errors of an interpolation are rounding of numbers, not bends of a path."""
 ABRUPT: Final = 0.5
 """Of the step beside a repeated pose in the one before it, from which the camera did not come to rest: evenly braked it is 1/3."""
 
@@ -67,7 +69,8 @@ def sparse_poses(setup: Setup) -> list[Finding]:
     if not pixels > setup.noise.pixel_std / np.sqrt(seen):
         return []
     apart = float(np.median(np.diff(trajectory.time)))
-    numbers = {"interval": apart, "millimetres": 1e3 * _rms(place), "rotation": _rms(turn), "pixels": pixels}
+    off, turned = (size if size > ROUNDING else 0.0 for size in (_rms(place), _rms(turn)))
+    numbers = {"interval": apart, "millimetres": 1e3 * off, "rotation": turned, "pixels": pixels}
     return [finding("sparse-inspector-poses", numbers)]
 
 

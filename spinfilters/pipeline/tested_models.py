@@ -206,46 +206,20 @@ class TestedModels:
         return float(np.clip(test.merit / best, 0.0, 1.0)) if best > 0 else 1.0
 
     @property
-    def reasons(self) -> list[str]:
-        """For doubt: the errors that explain most, with what to do."""
-        return [*self.beside, *([self.causes] if self.classes else [])]
-
-    @property
     def causes(self) -> str:
-        """The likeliest cause with its cure, and what else is possible, by the share that it explains.
+        """The likeliest cause with its cure, and in a second sentence what else is possible, by the share that it explains.
 
         Only where there are `classes`.
         A score is evidence for a cause, not proof of it: what nobody has put on the list may look like one that is.
         """
-        (first, *alike), *others = self.classes
-        like = " or, which looks alike, ".join(map(self._phrase, [first, *alike]))
-        more = (*(each for own in others for each in own), *self.comparable)
-        possible = [f"{_sized(each)}, explains {self.share(each):.0%} as much)" for each in more]
-        sentence = f"the residuals are most like {like}"
-        return f"{sentence}; also possible: {', '.join(possible)}" if possible else sentence
-
-    def _phrase(self, test: ScoreTest) -> str:
-        cure = test.error.cure_before(self.has_inspector)
-        return f"{_sized(test)}, chi-square {test.statistic:.0f}): {cure}"
-
-    @property
-    def beside(self) -> list[str]:
-        """For doubt beside named errors.
-
-        Correlated ones, wrong units, slow changes, residuals that nothing explains, and that no error could be looked for.
-        """
-        slow = [] if self.slow is None else [slow_phrase(self.slow)]
-        units = [
-            *(each.reason for each in self.slips),
-            *(each.reason for each in self.correlated.doubts),
-            *(each.reason for each in self.units),
-            *slow,
-            *self.unexplained,
+        first, *others = self.named
+        cure = first.error.cure_before(self.has_inspector)
+        sentence = f"the residuals are most like {_sized(first)}: {cure}"
+        possible = [
+            f"{each.error.phrase} (explains {self.share(each):.0%} as much)"
+            for each in (*others, *self.comparable)
         ]
-        if not self.trouble:
-            return units
-        sentence = f"errors of the models could not be looked for ({self.trouble})"
-        return [*units, f"{sentence}: check the data set and its noise"]
+        return f"{sentence}. Also possible: {', '.join(possible)}" if possible else sentence
 
 
 NOT_TESTED: Final = TestedModels()
@@ -260,7 +234,7 @@ def slow_phrase(test: ScoreTest) -> str:
 
 
 def _sized(test: ScoreTest) -> str:
-    """An error with its size, the bracket left open."""
+    """An error with its size and its statistic."""
     error, size = test.error, float(np.linalg.norm(test.size))
     std = float(np.sqrt(test.std**2 @ test.size**2) / max(size, np.finfo(float).tiny))
-    return f"{error.phrase} ({size:.2g} +- {std:.1g} {error.unit}"
+    return f"{error.phrase} ({size:.2g} +- {std:.1g} {error.unit}, chi-square {test.statistic:.0f})"

@@ -110,12 +110,12 @@ CHECKS: Final[tuple[Check, ...]] = (
     ),
     # ---- the recording and its initialisation
     Check(
-        "not-initialised", ALL, Needs.RECORDING, "Could the first epochs be smoothed?", CERTAIN,
+        "not-initialised", ALL, Needs.INITIALISATION, "Could the first epochs be smoothed?", CERTAIN,
         "the first epochs could not be smoothed", "check the first epochs, or raise initialisation.share",
         leaves=Holds.NOT_DETERMINED,
     ),
     Check(
-        "camera-may-move", ALL, Needs.RECORDING,
+        "camera-may-move", ALL, Needs.INITIALISATION,
         "Where the smoother of the first epochs did not converge: does the angular momentum, as a camera at rest sees it, change "
         f"by at most {100 * MOST_MOMENTUM:.0f} %?",
         "none but where the initialisation did not settle",
@@ -124,7 +124,7 @@ CHECKS: Final[tuple[Check, ...]] = (
         "give its known poses (inspector.tum), or fix it",
     ),
     Check(
-        "initialisation-unsettled", ALL, Needs.RECORDING, "Did the smoother of the first epochs converge?", CERTAIN,
+        "initialisation-unsettled", ALL, Needs.INITIALISATION, "Did the smoother of the first epochs converge?", CERTAIN,
         "the initialisation did not settle in its iterations", "raise initialisation.iterations or initialisation.share",
     ),
     Check(
@@ -172,6 +172,7 @@ CHECKS: Final[tuple[Check, ...]] = (
         "front-end-slip", ALL, Needs.RECORDING,
         "Does the attitude jump by more than 60 deg, 6 times its usual departure, with the same rate before and behind?",
         "below 1e-6 of white errors of attitudes", "{text}", "{cure}",
+        is_cause=True,
     ),
     Check(
         "correlated-errors", ALL, Needs.RESIDUALS,
@@ -201,6 +202,7 @@ CHECKS: Final[tuple[Check, ...]] = (
         "Are intervals, rates, baselines and distances such as recordings have, and do places follow the attitudes as "
         "they are read?",
         CERTAIN, "{text}", "{cure}",
+        is_cause=True,
     ),
     Check(
         "slow-change", ALL, Needs.RESIDUALS,

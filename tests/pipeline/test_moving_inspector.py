@@ -32,7 +32,8 @@ from spinfilters.pipeline.comparison_run import compare_dataset
 from spinfilters.pipeline.estimation import Comparison
 from spinfilters.pipeline.figures import FigureData, drawn_figure
 from spinfilters.pipeline.first_epochs import initial_samples
-from spinfilters.pipeline.inspector_poses import repeats
+from spinfilters.pipeline.inspector_poses import repeats, sparse_poses
+from spinfilters.pipeline.preparation import prepare
 from spinfilters.pipeline.setup import camera_view
 from spinfilters.runs.run_folder import DECISIVE
 from spinfilters.settings.run_settings import Settings
@@ -266,6 +267,19 @@ def test_sparse_poses_are_told_with_the_cure_and_dense_ones_are_not() -> None:
     assert "inspector.tum" in reason
     (dense,) = compared(swaying(), "mekf").evaluations
     assert not any("too sparse" in each for each in dense.history.status.reasons)
+
+
+def test_a_path_whose_attitude_is_constant_to_rounding_is_said_to_turn_by_nothing() -> None:
+    setup = prepare(swaying(inspector_errors=(("sparse", 4.0),)), Settings(estimators=("mekf",)))
+    inspector = setup.dataset.inspector
+    assert inspector is not None
+    values = inspector.values.copy()
+    values[:, 3:] = np.array([0.6, 0.0, 0.0, 0.8]) + 1e-13 * np.random.default_rng(0).normal(
+        size=(len(values), 4)
+    )
+    still = replace(inspector, values=values)
+    (found,) = sparse_poses(replace(setup, dataset=moved(setup.dataset, still)))
+    assert " mm and 0 rad, which is" in found.sentence
 
 
 def test_what_no_residual_shows_of_an_inspector_is_in_the_deviations() -> None:
