@@ -1,4 +1,4 @@
-"""Verdicts on tracks of moving inspectors whose poses are right, late, drifting, sparse or missing.
+"""Verdicts on tracks of moving inspectors whose poses are right, late, drifting, of another point, sparse or missing.
 
 Run: python -m experiments.wrong_inspectors [--cases late,clean] [--inspectors sway,dead-band] [--seeds 10] [--first 0]
 
@@ -29,6 +29,7 @@ CASES: Final[dict[str, tuple[float, ...]]] = {
     "late": (0.05, 0.1, 0.5),
     "turning": (0.028, 0.1),
     "drifting": (0.02,),
+    "lever": (0.05, 0.07),
     "sparse": (5.0,),
     "missing": (1.0,),
 }

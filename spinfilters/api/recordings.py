@@ -143,7 +143,7 @@ def simulate(
     inspector: "static", or how the camera moves on a known trajectory: "circle" about the body, "sway", or "dead-band" of thrusters
         that fire at the edges of one; of tracks only.
     inspector_errors: sizes, by name, of what is wrong with its poses: "late" s, "turning" rad and "drifting" m over the recording,
-        "sparse" s between them, "missing" (any size). Nothing is stated then of how well they are known.
+        "lever" m from the camera, "sparse" s between them, "missing" (any size). Nothing is stated then of how well they are known.
     beside: intervals, s, of other kinds of sensors that see the same motion.
     progress: called after every epoch of the motion with how many are done, and of how many.
 

@@ -63,9 +63,11 @@ def _carried_out(options: argparse.Namespace) -> "Advance":
                 progress=follow,
             )
         except KeyboardInterrupt:
-            done = f"{last[0].done} of {last[0].total} runs" if last else "nothing"
+            if not last:
+                raise
             raise InputError(
-                f"interrupted; {done} are in {options.output}, run the command again with --resume to go on from there"
+                f"interrupted; {last[0].done} of {last[0].total} runs are in {options.output}, run the command again "
+                "with --resume to go on from there"
             ) from None
     return last[0]
 

@@ -5,9 +5,11 @@ import io
 import logging
 import os
 import sys
+import time
 import traceback
 import warnings
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Final, NoReturn
 
@@ -56,6 +58,7 @@ def _run(options: argparse.Namespace, pressed: Sequence[int]) -> int:
     pressed: not empty once Ctrl-C was pressed.
     """
     _set_logging()
+    begun = time.time()
     try:
         with warnings.catch_warnings():
             # of numbers that are not finite: a status tells of them; whoever asks for warnings (-W) has asked before
@@ -64,7 +67,7 @@ def _run(options: argparse.Namespace, pressed: Sequence[int]) -> int:
     except SpinfiltersError as error:
         return _complain(str(error))
     except KeyboardInterrupt:
-        return _complain(_of_interrupt(options))
+        return _complain(_of_interrupt(options, begun))
     except BrokenPipeError:
         return EXIT_BAD_INPUT
     except OSError as error:
@@ -73,16 +76,32 @@ def _run(options: argparse.Namespace, pressed: Sequence[int]) -> int:
         return _complain("out of memory; give a shorter recording or close other programs")
     except Exception as error:  # the last resort: what comes here is a fault of this program
         if pressed:  # a library that is interrupted while it loads may call it an error of its own
-            return _complain(_of_interrupt(options))
+            return _complain(_of_interrupt(options, begun))
         if os.environ.get(DEBUG):
             raise
         return _complain(_of_this_program(error))
 
 
-def _of_interrupt(options: argparse.Namespace) -> str:
-    if hasattr(options, "resume"):
+def _of_interrupt(options: argparse.Namespace, begun: float) -> str:
+    output = options.output if hasattr(options, "resume") else None
+    if output is not None and _has_finished(Path(output), begun):
         return "interrupted; what was finished before is kept, the same command with --resume goes on from it"
     return INTERRUPTED
+
+
+def _has_finished(folder: Path, begun: float) -> bool:
+    """Whether a command that began then left a result in a folder: what an older run left there is not its own."""
+    if not folder.is_dir():
+        return False
+    from spinfilters.runs.run_folder import CONFIG_FILE  # not needed by commands that end well
+    from spinfilters.runs.run_lock import LOCK_FILE
+
+    times = []
+    for path in folder.rglob("*"):
+        with suppress(OSError):  # removed meanwhile
+            if path.is_file() and path.name not in {CONFIG_FILE, LOCK_FILE}:
+                times.append(path.stat().st_mtime)
+    return max(times, default=0.0) >= begun
 
 
 def _of_system(error: OSError) -> str:

@@ -77,7 +77,7 @@ class ConsideredDeviation:
     source: str
 
 
-UNITS: Final = ("px", "m/min", "rad/min", "s")
+UNITS: Final = ("px", "m", "m/min", "rad/min", "s")
 """Of deviations that are not relative."""
 
 

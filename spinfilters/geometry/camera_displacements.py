@@ -63,5 +63,12 @@ def turning(time: Float[np.ndarray, " k"], poses: Float[np.ndarray, "k 7"]) -> F
     return found
 
 
+def levered(time: Float[np.ndarray, " k"], poses: Float[np.ndarray, "k 7"]) -> Float[np.ndarray, "k 6 3"]:
+    """Places that are off by the same lever arm at all times, by a unit per axis of the camera."""
+    found = np.zeros((len(time), 6, 3))
+    found[:, :3] = matrix_from_quaternion(poses[:, 3:])
+    return found
+
+
 def _since(time: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
     return (time - time[:1]) / MINUTE  # of no time at all none

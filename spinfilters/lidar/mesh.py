@@ -44,9 +44,10 @@ class TriangleMesh:
             raise InputError(
                 f"{self.name}: vertex {bad[0]} is {vertices[bad[0]].tolist()}, not a finite place; export it again"
             )
-        if triangles.min() < 0 or triangles.max() >= len(vertices):
+        beyond = triangles[(triangles < 0) | (triangles >= len(vertices))]
+        if beyond.size:
             raise InputError(
-                f"{self.name}: a triangle names vertex {int(triangles.max())} or a negative one of {len(vertices)}; export it again"
+                f"{self.name}: a triangle names vertex {int(beyond[0])}, the vertices are 0 to {len(vertices) - 1}; export it again"
             )
         vertices.setflags(write=False)
         triangles.setflags(write=False)

@@ -86,7 +86,7 @@ def _ascii_stl(path: Path, data: bytes) -> _Surface:
 def _read_obj(path: Path, first: int = 1) -> _Surface:
     """Triangles of OBJ lines ``v x y z`` and ``f a b c ...``.
 
-    Indices from ``first``, or from the end where negative; polygons become fans.
+    Indices from ``first``, or from the end where negative; polygons become fans. Vertices may come after the faces that name them.
     """
     vertices: list[list[float]] = []
     triangles: list[tuple[int, int, int]] = []
@@ -105,7 +105,14 @@ def _read_obj(path: Path, first: int = 1) -> _Surface:
             raise InputError(
                 f"{path_text(path)}: line {number}: {value_text(line.strip())} is no vertex or face; export it again"
             ) from None
-    return np.array(vertices).reshape(-1, 3), np.array(triangles, dtype=np.int64).reshape(-1, 3)
+    faces = np.array(triangles, dtype=np.int64).reshape(-1, 3)
+    beyond = faces[faces >= len(vertices)]
+    if beyond.size:
+        raise InputError(
+            f"{path_text(path)}: a face names vertex {beyond[0] + first}, the file has {len(vertices)} from {first} on; "
+            "export it again"
+        )
+    return np.array(vertices).reshape(-1, 3), faces
 
 
 def _obj_index(word: str, count: int, first: int) -> int:

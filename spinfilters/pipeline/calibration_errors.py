@@ -19,7 +19,7 @@ from spinfilters.data.consider_parameter import ConsideredDeviation, Displaced
 from spinfilters.errors import NUMERICAL_ERRORS
 from spinfilters.estimators.estimator import Measurement
 from spinfilters.estimators.history import EstimateHistory
-from spinfilters.estimators.model_errors.calibration_sensitivity import smoothed_sensitivity, told_information
+from spinfilters.estimators.model_errors.calibration_sensitivity import smoothed_sensitivity, told_moments
 from spinfilters.estimators.model_errors.hypotheses import solved_near
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
 from spinfilters.estimators.model_errors.solved_columns import Sensitivity
@@ -78,10 +78,10 @@ class CalibrationErrors:
         return counted
 
     def _untold(self, history: EstimateHistory) -> Float[np.ndarray, "c c"] | None:
-        """Factor of what the residuals leave of the considered errors, in their deviations.
+        """Factor of the considered errors' second moments given the residuals, in their deviations.
 
         The identity of what no residual shows. Errors of an inspector's poses are told from the motion where it does not move
-        evenly: what is left of them is C C' = (I + F)^-1, with F the information of their score test. A larger one is named.
+        evenly (`told_moments`). A larger one is named.
         """
         sizes = [each.parameter.size for each in self.considered]
         every = np.eye(sum(sizes))
@@ -93,8 +93,7 @@ class CalibrationErrors:
         if motion is None:
             return None
         considered = [each for each in self.considered if each.parameter.displaced is not None]
-        F = told_information(motion, considered)
-        every[np.ix_(of_inspector, of_inspector)] = np.linalg.cholesky(np.linalg.inv(np.eye(len(F)) + F))
+        every[np.ix_(of_inspector, of_inspector)] = np.linalg.cholesky(told_moments(motion, considered))
         return every
 
     def _errors(self, history: EstimateHistory, entry: AnyEntry) -> Float[np.ndarray, "n e c"] | None:

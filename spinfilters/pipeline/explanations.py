@@ -16,10 +16,12 @@ from spinfilters.estimators.model_errors.alternative import Alternative
 from spinfilters.estimators.model_errors.score_test import ScoreTest
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.pipeline.estimation import Comparison, compare_estimators
+from spinfilters.pipeline.model_findings import model_findings
 from spinfilters.pipeline.preparation import prepare
 from spinfilters.pipeline.tested_models import TestedModels
 from spinfilters.runs.run_folder import EXPLANATIONS_FILE
 from spinfilters.settings.run_settings import Settings
+from spinfilters.verdict.check import base_name
 
 SCHEMA: Final = 1
 
@@ -129,7 +131,8 @@ def read_sentences(folder: Path) -> Sequence[str]:
 
 
 def _sentences(found: TestedModels, refits: Sequence[Explanation]) -> list[str]:
-    beside = [f"explain: {each}" for each in found.beside]
+    findings = model_findings(found, None)
+    beside = [f"explain: {each.reason}" for each in findings if base_name(each.check) != "model-error"]
     if not found.named:
         return beside or ["explain: no error of the models is found"]
     held = [each.sentence for each in refits]
@@ -137,7 +140,10 @@ def _sentences(found: TestedModels, refits: Sequence[Explanation]) -> list[str]:
     return [
         *beside,
         *held,
-        *(f"explain: {each.phrase} is no part of a state; {each.cure}" for each in others),
+        *(
+            f"explain: {each.phrase} is no part of a state; {each.cure_before(found.has_inspector)}"
+            for each in others
+        ),
     ]
 
 

@@ -77,11 +77,6 @@ class Slip:
             "named until then"
         )
 
-    @property
-    def reason(self) -> str:
-        """Reason for doubt, with what to do."""
-        return f"{self.sentence}: {self.cure}"
-
 
 def front_end_slips(setup: Setup, with_fits: bool) -> tuple[Slip, ...]:
     """Slips of the attitudes that streams tell, one for each sensor that slips.

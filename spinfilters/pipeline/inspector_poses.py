@@ -1,4 +1,7 @@
-"""Poses of an inspector that are too sparse for the bends of its path: straight lines between them are off by more than noise."""
+"""Poses of an inspector that are too sparse for the bends of its path, or that repeat while it moves."""
+
+from collections.abc import Iterator
+from typing import Final
 
 import numpy as np
 from jaxtyping import Float
@@ -9,6 +12,40 @@ from spinfilters.pipeline.setup import Setup
 from spinfilters.state.blocks.rigid_body import POSITION
 from spinfilters.state.status import Finding
 from spinfilters.verdict.checks import finding
+
+FEWEST_REPEATS: Final = 3
+"""Intervals of one pose, from which it has not come about by rounding."""
+ROUNDING: Final = 1e-9
+"""m and rad: smaller errors of an interpolation are rounding of numbers, not bends of a path."""
+ABRUPT: Final = 0.5
+"""Of the step beside a repeated pose in the one before it, from which the camera did not come to rest: evenly braked it is 1/3."""
+
+
+def pose_findings(setup: Setup) -> list[Finding]:
+    """Findings about the given poses of an inspector."""
+    return [*sparse_poses(setup), *repeated_poses(setup)]
+
+
+def repeated_poses(setup: Setup) -> list[Finding]:
+    """Findings where poses of a moving inspector stop from one to the next, as of a tracker that is lost or a log that ends."""
+    trajectory = CameraTrajectory.of(setup.dataset.inspector)
+    if trajectory is None:
+        return []
+    return [
+        finding("repeated-inspector-poses", {"begin": begin, "end": end})
+        for begin, end in repeats(trajectory)
+    ]
+
+
+def repeats(trajectory: CameraTrajectory) -> Iterator[tuple[float, float]]:
+    """First and last time of each pose that repeats exactly right behind, or before, poses that move on evenly."""
+    steps = np.abs(np.diff(trajectory.poses, axis=0)).max(axis=1)
+    edges = np.flatnonzero(np.diff(np.concatenate([[True], steps > 0, [True]]).astype(int)))
+    for first, last in zip(edges[::2], edges[1::2], strict=True):
+        before, behind = steps[:first][::-1][:2], steps[last:][:2]
+        is_abrupt = any(len(pair) == 2 and pair[0] > ABRUPT * pair[1] for pair in (before, behind))
+        if last - first >= FEWEST_REPEATS and is_abrupt:
+            yield float(trajectory.time[first]), float(trajectory.time[last])
 
 
 def sparse_poses(setup: Setup) -> list[Finding]:
@@ -32,12 +69,10 @@ def sparse_poses(setup: Setup) -> list[Finding]:
     if not pixels > setup.noise.pixel_std / np.sqrt(seen):
         return []
     apart = float(np.median(np.diff(trajectory.time)))
-    numbers = {
-        "interval": apart,
-        "millimetres": 1e3 * _root_mean_square(place),
-        "rotation": _root_mean_square(turn),
-        "pixels": pixels,
-    }
+    off, turned = (
+        size if size > ROUNDING else 0.0 for size in (_root_mean_square(place), _root_mean_square(turn))
+    )
+    numbers = {"interval": apart, "millimetres": 1e3 * off, "rotation": turned, "pixels": pixels}
     return [finding("sparse-inspector-poses", numbers)]
 
 

@@ -66,7 +66,10 @@ def tested_models(setup: Setup, evaluations: Sequence[Evaluation]) -> TestedMode
     std = np.linalg.norm(best.factor[:most], axis=2)
     found = tested_about(setup, best.mean[:most], table().values(), jumps)
     correlated = possible_correlation(setup, found.solved, stated_levels(setup))
-    return replace(found, units=units, std=std, correlated=correlated, solved=None)
+    has_inspector = setup.dataset.inspector is not None
+    return replace(
+        found, units=units, std=std, correlated=correlated, solved=None, has_inspector=has_inspector
+    )
 
 
 def tested_about(

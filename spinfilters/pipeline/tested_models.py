@@ -35,6 +35,8 @@ SLOW: Final = ALIKE**2
 """Share of what an error explains that slow changes explain as well, from which a spin about one axis does not tell which it is."""
 SLOW_CHANGE: Final = "slow-change"
 """Name of such errors."""
+COMPARABLE, LEAST_SURPRISE = 0.4, 0.05
+"""Share of what the likeliest error explains, and p-value, from which an error of an inspector's poses is possible beside it."""
 MOST_ALIKE: Final = 3
 """Errors named as one."""
 
@@ -52,6 +54,7 @@ class TestedModels:
     score_inflation: by which errors may enlarge a score that are known to be correlated and for which a noise level stands;
         infinite where it is not known, None where there are none.
     slips: of front ends, beside which residuals tell of no other cause.
+    has_inspector: whether poses of a moving camera are given, of which some cures speak.
     """
 
     tests: tuple[ScoreTest, ...] = ()
@@ -63,6 +66,7 @@ class TestedModels:
     solved: LinearRows | None = None
     score_inflation: float | None = None
     slips: tuple[Slip, ...] = ()
+    has_inspector: bool = False
 
     @cached_property
     def classes(self) -> tuple[tuple[ScoreTest, ...], ...]:
@@ -177,6 +181,22 @@ class TestedModels:
         slips = {each.name: None for each in self.slips}
         return (*(each.name for each in self.units), *slips, *slow, *found)
 
+    @property
+    def comparable(self) -> list[ScoreTest]:
+        """Errors of an inspector's poses that explain a comparable share, but are not named.
+
+        What is considered of such errors is expected of a recording, so that less than what is beyond chance counts.
+        """
+        named = self.named
+        return [
+            each
+            for each in self.tests
+            if each.error.is_of_poses
+            and each not in named
+            and each.p_value < LEAST_SURPRISE
+            and self.share(each) >= COMPARABLE
+        ]
+
     def share(self, test: ScoreTest) -> float:
         """Share that an error explains of what the likeliest explains: the falls of -2 ln likelihood, numbers that are free off.
 
@@ -186,43 +206,20 @@ class TestedModels:
         return float(np.clip(test.merit / best, 0.0, 1.0)) if best > 0 else 1.0
 
     @property
-    def reasons(self) -> list[str]:
-        """For doubt: the errors that explain most, with what to do."""
-        return [*self.beside, *([self.causes] if self.classes else [])]
-
-    @property
     def causes(self) -> str:
-        """The likeliest cause with its cure, and what else is possible, by the share that it explains.
+        """The likeliest cause with its cure, and in a second sentence what else is possible, by the share that it explains.
 
         Only where there are `classes`.
         A score is evidence for a cause, not proof of it: what nobody has put on the list may look like one that is.
         """
-        (first, *alike), *others = self.classes
-        like = " or, which looks alike, ".join(map(_phrase, [first, *alike]))
+        first, *others = self.named
+        cure = first.error.cure_before(self.has_inspector)
+        sentence = f"the residuals are most like {_sized(first)}: {cure}"
         possible = [
-            f"{_sized(each)}, explains {self.share(each):.0%} as much)" for own in others for each in own
+            f"{each.error.phrase} (explains {self.share(each):.0%} as much)"
+            for each in (*others, *self.comparable)
         ]
-        sentence = f"the residuals are most like {like}"
-        return f"{sentence}; also possible: {', '.join(possible)}" if possible else sentence
-
-    @property
-    def beside(self) -> list[str]:
-        """For doubt beside named errors.
-
-        Correlated ones, wrong units, slow changes, residuals that nothing explains, and that no error could be looked for.
-        """
-        slow = [] if self.slow is None else [slow_phrase(self.slow)]
-        units = [
-            *(each.reason for each in self.slips),
-            *(each.reason for each in self.correlated.doubts),
-            *(each.reason for each in self.units),
-            *slow,
-            *self.unexplained,
-        ]
-        if not self.trouble:
-            return units
-        sentence = f"errors of the models could not be looked for ({self.trouble})"
-        return [*units, f"{sentence}: check the data set and its noise"]
+        return f"{sentence}. Also possible: {', '.join(possible)}" if possible else sentence
 
 
 NOT_TESTED: Final = TestedModels()
@@ -236,12 +233,8 @@ def slow_phrase(test: ScoreTest) -> str:
     )
 
 
-def _phrase(test: ScoreTest) -> str:
-    return f"{_sized(test)}, chi-square {test.statistic:.0f}): {test.error.cure}"
-
-
 def _sized(test: ScoreTest) -> str:
-    """An error with its size, the bracket left open."""
+    """An error with its size and its statistic."""
     error, size = test.error, float(np.linalg.norm(test.size))
     std = float(np.sqrt(test.std**2 @ test.size**2) / max(size, np.finfo(float).tiny))
-    return f"{error.phrase} ({size:.2g} +- {std:.1g} {error.unit}"
+    return f"{error.phrase} ({size:.2g} +- {std:.1g} {error.unit}, chi-square {test.statistic:.0f})"

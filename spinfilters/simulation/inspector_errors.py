@@ -1,4 +1,4 @@
-"""What is wrong with the poses of a simulated inspector: told late, drifting, too few, or not at all."""
+"""What is wrong with the poses of a simulated inspector: told late, drifting, of another point, too few, or not at all."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.errors import InputError
-from spinfilters.geometry.camera_displacements import MINUTE, displaced, drifting, turning
+from spinfilters.geometry.camera_displacements import MINUTE, displaced, drifting, levered, turning
 from spinfilters.geometry.camera_trajectory import CameraTrajectory
 from spinfilters.simulation.inspector import InspectorPath
 
@@ -18,7 +18,7 @@ AXIS: Final = np.array([0.6, -0.48, 0.64])
 MOST_LATE: Final = 10.0
 """s."""
 FARTHEST: Final = 1e6
-"""Of a drift of places, m."""
+"""Of a drift of places and of a lever arm, m."""
 SPARSEST: Final = 1e4
 """s: a path is followed to the pose behind the last epoch."""
 
@@ -86,6 +86,15 @@ def _drifting(told: ToldPoses, size: float) -> ToldPoses:
     return replace(told, path=path)
 
 
+def _levered(told: ToldPoses, size: float) -> ToldPoses:
+    def path(time: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 7"]:
+        """Places of a point of the inspector that is so far from its camera, in the camera's axes."""
+        poses = told.path(time)
+        return displaced(poses, levered(time, poses) @ (size * AXIS))
+
+    return replace(told, path=path)
+
+
 def _per_recording(told: ToldPoses) -> float:
     return MINUTE / float(told.time[-1] - told.time[0])
 
@@ -110,6 +119,11 @@ INSPECTOR_ERRORS: Final[Mapping[str, InspectorError]] = MappingProxyType(
         ),
         "drifting": InspectorError(
             "places drift by so many m over the recording", _drifting, largest=FARTHEST
+        ),
+        "lever": InspectorError(
+            "poses are of a point of the inspector that is so many m from its camera",
+            _levered,
+            largest=FARTHEST,
         ),
         "sparse": InspectorError("a pose every so many s only", _sparse, smallest=1e-3, largest=SPARSEST),
         "missing": InspectorError("no poses at all, as of a forgotten inspector.tum", _missing, largest=0.0),

@@ -1,9 +1,10 @@
 """One check of the verdict: what is asked, of which quantities, and what is said where it fails."""
 
+import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from spinfilters.state.status import Finding, Holds
 
@@ -11,10 +12,15 @@ if TYPE_CHECKING:
     from spinfilters.verdict.evidence import Evidence
 
 
+MOST_DIGITS: Final = 17
+"""With which two different numbers are printed differently."""
+
+
 class Needs(StrEnum):
     """Evidence that a check is computed from."""
 
     RECORDING = "the recording"
+    INITIALISATION = "the first epochs, smoothed"
     ESTIMATE = "the estimate"
     FILTER = "a filter's own epochs"
     SMOOTHER = "the smoother of the same measurements"
@@ -64,6 +70,8 @@ class Check:
         initialisation, estimators and the tests of models and noise; its findings come with the evidence.
     leaves : Holds
         What the quantities are then, doubtful or not determined.
+    is_cause : bool
+        Whether what it finds is certain and makes other checks fail: it is stated first, and their cures would hide it.
     """
 
     name: str
@@ -75,6 +83,13 @@ class Check:
     cure: str
     test: Test | None = None
     leaves: Holds = Holds.DOUBTFUL
+    is_cause: bool = False
+
+    @property
+    def may_follow(self) -> bool:
+        """Whether it may fail because of a cause alone: what estimates say, not what the recording itself shows."""
+        speaks_of_estimate = bool(self.about) or self.leaves is Holds.NOT_DETERMINED
+        return self.needs is not Needs.RECORDING and speaks_of_estimate
 
     def finding(
         self, numbers: Mapping[str, float | str], about: frozenset[str] | None = None, which: str = ""
@@ -91,7 +106,21 @@ class Check:
             What was found, of a check that looks for several things.
         """
         name = f"{self.name}:{which}" if which else self.name
-        return Finding(name, self.sentence.format(**numbers), self.cure.format(**numbers), numbers, about)
+        return Finding(name, _filled(self.sentence, numbers), self.cure.format(**numbers), numbers, about)
+
+
+def _filled(sentence: str, numbers: Mapping[str, float | str]) -> str:
+    """A sentence with its numbers, of which those get more digits that would read like the limit which they miss."""
+    limit = float(numbers.get("limit", "nan"))
+
+    def apart(field: re.Match[str]) -> str:
+        """A field with so many digits that its number is not printed as the limit."""
+        value, digits = float(numbers[field[1]]), int(field[2])
+        while value != limit and float(f"{value:.{digits}g}") == limit and digits < MOST_DIGITS:
+            digits += 1
+        return f"{{{field[1]}:.{digits}g}}"
+
+    return re.sub(r"\{(\w+):\.(\d)g\}", apart, sentence).format(**numbers)
 
 
 def base_name(finding: str) -> str:

@@ -12,6 +12,8 @@ from spinfilters.state.status import OWN_STATUS, Finding, Holds
 from spinfilters.verdict import estimate_tests as of_estimate
 from spinfilters.verdict.check import Check, Needs, base_name
 
+MOST_MOMENTUM: Final = 0.2
+"""Relative change of the angular momentum of measured rates, from which no free body before a camera at rest is likely."""
 CERTAIN: Final = "none: what it finds is a fact"
 LIMIT: Final = "none by chance: a limit of what is of use"
 MORE: Final = "give a longer recording, a richer motion or a larger initialisation.share"
@@ -108,12 +110,21 @@ CHECKS: Final[tuple[Check, ...]] = (
     ),
     # ---- the recording and its initialisation
     Check(
-        "not-initialised", ALL, Needs.RECORDING, "Could the first epochs be smoothed?", CERTAIN,
+        "not-initialised", ALL, Needs.INITIALISATION, "Could the first epochs be smoothed?", CERTAIN,
         "the first epochs could not be smoothed", "check the first epochs, or raise initialisation.share",
         leaves=Holds.NOT_DETERMINED,
     ),
     Check(
-        "initialisation-unsettled", ALL, Needs.RECORDING, "Did the smoother of the first epochs converge?", CERTAIN,
+        "camera-may-move", ALL, Needs.INITIALISATION,
+        "Where the smoother of the first epochs did not converge: does the angular momentum, as a camera at rest sees it, change "
+        f"by at most {100 * MOST_MOMENTUM:.0f} %?",
+        "none but where the initialisation did not settle",
+        "the initialisation did not settle, and the angular momentum changes by {percent:.2g} % as a camera at rest sees it: the "
+        "camera may have moved",
+        "give its known poses (inspector.tum), or fix it",
+    ),
+    Check(
+        "initialisation-unsettled", ALL, Needs.INITIALISATION, "Did the smoother of the first epochs converge?", CERTAIN,
         "the initialisation did not settle in its iterations", "raise initialisation.iterations or initialisation.share",
     ),
     Check(
@@ -141,6 +152,12 @@ CHECKS: Final[tuple[Check, ...]] = (
         "give poses at the stamps of the images, or more of them (inspector.tum)",
     ),
     Check(
+        "repeated-inspector-poses", ALL, Needs.RECORDING,
+        "Does a moving inspector's pose repeat exactly over 3 intervals, without coming to rest before?", CERTAIN,
+        "inspector.tum repeats its pose from t = {begin:.3f} s to {end:.3f} s, and the camera moves right before or behind",
+        "give the poses of that time, or cut the recording there (--segment)",
+    ),
+    Check(
         "motion-shows-no-moments", BODY, Needs.FILTER,
         "Does the estimated body predict the epochs behind the initialisation better than a sphere does? "
         "Twice the log likelihood ratio is at least 30",
@@ -155,6 +172,7 @@ CHECKS: Final[tuple[Check, ...]] = (
         "front-end-slip", ALL, Needs.RECORDING,
         "Does the attitude jump by more than 60 deg, 6 times its usual departure, with the same rate before and behind?",
         "below 1e-6 of white errors of attitudes", "{text}", "{cure}",
+        is_cause=True,
     ),
     Check(
         "correlated-errors", ALL, Needs.RESIDUALS,
@@ -184,6 +202,7 @@ CHECKS: Final[tuple[Check, ...]] = (
         "Are intervals, rates, baselines and distances such as recordings have, and do places follow the attitudes as "
         "they are read?",
         CERTAIN, "{text}", "{cure}",
+        is_cause=True,
     ),
     Check(
         "slow-change", ALL, Needs.RESIDUALS,

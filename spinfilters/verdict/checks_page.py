@@ -54,6 +54,7 @@ def _section(check: Check) -> str:
         "sentence": _shown(check.sentence),
         "cure": _shown(check.cure),
         "about": _about(check),
+        "order": "first, and what follows from it is stated without a cure" if check.is_cause else "",
     }
     lines = "".join(f"- **{name}**: {text}\n" for name, text in rows.items() if text)
     return f"\n## `{check.name}`\n\n{lines}"
@@ -76,7 +77,7 @@ def _shown(template: str) -> str:
 
 def _error_rows() -> Iterator[str]:
     for each in (*table().values(), *KINDS):
-        yield f"| `{each.name}` | {each.phrase} | {each.unit} | {each.cure} |\n"
+        yield f"| `{each.name}` | {each.phrase} | {each.unit} | {_shown(each.cure)} |\n"
 
 
 def main(arguments: list[str]) -> int:

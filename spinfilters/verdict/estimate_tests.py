@@ -7,7 +7,6 @@ import numpy as np
 from scipy.special import pdtrc
 
 from spinfilters.estimators.history import EstimateHistory
-from spinfilters.state.status import Verdict
 from spinfilters.verdict.check import Failure
 from spinfilters.verdict.evidence import Evidence
 
@@ -101,9 +100,7 @@ def gap(evidence: Evidence) -> Iterator[Failure]:
 def estimators_disagree(evidence: Evidence) -> Iterator[Failure]:
     """Moments that differ from those of every other estimator that has not failed."""
     evaluation = evidence.evaluation
-    for other in evidence.others:
-        if other.name == evaluation.name or other.history.status.verdict is Verdict.FAILED:
-            continue
+    for other in evidence.peers:
         away = np.abs(evaluation.body.principal_moments - other.body.principal_moments)[:2]
         std = np.hypot(evaluation.body.principal_moments_std, other.body.principal_moments_std)[:2]
         if np.any((away > DISAGREEMENT_STD * std) & (away > DISAGREEMENT)):

@@ -4,7 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from spinfilters.evaluation.estimator_evaluation import Evaluation
-from spinfilters.state.status import Finding
+from spinfilters.state.status import Finding, Verdict
+from spinfilters.verdict.check import Needs
 
 
 @dataclass(frozen=True)
@@ -30,3 +31,26 @@ class Evidence:
     gate_false_alarm: float = 0.0
     found: Sequence[Finding] = field(default_factory=tuple)
     centre_prior_std: float = float("inf")
+
+    @property
+    def peers(self) -> list[Evaluation]:
+        """Other estimators than this one that have not failed."""
+        own = self.evaluation.name
+        return [
+            each
+            for each in self.others
+            if each.name != own and each.history.status.verdict is not Verdict.FAILED
+        ]
+
+    @property
+    def present(self) -> frozenset[Needs]:
+        """What the tests of an estimate can be computed from.
+
+        A smoother of the same measurements and residuals are tested where they arise, and come as findings.
+        """
+        own = {Needs.RECORDING, Needs.ESTIMATE}
+        if self.evaluation.nis_ratio is not None:
+            own.add(Needs.FILTER)
+        if self.peers:
+            own.add(Needs.PEERS)
+        return frozenset(own)

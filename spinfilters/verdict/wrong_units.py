@@ -47,11 +47,6 @@ class WrongUnit:
     cure: str
     about: frozenset[str] = ALL
 
-    @property
-    def reason(self) -> str:
-        """Reason for doubt, with what to do."""
-        return f"{self.sentence}: {self.cure}"
-
 
 def wrong_units(dataset: Dataset) -> list[WrongUnit]:
     """Wrong units of streams and cameras; empty where all are plausible."""

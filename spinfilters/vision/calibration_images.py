@@ -16,6 +16,7 @@ from spinfilters.vision.loss_count import LossCount
 
 STAGE: Final = "board images"
 FEWEST_PAIRS: Final = 4
+NO_BOARD: Final = "without the board"
 REFINEMENT: Final = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-4)
 WINDOW_PX: Final = 11
 """OpenCV's customary one; where corners are closer than twice that, a smaller one keeps the next corner out."""
@@ -161,7 +162,7 @@ def board_views(
                 )
             size, corners = image.shape, board.corners(image)
             if corners is None:
-                losses.lose(STAGE, "without the board")
+                losses.lose(STAGE, NO_BOARD)
                 break
             found.append(corners)
         if len(found) == 2:
@@ -169,13 +170,21 @@ def board_views(
             views.append(BoardView(left.name, a, _same_way(a, b, board), seen_a & seen_b))
     losses.keep(STAGE, 2 * len(views))
     if len(views) < FEWEST_PAIRS or size is None:
-        raise _too_few(pairs, board, len(views))
+        raise _too_few(pairs, board, len(views), losses)
     return views, (size[1], size[0])
 
 
-def _too_few(pairs: list[BoardImages], board: Board, found: int) -> InputError:
+def _too_few(pairs: list[BoardImages], board: Board, found: int, losses: LossCount) -> InputError:
+    folder = path_text(pairs[0].left.parent)
+    unread = {cause: n for (stage, cause), n in losses.lost.items() if stage == STAGE and cause != NO_BOARD}
+    if unread:
+        causes = ", ".join(f"{count} {cause}" for cause, count in unread.items())
+        return InputError(
+            f"{folder}: images of {sum(unread.values())} of {len(pairs)} pairs cannot be read ({causes}), "
+            f"and the board is found in {found}, {FEWEST_PAIRS} are needed; give image files"
+        )
     return InputError(
-        f"{path_text(pairs[0].left.parent)}: the board of {board.columns} x {board.rows} inner corners is found in {found} of "
+        f"{folder}: the board of {board.columns} x {board.rows} inner corners is found in {found} of "
         f"{len(pairs)} pairs, {FEWEST_PAIRS} are needed; check --corners (inner corners, columns x rows)"
     )
 

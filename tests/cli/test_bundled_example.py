@@ -55,7 +55,9 @@ def test_with_the_known_map_filterpy_joins_by_default(
     assert main(["compare", "-o", str(tmp_path / "run")]) == 2
     known, unknown = (settings.estimators for settings in asked)
     assert known == (*unknown, "filterpy-ekf", "filterpy-ukf")
-    assert "interrupted" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "interrupted; nothing unfinished is left behind" in said  # its settings alone
+    assert "--resume" not in said
 
 
 def test_a_data_set_has_its_own_map(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

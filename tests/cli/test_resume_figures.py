@@ -1,5 +1,6 @@
 """Figures that Ctrl-C left undrawn: ``compare --resume`` draws them, and no estimator runs again."""
 
+import os
 from pathlib import Path
 
 import pytest
@@ -38,3 +39,19 @@ def test_a_run_whose_figures_were_interrupted_gets_those_it_lacks(
     assert (run / "summary.png").stat().st_mtime_ns == stamp
     assert main([*arguments, "--resume"]) == 0
     assert "nothing is left to do" in capsys.readouterr().out
+
+
+def test_a_run_that_was_there_before_is_not_what_an_interrupted_command_has_finished(
+    originals: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    older = tmp_path / "run" / "mekf" / "checkpoint.npz"
+    older.parent.mkdir(parents=True)
+    older.touch()
+    for path in (older, older.parent):
+        os.utime(path, (1e9, 1e9))
+    monkeypatch.setattr("spinfilters.cli.compare._recording", interrupted)
+    assert main(["compare", str(originals / "gyro"), "-o", str(tmp_path / "run")]) == 2
+    assert "--resume" not in capsys.readouterr().err

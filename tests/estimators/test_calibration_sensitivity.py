@@ -8,7 +8,11 @@ import pytest
 
 from spinfilters.attitude.conversions import matrix_from_quaternion
 from spinfilters.data.consider_parameter import ConsideredDeviation, consider_parameters
-from spinfilters.estimators.model_errors.calibration_sensitivity import smoothed_sensitivity, told_information
+from spinfilters.estimators.model_errors.calibration_sensitivity import (
+    smoothed_sensitivity,
+    told_information,
+    told_moments,
+)
 from spinfilters.estimators.model_errors.hypotheses import solved_near
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
 from spinfilters.estimators.model_errors.solved_columns import Sensitivity
@@ -27,7 +31,12 @@ KINDS = {
     "stereo-tracks": ("focal_std", "center_std", "baseline_std"),
     "gyro": ("gyro_scale_std",),
     "pose": ("length_scale_std",),
-    "inspector": ("inspector_position_std", "inspector_rotation_std", "inspector_clock_std"),
+    "inspector": (
+        "inspector_position_std",
+        "inspector_rotation_std",
+        "inspector_clock_std",
+        "inspector_lever_std",
+    ),
 }
 """Parameters of kinds of data sets, and of tracks of a camera that moves."""
 EXACT = Scenario.simplified(
@@ -149,7 +158,7 @@ def test_a_sensitivity_is_what_solving_with_another_calibration_says(kind: str, 
     setup, motion, parameter = prepared(kind), smoothed(kind), PARAMETERS[name]
     timeline = setup.timeline
     assert isinstance(timeline, LogTimeline)
-    small = {"px": 1e-3, "s": 1e-4, "m/min": 1e-5, "rad/min": 1e-5}.get(parameter.unit, 1e-6)
+    small = {"px": 1e-3, "s": 1e-4, "m": 1e-6, "m/min": 1e-5, "rad/min": 1e-5}.get(parameter.unit, 1e-6)
     considered = ConsideredDeviation(parameter, small, "stated")
     for number, error in enumerate(small * np.eye(parameter.size)):
         moved = solved(setup, with_error(timeline, considered, error))
@@ -170,3 +179,17 @@ def test_residuals_tell_the_delay_of_an_inspector_that_sways() -> None:
     considered = [ConsideredDeviation(PARAMETERS["inspector_clock_std"], 1.0, "stated")]
     ((information,),) = told_information(smoothed("inspector"), considered)
     assert 0.001 < information**-0.5 < 0.3
+
+
+def test_what_residuals_say_of_a_wrong_inspector_is_in_the_moments_of_its_errors() -> None:
+    """Estimates are of no delay, so that they err by the one that is told, and by what is left of the deviation."""
+    setup, parameter = prepared("inspector"), PARAMETERS["inspector_clock_std"]
+    timeline, considered = setup.timeline, ConsideredDeviation(parameter, 0.05, "stated")
+    assert isinstance(timeline, LogTimeline)
+    late = solved(setup, with_error(timeline, considered, np.array([0.1])))  # of two deviations
+    ((information,),) = told_information(late, [considered])
+    ((moment,),) = told_moments(late, [considered])
+    told = 2.0 * information / (1 + information)
+    assert moment == pytest.approx(1 / (1 + information) + told**2, rel=0.05)
+    ((right,),) = told_moments(smoothed("inspector"), [considered])
+    assert right == pytest.approx(1 / (1 + information), rel=0.05)

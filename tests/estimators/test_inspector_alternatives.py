@@ -68,6 +68,15 @@ def test_attitudes_of_an_inspector_that_drift_are_told_with_their_direction() ->
     assert found.p_value < 1e-4
 
 
+def test_poses_of_another_point_than_the_camera_are_told_with_their_lever_arm() -> None:
+    found = score_tested(replace(MOVING, inspector_errors=(("lever", 0.4),)))[1]["inspector-lever"]
+    arm = -0.4 * np.array([0.6, -0.48, 0.64])  # where the camera is, seen from what is told
+    assert found.p_value < 1e-3
+    told = found.std < 0.1  # along the axis it turns about it is a shift of frame i
+    assert told.any()
+    np.testing.assert_allclose(found.size[told], arm[told], atol=0.15)
+
+
 def test_the_delay_of_a_uniform_circle_is_hardly_told() -> None:
     _, circle = score_tested(replace(MOVING, inspector="circle"))
     _, sway = score_tested(MOVING)
@@ -109,4 +118,5 @@ def test_of_a_camera_that_sees_no_two_epochs_there_is_nothing_to_tell(epochs: in
             measured.append(replace(each, **few))
         vars(motion)["measured"] = tuple(measured)
         found = [each.columns(motion) for name, each in table().items() if name.startswith("inspector")]
-        assert found == [None, None, None]
+        assert found == [None] * len(found)
+        assert len(found) == 4

@@ -14,6 +14,7 @@ from spinfilters.estimators.timeline import times_of
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.pipeline.estimation import Comparison
 from spinfilters.pipeline.model_errors import landmarks_placed, linear_problem
+from spinfilters.pipeline.model_findings import model_findings
 from spinfilters.settings.run_settings import ProcessSettings, Settings
 from spinfilters.simulation.model_faults.faulty_recording import faulty_recording, model_faults
 from spinfilters.simulation.model_faults.model_fault import AXIS
@@ -62,7 +63,7 @@ def test_a_strong_flywheel_is_named_first_with_its_momentum() -> None:
     assert models.names[0].split("/")[0] == "rotor"
     test = models.named[0]
     np.testing.assert_allclose(test.size, 0.6 * AXIS, atol=0.03)
-    (reason,) = (each for each in models.reasons if "most like" in each)
+    (reason,) = (each.reason for each in model_findings(models, None) if "most like" in each.sentence)
     assert "a flywheel turning inside" in reason
     assert "process.rotor = true" in reason
 

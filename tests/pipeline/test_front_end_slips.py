@@ -100,6 +100,7 @@ def test_a_tracker_that_takes_one_face_for_another_is_named_with_its_time_and_no
     assert f"t = {comparison.models.slips[0].time:.4g} s" in reason
     assert "180 deg" in reason
     assert not any("contact" in each for each in evaluation.history.status.reasons)
+    assert evaluation.history.status.reasons[0] == reason
 
 
 def test_a_tracker_that_does_not_slip_is_not_doubted() -> None:

@@ -1,5 +1,6 @@
 """Jumps amid a recording: the score of every step, and what a verdict calls them."""
 
+import re
 from dataclasses import replace
 from functools import cache
 
@@ -11,7 +12,7 @@ from spinfilters.attitude.conversions import multiply
 from spinfilters.data.dataset import Dataset
 from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.estimators.model_errors.hypotheses import solved_near
-from spinfilters.estimators.model_errors.jumps import KINDS, jumps, step_statistics
+from spinfilters.estimators.model_errors.jumps import KINDS, interval_of_jump, jumps, step_statistics
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
 from spinfilters.estimators.timeline import times_of
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
@@ -132,7 +133,20 @@ def test_a_touch_amid_a_recording_is_named_at_its_time_and_size(kind: str) -> No
     (test,) = (each for each in comparison.models.named if each.error.name == "contact-amid")
     assert f"t = {AT * 0.2:.4g} s" in test.error.phrase or f"t = {(AT + 1) * 0.2:.4g} s" in test.error.phrase
     assert np.linalg.norm(test.size[:3]) == pytest.approx(np.sqrt(0.0125), rel=0.25)
+    interval = re.search(r", between (\S+) and (\S+) s", test.error.phrase)
+    assert interval is not None
+    begin, end = interval.groups()
+    assert float(begin) <= AT * 0.2 <= float(end) <= float(begin) + 2.0
+    assert test.error.cure == f"use the recording before {begin} s or after {end} s (--segment)"
     assert comparison.evaluations[0].history.status.verdict == "degraded"
+
+
+def test_steps_whose_statistics_hardly_differ_may_all_contain_the_jump() -> None:
+    time, among = 0.5 * np.arange(20), np.zeros(11)
+    among[2:6] = 80.0, 89.5, 100.0, 89.5  # of steps 6 to 9; the limit is 10.6 below the largest
+    assert interval_of_jump(time, among) == (3.5, 5.5)
+    among[5] = 89.3
+    assert interval_of_jump(time, among) == (3.5, 5.0)
 
 
 @pytest.mark.parametrize("kind", ["gyro", "pose"])

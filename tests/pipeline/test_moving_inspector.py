@@ -9,6 +9,7 @@ import pytest
 from matplotlib.text import Text
 
 from spinfilters.attitude.conversions import multiply, quaternion_from_rotation_vector, rotate
+from spinfilters.campaigns.stated_errors import stated_errors
 from spinfilters.cli.main import main
 from spinfilters.data.consider_parameter import exact_calibration
 from spinfilters.data.dataset import Dataset
@@ -24,11 +25,14 @@ from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
 from spinfilters.estimators.timeline import SensorNoise, Timeline, build_timeline
 from spinfilters.evaluation.consistency import true_states
 from spinfilters.evaluation.estimator_evaluation import Evaluation
+from spinfilters.geometry.camera_trajectory import CameraTrajectory
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.pipeline.comparison_run import compare_dataset
 from spinfilters.pipeline.estimation import Comparison
 from spinfilters.pipeline.figures import drawn_figure
 from spinfilters.pipeline.first_epochs import initial_samples
+from spinfilters.pipeline.inspector_poses import repeats, sparse_poses
+from spinfilters.pipeline.preparation import prepare
 from spinfilters.pipeline.readers import read_dataset
 from spinfilters.pipeline.setup import camera_view
 from spinfilters.runs.run_folder import DECISIVE, figure_data_of
@@ -265,10 +269,24 @@ def test_sparse_poses_are_told_with_the_cure_and_dense_ones_are_not() -> None:
     assert not any("too sparse" in each for each in dense.history.status.reasons)
 
 
+def test_a_path_whose_attitude_is_constant_to_rounding_is_said_to_turn_by_nothing() -> None:
+    setup = prepare(swaying(inspector_errors=(("sparse", 4.0),)), Settings(estimators=("mekf",)))
+    inspector = setup.dataset.inspector
+    assert inspector is not None
+    values = inspector.values.copy()
+    values[:, 3:] = np.array([0.6, 0.0, 0.0, 0.8]) + 1e-13 * np.random.default_rng(0).normal(
+        size=(len(values), 4)
+    )
+    still = replace(inspector, values=values)
+    (found,) = sparse_poses(replace(setup, dataset=moved(setup.dataset, still)))
+    assert " mm and 0 rad, which is" in found.sentence
+
+
 def test_what_no_residual_shows_of_an_inspector_is_in_the_deviations() -> None:
     """Positions that drift evenly are a velocity; stated as exact they are not in it."""
     drifting = swaying(inspector_errors=(("drifting", 0.02),))
-    exact = {"inspector_position_std": 0.0, "inspector_rotation_std": 0.0, "inspector_clock_std": 0.0}
+    names = ("position", "rotation", "clock", "lever")
+    exact = {f"inspector_{name}_std": 0.0 for name in names}
     found = {}
     for name, calibration in (("assumed", {}), ("exact", exact)):
         settings = Settings(estimators=("mekf", "smoother"), calibration=calibration)  # pyright: ignore[reportArgumentType]
@@ -278,3 +296,40 @@ def test_what_no_residual_shows_of_an_inspector_is_in_the_deviations() -> None:
     for name in ("mekf", "smoother"):
         added = np.sqrt(found["assumed", name] ** 2 - found["exact", name] ** 2)
         assert added.min() > 0.8 * 0.01 / 60.0  # of the default, m in a minute
+
+
+def test_of_poses_of_another_point_than_the_camera_positions_hold_or_are_doubted() -> None:
+    """As of a spacecraft's navigation: 5 cm before a circling camera passed as right, 15 deviations off."""
+    levered = without_map(simulate(replace(CIRCLING, epochs=40, inspector_errors=(("lever", 0.07),))))
+    assert levered.truth is not None
+    for each in compared(levered, "mekf", "smoother").evaluations:
+        errors = stated_errors(each, levered.truth)
+        assert each.history.status.verdict == "degraded" or max(errors.values()) < 4.0
+
+
+def test_poses_that_repeat_while_the_camera_moves_are_told_with_their_time() -> None:
+    right = swaying()
+    assert right.inspector is not None
+    values = right.inspector.values.copy()
+    values[40:] = values[40]
+    frozen = moved(right, replace(right.inspector, values=values))
+    for each in compared(frozen, "mekf").evaluations:
+        (reason,) = (each for each in each.history.status.reasons if "repeats its pose" in each)
+        assert f"t = {right.inspector.time[40]:.3f} s to {right.inspector.time[-1]:.3f} s" in reason
+
+
+def test_an_inspector_that_brakes_and_rests_does_not_repeat_its_pose() -> None:
+    time = np.arange(30.0)
+    poses = np.tile([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], (30, 1))
+    poses[:, 0] = 1e-3 * np.maximum(15.0 - time, 0.0) ** 2
+    assert list(repeats(CameraTrajectory(time, poses))) == []
+    poses[:, 0] = 1e-3 * np.maximum(15.0 - time, 0.0)
+    assert list(repeats(CameraTrajectory(time, poses))) == [(15.0, 29.0)]
+    assert list(repeats(CameraTrajectory(time, np.tile(poses[0], (30, 1))))) == []
+
+
+def test_a_circling_camera_without_poses_is_among_the_first_two_reasons() -> None:
+    forgotten = moved(without_map(simulate(replace(CIRCLING, epochs=46))), None)
+    for each in compared(forgotten, "mekf", "smoother").evaluations:
+        assert each.history.status.verdict != "ok"
+        assert any("inspector.tum" in reason for reason in each.history.status.reasons[:2])

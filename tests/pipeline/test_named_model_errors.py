@@ -16,6 +16,7 @@ from spinfilters.pipeline import model_errors
 from spinfilters.pipeline.conditions import conditions_of
 from spinfilters.pipeline.estimation import Comparison
 from spinfilters.pipeline.explanations import explanations
+from spinfilters.pipeline.model_findings import model_findings
 from spinfilters.pipeline.preparation import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.model_faults.faulty_recording import faulty_recording, model_faults
@@ -219,7 +220,7 @@ def test_a_wrong_unit_is_named_first() -> None:
         prepare(replace(dataset, log=MeasurementLog((millimetres,))), SMOOTHER), []
     )
     assert models.names == ("length-unit",)
-    assert "in m, not in mm" in models.reasons[0]
+    assert "in m, not in mm" in model_findings(models, None)[0].reason
 
 
 def toss(path: Path) -> Dataset:

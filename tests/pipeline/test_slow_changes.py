@@ -11,6 +11,7 @@ from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.pipeline import model_errors, tested_models
 from spinfilters.pipeline.correlation_verdict import NO_CORRELATION
 from spinfilters.pipeline.estimation import compare_estimators
+from spinfilters.pipeline.model_findings import model_findings
 from spinfilters.pipeline.preparation import prepare
 from spinfilters.settings.run_settings import Settings
 
@@ -36,7 +37,7 @@ def test_a_slow_change_is_given_no_cause(monkeypatch: pytest.MonkeyPatch) -> Non
     models = models_of(2e-3 * np.linspace(-1, 1, SAMPLES)[:, None] * AXIS, monkeypatch)
     assert models.names == ("slow-change",)
     assert not models.named
-    assert "a spin about one axis does not tell" in models.reasons[0]
+    assert "a spin about one axis does not tell" in model_findings(models, None)[0].reason
 
 
 def test_a_sudden_change_is_named_as_contact(monkeypatch: pytest.MonkeyPatch) -> None:

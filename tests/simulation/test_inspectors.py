@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from spinfilters.attitude.conversions import angle_between
+from spinfilters.attitude.conversions import angle_between, inverse, rotate
 from spinfilters.data.measurement_log import MeasurementStream
 from spinfilters.errors import InputError
 from spinfilters.simulation.inspector import BAND, INSPECTORS, STATIC
@@ -67,6 +67,12 @@ def test_a_drift_has_its_size_over_the_recording(name: str, columns: slice) -> N
     np.testing.assert_allclose(wrong.values[0], right.values[0], atol=1e-12)
 
 
+def test_a_lever_arm_turns_with_the_camera() -> None:
+    right, wrong = told(), told(inspector_errors=(("lever", 0.05),))
+    away = rotate(inverse(right.values[:, 3:]), wrong.values[:, :3] - right.values[:, :3])
+    np.testing.assert_allclose(away, np.tile(0.05 * AXIS, (len(away), 1)), atol=1e-12)
+
+
 def test_sparse_poses_cover_the_recording() -> None:
     sparse = told(inspector_errors=(("sparse", 4.0),))
     np.testing.assert_allclose(sparse.time, [0.0, 4.0, 8.0])
@@ -99,7 +105,7 @@ def test_right_poses_are_stated_to_be_exact_and_wrong_ones_are_not() -> None:
 @pytest.mark.parametrize(
     ("errors", "inspector", "says"),
     [
-        ((("slow", 1.0),), "sway", "use one of late, turning, drifting, sparse, missing"),
+        ((("slow", 1.0),), "sway", "use one of late, turning, drifting, lever, sparse, missing"),
         ((("late", 0.0),), "sway", "give a size of 1e-06 to 10"),
         ((("sparse", 1e-9),), "sway", "give a size of 0.001 to 1e.04"),
         ((("drifting", float("nan")),), "sway", "give a size of"),

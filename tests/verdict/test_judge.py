@@ -17,6 +17,7 @@ from spinfilters.simulation.scenario import RICH_RPM
 from spinfilters.state.quantities import ALL, MOMENTS, NOTHING, QUANTITIES, TRANSLATION
 from spinfilters.state.status import EstimatorStatus, Finding, Holds, Verdict
 from spinfilters.verdict.agreement_tests import over_confident_quantities
+from spinfilters.verdict.check import Needs
 from spinfilters.verdict.checks import CHECKS, finding
 from spinfilters.verdict.evidence import Evidence
 from spinfilters.verdict.judge import judge
@@ -62,6 +63,62 @@ def test_findings_are_told_in_the_order_of_the_list() -> None:
     ]
     names = [check.name for check in CHECKS]
     assert names.index("models-not-tested") < names.index("vague-initialisation")
+
+
+SLIP = finding("front-end-slip", {"text": "the attitude jumps by 179 deg", "cure": "cut the recording"})
+
+
+def test_a_certain_cause_is_told_first_and_what_follows_from_it_without_a_cure() -> None:
+    given = evidence(
+        finding("initialisation-unsettled", {}),
+        finding("vague-initialisation", {"epochs": 10, "std": 0.2}),
+        SLIP,
+        finding("sensor-data", {}),
+    )
+    history = given.evaluation.history
+    failed = replace(history, status=EstimatorStatus().failed("it stopped being finite at epoch 5"))
+    findings = judge(replace(given, evaluation=given.evaluation.with_fields(history=failed))).findings
+    assert [(each.check, bool(each.cure)) for each in findings] == [
+        ("front-end-slip", True),
+        ("not-finite", False),
+        ("initialisation-unsettled", False),
+        ("sensor-data", True),
+        ("vague-initialisation", False),
+    ]
+
+
+def test_innovations_beside_a_slip_do_not_ask_for_larger_disturbances() -> None:
+    slip, innovations = judge(too_large(evidence(SLIP))).findings
+    assert (slip.check, innovations.check) == ("front-end-slip", "innovations-too-large")
+    assert "process" not in innovations.reason
+    (alone,) = judge(too_large(evidence())).findings
+    assert "raise process.force_psd" in alone.reason
+
+
+def too_large(given: Evidence) -> Evidence:
+    """With innovations 13 times as large as they were."""
+    history = given.evaluation.history
+    larger = replace(history, nis=169.0 * history.nis)
+    return replace(given, evaluation=given.evaluation.with_fields(history=larger))
+
+
+def test_a_wrong_unit_leaves_the_cures_of_what_it_does_not_reach() -> None:
+    numbers = {"text": "the clock counts in ms", "cure": "give --clock"}
+    unit = finding("wrong-unit", numbers, frozenset({"rate", "velocity"}), "clock-unit")
+    first, vague = judge(evidence(finding("vague-initialisation", {"epochs": 10, "std": 0.2}), unit)).findings
+    assert first.check == "wrong-unit:clock-unit"
+    assert vague.cure
+
+
+def test_a_check_whose_evidence_is_missing_is_not_made() -> None:
+    given = evidence()
+    assert {Needs.RECORDING, Needs.ESTIMATE, Needs.FILTER} == given.present
+    other = compared("pose").evaluations[1]
+    assert Needs.PEERS in replace(given, others=[given.evaluation, other]).present
+    assert Needs.PEERS not in replace(given, others=[given.evaluation]).present
+    assert Needs.FILTER not in Evidence(other).present  # a smoother has no innovations
+    status = judge(replace(given, evaluation=other))
+    assert status.verdict is Verdict.OK
 
 
 def test_a_check_about_the_moments_leaves_the_rest() -> None:

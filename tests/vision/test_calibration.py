@@ -1,6 +1,7 @@
 """Stereo calibration: exact on synthetic views, close on the real board, and what it does with bad views."""
 
 import json
+import os
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -177,6 +178,14 @@ def test_images_without_a_board_are_counted_and_refused(tmp_path: Path) -> None:
         board_views(image_pairs(tmp_path), Board(7, 5, 0.03), losses)
     assert losses.lost["board images", "without the board"] == 4
     shutil.rmtree(tmp_path)
+
+
+def test_pipes_in_place_of_images_are_said_to_be_no_files(tmp_path: Path) -> None:
+    for k in range(4):
+        for side in ("left", "right"):
+            os.mkfifo(tmp_path / f"{side}{k}.png")
+    with pytest.raises(InputError, match=r"images of 4 of 4 pairs cannot be read \(4 not a file\)"):
+        board_views(image_pairs(tmp_path), Board(7, 5, 0.03), LossCount())
 
 
 def test_the_files_of_a_calibration_tell_its_deviations(exact: StereoCalibration, tmp_path: Path) -> None:

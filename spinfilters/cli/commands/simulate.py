@@ -56,8 +56,8 @@ def _add_sensor_options(simulate: argparse.ArgumentParser) -> None:
         nargs="+",
         action="append",
         metavar=("NAME", "SIZE"),
-        help="what is wrong with inspector.tum: late S, turning RAD or drifting M over the recording, sparse S, missing; may be "
-        "repeated",
+        help="what is wrong with inspector.tum: late S, turning RAD or drifting M over the recording, lever M, sparse S, "
+        "missing; may be repeated",
     )
 
 

@@ -37,6 +37,7 @@ from spinfilters.estimators.model_errors.alternatives.hinge import Hinge
 from spinfilters.estimators.model_errors.alternatives.inspector_alternatives import (
     InspectorDelay,
     InspectorDrift,
+    InspectorLever,
     InspectorMissing,
 )
 from spinfilters.estimators.model_errors.alternatives.internal_motion import EnergyLoss
@@ -68,6 +69,7 @@ ALTERNATIVES: Final[tuple[Alternative, ...]] = (
     Hinge(),
     InspectorDelay(),
     InspectorDrift(),
+    InspectorLever(),
     InspectorMissing(),
     EnergyLoss(),
     PositionDelay(),

@@ -29,6 +29,21 @@ def told_information(
     return left.gram(left)
 
 
+def told_moments(
+    motion: SmoothedMotion, considered: Sequence[ConsideredDeviation]
+) -> Float[np.ndarray, "c c"]:
+    """Second moments of errors of the calibration about none, given the residuals, each in its deviations.
+
+    With the information F and the score u = H'M y the covariance is (I + F)^-1 and the mean e = (I + F)^-1 u. The estimates are of
+    no error, so that their own errors have the mean in them: the moments are (I + F)^-1 + e e'.
+    """
+    columns = _columns(motion, considered)
+    left = motion.rows.residual(columns)
+    covariance = np.linalg.inv(np.eye(columns.count) + left.gram(left))
+    e = covariance @ columns.gram(motion.rows.left)[:, 0]
+    return covariance + np.outer(e, e)
+
+
 def _columns(motion: SmoothedMotion, considered: Sequence[ConsideredDeviation]) -> Columns:
     return Columns.joined(
         [calibration_columns(motion, each.parameter).scaled(each.std) for each in considered]

@@ -6,6 +6,10 @@ A jump is a kick of the state in one step, of any step. With rho = M y what the 
 kicks of step k as its whitened rows see them, the score of every step is u_k = H_k'rho with the information H_k'M H_k, of which
 the covariances of neighbouring epochs tell everything (de Jong and Penzer 1998). The step of the largest statistic is tested like
 every error of the models, and its probability is that of the largest among so many steps.
+
+When it happened is known from the same statistics: the steps whose statistic falls short of the largest by less than chance
+explains. About the place of a jump that fall behaves as the largest of two random walks with drift, one on each side, of which each
+stays below c with the probability 1 - exp(-c/2) (Hansen 2000).
 """
 
 from collections.abc import Callable, Iterator
@@ -29,6 +33,8 @@ LEAST_TOLD: Final = 1e-9
 """Share of a kick's information that states must leave; with less it is rounding."""
 FEWEST_STEPS: Final = 4
 """Before and behind a jump: nearer to the ends it is contact there."""
+LARGEST_FALL: Final = float(-2 * np.log(1 - np.sqrt(0.99)))
+"""Of the statistic from the likeliest step to one that contains the jump all the same, with a probability of 0.99."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +53,7 @@ class Jump(Alternative):
     unit: str
     cure: str
     trials: int
+    moving_cure: str = ""
 
     def columns(self, motion: SmoothedMotion) -> Columns | None:
         """Columns of the kick as all later measurements see it."""
@@ -57,7 +64,7 @@ class Jump(Alternative):
 class _Kind:
     """Kind of jump with its words.
 
-    The time of the jump follows the phrase.
+    The time of the jump follows the phrase; the cure may name the interval from ``begin`` to ``end`` that contains it, s.
     """
 
     name: str
@@ -65,6 +72,7 @@ class _Kind:
     unit: str
     cure: str
     kicks: Kicks
+    moving_cure: str = ""
 
 
 def jumps(motion: SmoothedMotion) -> Iterator[Jump]:
@@ -77,8 +85,27 @@ def jumps(motion: SmoothedMotion) -> Iterator[Jump]:
         among = step_statistics(motion, kind.kicks, after)[FEWEST_STEPS:-FEWEST_STEPS]
         if among.max(initial=0.0) > 0:
             step = FEWEST_STEPS + int(among.argmax())
-            phrase = f"{kind.phrase} at t = {motion.time[step + 1]:.4g} s"
-            yield Jump(kind.kicks, step, kind.name, phrase, kind.unit, kind.cure, len(among))
+            begin, end = interval_of_jump(motion.time, among)
+            phrase = (
+                f"{kind.phrase} at t = {motion.time[step + 1]:.4g} s, between {begin:.6g} and {end:.6g} s"
+            )
+            cure, moving_cure = (
+                each.format(begin=f"{begin:.6g}", end=f"{end:.6g}") for each in (kind.cure, kind.moving_cure)
+            )
+            yield Jump(kind.kicks, step, kind.name, phrase, kind.unit, cure, len(among), moving_cure)
+
+
+def interval_of_jump(time: Float[np.ndarray, " k"], among: Float[np.ndarray, " j"]) -> tuple[float, float]:
+    """Time from the beginning of the first step that may contain the jump to the end of the one behind the last, s.
+
+    The kick of a step is at its end: one early in the next step is as near to it.
+
+    Parameters
+    ----------
+    among: statistics of the steps, without `FEWEST_STEPS` at each end.
+    """
+    possible = FEWEST_STEPS + np.flatnonzero(among >= among.max() - LARGEST_FALL)
+    return float(time[possible[0]]), float(time[possible[-1] + 2])
 
 
 def _steps_after(motion: SmoothedMotion) -> StepsAfter:
@@ -129,15 +156,16 @@ KINDS: Final = (
         "contact-amid",
         "contact",
         "rad/s and m/s",
-        "use the recording before or behind it (--segment)",
+        "use the recording before {begin} s or after {end} s (--segment)",
         _of_blocks(RATE, VELOCITY),
     ),
     _Kind(
         "frame-jump",
         "a jump of the camera, or of the frame that is tracked,",
         "rad and m",
-        "use the recording before or behind it (--segment), or give the camera's motion (inspector.tum)",
+        "use the recording before {begin} s or after {end} s (--segment), or give the camera's motion (inspector.tum)",
         _of_blocks(ATTITUDE, POSITION),
+        "use the recording before {begin} s or after {end} s (--segment), or give poses without a jump (inspector.tum)",
     ),
     _Kind(
         "clock-jump",

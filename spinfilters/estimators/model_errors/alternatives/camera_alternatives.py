@@ -49,6 +49,7 @@ class CameraShake(_CameraAlternative):
     name, phrase, unit = "camera-shake", "a shift common to each image (camera shake)", "px"
     plausible = 10.0
     cure = "fix the camera, or give its motion (inspector.tum)"
+    moving_cure = "give poses of the camera that are known to what a pixel is (inspector.tum), or state a larger pixel_std"
     by_epoch = True
 
     def of_pixels(self, each: MeasuredRows) -> Float[np.ndarray, "r i m"]:

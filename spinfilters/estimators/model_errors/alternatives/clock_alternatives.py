@@ -14,6 +14,7 @@ class ClockJitter(Alternative):
     name, phrase, unit = "clock-jitter", "jitter of the time stamps", "s"
     plausible = 0.1
     cure = "stamp measurements where they are made, not where they arrive"
+    moving_cure = f"{cure}, and give poses of the camera that are known to what a pixel is (inspector.tum)"
     by_epoch = True
 
     def columns(self, motion: SmoothedMotion) -> Columns | None:

@@ -10,7 +10,7 @@ from spinfilters.estimators.model_errors.alternative import Alternative
 from spinfilters.estimators.model_errors.columns import Columns
 from spinfilters.estimators.model_errors.displaced_camera import KnownCamera, displaced_camera
 from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
-from spinfilters.geometry.camera_displacements import Displacement, later, turning
+from spinfilters.geometry.camera_displacements import Displacement, later, levered, turning
 
 DEGREE, HIGHEST_DEGREE = 4, 14
 """Of the polynomials in time of a camera that moves; the latter where the motion is beyond its disturbances, as before a camera
@@ -23,6 +23,7 @@ class _InspectorAlternative(Alternative):
     """An error of all poses of a moving camera."""
 
     displacement: ClassVar[Displacement]
+    is_of_poses = True
 
     def columns(self, motion: SmoothedMotion) -> Columns | None:
         """Columns of the displaced poses; None of a camera at rest."""
@@ -54,6 +55,25 @@ class InspectorDrift(_InspectorAlternative):
     plausible = 0.2
     cure = "correct inspector.tum, or state calibration.inspector_rotation_std"
     displacement = staticmethod(turning)
+
+
+class InspectorLever(_InspectorAlternative):
+    """The inspector's poses are of another point of it than the camera, as of the spacecraft's navigation.
+
+    Of a camera that does not turn it is a shift of frame i, which nothing shows.
+    """
+
+    name, phrase, unit = "inspector-lever", "poses of another point of the inspector than its camera", "m"
+    plausible = 0.3
+    cure = "give the poses of cam0 itself (inspector.tum), or state calibration.inspector_lever_std"
+
+    @staticmethod
+    def displacement(
+        time: Float[np.ndarray, " k"], poses: Float[np.ndarray, "k 7"]
+    ) -> Float[np.ndarray, "k 6 3"]:
+        """Beside their mean, which as a shift of frame i is far larger than what can be seen."""
+        found = levered(time, poses)
+        return found - found.mean(axis=0)
 
 
 class InspectorMissing(Alternative):
