@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from experiments.arithmetic_runs import LAYOUT, FilterStep, RandomRun
-from spinfilters.estimators.landmarks.held_map import HeldMap
+from spinfilters.filters.landmark_map import HeldMap
 
 STATE = LAYOUT.error_dim
 DIGITS = 80

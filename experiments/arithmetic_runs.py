@@ -12,20 +12,17 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.estimators.estimator import MapChange, Measurement, Snapshot
-from spinfilters.estimators.filters.iterated_update import IterationOptions
-from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
-from spinfilters.estimators.filters.multiplicative_filter import MultiplicativeFilter
-from spinfilters.estimators.filters.multiplicative_ukf import MultiplicativeUkf
-from spinfilters.estimators.landmarks.belief import LandmarkBelief
-from spinfilters.estimators.landmarks.landmark_options import LandmarkOptions
+from spinfilters.filters.ekf import MultiplicativeEkf
+from spinfilters.filters.estimator import LandmarkBelief, MapChange, Measurement, Snapshot
+from spinfilters.filters.filter import MultiplicativeFilter
+from spinfilters.filters.iterated_update import IterationOptions
+from spinfilters.filters.shared_modes import LandmarkOptions
+from spinfilters.filters.ukf import MultiplicativeUkf
+from spinfilters.models.camera_landmarks import StereoLandmark, camera_parameters
+from spinfilters.models.feature_tracks import RIG
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.models.sensor_models.camera_landmark import camera_parameters
-from spinfilters.models.sensor_models.gyro_model import Gyro, gyro_parameters
-from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark
-from spinfilters.sensors.feature_tracks import RIG
-from spinfilters.state.gaussian import Gaussian
-from spinfilters.state.layout import FULL_BLOCKS, StateLayout
+from spinfilters.models.sensors.gyro import Gyro, gyro_parameters
+from spinfilters.models.state_layout import FULL_BLOCKS, Gaussian, StateLayout
 
 LAYOUT = StateLayout(FULL_BLOCKS)
 CAMERA, GYRO = StereoLandmark(LAYOUT), Gyro(LAYOUT)

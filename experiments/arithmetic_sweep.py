@@ -35,9 +35,9 @@ from experiments.arithmetic_methods import (
 )
 from experiments.arithmetic_runs import LAYOUT, FilterStep, RandomRun, random_run, steps
 from experiments.command_line import run_study
-from spinfilters.data.atomic_write import make_folder
-from spinfilters.errors import SpinfiltersError
-from spinfilters.estimators.filters.iterated_update import IterationOptions
+from spinfilters.core.errors import SpinfiltersError
+from spinfilters.filters.iterated_update import IterationOptions
+from spinfilters.io.output_files import make_folder
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.plots.style import BLUE, GREEN, ORANGE, PURPLE, RED, save_figure, tidy
 

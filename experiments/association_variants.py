@@ -4,7 +4,7 @@ RANSAC of OpenCV beside the house's own, and poses predicted in other ways.
     python -m experiments.association_variants FOLDER --step 1
 
 FOLDER holds rendered images with truth (`spinfilters simulate --kind stereo-images`). Poses between an image and the one `--step`
-later are fitted to SIFT matches by `spinfilters.tracks.pose_fit` and by `cv2.solvePnPRansac`; then all images (every step-th) are
+later are fitted to SIFT matches by `spinfilters.models.tracks.track_poses` and by `cv2.solvePnPRansac`; then all images (every step-th) are
 tracked with the pose of the next epoch predicted by nothing, by a constant rate, and by the true motion: no prediction by estimated
 dynamics can be better than the last.
 """
@@ -24,17 +24,16 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from experiments.command_line import run_study
-from spinfilters.attitude.conversions import matrix_from_quaternion, quaternion_from_matrix
-from spinfilters.data.camera import StereoRig
-from spinfilters.data.truth import Truth, read_truth
-from spinfilters.geometry.cameras import stereo_pair
-from spinfilters.tracks.matches import Matches
-from spinfilters.tracks.pose_fit import fit_pose
+from spinfilters.core.attitude_conversions import matrix_from_quaternion, quaternion_from_matrix
+from spinfilters.core.cameras import stereo_pair
+from spinfilters.io.camera import StereoRig
+from spinfilters.io.truth import Truth, read_truth
+from spinfilters.models.tracks.pose_consensus import Matches
+from spinfilters.models.tracks.track_poses import fit_pose
 from spinfilters.vision import association
-from spinfilters.vision.association import Association, Tracker
-from spinfilters.vision.constant_rate import TimedPose, constant_rate
+from spinfilters.vision.association import Association, TimedPose, Tracker, constant_rate
 from spinfilters.vision.front_end import FrontEndOptions
-from spinfilters.vision.loss_count import LossCount
+from spinfilters.vision.image_folder import LossCount
 from spinfilters.vision.stereo_geometry import pixels_by_point
 from spinfilters.vision.stereo_matching import StereoFeatures, clear_pairs
 from spinfilters.vision.track_images import stereo_points

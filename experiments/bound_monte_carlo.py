@@ -21,20 +21,20 @@ from rich.table import Table
 
 from experiments.benchmarks.smoother_workload import MOTIONS
 from experiments.command_line import run_study
-from spinfilters.data.dataset import Dataset
-from spinfilters.data.known_map import KnownMap
-from spinfilters.estimators.robust.losses import LeastSquares
-from spinfilters.estimators.smoothing.factors.landmark_observations import OBSERVATIONS_NEEDED
-from spinfilters.estimators.smoothing.linear.marginals import Marginals
-from spinfilters.estimators.smoothing.problem.least_squares import Problem, Stage, problem_of
-from spinfilters.estimators.smoothing.solver.iterations import SolverOptions, solve
-from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
-from spinfilters.estimators.timeline import CameraView, SensorNoise, Timeline, build_timeline
 from spinfilters.evaluation.consistency import true_states
+from spinfilters.filters.timeline import CameraView, SensorNoise, Timeline, build_timeline
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.sensor_tables import KnownMap
 from spinfilters.models.process import TorqueFreeProcess
+from spinfilters.models.state_blocks import BLOCKS
+from spinfilters.models.state_layout import FULL_BLOCKS, StateLayout
 from spinfilters.simulation.scenario import Scenario, simulate
-from spinfilters.state.block_table import BLOCKS
-from spinfilters.state.layout import FULL_BLOCKS, StateLayout
+from spinfilters.smoother.landmark_factors import OBSERVATIONS_NEEDED
+from spinfilters.smoother.linear_system import Marginals
+from spinfilters.smoother.losses import LeastSquares
+from spinfilters.smoother.priors import FirstStatePrior
+from spinfilters.smoother.problem import Problem, Stage, problem_of
+from spinfilters.smoother.solver import SolverOptions, solve
 
 LAYOUT: Final = StateLayout(FULL_BLOCKS)
 PRIOR_STD: Final = {"t": 1e-6, "a": 1e-6, "v": 0.05, "w": 0.2, "c": 0.1, "s": 0.5}

@@ -17,17 +17,16 @@ from typing import Final
 import numpy as np
 
 from experiments.command_line import run_study
-from spinfilters.campaigns.metric_columns import nees_metrics
-from spinfilters.data.dataset import Dataset
-from spinfilters.data.measurement_log import MeasurementLog
-from spinfilters.evaluation.deviation_parts import without_calibration
-from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate
-from spinfilters.pipeline.estimation import ComparisonExtent, compare_estimators
-from spinfilters.pipeline.preparation import prepare
-from spinfilters.sensors.sensor_registry import sensor_of
+from spinfilters.campaigns.row_columns import nees_metrics
+from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate, without_calibration
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.measurement_log import MeasurementLog
+from spinfilters.models.sensor_registry import sensor_of
+from spinfilters.models.status import Verdict
+from spinfilters.run.estimation import ComparisonExtent, compare_estimators
+from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import Scenario, simulate, without_map
-from spinfilters.state.status import Verdict
 
 DEVIATIONS: Final = {
     "focal_std": 0.005,

@@ -18,11 +18,10 @@ import pandas as pd
 
 from experiments.command_line import run_study
 from spinfilters.campaigns.campaign_folder import read_folder
-from spinfilters.campaigns.report.intervals import Interval
-from spinfilters.campaigns.report.statistics import CellSummary, cell_summaries
 from spinfilters.campaigns.rows_folder import read_rows
+from spinfilters.campaigns.statistics import CellSummary, Interval, cell_summaries
 from spinfilters.campaigns.study import Study
-from spinfilters.errors import InputError
+from spinfilters.core.errors import InputError
 
 OVER_BOUND = ("position_m", "attitude_rad", "velocity_m_s", "rate_rad_s", "moment_1", "moment_2")
 HEAD = (

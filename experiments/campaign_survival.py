@@ -22,8 +22,8 @@ import numpy as np
 import pyarrow.parquet as pq
 
 from experiments.command_line import run_study
+from spinfilters.campaigns.row_columns import is_volatile
 from spinfilters.campaigns.rows_folder import ROWS, part_files, read_rows
-from spinfilters.campaigns.schema import is_volatile
 
 STUDY = """
 [study]

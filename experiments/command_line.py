@@ -3,8 +3,8 @@
 import sys
 from collections.abc import Callable
 
-from spinfilters.data.input_file import printable
-from spinfilters.errors import SpinfiltersError
+from spinfilters.core.errors import SpinfiltersError
+from spinfilters.io.input_file import printable
 
 EXIT_BAD_INPUT = 2
 INTERRUPTED = "interrupted; run the command again, or with --resume where it has that"

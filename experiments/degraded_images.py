@@ -19,9 +19,9 @@ import numpy as np
 from jaxtyping import UInt8
 
 from experiments.command_line import run_study
-from spinfilters.errors import InputError
+from spinfilters.core.errors import InputError
 from spinfilters.evaluation.estimator_evaluation import Evaluation
-from spinfilters.pipeline.comparison_run import compare_dataset
+from spinfilters.run.comparison_run import compare_dataset
 from spinfilters.settings.run_settings import Settings
 from spinfilters.vision.image_folder import CAMERAS, IMAGES, LIST
 from spinfilters.vision.track_images import track_images

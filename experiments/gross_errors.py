@@ -21,11 +21,11 @@ import numpy as np
 
 from experiments.command_line import run_study
 from spinfilters.api.campaign_frames import campaign_rows
+from spinfilters.campaigns.row_columns import LARGEST
 from spinfilters.campaigns.rows_folder import read_rows
-from spinfilters.campaigns.stated_errors import LARGEST
 from spinfilters.campaigns.study import read_study, study_from
-from spinfilters.data.atomic_write import make_folder
-from spinfilters.simulation.gross_error import MISSING
+from spinfilters.io.output_files import make_folder
+from spinfilters.simulation.measurement_faults import MISSING
 
 STUDIES: Final = Path(__file__).parent / "studies"
 NONE: Final = "none"

@@ -14,16 +14,16 @@ from pathlib import Path
 import numpy as np
 
 from experiments.command_line import run_study
-from spinfilters.data.atomic_write import make_folder
-from spinfilters.data.dataset import Dataset
 from spinfilters.evaluation.estimator_evaluation import Evaluation
-from spinfilters.pipeline.estimation import compare_estimators
-from spinfilters.pipeline.preparation import prepare
-from spinfilters.pipeline.readers import read_dataset
-from spinfilters.pipeline.segment_choice import ALL, AUTO, read_several
-from spinfilters.pipeline.setup import Setup
+from spinfilters.inference.setup import Setup
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.output_files import make_folder
 from spinfilters.plots.style import save_figure
 from spinfilters.plots.throws import Throw, throws_figure
+from spinfilters.run.estimation import compare_estimators
+from spinfilters.run.preparation import prepare
+from spinfilters.run.readers import read_dataset
+from spinfilters.run.segment_choice import ALL, AUTO, read_several
 from spinfilters.settings.run_settings import Settings
 
 PHONE = "round1/Gyroscope rotation rate 2025-01-16 17-10-11"

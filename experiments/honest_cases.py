@@ -8,17 +8,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.attitude.conversions import matrix_from_quaternion, quaternion_from_euler321
-from spinfilters.conventions import RPM
-from spinfilters.data.consider_parameter import exact_calibration
-from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_options import DatasetOptions
-from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
-from spinfilters.dynamics.mass_distribution import from_inertia
+from spinfilters.core.attitude_conversions import matrix_from_quaternion, quaternion_from_euler321
+from spinfilters.core.conventions import RPM
+from spinfilters.core.mass_distribution import from_inertia
+from spinfilters.io.consider_parameter import exact_calibration
+from spinfilters.io.dataset import Dataset, DatasetOptions
+from spinfilters.io.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.simulation.motion import simulate_motion
-from spinfilters.simulation.scenario import RICH_RPM, THESIS_RPM
-from spinfilters.state.layout import FULL_BLOCKS, StateLayout
+from spinfilters.models.state_layout import FULL_BLOCKS, StateLayout
+from spinfilters.simulation.scenario import RICH_RPM, THESIS_RPM, simulate_motion
 
 FREE = 1e-12
 """Densities of a motion that hardly anything disturbs, (rad/s^2)^2/Hz and (m/s^2)^2/Hz."""

@@ -28,10 +28,10 @@ from jaxtyping import Bool, Float
 
 from experiments.command_line import run_study
 from spinfilters.campaigns.campaign_folder import read_folder
+from spinfilters.campaigns.row_columns import BLOCKS, ERRORS, LEVELS
 from spinfilters.campaigns.rows_folder import read_rows
-from spinfilters.campaigns.schema import BLOCKS, ERRORS, LEVELS
-from spinfilters.estimators.identification.components import DISTURBANCES, TOLD_LOG_STD
-from spinfilters.verdict.estimate_tests import LARGEST_MOMENT_STD
+from spinfilters.filters.noise_levels import DISTURBANCES, TOLD_LOG_STD
+from spinfilters.verdict.check import LARGEST_MOMENT_STD
 
 FAR = 3.0
 """Standard deviations of a level's logarithm from the truth, at most."""

@@ -19,22 +19,22 @@ from matplotlib.figure import Figure
 
 from experiments.command_line import run_study
 from experiments.honest_cases import CASES, LAYOUT, Recording, RecordingCase, principal_axes, recordings
-from spinfilters.attitude.conversions import (
+from spinfilters.core.attitude_conversions import (
     inverse,
     multiply,
     quaternion_from_matrix,
     rotation_vector_from_quaternion,
 )
-from spinfilters.data.atomic_write import make_folder
-from spinfilters.errors import InputError
+from spinfilters.core.errors import InputError
+from spinfilters.core.linear_algebra import normalised_square
 from spinfilters.evaluation.estimator_evaluation import Evaluation
-from spinfilters.linear_algebra.normalised_square import normalised_square
-from spinfilters.pipeline.estimation import compare_estimators
-from spinfilters.pipeline.preparation import prepare
+from spinfilters.io.output_files import make_folder
+from spinfilters.models.status import Verdict
 from spinfilters.plots.style import save_figure
+from spinfilters.run.estimation import compare_estimators
+from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import ProcessSettings, Settings
 from spinfilters.simulation.scenario import without_noise
-from spinfilters.state.status import Verdict
 
 LARGEST = 4.0
 """Standard deviations, beyond which an error belies the verdict ``ok``."""

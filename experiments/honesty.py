@@ -30,14 +30,14 @@ from matplotlib.figure import Figure
 
 from experiments.command_line import run_study
 from spinfilters.api.campaign_frames import campaign_rows
+from spinfilters.campaigns.row_columns import LARGEST
 from spinfilters.campaigns.rows_folder import read_rows
 from spinfilters.campaigns.runner import Runner
-from spinfilters.campaigns.stated_errors import LARGEST
 from spinfilters.campaigns.study import read_study, study_from
-from spinfilters.data.atomic_write import make_folder, write_text
-from spinfilters.errors import SpinfiltersError
-from spinfilters.estimators.model_errors.alternative_table import table
+from spinfilters.core.errors import SpinfiltersError
+from spinfilters.io.output_files import make_folder, write_text
 from spinfilters.plots.style import save_figure
+from spinfilters.verdict.model_errors.alternatives import table
 
 STUDIES: Final = Path(__file__).parent / "studies"
 EFFECT: Final = 5.0

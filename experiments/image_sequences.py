@@ -22,9 +22,9 @@ from jaxtyping import Float
 
 from experiments.command_line import run_study
 from spinfilters.api.image_recordings import ImageScenario, render
-from spinfilters.data.dataset_reader import has_images
 from spinfilters.evaluation.estimator_evaluation import Evaluation
-from spinfilters.pipeline.comparison_run import compare_dataset
+from spinfilters.io.dataset_reader import has_images
+from spinfilters.run.comparison_run import compare_dataset
 from spinfilters.settings.run_settings import Settings
 from spinfilters.vision.track_images import TrackedImages, track_images, track_images_online
 

@@ -12,21 +12,19 @@ import numpy as np
 from jaxtyping import Float
 
 from experiments.command_line import run_study
-from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
-from spinfilters.estimators.filters.multiplicative_filter import MultiplicativeFilter
-from spinfilters.estimators.filters.multiplicative_ukf import MultiplicativeUkf
-from spinfilters.estimators.initialisation.initial_smoothing import SmoothingOptions, smooth_first_epochs
-from spinfilters.estimators.run import run
-from spinfilters.estimators.smoothing.problem.least_squares import InitialGuess
-from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
-from spinfilters.estimators.timeline import SensorNoise, Timeline, build_timeline
 from spinfilters.evaluation.consistency import true_states
+from spinfilters.filters.ekf import MultiplicativeEkf
+from spinfilters.filters.filter import MultiplicativeFilter
+from spinfilters.filters.timeline import SensorNoise, Timeline, build_timeline, run
+from spinfilters.filters.ukf import MultiplicativeUkf
+from spinfilters.inference.initial_estimate import SmoothingOptions, smooth_first_epochs
+from spinfilters.inference.setup import camera_view
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.pipeline.setup import camera_view
+from spinfilters.models.state_layout import FULL_BLOCKS, Gaussian, StateLayout
 from spinfilters.simulation.inspector import INSPECTORS, STATIC
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
-from spinfilters.state.gaussian import Gaussian
-from spinfilters.state.layout import FULL_BLOCKS, StateLayout
+from spinfilters.smoother.priors import FirstStatePrior
+from spinfilters.smoother.problem import InitialGuess
 
 LAYOUT: Final = StateLayout(FULL_BLOCKS)
 NOISE: Final = ProcessNoise(force_psd=1e-6, torque_psd=1e-6)

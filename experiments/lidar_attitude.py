@@ -12,16 +12,13 @@ from scipy.spatial.transform import Rotation
 
 from experiments.command_line import run_study
 from experiments.lidar_thesis.sequences import SEQUENCES
-from spinfilters.lidar.body_motion import Still, thesis_rotation
 from spinfilters.lidar.mesh import box
-from spinfilters.lidar.planes import extract_planes
-from spinfilters.lidar.point_noise import PointNoise
-from spinfilters.lidar.ray_pattern import RayPattern
-from spinfilters.lidar.scan_errors import LidarNoise, rvs_noise
+from spinfilters.lidar.planes import PointNoise, extract_planes
+from spinfilters.lidar.scan import LidarNoise, RayPattern, rvs_noise
 from spinfilters.lidar.scan_pose import nearest_rotation, rotation_vector
 from spinfilters.lidar.scan_poses import scan_poses
-from spinfilters.lidar.scanner import LidarSettings, Scanner
-from spinfilters.lidar.sequence import Initial, scan_sequence, scan_times, tumble_of
+from spinfilters.simulation.lidar_scanner import LidarSettings, Scanner, Still, thesis_rotation
+from spinfilters.simulation.lidar_sequence import Initial, scan_sequence, scan_times, tumble_of
 
 PLACES = ((5.0, 24.0, 0.02), (30.0, 4.0, 0.03), (500.0, 0.24, 2.0), (500.0, 2.0, 3.5))
 """Distance, m, field of view, deg, and what was asked for, deg."""

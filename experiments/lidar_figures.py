@@ -14,12 +14,11 @@ from experiments.command_line import run_study
 from experiments.lidar_thesis.scan_features import Parameters, find_bndry_points, find_edge_points
 from experiments.lidar_thesis.sequences import PLACE, SEQUENCES, ProcessedSequence, processed_sequence
 from experiments.lidar_thesis.surfaces import surf_segm
-from spinfilters.data.atomic_write import make_folder
-from spinfilters.lidar.body_motion import Still, thesis_rotation
-from spinfilters.lidar.presets import mesh_of
-from spinfilters.lidar.ray_pattern import RayPattern
-from spinfilters.lidar.scanner import LidarSettings, Scanner
+from spinfilters.io.output_files import make_folder
+from spinfilters.lidar.scan import RayPattern
 from spinfilters.plots.style import AXIS_COLOURS, BLUE, GREY, RED, SKY, save_figure
+from spinfilters.simulation.lidar_scanner import LidarSettings, Scanner, Still, thesis_rotation
+from spinfilters.simulation.lidar_sequence import mesh_of
 
 INFLUENCES = {
     "3.3": (

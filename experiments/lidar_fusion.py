@@ -15,12 +15,12 @@ import numpy as np
 
 from experiments.command_line import run_study
 from spinfilters.api.recordings import simulate
-from spinfilters.data.dataset import Dataset
-from spinfilters.data.measurement_log import MeasurementLog
-from spinfilters.data.sensor_format import sensor_format
 from spinfilters.evaluation.trajectory_errors import TruthErrors, root_mean_square
-from spinfilters.pipeline.estimation import compare_estimators
-from spinfilters.pipeline.preparation import prepare
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.measurement_log import MeasurementLog
+from spinfilters.io.sensor_format import sensor_format
+from spinfilters.run.estimation import compare_estimators
+from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM
 

@@ -22,7 +22,7 @@ from jaxtyping import Float
 from experiments.command_line import run_study
 from experiments.lidar_thesis.reference_frames import best_fitting_sphere
 from experiments.lidar_thesis.sequences import PLACE, SEQUENCES, ProcessedSequence, processed_sequence
-from spinfilters.lidar.presets import RANGE_NOISE
+from spinfilters.simulation.lidar_sequence import RANGE_NOISE
 
 DIGITS = 0.015
 """Deg: two printed decimals, and the rounding of what was subtracted."""

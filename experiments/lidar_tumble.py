@@ -20,29 +20,26 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from experiments.command_line import run_study
-from spinfilters.attitude.conversions import matrix_from_quaternion
-from spinfilters.conventions import RPM
-from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_options import DatasetOptions
-from spinfilters.data.measurement_log import MeasurementLog
-from spinfilters.data.truth import Truth
+from spinfilters.core.attitude_conversions import matrix_from_quaternion
+from spinfilters.core.conventions import RPM
 from spinfilters.evaluation.consistency import true_states
 from spinfilters.evaluation.estimator_evaluation import Evaluation
-from spinfilters.lidar.mesh import TriangleMesh, box
-from spinfilters.lidar.mesh_files import read_mesh
-from spinfilters.lidar.ray_pattern import RayPattern
-from spinfilters.lidar.scan_errors import rvs_noise
+from spinfilters.io.dataset import Dataset, DatasetOptions
+from spinfilters.io.measurement_log import MeasurementLog
+from spinfilters.io.truth import Truth
+from spinfilters.lidar.mesh import TriangleMesh, box, read_mesh
+from spinfilters.lidar.scan import RayPattern, rvs_noise
 from spinfilters.lidar.scan_poses import scan_poses
 from spinfilters.lidar.scan_streams import in_frame_of, pose_stream
-from spinfilters.lidar.scanner import LidarSettings, Scanner
-from spinfilters.lidar.sequence import Initial, scan_times, truth_of, tumble_of
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.pipeline.estimation import compare_estimators
-from spinfilters.pipeline.preparation import prepare
+from spinfilters.models.state_layout import FULL_BLOCKS, StateLayout
 from spinfilters.plots.style import BLUE, GREY, RED, save_figure
+from spinfilters.run.estimation import compare_estimators
+from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
-from spinfilters.simulation.motion import Motion, simulate_motion
-from spinfilters.state.layout import FULL_BLOCKS, StateLayout
+from spinfilters.simulation.lidar_scanner import LidarSettings, Scanner
+from spinfilters.simulation.lidar_sequence import Initial, scan_times, truth_of, tumble_of
+from spinfilters.simulation.scenario import Motion, simulate_motion
 
 PLACE, VELOCITY = np.array([30.0, 0.0, 0.0]), np.array([2e-3, 1e-3, -1e-3])
 LARGEST_RATE_ERROR = 0.1

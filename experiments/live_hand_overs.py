@@ -15,23 +15,22 @@ from dataclasses import replace
 import numpy as np
 
 from experiments.command_line import run_study
-from spinfilters.estimators.estimator import Estimator
-from spinfilters.estimators.history import EstimateHistory, GrowingHistory
-from spinfilters.estimators.landmarks.landmark_options import LandmarkOptions
-from spinfilters.estimators.timeline import Epoch
 from spinfilters.evaluation.estimator_evaluation import evaluate
 from spinfilters.evaluation.trajectory_errors import Alignment
-from spinfilters.live.filter_track import FilterTrack
-from spinfilters.live.rebase import HandOver
+from spinfilters.filters.estimator import Estimator
+from spinfilters.filters.history import EstimateHistory, GrowingHistory
+from spinfilters.filters.shared_modes import LandmarkOptions
+from spinfilters.filters.timeline import Epoch
+from spinfilters.inference.setup import Setup
+from spinfilters.inference.smoother_run import begin_after_initialisation, sliding_smoother
+from spinfilters.live.filter_track import FilterTrack, HandOver
 from spinfilters.models.process import ProcessNoise
-from spinfilters.pipeline.estimator_table import estimator_entries
-from spinfilters.pipeline.preparation import prepare
-from spinfilters.pipeline.setup import Setup
-from spinfilters.pipeline.smoother_run import begin_after_initialisation, sliding_smoother
+from spinfilters.models.state_layout import Gaussian
+from spinfilters.models.status import EstimatorStatus, Verdict
+from spinfilters.run.estimators import estimator_entries
+from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import Scenario, simulate, without_map
-from spinfilters.state.gaussian import Gaussian
-from spinfilters.state.status import EstimatorStatus, Verdict
 
 Answers = list[tuple[Epoch, Gaussian]]
 

@@ -19,11 +19,11 @@ from scipy.spatial import KDTree
 
 from experiments.command_line import run_study
 from experiments.map_accuracy import landmarks_on, surface_distance
-from spinfilters.pipeline.comparison_run import RunOutput, compare_into
-from spinfilters.pipeline.run_reconstruction import images_of
+from spinfilters.run.comparison_run import RunOutput, compare_into
+from spinfilters.run.reconstruction import images_of
 from spinfilters.settings.run_settings import Settings
+from spinfilters.simulation.body_view import named_mesh
 from spinfilters.vision.image_folder import CAMERAS, IMAGES, LIST
-from spinfilters.vision.rendering.triangle_mesh import named_mesh
 from spinfilters.vision.track_images import track_images
 
 PAIRS: Final = 24

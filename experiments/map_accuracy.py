@@ -20,22 +20,22 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from experiments.command_line import run_study
-from spinfilters.attitude.conversions import matrix_from_quaternion
-from spinfilters.data.camera import StereoRig
-from spinfilters.data.dataset import Dataset
-from spinfilters.data.truth import Truth
-from spinfilters.errors import InputError
-from spinfilters.geometry.cameras import stereo_pair
+from spinfilters.core.attitude_conversions import matrix_from_quaternion
+from spinfilters.core.cameras import stereo_pair
+from spinfilters.core.errors import InputError
+from spinfilters.io.camera import StereoRig
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.ply_files import read_ply
+from spinfilters.io.truth import Truth
 from spinfilters.lidar.mesh import TriangleMesh
-from spinfilters.lidar.ply_files import read_ply
-from spinfilters.pipeline.figures import FigureData
-from spinfilters.runs.run_folder import (
+from spinfilters.plots.figures import FigureData
+from spinfilters.run.run_folder import (
     MODEL_FILE,
     RECONSTRUCTION_FILE,
     RECONSTRUCTION_FOLDER,
     read_figure_data,
 )
-from spinfilters.vision.rendering.triangle_mesh import POLYHEDRA, named_mesh
+from spinfilters.simulation.body_view import POLYHEDRA, named_mesh
 from spinfilters.vision.stereo_geometry import pixels_of
 
 WRONG_PX: Final = 3.0

@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from experiments.command_line import run_study
 from spinfilters.evaluation.estimator_evaluation import Evaluation
-from spinfilters.pipeline.comparison_run import compare_dataset
+from spinfilters.run.comparison_run import compare_dataset
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.inspector import INSPECTORS, STATIC
 from spinfilters.simulation.scenario import RICH_RPM, THESIS_RPM, Scenario, simulate, without_map

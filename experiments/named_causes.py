@@ -20,16 +20,14 @@ from typing import Any, Final
 import numpy as np
 
 from experiments.command_line import run_study
-from spinfilters.campaigns.metric_columns import metrics
-from spinfilters.campaigns.stated_errors import LARGEST
-from spinfilters.data.dataset import Dataset
-from spinfilters.errors import SpinfiltersError
+from spinfilters.campaigns.row_columns import LARGEST, metrics
+from spinfilters.core.errors import SpinfiltersError
+from spinfilters.io.dataset import Dataset
 from spinfilters.models.process import ProcessNoise
-from spinfilters.pipeline.estimation import compare_estimators
-from spinfilters.pipeline.preparation import prepare
+from spinfilters.run.estimation import compare_estimators
+from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
-from spinfilters.simulation.model_faults.faulty_recording import faulty_recording, model_faults
-from spinfilters.simulation.model_faults.model_fault import ModelFault
+from spinfilters.simulation.model_faults import ModelFault, faulty_recording, model_faults
 from spinfilters.simulation.scenario import Scenario, without_map, without_noise
 
 KINDS: Final = {"pose": "pose", "gyro": "gyro", "tracks": "stereo-tracks"}

@@ -24,9 +24,9 @@ from experiments.command_line import run_study
 from experiments.smoother_figures import bound_figure, nees_figure
 from experiments.smoother_report import batch_table, block_table, start_table, thesis_table
 from experiments.smoother_runs import Arrays, SmootherCase, run_batch
-from spinfilters.data.atomic_write import make_folder
+from spinfilters.io.output_files import make_folder
 from spinfilters.plots.style import save_figure
-from spinfilters.runs.npz_file import read_arrays, write_arrays
+from spinfilters.run.array_files import read_arrays, write_arrays
 
 Run = Callable[[SmootherCase], Arrays]
 

@@ -11,9 +11,9 @@ from matplotlib.patches import Patch
 
 from experiments.smoother_report import DOF, Motions, stacked
 from spinfilters.evaluation.consistency import chi_square_band
+from spinfilters.models.state_blocks import BLOCKS
+from spinfilters.models.state_layout import FULL_BLOCKS
 from spinfilters.plots.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SKY, legend_below, tidy
-from spinfilters.state.block_table import BLOCKS
-from spinfilters.state.layout import FULL_BLOCKS
 
 BLOCK_COLOURS: Final = dict(zip(FULL_BLOCKS, (BLUE, SKY, GREEN, ORANGE, PURPLE, RED), strict=True))
 BAND: Final = "95 % band of the mean over runs"

@@ -10,12 +10,12 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.attitude.conversions import quaternion_from_matrix, rotation_vector_from_quaternion
-from spinfilters.data.truth import Truth
-from spinfilters.estimators.history import EstimateHistory
-from spinfilters.evaluation.body import BodyHistory
+from spinfilters.core.attitude_conversions import quaternion_from_matrix, rotation_vector_from_quaternion
 from spinfilters.evaluation.consistency import true_states
 from spinfilters.evaluation.estimated_motion import body_history, trajectory_of
+from spinfilters.filters.history import EstimateHistory
+from spinfilters.io.truth import Truth
+from spinfilters.models.body import BodyHistory
 
 MAJOR_FIRST: Final = [2, 1, 0]
 """Order of principal axes: ours ascend."""

@@ -9,8 +9,8 @@ from rich.table import Table
 from experiments.smoother_marginals import QUANTITIES, THESIS
 from experiments.smoother_runs import Arrays, root_mean_square
 from spinfilters.evaluation.consistency import chi_square_band
-from spinfilters.state.block_table import BLOCKS
-from spinfilters.state.layout import FULL_BLOCKS, StateLayout
+from spinfilters.models.state_blocks import BLOCKS
+from spinfilters.models.state_layout import FULL_BLOCKS, StateLayout
 
 DOF: Final = StateLayout(FULL_BLOCKS).error_dim
 BOUND_RATIO, MOMENTS_RATIO, THESIS_NEES, LINEARISATIONS = 1.10, 1.3, 22.5, 12

@@ -12,12 +12,24 @@ from jaxtyping import Float
 
 from experiments.benchmarks.smoother_workload import MOTIONS, Workload, simulated_workload
 from experiments.smoother_marginals import actual_errors, marginal_std
-from spinfilters.data.dataset import Dataset
-from spinfilters.estimators.history import EstimateHistory, GrowingHistory
-from spinfilters.estimators.robust.losses import LeastSquares
-from spinfilters.estimators.smoothing.factors.landmark_observations import OBSERVATIONS_NEEDED
-from spinfilters.estimators.smoothing.linear.marginals import Marginals
-from spinfilters.estimators.smoothing.problem.least_squares import (
+from spinfilters.core.linear_algebra import normalised_square
+from spinfilters.evaluation.consistency import true_states
+from spinfilters.evaluation.estimated_motion import body_history, trajectory_of
+from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate
+from spinfilters.evaluation.trajectory_errors import Alignment, truth_in_first_frame
+from spinfilters.filters.history import EstimateHistory, GrowingHistory
+from spinfilters.filters.timeline import Timeline
+from spinfilters.io.dataset import Dataset
+from spinfilters.models.process import TorqueFreeProcess
+from spinfilters.models.state_layout import Gaussian
+from spinfilters.models.status import EstimatorStatus
+from spinfilters.simulation.scenario import Scenario, simulate
+from spinfilters.smoother.batch_smoother import GATE, AnnealedSchedule
+from spinfilters.smoother.landmark_factors import OBSERVATIONS_NEEDED
+from spinfilters.smoother.linear_system import Marginals
+from spinfilters.smoother.losses import LeastSquares
+from spinfilters.smoother.priors import FirstStatePrior
+from spinfilters.smoother.problem import (
     LinearizationPoint,
     NormalEquations,
     Problem,
@@ -25,20 +37,7 @@ from spinfilters.estimators.smoothing.problem.least_squares import (
     problem_of,
     with_common_constants,
 )
-from spinfilters.estimators.smoothing.solver.annealing import GATE, AnnealedSchedule
-from spinfilters.estimators.smoothing.solver.iterations import Schedule, SolverOptions, solve
-from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
-from spinfilters.estimators.timeline import Timeline
-from spinfilters.evaluation.consistency import true_states
-from spinfilters.evaluation.estimated_motion import body_history, trajectory_of
-from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate
-from spinfilters.evaluation.trajectory_errors import Alignment
-from spinfilters.evaluation.truth_frames import truth_in_first_frame
-from spinfilters.linear_algebra.normalised_square import normalised_square
-from spinfilters.models.process import TorqueFreeProcess
-from spinfilters.simulation.scenario import Scenario, simulate
-from spinfilters.state.gaussian import Gaussian
-from spinfilters.state.status import EstimatorStatus
+from spinfilters.smoother.solver import Schedule, SolverOptions, solve
 
 FRAMES: Final = 115
 """Of the workload disam115."""

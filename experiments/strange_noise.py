@@ -19,19 +19,18 @@ import numpy as np
 from jaxtyping import Float
 
 from experiments.command_line import run_study
-from spinfilters.campaigns.metric_columns import metrics
-from spinfilters.campaigns.schema import ERRORS
-from spinfilters.data.dataset import Dataset
-from spinfilters.data.measurement_log import MeasurementStream
-from spinfilters.errors import InputError
+from spinfilters.campaigns.row_columns import ERRORS, metrics
+from spinfilters.core.errors import InputError
+from spinfilters.evaluation.recording_bound import without_bounds
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.measurement_log import MeasurementStream
 from spinfilters.models.process import ProcessNoise
-from spinfilters.pipeline.estimation import ComparisonExtent, compare_estimators
-from spinfilters.pipeline.preparation import prepare
-from spinfilters.pipeline.recording_bound import without_bounds
-from spinfilters.sensors.sensor_registry import sensor_of
+from spinfilters.models.sensor_registry import sensor_of
+from spinfilters.models.state_layout import StateLayout
+from spinfilters.run.estimation import ComparisonExtent, compare_estimators
+from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
-from spinfilters.simulation.faults import with_stream
-from spinfilters.simulation.gauss_markov import with_gauss_markov_errors
+from spinfilters.simulation.measurement_faults import with_gauss_markov_errors, with_stream
 from spinfilters.simulation.scenario import (
     RICH_RPM,
     THESIS_RPM,
@@ -40,7 +39,6 @@ from spinfilters.simulation.scenario import (
     without_map,
     without_noise,
 )
-from spinfilters.state.layout import StateLayout
 
 Added = Callable[[Float[np.ndarray, "n k"], np.random.Generator], Float[np.ndarray, "n k"]]
 """Errors in standard deviations, from those of white noise."""

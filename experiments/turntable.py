@@ -17,12 +17,12 @@ from scipy.io import loadmat
 from scipy.spatial.transform import Rotation
 
 from experiments.command_line import run_study
-from spinfilters.data.camera import PinholeCamera
-from spinfilters.data.dataset import Dataset
-from spinfilters.data.known_map import KnownMap
-from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.evaluation.estimator_evaluation import Evaluation
-from spinfilters.pipeline.comparison_run import compare_dataset
+from spinfilters.io.camera import PinholeCamera
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.measurement_log import MeasurementLog, MeasurementStream
+from spinfilters.io.sensor_tables import KnownMap
+from spinfilters.run.comparison_run import compare_dataset
 from spinfilters.settings.run_settings import ProcessSettings, Settings
 
 SIZE_PX = (720, 576)

@@ -29,17 +29,17 @@ from typing import Any, Final
 import numpy as np
 
 from experiments.command_line import run_study
-from spinfilters.data.atomic_write import make_folder
-from spinfilters.data.dataset import Dataset
-from spinfilters.errors import SpinfiltersError
-from spinfilters.evaluation.quantity_errors import quantity_errors
+from spinfilters.core.errors import SpinfiltersError
+from spinfilters.evaluation.metrics import quantity_errors
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.output_files import make_folder
 from spinfilters.models.process import ProcessNoise
-from spinfilters.pipeline.estimation import ComparisonExtent, compare_estimators
-from spinfilters.pipeline.preparation import prepare
+from spinfilters.models.status import QUANTITIES
+from spinfilters.run.estimation import ComparisonExtent, compare_estimators
+from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
-from spinfilters.simulation.faults import Outliers, with_faults
-from spinfilters.simulation.gross_error import GrossError
-from spinfilters.simulation.model_faults.faulty_recording import faulty_recording, model_faults
+from spinfilters.simulation.measurement_faults import GrossError, Outliers, with_faults
+from spinfilters.simulation.model_faults import faulty_recording, model_faults
 from spinfilters.simulation.scenario import (
     RICH_RPM,
     THESIS_RPM,
@@ -48,7 +48,6 @@ from spinfilters.simulation.scenario import (
     without_map,
     without_noise,
 )
-from spinfilters.state.quantities import QUANTITIES
 
 LARGEST: Final = 4.0
 """Stated deviations that the verdict promises."""

@@ -24,9 +24,9 @@ import numpy as np
 from experiments.command_line import run_study
 from spinfilters.embedded.embedded_options import EmbedOptions
 from spinfilters.embedded.folder import write_library
-from spinfilters.pipeline.estimation import compare_estimators
-from spinfilters.pipeline.preparation import prepare
-from spinfilters.pipeline.setup import Setup
+from spinfilters.inference.setup import Setup
+from spinfilters.run.estimation import compare_estimators
+from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import Scenario, simulate, without_map
 

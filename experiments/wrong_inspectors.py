@@ -17,8 +17,8 @@ from typing import Final
 import numpy as np
 
 from experiments.command_line import run_study
-from spinfilters.campaigns.stated_errors import LARGEST, stated_errors
-from spinfilters.pipeline.comparison_run import compare_dataset
+from spinfilters.campaigns.row_columns import LARGEST, stated_errors
+from spinfilters.run.comparison_run import compare_dataset
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.inspector import INSPECTORS, STATIC
 from spinfilters.simulation.scenario import RICH_RPM, THESIS_RPM, Scenario, simulate, without_map
@@ -33,7 +33,7 @@ CASES: Final[dict[str, tuple[float, ...]]] = {
     "sparse": (5.0,),
     "missing": (1.0,),
 }
-"""Errors of `spinfilters.simulation.inspector_errors` with their sizes."""
+"""Errors of `spinfilters.simulation.inspector` with their sizes."""
 INSPECTOR: Final = "inspector"
 """Beginning of the names of errors of an inspector."""
 

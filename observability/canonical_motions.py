@@ -8,14 +8,11 @@ from functools import singledispatch
 
 import numpy as np
 
-from observability.charts.chart import Chart
-from observability.charts.filter_state import FilterChart
-from observability.charts.principal import PrincipalChart
-from observability.charts.tensor import TensorChart
-from observability.rational import Rationals, rational, rationals, unit_quaternion
+from observability.coordinates import Chart, FilterChart, PrincipalChart, TensorChart
+from observability.exact_numbers import Rationals, rational, rationals, unit_quaternion
 from observability.system import AXES_OF_G
-from spinfilters.errors import InputError
-from spinfilters.state.block_table import BLOCKS
+from spinfilters.core.errors import InputError
+from spinfilters.models.state_blocks import BLOCKS
 
 DIGITS = 6
 """Decimals of logarithms of ratios of moments, which make the body of a chart of logarithms: equal moments stay exactly equal."""
@@ -163,7 +160,7 @@ def _tensor(chart: TensorChart, of: CanonicalMotion) -> dict[str, Rationals]:
 
 @blocks_of.register
 def _filter_state(chart: FilterChart, of: CanonicalMotion) -> dict[str, Rationals]:
-    """With g along the principal axes: s holds half logarithms of the second moments (`spinfilters.dynamics.mass_distribution`).
+    """With g along the principal axes: s holds half logarithms of the second moments (`spinfilters.core.mass_distribution`).
 
     Blocks that a motion does not tell, such as the bias of a gyro, are at their origin.
     """
@@ -184,7 +181,7 @@ def _filter_state(chart: FilterChart, of: CanonicalMotion) -> dict[str, Rational
 
 
 def exact_matrix(q: Rationals) -> list[list[Fraction]]:
-    """R of a unit quaternion in fractions; `spinfilters.attitude.conversions.matrix_from_quaternion` in floats."""
+    """R of a unit quaternion in fractions; `spinfilters.core.attitude_conversions.matrix_from_quaternion` in floats."""
     x, y, z, w = q
     return [
         [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],

@@ -8,32 +8,30 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from observability.bounds.cramer_rao import PRIOR_STD, Bound, Deviations, cramer_rao_bound
-from observability.bounds.known_inputs import DrivenMotion, InputSizes, KnownInput
-from observability.bounds.reference_trajectory import (
+from observability.canonical_motions import CANONICAL_MOTIONS as MOTIONS
+from observability.canonical_motions import CanonicalMotion, landmarks, point_of, principal_axes
+from observability.certificate import Certificate, certify
+from observability.codistribution import InputSeries
+from observability.coordinates import MOMENTS, RATIOS, Chart, FilterChart, PrincipalChart, TensorChart
+from observability.cramer_rao import PRIOR_STD, Bound, Deviations, cramer_rao_bound
+from observability.exact_numbers import Rationals, as_floats, rationals
+from observability.reference_trajectory import (
+    DrivenMotion,
+    InputSizes,
+    KnownInput,
     ReferenceTrajectory,
     SensorSchedule,
     driven_reference,
     free_reference,
 )
-from observability.canonical_motions import CANONICAL_MOTIONS as MOTIONS
-from observability.canonical_motions import CanonicalMotion, landmarks, point_of, principal_axes
-from observability.certificate import Certificate, certify
-from observability.charts.chart import Chart
-from observability.charts.filter_state import FilterChart
-from observability.charts.principal import MOMENTS, RATIOS, PrincipalChart
-from observability.charts.tensor import TensorChart
-from observability.codistribution import InputSeries
-from observability.rational import Rationals, as_floats, rationals
-from observability.sensors import analysed, analysed_sensors, watching
-from observability.system import Input, System, SystemSensor
-from spinfilters.attitude.conversions import matrix_from_quaternion
-from spinfilters.dynamics.mass_distribution import inertia_matrix
-from spinfilters.errors import InputError
+from observability.system import Input, System, SystemSensor, analysed, analysed_sensors, watching
+from spinfilters.core.attitude_conversions import matrix_from_quaternion
+from spinfilters.core.errors import InputError
+from spinfilters.core.mass_distribution import inertia_matrix
+from spinfilters.core.working_time import built_property
 from spinfilters.models.process import THESIS_NOISE, ProcessNoise, TorqueFreeProcess
-from spinfilters.sensors.sensor import model_over
-from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
-from spinfilters.symbolic.working_time import built_property
+from spinfilters.models.sensor import model_over
+from spinfilters.models.state_layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
 
 CHARTS: Final = ("principal", "tensor", "filter")
 UNKNOWNS: Final = ("ratios", "moments")

@@ -1,19 +1,21 @@
-"""Gradients of Lie derivatives, order by order, at one point of a system."""
+"""Gradients of Lie derivatives at one point, order by order, with their exact rank and null space.
+
+Landmarks are many and meet only in the chart's directions. So every item's own unknowns are eliminated first, all items at once
+(their rank is the sum over items), and what remains has as many columns as the chart has directions.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
-from jaxtyping import Num
+from jaxtyping import Bool, Int, Num
 
-from observability.arithmetic import Arithmetic
-from observability.branch_decisions import branch_decisions
-from observability.rational import Rationals
-from observability.series import Series
+from observability.exact_numbers import PRIME, Arithmetic, PrimeField, Rationals
+from observability.power_series import Series
 from observability.system import System, SystemSensor
-from observability.tape import Tape
-from spinfilters.errors import InputError, ShapeError
+from observability.tape import Tape, branch_decisions
+from spinfilters.core.errors import InputError, ShapeError
 
 InputSeries = Sequence[Rationals]
 """Taylor coefficients of one known input, lowest first; what is missing is 0."""
@@ -130,3 +132,157 @@ def _check(system: System, point: Rationals, orders: int, inputs: InputSeries) -
         raise InputError(
             f"the system has {len(system.inputs)} known inputs, got {len(inputs)} series; give the Taylor coefficients of each"
         )
+
+
+FIELD = PrimeField()
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """A batch of matrices of residues brought to reduced echelon form in their first ``columns`` columns.
+
+    Attributes
+    ----------
+    rows: (b, r, c) the matrices after elimination.
+    pivots: (b, columns) the row that holds each column's pivot, scaled to 1, or -1.
+    """
+
+    rows: Num[np.ndarray, "b r c"]
+    pivots: Int[np.ndarray, "b p"]
+
+    @property
+    def rank(self) -> Int[np.ndarray, " b"]:
+        """Pivots of each matrix."""
+        return (self.pivots >= 0).sum(axis=1)
+
+    @property
+    def rest(self) -> Num[np.ndarray, "b r c"]:
+        """The rows without a pivot; those with one are set to 0."""
+        rest = self.rows.copy()
+        item, column = np.nonzero(self.pivots >= 0)
+        rest[item, self.pivots[item, column]] = 0
+        return rest
+
+
+def reduce_columns(matrices: Num[np.ndarray, "b r c"], columns: int) -> Reduced:
+    """Gauss-Jordan elimination of the first columns, for every matrix of the batch at once."""
+    rows, batch = matrices.copy(), np.arange(len(matrices))
+    free: Bool[np.ndarray, "b r"] = np.ones(rows.shape[:2], dtype=bool)
+    pivots = np.full((len(rows), columns), -1)
+    for column in range(columns):
+        candidates = (rows[:, :, column] != 0) & free
+        pivot, found = candidates.argmax(axis=1), candidates.any(axis=1)
+        if not found.any():
+            continue
+        at, item = pivot[found], batch[found]
+        inverse = FIELD.inverse(rows[item, at, column])
+        scaled = FIELD.product(rows[item, at], inverse[:, np.newaxis])
+        factors = rows[item, :, column]
+        factors[np.arange(len(item)), at] = 0
+        taken = FIELD.product(factors[:, :, np.newaxis], scaled[:, np.newaxis])
+        rows[item] = FIELD.reduced(rows[item] + FIELD.negative(taken))
+        rows[item, at] = scaled
+        free[item, at] = False
+        pivots[item, column] = at
+    return Reduced(rows, pivots)
+
+
+@dataclass(frozen=True)
+class Elimination:
+    """All rows of a codistribution, eliminated.
+
+    Attributes
+    ----------
+    rank: of the whole.
+    own: per sensor, its items with their own unknowns eliminated; columns are (own, common).
+    common: what remains of all, in the chart's directions, as a batch of one.
+    """
+
+    rank: int
+    own: tuple[Reduced, ...]
+    common: Reduced
+
+    def null_space(self) -> Num[np.ndarray, "n d"]:
+        """Null space of the rows, as residues.
+
+        Directions that no row sees, in the order of `System.names`.
+        """
+        base = null_vectors(self.common, self.common.rows.shape[2])
+        sizes = [reduced.pivots.size for reduced in self.own]
+        total = len(base) + sum(sizes)
+        space = [np.concatenate([base, *[_answered(reduced, base) for reduced in self.own]])]
+        offset = len(base)
+        for reduced, size in zip(self.own, sizes, strict=True):
+            space += list(_own_null_vectors(reduced, offset, total))
+            offset += size
+        return np.concatenate(space, axis=1)
+
+
+def eliminate(sensors: list[SensorCodistribution]) -> Elimination:
+    """Eliminate every item's own unknowns, then the chart's directions."""
+    own = []
+    for rows in sensors:
+        items, unknown, directions = len(rows.own), rows.own.shape[-1], rows.common.shape[-1]
+        matrices = np.concatenate([rows.own, rows.common], axis=3)
+        own.append(reduce_columns(matrices.reshape(items, -1, unknown + directions), unknown))
+    rest = [reduced.rest[:, :, reduced.pivots.shape[1] :] for reduced in own]
+    stacked = np.concatenate([part.reshape(-1, part.shape[2]) for part in rest])
+    stacked = stacked[stacked.any(axis=1)] if stacked.any() else stacked[:1]
+    common = reduce_columns(stacked[np.newaxis], stacked.shape[1])
+    return Elimination(
+        sum(int(reduced.rank.sum()) for reduced in own) + int(common.rank[0]), tuple(own), common
+    )
+
+
+def null_vectors(reduced: Reduced, columns: int) -> Num[np.ndarray, "c d"]:
+    """Basis of the null space of the first (only) matrix.
+
+    One vector per column without a pivot.
+    """
+    pivots = reduced.pivots[0]
+    free, bound = np.flatnonzero(pivots < 0), np.flatnonzero(pivots >= 0)
+    space = np.zeros((columns, len(free)), dtype=np.uint64)
+    space[free, np.arange(len(free))] = 1
+    space[bound] = FIELD.negative(reduced.rows[0][pivots[bound]][:, free])
+    return space
+
+
+def rank_of(matrix: Num[np.ndarray, "r c"]) -> int:
+    """Rank of a matrix of residues."""
+    if matrix.size == 0:
+        return 0
+    return int(reduce_columns(matrix[np.newaxis], matrix.shape[1]).rank[0])
+
+
+def product_of(a: Num[np.ndarray, "i j"], b: Num[np.ndarray, "j k"]) -> Num[np.ndarray, "i k"]:
+    """Matrix product of residues.
+
+    Through halves of 16 bits so that sums of 2^15 products stay below 2^63.
+    """
+    low, high = a & np.uint64(0xFFFF), a >> np.uint64(16)
+    upper = FIELD.reduced(FIELD.reduced(high @ b) * np.uint64(1 << 16))
+    return (upper + FIELD.reduced(low @ b)) % np.uint64(PRIME)
+
+
+def _answered(reduced: Reduced, base: Num[np.ndarray, "n d"]) -> Num[np.ndarray, "o d"]:
+    """Own unknowns of every item that make up for a change of the chart's directions."""
+    items, unknown = reduced.pivots.shape
+    answer = np.zeros((items, unknown, base.shape[1]), dtype=np.uint64)
+    for item, column in zip(*np.nonzero(reduced.pivots >= 0), strict=True):
+        row = reduced.rows[item, reduced.pivots[item, column], unknown:]
+        answer[item, column] = FIELD.negative(product_of(row[np.newaxis], base)[0])
+    return answer.reshape(items * unknown, base.shape[1])
+
+
+def _own_null_vectors(reduced: Reduced, offset: int, total: int) -> list[Num[np.ndarray, "n 1"]]:
+    """Directions within one item's own unknowns."""
+    _items, unknown = reduced.pivots.shape
+    vectors = []
+    for item, column in zip(*np.nonzero(reduced.pivots < 0), strict=True):
+        vector = np.zeros((total, 1), dtype=np.uint64)
+        start = offset + item * unknown
+        vector[start + column] = 1
+        bound = np.flatnonzero(reduced.pivots[item] >= 0)
+        vector[start + bound, 0] = FIELD.negative(reduced.rows[item, reduced.pivots[item, bound], column])
+        vectors.append(vector)
+    return vectors

@@ -1,13 +1,4 @@
-"""Condition number of the process-noise covariance, and the best scaling of a state.
-
-Noise that enters a velocity and is integrated once more gives position and velocity uncertainties whose ratio grows with the time
-step. With x1 = r, x2 = v / alpha the covariance after dt of unit noise is (Tweddle 2013, Eq. 4.118)
-
-    [[dt^3 / 3, dt^2 / (2 alpha)], [dt^2 / (2 alpha), dt / alpha^2]]
-
-whose condition number is least where both variances are equal: alpha dt = sqrt(3), which gives 7 + 4 sqrt(3) = 13.93. (Section 4.9
-prints dt = alpha sqrt(3), and both worked examples are inverted with it.)
-"""
+"""Condition numbers of process noise and covariances, by time step and units."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -17,12 +8,12 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import minimize_scalar
 
-from spinfilters.dynamics.mass_distribution import from_inertia
-from spinfilters.errors import InputError, ShapeError
-from spinfilters.linear_algebra.definite import correlation_root
+from spinfilters.core.errors import InputError, ShapeError
+from spinfilters.core.linear_algebra import correlation_root
+from spinfilters.core.mass_distribution import from_inertia
 from spinfilters.models.process import THESIS_NOISE, ProcessNoise, TorqueFreeProcess
 from spinfilters.models.rotation_integrator import IntegrationError
-from spinfilters.state.layout import FULL_BLOCKS, StateLayout
+from spinfilters.models.state_layout import FULL_BLOCKS, StateLayout
 
 BEST_CONDITION: Final = 7 + 4 * np.sqrt(3)
 """Least condition number of a double integrator's noise over all scalings of its velocity."""

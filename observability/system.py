@@ -1,6 +1,6 @@
-"""System to analyse: chart, sensors, known inputs."""
+"""System to analyse: a chart, sensors with their usual noise, and known inputs."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from fractions import Fraction
@@ -10,12 +10,15 @@ from typing import Final
 import casadi as ca
 import numpy as np
 
-from observability.charts.chart import Chart, Values
-from observability.rational import Rationals, rationals
+from observability.coordinates import Chart, Values
+from observability.exact_numbers import Rationals, rationals
 from observability.tape import Tape, tape_of
-from spinfilters.errors import InputError, ShapeError
+from spinfilters.core.errors import InputError, ShapeError
+from spinfilters.core.working_time import built_property
 from spinfilters.models.measurement import MeasurementModel
-from spinfilters.symbolic.working_time import built_property
+from spinfilters.models.sensor import AnalysedSensor
+from spinfilters.models.sensor_registry import all_sensors
+from spinfilters.models.state_layout import FULL_BLOCKS, StateLayout
 
 AXES_OF_G: Final[tuple[Rationals, ...]] = tuple(
     tuple(Fraction(int(row == column)) for row in range(3)) for column in range(3)
@@ -191,3 +194,41 @@ def _check_axes(axes: Sequence[Rationals]) -> None:
         raise InputError(
             "torque axes are three directions of three fractions with small denominators; others are not exact as constants"
         )
+
+
+LAYOUT: Final = StateLayout(FULL_BLOCKS)
+
+
+def analysed_sensors() -> Mapping[str, AnalysedSensor]:
+    """Analyser's properties of every registered sensor that can be analysed, by name."""
+    return {each.name: each.analysis for each in all_sensors() if each.analysis is not None}
+
+
+def analysed(name: str) -> AnalysedSensor:
+    """Analyser's properties of a sensor. InputError: unknown, or cannot be analysed."""
+    found = analysed_sensors()
+    if name not in found:
+        raise InputError(f"sensor {name!r} is unknown; use one of {', '.join(found)}")
+    return found[name]
+
+
+def watching(name: str, points: Sequence[Rationals] = (), known: bool = False) -> SystemSensor:
+    """A sensor of the registry.
+
+    Parameters
+    ----------
+    points: landmarks (frame g, m) of a sensor that sees some; to be mapped, unless the map is ``known``.
+    """
+    sensor = analysed(name)
+    model, rest = sensor.model(LAYOUT), rationals(sensor.parameters)
+    if not sensor.sees_points:
+        return SystemSensor(model, (rest,))
+    return SystemSensor(model, tuple((*point, *rest) for point in points), 0 if known else 3)
+
+
+def is_linear_in_body_axes(model: MeasurementModel) -> bool:
+    """Whether a model is linear in axes that turn with the body.
+
+    It is that of a registered sensor.
+    """
+    return any(type(model) is each.model and each.is_linear for each in analysed_sensors().values())

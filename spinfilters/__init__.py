@@ -14,19 +14,17 @@ whose text is one line that names the value and the cure.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from spinfilters.errors import InputError
+from spinfilters.core.errors import InputError
 from spinfilters.registries import bind_registries
 from spinfilters.version import __version__ as __version__
 
 if TYPE_CHECKING:
     from spinfilters.api.analysis import ObservabilityResult, observe
     from spinfilters.api.campaign_frames import campaign
-    from spinfilters.api.recording_comparison import compare, load_run
+    from spinfilters.api.comparison import EstimatorResult, Run, compare, load_run
     from spinfilters.api.recordings import load, simulate
-    from spinfilters.api.results import EstimatorResult, Run
-    from spinfilters.data.dataset import Dataset
-    from spinfilters.lidar.mass_properties import mass_properties
-    from spinfilters.lidar.mesh_files import read_mesh
+    from spinfilters.io.dataset import Dataset
+    from spinfilters.lidar.mesh import mass_properties, read_mesh
     from spinfilters.settings.run_settings import Settings
 
 bind_registries()
@@ -49,18 +47,18 @@ __all__ = [
 ]
 
 _MODULES = {
-    "Dataset": "spinfilters.data.dataset",
-    "EstimatorResult": "spinfilters.api.results",
+    "Dataset": "spinfilters.io.dataset",
+    "EstimatorResult": "spinfilters.api.comparison",
     "ObservabilityResult": "spinfilters.api.analysis",
-    "Run": "spinfilters.api.results",
+    "Run": "spinfilters.api.comparison",
     "Settings": "spinfilters.settings.run_settings",
     "campaign": "spinfilters.api.campaign_frames",
-    "compare": "spinfilters.api.recording_comparison",
+    "compare": "spinfilters.api.comparison",
     "load": "spinfilters.api.recordings",
-    "load_run": "spinfilters.api.recording_comparison",
-    "mass_properties": "spinfilters.lidar.mass_properties",
+    "load_run": "spinfilters.api.comparison",
+    "mass_properties": "spinfilters.lidar.mesh",
     "observe": "spinfilters.api.analysis",
-    "read_mesh": "spinfilters.lidar.mesh_files",
+    "read_mesh": "spinfilters.lidar.mesh",
     "simulate": "spinfilters.api.recordings",
 }
 """Where each public name comes from."""

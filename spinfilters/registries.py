@@ -4,17 +4,17 @@ Files are read and written by the formats of all sensors, and a sensor is one mo
 when it is imported; the modules are imported when somebody asks.
 """
 
-from spinfilters.plugins import bind_members
+from spinfilters.core.plugins import bind_members
 
 
 def _own_sensors() -> tuple[object, ...]:
-    from spinfilters.sensors.sensor_registry import OWN_SENSORS
+    from spinfilters.models.sensor_registry import OWN_SENSORS
 
     return OWN_SENSORS
 
 
 def _own_calibration() -> tuple[object, ...]:
-    from spinfilters.sensors.calibration.calibration_registry import OWN_CALIBRATION
+    from spinfilters.models.calibration import OWN_CALIBRATION
 
     return OWN_CALIBRATION
 

@@ -9,7 +9,7 @@ import sys
 from collections.abc import Iterator
 from typing import Final
 
-from spinfilters.symbolic.c_library import processor
+from spinfilters.core.c_library import processor
 
 NEEDED: Final = {
     "Haswell": {"avx2", "fma"},

@@ -1,10 +1,10 @@
 """A comparison of estimators without what a test of their estimates and verdicts does not look at."""
 
-from spinfilters.data.dataset import Dataset
-from spinfilters.pipeline.estimation import Comparison, ComparisonExtent, compare_estimators
-from spinfilters.pipeline.preparation import prepare
-from spinfilters.pipeline.recording_bound import without_bounds
-from spinfilters.pipeline.setup import Setup
+from spinfilters.evaluation.recording_bound import without_bounds
+from spinfilters.inference.setup import Setup
+from spinfilters.io.dataset import Dataset
+from spinfilters.run.estimation import Comparison, ComparisonExtent, compare_estimators
+from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
 
 PLAIN = ComparisonExtent(bounding=without_bounds, rehearsing=lambda *_: None)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from spinfilters.data.measurement_log import MeasurementStream
+from spinfilters.io.measurement_log import MeasurementStream
 
 
 def swapped(tracks: MeasurementStream, share: float, generator: np.random.Generator) -> MeasurementStream:

@@ -5,7 +5,7 @@ import os
 import blas_kernels
 import pytest
 
-from spinfilters.symbolic.c_library import processor
+from spinfilters.core.c_library import processor
 
 
 def test_each_is_run_once_or_left_out_with_its_reason(monkeypatch: pytest.MonkeyPatch) -> None:

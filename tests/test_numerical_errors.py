@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from spinfilters.errors import NUMERICAL_ERRORS, numerical
+from spinfilters.core.errors import NUMERICAL_ERRORS, numerical
 
 ONES = np.ones((2, 3))
 

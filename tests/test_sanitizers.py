@@ -12,7 +12,7 @@ GCC = shutil.which("gcc")
 PROGRAM = """
 import ctypes
 import numpy as np
-from spinfilters.symbolic.c_library import FLAGS, load_text
+from spinfilters.core.c_library import FLAGS, load_text
 
 text = "int shifted(int n) { return 1 << n; } double taken(const double* x, long long k) { return x[k]; }"
 library, numbers = load_text("tried", text, FLAGS), np.zeros(100)

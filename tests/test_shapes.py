@@ -8,9 +8,9 @@ import pytest
 from jaxtyping import Float
 from shape_checks import WrongShapeError, check_class, checked
 
-from spinfilters.attitude import conversions
-from spinfilters.errors import ShapeError
-from spinfilters.state.layout import StateLayout
+from spinfilters.core import attitude_conversions as conversions
+from spinfilters.core.errors import ShapeError
+from spinfilters.models.state_layout import StateLayout
 
 Vectors = Float[np.ndarray, "*batch 3"]
 

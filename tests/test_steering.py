@@ -15,7 +15,7 @@ FOREIGN_VALUES = {
     "api": "arguments of a user",
     "campaigns": "a user's study, rows of a file",
     "cli": "arguments of a user",
-    "data": "files",
+    "io": "files",
     "live": "errors of sockets",
     "plugins.py": "plug-ins",
     "runs": "files of a run, fields of a data set",
@@ -25,15 +25,14 @@ FOREIGN_VALUES = {
 """Rooms of spinfilters that are handed values of any type, and which: they ask for types because nobody else has."""
 VALIDATED = {
     "spinfilters/attitude/conversions.py": "an expression gives one matrix or several",
-    "spinfilters/estimators/timeline.py": "an index is a number or a slice",
-    "spinfilters/lidar/scan.py": "times of a file",
-    "spinfilters/lidar/scan_files.py": "a file",
-    "spinfilters/pipeline/conditions.py": "a file",
-    "spinfilters/pipeline/explanations.py": "values for a file",
-    "spinfilters/pipeline/run_reconstruction.py": "a key of a file",
-    "spinfilters/vision/raw_rig.py": "a file",
-    "spinfilters/vision/landmark_views.py": "arrays among attributes",
-    "observability/rational.py": "numbers of a user",
+    "spinfilters/filters/timeline.py": "an index is a number or a slice",
+    "spinfilters/lidar/scan.py": "a file, and its times",
+    "spinfilters/run/conditions.py": "a file",
+    "spinfilters/run/optional_outputs.py": "values for a file",
+    "spinfilters/run/reconstruction.py": "a key of a file",
+    "spinfilters/vision/rectification.py": "a file",
+    "spinfilters/vision/association.py": "arrays among attributes",
+    "observability/exact_numbers.py": "numbers of a user",
 }
 """Other files that do, and what of."""
 

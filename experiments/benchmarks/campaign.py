@@ -14,10 +14,10 @@ from pathlib import Path
 
 from experiments.command_line import run_study
 from spinfilters.campaigns.engine import Processes, run_campaign
+from spinfilters.campaigns.row_columns import TIMES
 from spinfilters.campaigns.rows_folder import read_rows
-from spinfilters.campaigns.schema import TIMES
 from spinfilters.campaigns.study import Study, study_from
-from spinfilters.data.input_file import read_toml
+from spinfilters.io.input_file import read_toml
 
 
 def main() -> None:

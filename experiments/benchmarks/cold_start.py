@@ -23,7 +23,7 @@ COLD_SECONDS: Final = 15.0
 STARTS: Final = 3
 """New processes for each time but the compiling one."""
 COMMAND: Final = "spinfilters.cli.compare_recording"
-ENGINE: Final = "spinfilters.estimators.smoothing.window.sliding_smoother"
+ENGINE: Final = "spinfilters.smoother.sliding_smoother"
 TIMED_IMPORT: Final = "from time import perf_counter as t; a = t(); import {}; print(t() - a)"
 
 

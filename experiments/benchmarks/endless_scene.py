@@ -13,20 +13,18 @@ from typing import Final
 import numpy as np
 from jaxtyping import Bool, Float
 
-from spinfilters.conventions import RPM
-from spinfilters.dynamics.mass_distribution import from_inertia
-from spinfilters.estimators.estimator import Measurement
-from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
-from spinfilters.estimators.timeline import Epoch
+from spinfilters.core.conventions import RPM
+from spinfilters.core.mass_distribution import from_inertia
+from spinfilters.filters.estimator import Measurement
+from spinfilters.filters.timeline import Epoch
+from spinfilters.models.camera_landmarks import StereoLandmark, camera_parameters
+from spinfilters.models.feature_tracks import RIG, FrontEnd, ball
 from spinfilters.models.gauge import GAUGE_STD
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.models.sensor_models.camera_landmark import camera_parameters
-from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark
-from spinfilters.sensors.feature_tracks import RIG, FrontEnd, ball
-from spinfilters.sensors.stereo import stereo_tracks
-from spinfilters.simulation.motion import Motion, simulate_motion
-from spinfilters.simulation.scenario import RICH_RPM, Scenario
-from spinfilters.state.layout import FULL_BLOCKS, StateLayout
+from spinfilters.models.sensors.stereo import stereo_tracks
+from spinfilters.models.state_layout import FULL_BLOCKS, StateLayout
+from spinfilters.simulation.scenario import RICH_RPM, Motion, Scenario, simulate_motion
+from spinfilters.smoother.priors import FirstStatePrior
 
 LAYOUT: Final = StateLayout(FULL_BLOCKS)
 CAMERA: Final = StereoLandmark(LAYOUT)

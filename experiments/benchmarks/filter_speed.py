@@ -26,13 +26,13 @@ from matplotlib.figure import Figure
 
 from experiments.benchmarks.stopwatch import use_one_thread
 from experiments.command_line import run_study
-from spinfilters.data.atomic_write import write_json
-from spinfilters.estimators.estimator import Estimator
-from spinfilters.estimators.timeline import Epoch
-from spinfilters.pipeline.estimation import build_estimator
-from spinfilters.pipeline.preparation import prepare
-from spinfilters.pipeline.setup import Setup
+from spinfilters.filters.estimator import Estimator
+from spinfilters.filters.timeline import Epoch
+from spinfilters.inference.setup import Setup
+from spinfilters.io.output_files import write_json
 from spinfilters.plots.style import BLUE, GREY, RED, save_figure, tidy
+from spinfilters.run.estimation import build_estimator
+from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import Scenario, simulate
 

@@ -17,13 +17,13 @@ def main(file: str) -> None:
     begin = perf_counter()
     import numpy as np
 
-    from spinfilters.estimators.smoothing.factors import landmark_observations
-    from spinfilters.estimators.smoothing.problem import least_squares
-    from spinfilters.estimators.smoothing.solver import iterations
-    from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
-    from spinfilters.estimators.smoothing.window import sliding_smoother
     from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-    from spinfilters.state.layout import FULL_BLOCKS, StateLayout
+    from spinfilters.models.state_layout import FULL_BLOCKS, StateLayout
+    from spinfilters.smoother import landmark_factors as landmark_observations
+    from spinfilters.smoother import problem as least_squares
+    from spinfilters.smoother import sliding_smoother
+    from spinfilters.smoother import solver as iterations
+    from spinfilters.smoother.priors import FirstStatePrior
 
     imported = perf_counter() - begin
     with np.load(file) as arrays:
@@ -46,8 +46,8 @@ def main(file: str) -> None:
 
 
 def _frames(data: dict[str, Any], layout: Any) -> Any:
-    from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
-    from spinfilters.estimators.timeline import CameraView, SensorNoise, build_timeline
+    from spinfilters.filters.timeline import CameraView, SensorNoise, build_timeline
+    from spinfilters.io.measurement_log import MeasurementLog, MeasurementStream
 
     stream = MeasurementStream("stereo", data["time"], data["pixels"], data["ids"])
     noise, view = SensorNoise(pixel_std=1.0), CameraView(None, data["calibration"])

@@ -17,8 +17,8 @@ import numpy as np
 from jaxtyping import Float
 
 from experiments.benchmarks.motion_rows import MOVING, POSE
-from spinfilters.errors import InputError
-from spinfilters.state.layout import FULL_BLOCKS, StateLayout
+from spinfilters.core.errors import InputError
+from spinfilters.models.state_layout import FULL_BLOCKS, StateLayout
 
 try:
     gtsam: Any = import_module("gtsam")  # by name, so that types are checked where it is not installed

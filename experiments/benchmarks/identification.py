@@ -20,18 +20,18 @@ from jaxtyping import Float
 from experiments.benchmarks.stopwatch import use_one_thread
 from experiments.command_line import run_study
 from experiments.honest_cases import CASES, recordings
-from spinfilters.data.dataset import Dataset
-from spinfilters.data.sensor_format import sensor_format
-from spinfilters.estimators.initialisation.initial_smoothing import SmoothingOptions, smooth_first_epochs
-from spinfilters.estimators.robust.losses import LeastSquares
-from spinfilters.estimators.run import run
-from spinfilters.estimators.smoothing.solver.batch_smoother import smooth_recording
-from spinfilters.pipeline.estimator_table import estimator_entries
-from spinfilters.pipeline.preparation import prepare
-from spinfilters.pipeline.setup import NOTHING_SOUGHT, Setup
+from spinfilters.filters.timeline import run
+from spinfilters.inference.initial_estimate import SmoothingOptions, smooth_first_epochs
+from spinfilters.inference.setup import NOTHING_SOUGHT, Setup
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.sensor_format import sensor_format
+from spinfilters.models.state_blocks import ACCELERATION
+from spinfilters.run.estimators import estimator_entries
+from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import Scenario, simulate, without_map, without_noise
-from spinfilters.state.blocks.acceleration import ACCELERATION
+from spinfilters.smoother.batch_smoother import smooth_recording
+from spinfilters.smoother.losses import LeastSquares
 
 TRACKS: Final = "tracks"
 CHOSEN: Final = (

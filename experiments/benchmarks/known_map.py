@@ -9,9 +9,9 @@ from typing import Final
 
 from experiments.benchmarks.stopwatch import CLOCKS, now, use_clock, use_one_thread
 from experiments.command_line import run_study
-from spinfilters.data.dataset import Dataset
-from spinfilters.pipeline.preparation import prepare
-from spinfilters.pipeline.smoother_run import smooth_at_once
+from spinfilters.inference.smoother_run import smooth_at_once
+from spinfilters.io.dataset import Dataset
+from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import Scenario, simulate
 

@@ -27,22 +27,19 @@ from rich.progress import track
 
 from experiments.benchmarks.stopwatch import use_one_thread
 from experiments.command_line import run_study
-from spinfilters.conventions import RPM
-from spinfilters.data.atomic_write import make_folder, write_json
-from spinfilters.dynamics.mass_distribution import from_inertia
-from spinfilters.estimators.estimator import Measurement
-from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
-from spinfilters.estimators.filters.multiplicative_filter import MultiplicativeFilter
-from spinfilters.estimators.filters.multiplicative_ukf import MultiplicativeUkf
+from spinfilters.core.conventions import RPM
+from spinfilters.core.mass_distribution import from_inertia
+from spinfilters.filters.ekf import MultiplicativeEkf
+from spinfilters.filters.estimator import Measurement
+from spinfilters.filters.filter import MultiplicativeFilter
+from spinfilters.filters.ukf import MultiplicativeUkf
+from spinfilters.io.output_files import make_folder, write_json
+from spinfilters.models.camera_landmarks import StereoLandmark, camera_parameters
+from spinfilters.models.feature_tracks import RIG, ball
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.models.sensor_models.camera_landmark import camera_parameters
-from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark
+from spinfilters.models.state_layout import FULL_BLOCKS, Gaussian, StateLayout
 from spinfilters.plots.style import BLUE, GREY, ORANGE, RED, save_figure, tidy
-from spinfilters.sensors.feature_tracks import RIG, ball
-from spinfilters.simulation.motion import simulate_motion
-from spinfilters.simulation.scenario import RICH_RPM
-from spinfilters.state.gaussian import Gaussian
-from spinfilters.state.layout import FULL_BLOCKS, StateLayout
+from spinfilters.simulation.scenario import RICH_RPM, simulate_motion
 
 LANDMARKS, SEEN, OTHERS = 2000, 208, 16
 """Of the body, of a frame, and of these that the frame before did not show."""

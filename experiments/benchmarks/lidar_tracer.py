@@ -13,10 +13,10 @@ from time import perf_counter
 import numpy as np
 
 from experiments.command_line import run_study
-from spinfilters.geometry.ray_angles import unit_vectors
+from spinfilters.core.ray_angles import unit_vectors
 from spinfilters.lidar.mesh import TriangleMesh
-from spinfilters.lidar.native import ray_tracer
-from spinfilters.lidar.ray_pattern import RayPattern
+from spinfilters.lidar.scan import RayPattern
+from spinfilters.simulation.lidar_scanner import ray_tracer
 
 MESHES = (16, 143)
 """Parallels of a bumpy ball: about 1000 and 82,000 triangles."""

@@ -8,11 +8,11 @@ the process model's linearisation is half.
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.estimators.estimator import ProcessModel
-from spinfilters.estimators.smoothing.factors.motion_factors import NOISE_FLOOR
-from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
-from spinfilters.linear_algebra.lapack import dpotrf, dtrtrs
-from spinfilters.state.layout import StateLayout
+from spinfilters.core.linear_algebra import dpotrf, dtrtrs
+from spinfilters.filters.estimator import ProcessModel
+from spinfilters.models.state_layout import StateLayout
+from spinfilters.smoother.motion_factors import NOISE_FLOOR
+from spinfilters.smoother.priors import FirstStatePrior
 
 MOVING = 12
 """Error components of t, a, v, w, which lead the full layout."""

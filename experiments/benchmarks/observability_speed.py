@@ -12,16 +12,12 @@ from typing import Any, Final
 
 from experiments.benchmarks.symbolic_series import lie_derivatives
 from experiments.command_line import run_study
-from observability import sensors
+from observability import system as sensors
 from observability.canonical_motions import CANONICAL_MOTIONS, CanonicalMotion, landmarks, point_of
 from observability.cases import Case
 from observability.certificate import STEADY_ORDERS, certify
-from observability.charts.chart import Chart
-from observability.charts.filter_state import FilterChart
-from observability.charts.principal import PrincipalChart
-from observability.charts.tensor import TensorChart
-from observability.codistribution import codistribution
-from observability.elimination import FIELD, eliminate
+from observability.codistribution import FIELD, codistribution, eliminate
+from observability.coordinates import Chart, FilterChart, PrincipalChart, TensorChart
 from observability.system import System
 
 CHARTS: Final[tuple[Chart, ...]] = (PrincipalChart(), TensorChart(), FilterChart())

@@ -33,15 +33,14 @@ import casadi as ca
 import numpy as np
 
 from experiments.command_line import run_study
-from observability import sensors
+from observability import system as sensors
 from observability.canonical_motions import CANONICAL_MOTIONS, point_of
 from observability.certificate import certify
-from observability.charts.principal import MOMENTS, PrincipalChart
-from observability.charts.tensor import TensorChart
-from observability.rational import as_floats
+from observability.coordinates import MOMENTS, PrincipalChart, TensorChart
+from observability.exact_numbers import as_floats
 from observability.system import System
 from observability.tape import Tape, evaluate
-from spinfilters.data.atomic_write import make_folder, write_json
+from spinfilters.io.output_files import make_folder, write_json
 
 SYSTEMS: Final[dict[str, Callable[[], System]]] = {
     "gyro, principal moments": lambda: System(

@@ -12,13 +12,11 @@ import numpy as np
 from experiments.benchmarks.gtsam_chart import CENTRE
 from experiments.benchmarks.smoother_workload import PeerResult, Workload, whitened_cost
 from experiments.benchmarks.stopwatch import now
-from spinfilters.estimators.robust.losses import LeastSquares
-from spinfilters.estimators.smoothing.problem.least_squares import Stage, with_common_constants
-from spinfilters.estimators.smoothing.solver.iterations import Solved, SolverOptions, solve
-from spinfilters.estimators.smoothing.solver.step_rules import GaussNewton
-from spinfilters.estimators.smoothing.window.sliding_smoother import SlidingSmoother
-from spinfilters.estimators.smoothing.window.smoother_records import SmootherOptions
-from spinfilters.estimators.smoothing.window.window_policy import FixedLag, FullSmoothing
+from spinfilters.smoother.losses import LeastSquares
+from spinfilters.smoother.problem import Stage, with_common_constants
+from spinfilters.smoother.sliding_smoother import SlidingSmoother, SmootherOptions
+from spinfilters.smoother.solver import GaussNewton, Solved, SolverOptions, solve
+from spinfilters.smoother.window import FixedLag, FullSmoothing
 
 NO_GATE: Final = 1e6
 """Standard deviations: every observation is believed, as the peers do."""

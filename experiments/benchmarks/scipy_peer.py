@@ -17,7 +17,7 @@ from experiments.benchmarks.motion_rows import MOVING, POSE, prior_rows, step_ro
 from experiments.benchmarks.smoother_workload import PeerResult, Workload, whitened_cost
 from experiments.benchmarks.stacked_errors import StackedErrors
 from experiments.benchmarks.stopwatch import now
-from spinfilters.estimators.smoothing.factors.landmark_observations import linearise_observations
+from spinfilters.smoother.landmark_factors import linearise_observations
 
 OPTIONS: Final[dict[str, Any]] = {
     "method": "trf",

@@ -13,14 +13,9 @@ from experiments.benchmarks.endless_scene import LAYOUT, EndlessScene
 from experiments.benchmarks.smoother_checks import BenchmarkCheck
 from experiments.benchmarks.smoother_workload import NOISE
 from experiments.benchmarks.stopwatch import now
-from spinfilters.estimators.smoothing.window.sliding_smoother import SlidingSmoother
-from spinfilters.estimators.smoothing.window.smoother_records import SmootherOptions
-from spinfilters.estimators.smoothing.window.window_policy import (
-    FixedLag,
-    LandmarkMarginalization,
-    WindowPolicy,
-)
 from spinfilters.models.process import TorqueFreeProcess
+from spinfilters.smoother.sliding_smoother import SlidingSmoother, SmootherOptions
+from spinfilters.smoother.window import FixedLag, LandmarkMarginalization, WindowPolicy
 
 STARTUP: Final = 200
 """Frames before the clock starts: windows are full, nothing is left to compile."""

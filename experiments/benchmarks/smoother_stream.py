@@ -10,7 +10,7 @@ from experiments.benchmarks.gtsam_incremental import fixed_lag, isam2, resolved_
 from experiments.benchmarks.own_smoother import own_batch, own_resolved, own_window
 from experiments.benchmarks.smoother_checks import BenchmarkCheck, Solver, in_turn, ratio_of
 from experiments.benchmarks.smoother_workload import PeerResult, Workload
-from spinfilters.estimators.smoothing.window.window_policy import smallest_batch
+from spinfilters.smoother.window import smallest_batch
 
 NEAR_OPTIMUM: Final = 0.5
 """Of the cost."""

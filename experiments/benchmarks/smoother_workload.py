@@ -13,23 +13,22 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.estimators.initialisation.initial_guess import defining_g, guessed_trajectory, wide_prior
-from spinfilters.estimators.initialisation.options import InitialisationOptions
-from spinfilters.estimators.smoothing.closed_form import initial_state
-from spinfilters.estimators.smoothing.factors.landmark_observations import (
+from spinfilters.filters.timeline import CameraView, SensorNoise, Timeline, build_timeline
+from spinfilters.inference.initialisation import defining_g, guessed_trajectory, wide_prior
+from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
+from spinfilters.models.sensor import pose_samples
+from spinfilters.models.state_layout import FULL_BLOCKS, StateLayout
+from spinfilters.models.tracks.map_building import poses_without_map
+from spinfilters.settings.run_settings import InitialisationOptions
+from spinfilters.simulation.scenario import RICH_RPM, THESIS_RPM, Scenario, simulate
+from spinfilters.smoother.closed_form import initial_motion, initial_state
+from spinfilters.smoother.landmark_factors import (
     OBSERVATIONS_NEEDED,
     LandmarkObservations,
     collect_observations,
 )
-from spinfilters.estimators.smoothing.initial_motion import initial_motion
-from spinfilters.estimators.smoothing.problem.least_squares import InitialGuess, Problem, problem_of
-from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
-from spinfilters.estimators.timeline import CameraView, SensorNoise, Timeline, build_timeline
-from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.sensors.sensor import pose_samples
-from spinfilters.simulation.scenario import RICH_RPM, THESIS_RPM, Scenario, simulate
-from spinfilters.state.layout import FULL_BLOCKS, StateLayout
-from spinfilters.tracks.map_building import poses_without_map
+from spinfilters.smoother.priors import FirstStatePrior
+from spinfilters.smoother.problem import InitialGuess, Problem, problem_of
 
 MOTIONS: Final = {"thesis": THESIS_RPM, "rich": RICH_RPM}
 NOISE: Final = ProcessNoise(force_psd=1e-6, torque_psd=1e-6)

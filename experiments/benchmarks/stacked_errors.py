@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from experiments.benchmarks.motion_rows import MOVING
-from spinfilters.state.layout import StateLayout
+from spinfilters.models.state_layout import StateLayout
 
 
 @dataclass(frozen=True)

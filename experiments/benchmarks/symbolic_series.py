@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from observability.system import System
 from observability.tape import Tape
-from spinfilters.errors import InputError
+from spinfilters.core.errors import InputError
 
 
 class Dual(NamedTuple):

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from experiments.lidar_thesis.corners import SnapshotFeatures
-from spinfilters.errors import InputError
+from spinfilters.core.errors import InputError
 
 
 @dataclass(frozen=True, eq=False)

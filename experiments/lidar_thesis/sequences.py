@@ -14,10 +14,9 @@ from experiments.lidar_thesis.reference_frames import (
     transition_errors,
 )
 from experiments.lidar_thesis.scan_features import Parameters
-from spinfilters.lidar.body_motion import Still, thesis_rotation
 from spinfilters.lidar.mesh import box
-from spinfilters.lidar.scan_errors import LidarNoise
-from spinfilters.lidar.scanner import LidarSettings, Scanner
+from spinfilters.lidar.scan import LidarNoise
+from spinfilters.simulation.lidar_scanner import LidarSettings, Scanner, Still, thesis_rotation
 
 PLACE: Final = np.array([500.0, 0.0, 0.0])
 """Centre of the cube, m."""

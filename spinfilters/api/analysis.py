@@ -7,26 +7,17 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from observability.analysis_report import Report, analyse
+from observability.analysis_report import Report, analyse, title
 from observability.canonical_motions import motion
 from observability.cases import Case, InputSizes
-from observability.scope import title
 from observability.system import Input
-from spinfilters.api.argument_ranges import (
-    FRAMES,
-    LANDMARKS,
-    MOMENT,
-    require_motion,
-)
-from spinfilters.api.argument_ranges import (
-    INTERVAL as INTERVALS,
-)
-from spinfilters.api.argument_ranges import (
-    RATE_RPM as RATES,
-)
+from spinfilters.api.argument_ranges import FRAMES, LANDMARKS, MOMENT, require_motion
+from spinfilters.api.argument_ranges import INTERVAL as INTERVALS
+from spinfilters.api.argument_ranges import RATE_RPM as RATES
 from spinfilters.api.blas_threads import on_one_blas_thread
-from spinfilters.conventions import RPM
-from spinfilters.data.argument_checks import (
+from spinfilters.core.conventions import RPM
+from spinfilters.core.errors import InputError
+from spinfilters.io.argument_checks import (
     checked_arguments,
     names,
     number,
@@ -37,13 +28,12 @@ from spinfilters.data.argument_checks import (
     three_numbers,
     truth,
 )
-from spinfilters.data.atomic_write import write_json, write_text
-from spinfilters.data.output_folder import output_folder, refuse_foreign
-from spinfilters.errors import InputError
+from spinfilters.io.output_files import output_folder, refuse_foreign, write_json, write_text
 from spinfilters.simulation.bundled_example import EPOCHS, INTERVAL, PRINCIPAL_MOMENTS, RATE_RPM
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
 
 OBSERVE: Final = "observe"
 """Name of the command whose folders are these."""
@@ -71,7 +61,7 @@ class ObservabilityResult:
 
     def figure(self) -> "Figure":
         """Ranks by order of derivative, and the bound over time, as a matplotlib figure."""
-        from spinfilters.plots.bound_figures import observability_figure
+        from spinfilters.plots.observability_figures import observability_figure
 
         return observability_figure(self.report, title(self.report.case))
 

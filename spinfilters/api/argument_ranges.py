@@ -2,9 +2,9 @@
 
 from typing import Final
 
-from spinfilters.data.input_file import value_text
-from spinfilters.data.stated_values import NumberRange
-from spinfilters.errors import InputError
+from spinfilters.core.errors import InputError
+from spinfilters.io.input_file import value_text
+from spinfilters.io.stated_values import NumberRange
 
 SEED: Final = NumberRange(0, 10**18, whole=True)
 SEGMENT: Final = NumberRange(0, 10**9 - 1, whole=True)

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from spinfilters.api.argument_ranges import WORKERS
-from spinfilters.data.argument_checks import (
+from spinfilters.core.errors import InputError
+from spinfilters.io.argument_checks import (
     called,
     checked_arguments,
     number,
@@ -18,12 +19,12 @@ from spinfilters.data.argument_checks import (
     text,
     truth,
 )
-from spinfilters.data.input_file import value_text
-from spinfilters.errors import InputError
+from spinfilters.io.input_file import value_text
 
 if TYPE_CHECKING:
     from spinfilters.campaigns.engine import Advance, Executor, Progress, Shard
     from spinfilters.campaigns.study import Study
+
 
 AnyStudy = Mapping[str, Any] | str | os.PathLike[str]
 """The tables of a study file, or the path of one."""
@@ -113,8 +114,8 @@ def repeated_run(folder: Path, run: int, dataset_folder: Path | None) -> dict[st
     require_installed("pyarrow")
     from spinfilters.campaigns.campaign_folder import read_folder
     from spinfilters.campaigns.runner import Runner
-    from spinfilters.data.dataset_writing import write_dataset
-    from spinfilters.data.output_folder import output_folder
+    from spinfilters.io.dataset_folder import write_dataset
+    from spinfilters.io.output_files import output_folder
 
     study, _ = read_folder(folder)
     if run >= len(study):

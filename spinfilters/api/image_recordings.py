@@ -6,17 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from spinfilters.geometry.camera_trajectory import CameraTrajectory
+from spinfilters.core.camera_trajectory import CameraTrajectory
+from spinfilters.simulation.body_view import Appearance, SurfaceTexture, named_mesh
 from spinfilters.simulation.bundled_example import EPOCHS, INTERVAL, PRINCIPAL_MOMENTS
+from spinfilters.simulation.image_sequence import Imaging, RenderedScene, SeenMotion, write_sequence
 from spinfilters.simulation.inspector import STATIC
-from spinfilters.simulation.motion import silent
-from spinfilters.simulation.scenario import THESIS_RPM, Scenario, simulate
-from spinfilters.vision.raw_rig import RawCamera, RawRig
-from spinfilters.vision.rendering.body_view import Appearance
-from spinfilters.vision.rendering.image_sequence import RenderedScene, SeenMotion, write_sequence
-from spinfilters.vision.rendering.imaging import Imaging
-from spinfilters.vision.rendering.surface_texture import SurfaceTexture
-from spinfilters.vision.rendering.triangle_mesh import named_mesh
+from spinfilters.simulation.scenario import THESIS_RPM, Scenario, silent, simulate
+from spinfilters.vision.rectification import RawCamera, RawRig
 
 _FOCAL_PX, _BASELINE_M = 466.7, 0.09
 _SIZE = (640, 480)

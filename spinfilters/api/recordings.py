@@ -4,22 +4,12 @@ import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from spinfilters.api.argument_ranges import (
-    FRAMES,
-    GYRO_BIAS,
-    MOMENT,
-    SEED,
-    SEGMENT,
-    require_motion,
-)
-from spinfilters.api.argument_ranges import (
-    INTERVAL as INTERVALS,
-)
-from spinfilters.api.argument_ranges import (
-    RATE_RPM as RATES,
-)
+from spinfilters.api.argument_ranges import FRAMES, GYRO_BIAS, MOMENT, SEED, SEGMENT, require_motion
+from spinfilters.api.argument_ranges import INTERVAL as INTERVALS
+from spinfilters.api.argument_ranges import RATE_RPM as RATES
 from spinfilters.api.blas_threads import on_one_blas_thread
-from spinfilters.data.argument_checks import (
+from spinfilters.core.errors import InputError
+from spinfilters.io.argument_checks import (
     A_RECORDING,
     called,
     checked_arguments,
@@ -31,21 +21,19 @@ from spinfilters.data.argument_checks import (
     three_numbers,
     truth,
 )
-from spinfilters.data.argument_checks import path as path_of
-from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_reader import IMAGES, has_images
-from spinfilters.data.sensor_format import dataset_kinds
-from spinfilters.data.stated_values import SAMPLING_RATE, ReadingOptions
-from spinfilters.errors import InputError
-from spinfilters.pipeline.readers import read_dataset
-from spinfilters.pipeline.segment_choice import read_chosen, segment_choice
-from spinfilters.sensors.sensor_registry import has_error
+from spinfilters.io.argument_checks import path as path_of
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.dataset_reader import IMAGES, has_images
+from spinfilters.io.sensor_format import dataset_kinds
+from spinfilters.io.stated_values import SAMPLING_RATE, ReadingOptions
+from spinfilters.models.sensor_registry import has_error
+from spinfilters.models.state_blocks import GYRO_BIAS as BIAS_BLOCK
+from spinfilters.run.readers import read_dataset
+from spinfilters.run.segment_choice import read_chosen, segment_choice
 from spinfilters.simulation.bundled_example import EPOCHS, INTERVAL, PRINCIPAL_MOMENTS, RATE_RPM
 from spinfilters.simulation.inspector import STATIC
-from spinfilters.simulation.motion import Progress, silent
-from spinfilters.simulation.scenario import Scenario, without_map
+from spinfilters.simulation.scenario import Progress, Scenario, silent, without_map
 from spinfilters.simulation.scenario import simulate as simulate_scenario
-from spinfilters.state.blocks.gyro_bias import GYRO_BIAS as BIAS_BLOCK
 
 MOST_TURNS = 100
 """Revolutions between epochs, at most: beyond, rounding decides where the body points."""

@@ -9,10 +9,10 @@ from typing import Any, Final
 
 from spinfilters.campaigns.rows_folder import ROWS, read_rows, write_table
 from spinfilters.campaigns.study import Study, read_study
-from spinfilters.data.atomic_write import make_folder, write_json, write_toml
-from spinfilters.data.input_file import path_text, read_settings_text
-from spinfilters.errors import InputError
-from spinfilters.runs.provenance import git_commit
+from spinfilters.core.errors import InputError
+from spinfilters.io.input_file import path_text, read_settings_text
+from spinfilters.io.output_files import make_folder, write_json, write_toml
+from spinfilters.run.provenance import git_commit
 
 STUDY_FILE: Final = "campaign.toml"
 BEGUN_FILE: Final = "campaign.json"

@@ -13,12 +13,11 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any, Final
 
-from spinfilters.campaigns.engine import Chunk
+from spinfilters.campaigns.engine import Chunk, WorkerProcess
 from spinfilters.campaigns.runner import Row
 from spinfilters.campaigns.study import Study, study_from
-from spinfilters.campaigns.worker_process import WorkerProcess
-from spinfilters.data.input_file import reason, value_text
-from spinfilters.errors import InputError
+from spinfilters.core.errors import InputError
+from spinfilters.io.input_file import reason, value_text
 
 RECOVERY_COUNT: Final = 600.0
 """Seconds that a scheduler may be away before the campaign gives up; what is done is kept."""

@@ -1,32 +1,45 @@
-"""Factors of a study.
+"""Factors of a study: what a recording is made of, and the initial belief drawn around its truth.
 
-What a recording is made of. The defaults are those of a `Scenario`: the bundled example.
+The defaults are those of a `Scenario`: the bundled example.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Final
 
-from spinfilters.data.input_file import value_text
-from spinfilters.data.stated_values import LENGTH, RATE, SPEED, NumberRange
-from spinfilters.errors import InputError
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.core.errors import InputError
+from spinfilters.evaluation.consistency import true_states
+from spinfilters.inference.initial_estimate import InitialEstimate
+from spinfilters.inference.setup import Setup
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.input_file import value_text
+from spinfilters.io.sensor_format import dataset_kinds
+from spinfilters.io.stated_values import LENGTH, RATE, SPEED, NumberRange
+from spinfilters.models.feature_tracks import EveryAppearance, Recognition, SomeAppearances
 from spinfilters.models.process import ProcessNoise
-from spinfilters.sensors.feature_tracks import EveryAppearance, Recognition, SomeAppearances
-from spinfilters.sensors.lidar_points import ANGLE_STD
-from spinfilters.settings.run_settings import TruthValue
+from spinfilters.models.sensor_registry import sensor_of
+from spinfilters.models.sensors.lidar_points import ANGLE_STD
+from spinfilters.models.state_layout import StateLayout
+from spinfilters.run.preparation import prepare
+from spinfilters.settings.run_settings import Settings, TruthValue
 from spinfilters.simulation.bundled_example import RECOGNITION
-from spinfilters.simulation.faults import (
+from spinfilters.simulation.measurement_faults import (
     Dropout,
     Fault,
+    FewAtFirst,
     FrozenFrames,
+    GrossError,
+    NewIds,
     Outliers,
     PointsAtInfinity,
     WrongAssociations,
 )
-from spinfilters.simulation.gross_error import GrossError
-from spinfilters.simulation.landmark_faults import FewAtFirst, NewIds
-from spinfilters.simulation.model_faults.faulty_recording import model_faults
+from spinfilters.simulation.model_faults import model_faults
 from spinfilters.simulation.scenario import Scenario
+from spinfilters.smoother.priors import FirstStatePrior
 
 RPM = NumberRange(-1e6, 1e6, "rpm")
 MOMENT = NumberRange(1e-6, 1e6)
@@ -90,7 +103,7 @@ class BodyFactor:
 
 @dataclass(frozen=True)
 class SensorFactor:
-    """The sensor, and how a camera finds landmarks (`spinfilters.sensors.feature_tracks.FrontEnd`).
+    """The sensor, and how a camera finds landmarks (`spinfilters.models.feature_tracks.FrontEnd`).
 
     Attributes
     ----------
@@ -159,14 +172,14 @@ class NoiseFactor:
 
 @dataclass(frozen=True)
 class FaultFactor:
-    """Measurement faults (`spinfilters.simulation.faults`), applied in this order; none by default.
+    """Measurement faults (`spinfilters.simulation.measurement_faults`), applied in this order; none by default.
 
     Attributes
     ----------
     wrong_associations, outliers: shares.   dropout_s: begin and end.   frozen_epochs: first epoch and how many repeat it.
     points_at_infinity: how many in every epoch.   new_ids_s: begin and end of a time in which no landmark is known again.
     few_at_first: share of the landmarks that are seen at first, and until when (s).
-    gross_error: kind of a single wrong measurement (`spinfilters.simulation.gross_error`), "" for none.
+    gross_error: kind of a single wrong measurement (`spinfilters.simulation.measurement_faults`), "" for none.
     gross_error_epoch: in which; negative ones count from the last.
     model: what is wrong with the models (`spinfilters.simulation.model_faults`), "" for nothing.
     model_size: of that, in multiples of a plain size of its own.
@@ -296,3 +309,48 @@ class RecordingFactors:
 
 FACTORS: Final = ("motion", "body", "sensor", "noise", "fault", "belief", "settings", "estimator")
 """Factors of a study; the estimator varies fastest, so that runs of one recording follow one another."""
+
+
+def prepared_with_drawn_belief(
+    dataset: Dataset, settings: Settings, belief: BeliefFactor, generator: np.random.Generator
+) -> Setup:
+    """Prepared data set with an initial belief drawn around the truth.
+
+    It is one of `require_frames`, for filters that begin at its first epoch.
+    """
+    truth = dataset.truth
+    assert truth is not None  # what is simulated has one
+
+    def initial(layout: StateLayout) -> InitialEstimate:
+        """The drawn belief as an initialisation over a layout."""
+        return drawn_start(layout, true_states(truth, layout)[0], belief, generator)
+
+    return prepare(dataset, settings, initial)
+
+
+def require_frames(sensor: SensorFactor) -> None:
+    """Refuse sensors whose frames are not those of the truth.
+
+    A belief is drawn in the frames of the truth, which unknown landmarks do not tell.
+    """
+    if not sensor.known_map and not sensor_of(dataset_kinds()[sensor.kind].name).tells_frames:
+        raise InputError(
+            "a drawn belief needs a sensor that tells the frames of the truth; give sensor.known_map = true, or "
+            'initialisation = "data"'
+        )
+
+
+def drawn_start(
+    layout: StateLayout, true: Float[np.ndarray, " m"], belief: BeliefFactor, generator: np.random.Generator
+) -> InitialEstimate:
+    """An initialisation of one epoch whose error is drawn from its own covariance.
+
+    The truth is ``mean [+] e`` with e ~ N(0, P); drawn as mean = true [+] (-e), which is the same to first order.
+    """
+    std = np.zeros(layout.error_dim)
+    for block in layout.blocks:
+        std[layout.slice(block)] = belief.by_block.get(block, 1e-3)
+    mean = layout.retract(true, std * generator.standard_normal(layout.error_dim))
+    prior = FirstStatePrior(mean, std)
+    factor = prior.factor[np.newaxis]
+    return InitialEstimate(layout, prior, mean[np.newaxis], factor, 0.0, 0, 0, 0, 0, converged=True)

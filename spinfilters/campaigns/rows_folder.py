@@ -9,6 +9,7 @@ import json
 import os
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO, Final
@@ -17,11 +18,94 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from spinfilters.campaigns.journal_rows import SET_ASIDE, RowRules, read_journal
-from spinfilters.campaigns.schema import schema
-from spinfilters.data.atomic_write import atomic_file, make_folder, write_bytes
-from spinfilters.data.input_file import path_text, reason, require_file
-from spinfilters.errors import InputError
+from spinfilters.campaigns.row_columns import OUTCOMES, schema
+from spinfilters.core.errors import InputError
+from spinfilters.io.input_file import path_text, read_bytes, reason, require_file
+from spinfilters.io.output_files import atomic_file, make_folder, write_bytes
+
+LARGEST_JOURNAL: Final = 1 << 30
+"""Bytes of a journal that are read: five thousand rows are a hundredth of it."""
+SET_ASIDE: Final = ".damaged"
+"""Suffix of a file with the lines of a journal that are no rows."""
+_LARGEST_WHOLE: Final = 2**63 - 1
+
+
+@dataclass(frozen=True)
+class RowRules:
+    """Rules that a row of a study keeps.
+
+    Attributes
+    ----------
+    schema: of the rows.   levels: of the factors, of every cell; none where the study is not at hand.
+    """
+
+    schema: pa.Schema
+    levels: Sequence[Mapping[str, str]] = ()
+
+    def is_row(self, row: object) -> bool:
+        """Whether it is a mapping of known columns to values of their types, of a run that the study can have."""
+        if not isinstance(row, dict) or row.get("outcome") not in OUTCOMES:
+            return False
+        numbers: list[Any] = [row.get(name) for name in ("run", "cell", "seed")]
+        if any(type(number) is not int or number < 0 for number in numbers):
+            return False
+        if any(name not in self.schema.names for name in row):
+            return False
+        if not all(_is_of_type(row[each.name], each.type) for each in self.schema if each.name in row):
+            return False
+        return self._is_of_study(row, *numbers)
+
+    def _is_of_study(self, row: Mapping[str, Any], run: int, cell: int, seed: int) -> bool:
+        """Whether number, cell, seed and levels of a run agree."""
+        if not self.levels:
+            return True
+        if cell >= len(self.levels) or run != seed * len(self.levels) + cell:
+            return False
+        return all(row.get(name) == level for name, level in self.levels[cell].items())
+
+    def rows_of(self, table: pa.Table) -> pa.Table:
+        """The rows of a table whose numbers of run, cell and seed agree."""
+        if not self.levels:
+            return table
+        run, cell, seed = (table[name].to_numpy() for name in ("run", "cell", "seed"))
+        kept = (run >= 0) & (cell >= 0) & (cell < len(self.levels)) & (run == seed * len(self.levels) + cell)
+        return table if kept.all() else table.filter(pa.array(kept))
+
+
+def _is_of_type(value: object, kind: pa.DataType) -> bool:
+    """Whether Arrow takes a value of JSON as this type without changing it."""
+    if value is None:
+        return True
+    if pa.types.is_string(kind):
+        return isinstance(value, str) and not any("\ud800" <= letter <= "\udfff" for letter in value)
+    if pa.types.is_boolean(kind):
+        return isinstance(value, bool)
+    if pa.types.is_int64(kind):
+        return type(value) is int and abs(value) <= _LARGEST_WHOLE
+    if pa.types.is_list(kind):
+        return isinstance(value, list) and all(_is_of_type(each, pa.float64()) for each in value)
+    return isinstance(value, float) or (type(value) is int and abs(value) <= 2**53)
+
+
+def read_journal(path: Path, rules: RowRules) -> tuple[list[dict[str, Any]], list[bytes]]:
+    """Rows of a journal, and whole lines that are none.
+
+    A last line without its end was cut short by a kill and is neither.
+    InputError: it is no regular file, or cannot be read.
+    """
+    rows, damaged = [], []
+    *lines, _cut = read_bytes(path, LARGEST_JOURNAL, may_be_empty=True).split(b"\n")
+    for line in lines:
+        try:
+            row = json.loads(line)
+        except (ValueError, RecursionError):
+            row = None
+        if rules.is_row(row):
+            rows.append(row)
+        elif line.strip():
+            damaged.append(line)
+    return rows, damaged
+
 
 ROWS: Final = "rows"
 PART_ROWS: Final = 5_000
@@ -32,7 +116,7 @@ _PART, _JOURNAL = ".parquet", ".jsonl"
 
 
 class RowsFolder:
-    """The rows of one campaign; one process writes at a time (`spinfilters.runs.run_lock`).
+    """The rows of one campaign; one process writes at a time (`spinfilters.run.run_lock`).
 
     Parameters
     ----------

@@ -11,27 +11,22 @@ from typing import Any, Final, TypeVar
 
 import numpy as np
 
-from spinfilters.campaigns.factor_table import Cell
-from spinfilters.campaigns.initial_belief import prepared_with_drawn_belief
-from spinfilters.campaigns.metric_columns import bound_metrics, metrics, noise_metrics
-from spinfilters.campaigns.recording_factors import RecordingFactors
-from spinfilters.campaigns.schema import TIMES
-from spinfilters.campaigns.study import CampaignRun, Study
-from spinfilters.data.dataset import Dataset
-from spinfilters.data.input_file import printable
-from spinfilters.errors import SpinfiltersError
-from spinfilters.estimators.estimator import Estimator
-from spinfilters.estimators.timeline import Timeline
+from spinfilters.campaigns.recording_factors import RecordingFactors, prepared_with_drawn_belief
+from spinfilters.campaigns.row_columns import TIMES, bound_metrics, metrics, noise_metrics
+from spinfilters.campaigns.study import CampaignRun, Cell, Study
+from spinfilters.core.errors import SpinfiltersError
 from spinfilters.evaluation.estimator_evaluation import Evaluation
-from spinfilters.pipeline.estimation import Comparison, ComparisonExtent, compare_estimators
-from spinfilters.pipeline.preparation import prepare
-from spinfilters.pipeline.recording_bound import with_bounds, without_bounds
-from spinfilters.pipeline.setup import Setup
-from spinfilters.simulation.faults import with_faults
-from spinfilters.simulation.model_faults.faulty_recording import faulty_recording, model_faults
-from spinfilters.simulation.motion import Motion
-from spinfilters.simulation.motion_in_view import motion_in_view
-from spinfilters.simulation.scenario import measured, without_map, without_noise
+from spinfilters.evaluation.recording_bound import with_bounds, without_bounds
+from spinfilters.filters.estimator import Estimator
+from spinfilters.filters.timeline import Timeline
+from spinfilters.inference.setup import Setup
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.input_file import printable
+from spinfilters.run.estimation import Comparison, ComparisonExtent, compare_estimators
+from spinfilters.run.preparation import prepare
+from spinfilters.simulation.measurement_faults import with_faults
+from spinfilters.simulation.model_faults import faulty_recording, model_faults
+from spinfilters.simulation.scenario import Motion, measured, motion_in_view, without_map, without_noise
 
 
 @dataclass(frozen=True)

@@ -1,18 +1,340 @@
-"""Study: a validated table of factors times seeds."""
+"""Study: a validated table of factors times seeds.
+
+A factor is a table of levels; cells are combinations of levels. Where a number may
+stand, `{ log_uniform = [0.2, 4.0] }` is drawn per seed: a seed draws the same share of every range of that number,
+whatever the cell, so that cells are compared on the same draws.
+"""
 
 import hashlib
 import json
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cached_property
+from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Final, Literal
 
-from spinfilters.campaigns.factor_table import Cell, cells_of, check_tables, study_options
-from spinfilters.campaigns.initial_belief import require_frames
-from spinfilters.campaigns.study_options import MOST_RUNS, OPEN_KEYS, StudyOptions
-from spinfilters.data.input_file import path_text, read_toml
-from spinfilters.errors import InputError
+import numpy as np
+
+from spinfilters.campaigns.recording_factors import (
+    FACTORS,
+    BeliefFactor,
+    BodyFactor,
+    FaultFactor,
+    MotionFactor,
+    NoiseFactor,
+    RecordingFactors,
+    SensorFactor,
+    require_frames,
+)
+from spinfilters.core.errors import InputError
+from spinfilters.io.input_file import path_text, read_toml, value_text
+from spinfilters.io.stated_values import NumberRange
+from spinfilters.settings.run_settings import Settings, settings_from
+from spinfilters.settings.setting_validation import validated
+
+LOG_UNIFORM: Final = "log_uniform"
+
+
+@dataclass(frozen=True)
+class DrawnNumber:
+    """A number of a table of factors, by its limits."""
+
+    table: str
+    key: str
+    smallest: float
+    largest: float
+
+    def at(self, seeds: np.random.SeedSequence) -> float:
+        """Value drawn by the generator of a seed."""
+        own = np.random.SeedSequence(
+            seeds.entropy, spawn_key=(*seeds.spawn_key, *f"{self.table}.{self.key}".encode())
+        )
+        share = np.random.default_rng(own).random()
+        return float(self.smallest * (self.largest / self.smallest) ** share)
+
+
+def drawn_numbers(kind: str, table: Mapping[str, Any]) -> tuple[DrawnNumber, ...]:
+    """Drawn numbers of a table of factors. InputError: limits that do not ascend."""
+    return tuple(_number(kind, key, value) for key, value in table.items() if isinstance(value, Mapping))
+
+
+def with_draws(
+    factors: RecordingFactors, drawn: tuple[DrawnNumber, ...], seeds: np.random.SeedSequence
+) -> RecordingFactors:
+    """Factors of one seed with its drawn values."""
+    for number in drawn:
+        table = getattr(factors, number.table)
+        factors = replace(factors, **{number.table: replace(table, **{number.key: number.at(seeds)})})
+    return factors
+
+
+def _number(kind: str, key: str, value: Mapping[str, Any]) -> DrawnNumber:
+    limits = value.get(LOG_UNIFORM) if value.keys() == {LOG_UNIFORM} else None
+    if not isinstance(limits, list) or not _ascend(limits):
+        raise InputError(
+            f"{kind}.{key} is {value_text(value)}; give a number, or {{ {LOG_UNIFORM} = [1.0, 2.0] }} with two positive ones that "
+            "ascend, with decimal points"
+        )
+    return DrawnNumber(kind, key, *limits)
+
+
+def _ascend(limits: list[Any]) -> bool:
+    """Whether these are two positive numbers with a decimal point that ascend."""
+    return len(limits) == 2 and all(isinstance(x, float) for x in limits) and 0 < limits[0] < limits[1]
+
+
+MOST_RUNS: Final = 10_000_000
+OPEN_KEYS: Final = ("seeds", "description", "time_limit_s")
+"""Options that may change when a campaign is resumed: no run depends on them."""
+
+
+@dataclass(frozen=True)
+class StudyOptions:
+    """The table ``[study]``.
+
+    Attributes
+    ----------
+    name: of the study.   seeds: runs of every cell.   root_seed: of all randomness.
+    initialisation: "data" as in a comparison, or "drawn": a belief drawn around the truth, for studies of filters alone.
+    bound: the Cramer-Rao bound of every "run", that of the first seed of a "motion", or "none".
+    time_limit_s: of one run; one that takes longer is ended, with a row that says so.
+    """
+
+    name: str
+    seeds: Annotated[int, NumberRange(1, MOST_RUNS, whole=True)]
+    description: str = ""
+    root_seed: Annotated[int, NumberRange(0, 10**18, whole=True)] = 0
+    initialisation: Literal["data", "drawn"] = "data"
+    bound: Literal["run", "motion", "none"] = "run"
+    time_limit_s: Annotated[float, NumberRange(1e-3, 1e6, "s")] = 600.0
+
+
+MOST_CELLS: Final = 10_000
+LONGEST_LEVEL: Final = 120
+BASE: Final = "base"
+"""The level whose table every other level of a factor begins from; that of factors that do not vary."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One combination of levels.
+
+    Attributes
+    ----------
+    levels: of every factor, as text: the columns of its rows.   settings: with the cell's estimator alone.
+    recording: with the smallest of what is drawn.   drawn: numbers of it that every seed draws.
+    """
+
+    levels: Mapping[str, str]
+    recording: RecordingFactors
+    belief: BeliefFactor
+    settings: Settings
+    drawn: tuple[DrawnNumber, ...] = ()
+
+    def recording_of(self, seeds: np.random.SeedSequence) -> RecordingFactors:
+        """Factors of the recording of a seed."""
+        return with_draws(self.recording, self.drawn, seeds)
+
+    @property
+    def estimator(self) -> str:
+        """Name of the estimator."""
+        return self.settings.estimators[0]
+
+
+def study_options(document: Mapping[str, Any]) -> StudyOptions:
+    """The options of a parsed study file.
+
+    InputError: no table [study], no name, no seeds, an unknown or unusable key.
+    """
+    table = document.get("study")
+    if not isinstance(table, Mapping):
+        raise InputError("has no table [study]; give one with a name and the number of seeds")
+    for key, example in (("name", 'name = "known map"'), ("seeds", "seeds = 100")):
+        if key not in table:
+            raise InputError(f"study.{key} is missing; give it in [study], such as {example}")
+    given = validated(_StudyFile, {"study": dict(table)})["study"]
+    if not given.name.strip() or not given.name.isprintable() or len(given.name) > 200:
+        raise InputError(f"study.name is {value_text(given.name)}; give one line of at most 200 characters")
+    return given
+
+
+@dataclass(frozen=True)
+class _StudyFile:
+    """Tables that are checked as dataclasses."""
+
+    study: StudyOptions
+    motion: MotionFactor = field(default_factory=MotionFactor)
+    body: BodyFactor = field(default_factory=BodyFactor)
+    sensor: SensorFactor = field(default_factory=SensorFactor)
+    noise: NoiseFactor = field(default_factory=NoiseFactor)
+    fault: FaultFactor = field(default_factory=FaultFactor)
+    belief: BeliefFactor = field(default_factory=BeliefFactor)
+
+
+_TABLES: Final = tuple(each.name for each in fields(_StudyFile) if each.name != "study")
+
+
+def check_tables(document: Mapping[str, Any]) -> None:
+    """Require that every table is known and holds tables of levels."""
+    known = ("study", "factors", *(name for name in FACTORS if name != "estimator"))
+    for key, table in document.items():
+        if key not in known:
+            raise InputError(f"unknown table {value_text(key)}; known are {', '.join(known)}")
+        if not isinstance(table, Mapping):
+            raise InputError(f"{key} is {value_text(table)}; it must be a table [{key}]")
+        if key in ("study", "factors"):
+            continue
+        for level, values in table.items():
+            if not isinstance(values, Mapping):
+                raise InputError(
+                    f"{key}.{value_text(level)[1:-1]} is {value_text(values)}; give it in a level such as [{key}.{BASE}]"
+                )
+            used = level == BASE or level in _levels(document).get(key, ())
+            if not used:
+                raise InputError(
+                    f"level {value_text(level)} of {key} is not used; list it under [factors], or call it {BASE} "
+                    f'(a name with a dot: [{key}."1.5"])'
+                )
+
+
+def _levels(document: Mapping[str, Any]) -> dict[str, list[Any]]:
+    """Levels of every factor in the order of `FACTORS`, factors of single keys before the estimator."""
+    table = document.get("factors")
+    if not isinstance(table, Mapping) or "estimator" not in table:
+        raise InputError('factors.estimator is missing; give it in [factors], such as estimator = ["mekf"]')
+    found: dict[str, list[Any]] = {}
+    for name, levels in table.items():
+        kind = name.split(".")[0]
+        if kind not in FACTORS or (kind == "estimator" and name != kind):
+            raise InputError(
+                f'unknown factor {value_text(name)}; known are {", ".join(FACTORS)}, and single keys such as "noise.pixel_std"'
+            )
+        _check_levels(name, levels)
+        found[name] = levels
+    ordered = {name: found.get(name, [BASE]) for name in FACTORS[:-1]}
+    single = {name: levels for name, levels in found.items() if "." in name}
+    return ordered | single | {"estimator": found["estimator"]}
+
+
+def _check_levels(name: str, levels: Any) -> None:
+    """A list of distinct levels.
+
+    Names where each has a table, values of a single key otherwise.
+    """
+    if not isinstance(levels, list) or not levels:
+        raise InputError(f"factor {value_text(name)} is {value_text(levels)}; give a list of levels")
+    if "." not in name and not all(isinstance(level, str) for level in levels):
+        cure = "such as mekf" if name == "estimator" else f"each with a table [{name}.NAME]"
+        raise InputError(f"factor {name} has the levels {value_text(levels)}; give names, {cure}")
+    texts = [_text(level) for level in levels]
+    odd = next((text for text in texts if not text.isprintable() or not 0 < len(text) <= LONGEST_LEVEL), None)
+    if odd is not None:
+        raise InputError(
+            f"factor {name} has the level {value_text(odd)}; give one line of at most {LONGEST_LEVEL} characters"
+        )
+    if len(set(texts)) < len(texts):
+        raise InputError(
+            f"factor {value_text(name)} names a level twice in {value_text(levels)}; name each once"
+        )
+
+
+def _text(level: Any) -> str:
+    """A level as its column has it."""
+    return level if isinstance(level, str) else json.dumps(level)
+
+
+def cells_of(document: Mapping[str, Any]) -> Iterator[Cell]:
+    """Every combination of levels, checked.
+
+    InputError: a level, key or value that is unknown or unusable; too many cells.
+    """
+    levels = _levels(document)
+    count = math.prod(len(each) for each in levels.values())
+    if count > MOST_CELLS:
+        raise InputError(f"the factors make {count} cells; give at most {MOST_CELLS}")
+    made = _TableMaker(document)
+    for combination in product(*levels.values()):
+        yield made.cell(dict(zip(levels, combination, strict=True)))
+
+
+class _TableMaker:
+    """Checked tables of levels; the same level is checked once."""
+
+    def __init__(self, document: Mapping[str, Any]) -> None:
+        self._document = document
+        self._made: dict[str, Any] = {}
+
+    def cell(self, levels: Mapping[str, Any]) -> Cell:
+        """The cell of a combination of levels."""
+        parts = {kind: self._part(kind, levels) for kind in (*_TABLES, "settings")}
+        drawn = tuple(number for part in parts.values() for number in part.drawn)
+        tables = {kind: part.table for kind, part in parts.items()}
+        settings = replace(tables.pop("settings"), estimators=(levels["estimator"],))
+        belief = tables.pop("belief")
+        recording = RecordingFactors(**tables)
+        key = "scenario" + str(recording)
+        if key not in self._made:
+            self._made[key] = recording.scenario  # refuses what cannot be simulated
+        return Cell(
+            {name: _text(level) for name, level in levels.items()}, recording, belief, settings, drawn
+        )
+
+    def _part(self, kind: str, levels: Mapping[str, Any]) -> "_Part":
+        tables = self._document.get(kind, {})
+        level = levels[kind]
+        if level != BASE and level not in tables:
+            raise InputError(f"level {value_text(level)} of {kind} has no table; give [{kind}.{level}]")
+        merged = _merged(tables.get(BASE, {}), tables.get(level, {}))
+        for name, value in levels.items():
+            if name.startswith(f"{kind}."):
+                merged = _merged(merged, _nested(name.split(".")[1:], value))
+        key = kind + json.dumps(merged, sort_keys=True)
+        if key not in self._made:
+            self._made[key] = self._checked(kind, merged)
+        return self._made[key]
+
+    def _checked(self, kind: str, table: dict[str, Any]) -> "_Part":
+        if kind != "settings":
+            drawn = () if kind == "belief" else drawn_numbers(kind, table)
+            for number in drawn:
+                _ = validated(_StudyFile, {kind: {number.key: number.largest}})
+            fixed = table | {number.key: number.smallest for number in drawn}
+            return _Part(validated(_StudyFile, {kind: fixed})[kind], drawn)
+        if "estimators" in table:
+            raise InputError("settings.estimators is given by the factor estimator; leave it out")
+        return _Part(settings_from(table, "settings"))
+
+
+@dataclass(frozen=True)
+class _Part:
+    """A checked table of a level, and what is drawn of it.
+
+    Drawn values stand in the table with the smallest of their range.
+    """
+
+    table: Any
+    drawn: tuple[DrawnNumber, ...] = ()
+
+
+def _merged(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict[str, Any]:
+    """Tables with those of the second in place of the first's, key by key."""
+    merged = dict(first)
+    for key, value in second.items():
+        inner = merged.get(key)
+        if isinstance(inner, Mapping) and isinstance(value, Mapping):
+            merged[key] = _merged(inner, value)
+        else:
+            merged[key] = value
+    return merged
+
+
+def _nested(keys: list[str], value: Any) -> dict[str, Any]:
+    """A value in tables of tables."""
+    for key in reversed(keys):
+        value = {key: value}
+    return value
 
 
 @dataclass(frozen=True)

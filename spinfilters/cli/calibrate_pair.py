@@ -8,31 +8,26 @@ import cv2
 import numpy as np
 
 from spinfilters.cli.console import wide_console
-from spinfilters.data.atomic_write import write_json, write_text
-from spinfilters.data.input_file import path_text
-from spinfilters.data.output_folder import output_folder, refuse_foreign
-from spinfilters.data.sensor_yaml import deviations_text
-from spinfilters.errors import InputError
-from spinfilters.plots.calibration_figure import calibration_figure
+from spinfilters.core.errors import InputError
+from spinfilters.io.camera import deviations_text
+from spinfilters.io.input_file import path_text
+from spinfilters.io.output_files import output_folder, refuse_foreign, write_json, write_text
+from spinfilters.plots.measurement_figures import calibration_figure
 from spinfilters.plots.style import save_figure
-from spinfilters.vision.calibration_check import (
+from spinfilters.vision.calibration_images import Board, board_views, image_pairs
+from spinfilters.vision.camera_calibration import PARAMETERS
+from spinfilters.vision.depth_map import disparity_map
+from spinfilters.vision.image_folder import LossCount, read_image
+from spinfilters.vision.rectification import RawRig, Rectification, write_raw_rig
+from spinfilters.vision.stereo_calibration import (
     LARGEST_RELATIVE_STD,
     BoardMeasurement,
     CheckResult,
+    StereoCalibration,
+    calibrate_stereo,
     checks,
     determination,
     measured_board,
-)
-from spinfilters.vision.calibration_images import Board, board_views, image_pairs
-from spinfilters.vision.camera_calibration import PARAMETERS
-from spinfilters.vision.disparity import disparity_map
-from spinfilters.vision.image_folder import read_image
-from spinfilters.vision.loss_count import LossCount
-from spinfilters.vision.raw_rig import RawRig, write_raw_rig
-from spinfilters.vision.rectification import Rectification
-from spinfilters.vision.stereo_calibration import (
-    StereoCalibration,
-    calibrate_stereo,
     standing_out,
     undetermined,
     undetermined_text,

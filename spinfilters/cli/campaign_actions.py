@@ -12,8 +12,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from spinfilters.api.campaign_frames import campaign_rows, repeated_run, require_installed
 from spinfilters.cli.console import wide_console
-from spinfilters.data.input_file import value_text
-from spinfilters.errors import InputError
+from spinfilters.core.errors import InputError
+from spinfilters.io.input_file import value_text
 
 if TYPE_CHECKING:
     from spinfilters.campaigns.engine import Advance
@@ -74,7 +74,7 @@ def _carried_out(options: argparse.Namespace) -> "Advance":
 
 def _report(options: argparse.Namespace) -> int:
     require_installed("pyarrow")
-    from spinfilters.campaigns.report.writing import write_report
+    from spinfilters.campaigns.campaign_report import write_report
 
     page = write_report(Path(_only(options, "report", "OUT")))
     _say(f"report: {page}")

@@ -9,20 +9,19 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from spinfilters.cli.arguments import reading_options
-from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_reader import IMAGES, has_images
-from spinfilters.data.input_file import value_text
-from spinfilters.data.stated_values import ReadingOptions
-from spinfilters.errors import InputError
-from spinfilters.pipeline.estimator_table import estimator_entries
-from spinfilters.pipeline.readers import read_dataset
-from spinfilters.settings.estimator_names import names_in
-from spinfilters.settings.run_settings import Settings, read_settings
+from spinfilters.cli.command import reading_options
+from spinfilters.core.errors import InputError
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.dataset_reader import IMAGES, has_images
+from spinfilters.io.input_file import value_text
+from spinfilters.io.stated_values import ReadingOptions
+from spinfilters.run.estimators import estimator_entries
+from spinfilters.run.readers import read_dataset
+from spinfilters.settings.run_settings import Settings, names_in, read_settings
 
 if TYPE_CHECKING:
-    from spinfilters.pipeline.optional_outputs import OptionalOutputs
-    from spinfilters.pipeline.segment_choice import SegmentChoice
+    from spinfilters.run.optional_outputs import OptionalOutputs
+    from spinfilters.run.segment_choice import SegmentChoice
 
 
 def compare(options: argparse.Namespace) -> int:
@@ -44,7 +43,7 @@ def compare(options: argparse.Namespace) -> int:
 def _segment_choice(options: argparse.Namespace) -> "SegmentChoice | None":
     if options.segment is None:
         return None
-    from spinfilters.pipeline.segment_choice import segment_choice
+    from spinfilters.run.segment_choice import segment_choice
 
     return segment_choice(options.segment)
 
@@ -53,7 +52,7 @@ def _additions(options: argparse.Namespace) -> "OptionalOutputs | None":
     """Optional outputs that were asked for, or None."""
     if options.predict is None and not options.convergence and not options.explain:
         return None
-    from spinfilters.pipeline.optional_outputs import OptionalOutputs
+    from spinfilters.run.optional_outputs import OptionalOutputs
 
     return OptionalOutputs(options.predict, options.convergence, options.explain)
 
@@ -95,7 +94,7 @@ def _dataset(options: argparse.Namespace, choice: "SegmentChoice | None") -> Dat
         )
     stated = reading_options(options)
     if choice is not None:
-        from spinfilters.pipeline.segment_choice import read_chosen
+        from spinfilters.run.segment_choice import read_chosen
 
         return read_chosen(options.dataset, choice, stated)
     return _recording(options.dataset, stated)

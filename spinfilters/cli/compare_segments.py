@@ -4,11 +4,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from spinfilters.cli.console import progress_bars, wide_console
-from spinfilters.data.atomic_write import made_folder
-from spinfilters.data.stated_values import ReadingOptions
-from spinfilters.errors import InputError
-from spinfilters.pipeline.segment_choice import read_several
-from spinfilters.pipeline.segment_runs import (
+from spinfilters.core.errors import InputError
+from spinfilters.io.output_files import made_folder
+from spinfilters.io.stated_values import ReadingOptions
+from spinfilters.run.run_folder import refuse_foreign_run
+from spinfilters.run.run_lock import locked_run
+from spinfilters.run.segment_choice import read_several
+from spinfilters.run.segment_runs import (
     SegmentResult,
     pool,
     pool_accelerations,
@@ -18,8 +20,6 @@ from spinfilters.pipeline.segment_runs import (
     throws_picture,
     write_segments,
 )
-from spinfilters.runs.run_folder import refuse_foreign_run
-from spinfilters.runs.run_lock import locked_run
 from spinfilters.settings.run_settings import Settings
 
 

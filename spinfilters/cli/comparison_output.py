@@ -5,20 +5,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from spinfilters.cli.console import progress_bars, wide_console
-from spinfilters.data.dataset import Dataset
-from spinfilters.errors import InputError
-from spinfilters.evaluation.comparison import comparison_table
-from spinfilters.pipeline.comparison_run import RunOutput, compare_into
-from spinfilters.pipeline.conditions import conditions_of
-from spinfilters.pipeline.estimation import Comparison
-from spinfilters.runs.run_folder import REPORT_FILE
+from spinfilters.core.errors import InputError
+from spinfilters.evaluation.comparison_table import comparison_table
+from spinfilters.io.dataset import Dataset
+from spinfilters.models.status import verdict_sentences
+from spinfilters.run.comparison_run import RunOutput, compare_into
+from spinfilters.run.conditions import conditions_of
+from spinfilters.run.estimation import Comparison
+from spinfilters.run.run_folder import REPORT_FILE
 from spinfilters.settings.run_settings import Settings
-from spinfilters.state.status import verdict_sentences
-
-_FLIGHTS_TOLD = 4
 
 if TYPE_CHECKING:
-    from spinfilters.pipeline.optional_outputs import OptionalOutputs
+    from spinfilters.run.optional_outputs import OptionalOutputs
+
+
+_FLIGHTS_TOLD = 4
 
 
 def compare_and_print(
@@ -62,7 +63,7 @@ def _print_flights(comparison: Comparison, options: argparse.Namespace) -> None:
     is_whole = options.dataset is not None and options.segment is None
     if not is_whole or all(each.history.status.verdict == "ok" for each in comparison.evaluations):
         return
-    from spinfilters.flight.free_flight import flights_within
+    from spinfilters.run.free_flight import flights_within
 
     flights = flights_within(comparison.setup.dataset)
     if flights:

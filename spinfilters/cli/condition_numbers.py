@@ -26,16 +26,15 @@ from observability.conditioning import (
     suggest_scaling,
 )
 from spinfilters.cli.console import wide_console
-from spinfilters.conventions import RPM
-from spinfilters.data.atomic_write import write_json, write_text
-from spinfilters.data.input_file import path_text
-from spinfilters.data.output_folder import output_folder, refuse_foreign
-from spinfilters.errors import InputError
+from spinfilters.core.conventions import RPM
+from spinfilters.core.errors import InputError
+from spinfilters.io.input_file import path_text
+from spinfilters.io.output_files import output_folder, refuse_foreign, write_json, write_text
 from spinfilters.models.rotation_integrator import IntegrationError
-from spinfilters.plots.noise_conditioning import TIME_STEPS, conditioning_figure, covariance_figure
+from spinfilters.plots.observability_figures import TIME_STEPS, conditioning_figure, covariance_figure
 from spinfilters.plots.style import save_figure
-from spinfilters.runs.history_file import read_history
-from spinfilters.runs.run_folder import HISTORY_FILE
+from spinfilters.run.array_files import read_history
+from spinfilters.run.run_folder import HISTORY_FILE
 
 COMMAND = "condition"
 RESULT_FILE, TABLE_FILE, PICTURE_FILE = "condition.json", "condition.csv", "condition.png"

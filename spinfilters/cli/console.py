@@ -8,7 +8,8 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 if TYPE_CHECKING:
-    from spinfilters.pipeline.estimation import Progress as Report
+    from spinfilters.run.estimation import Progress as Report
+
 
 WIDTH_OF_FILES = 150
 

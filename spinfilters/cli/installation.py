@@ -16,10 +16,11 @@ from rich.console import Console
 from rich.text import Text
 
 import spinfilters
-from spinfilters.runs.provenance import PACKAGES, git_commit
+from spinfilters.run.provenance import PACKAGES, git_commit
 
 if TYPE_CHECKING:
     from spinfilters.cli.installation_checks import InstallationCheck
+
 
 NAME_WIDTH: Final[int] = 28
 COMPILING_FAILED: Final[str] = (
@@ -82,7 +83,7 @@ def _installed_version(name: str) -> str:
 
 
 def _compiler() -> str:
-    from spinfilters.symbolic.c_library import compiler
+    from spinfilters.core.c_library import compiler
 
     path = compiler()
     if path is None:
@@ -99,7 +100,7 @@ def _compiler() -> str:
 
 def _compiled_code() -> str:
     from spinfilters.cli.installation_checks import compare_with_virtual_machine
-    from spinfilters.symbolic.c_library import compiler
+    from spinfilters.core.c_library import compiler
 
     try:
         found = compare_with_virtual_machine()
@@ -112,7 +113,7 @@ def _compiled_code() -> str:
 
 
 def _cache() -> str:
-    from spinfilters.symbolic.library_folder import cache_folder
+    from spinfilters.core.c_library import cache_folder
 
     folder = cache_folder()
     if folder is None:
@@ -134,7 +135,7 @@ def _scaling() -> str:
     import numpy as np
 
     from observability.conditioning import suggest_scaling
-    from spinfilters.conventions import RPM
+    from spinfilters.core.conventions import RPM
     from spinfilters.simulation.scenario import THESIS_RPM
 
     try:

@@ -10,20 +10,17 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.attitude import conversions
-from spinfilters.estimators.estimator import Estimator
-from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
-from spinfilters.estimators.filters.multiplicative_ukf import MultiplicativeUkf
-from spinfilters.estimators.run import run
-from spinfilters.estimators.timeline import SensorNoise, build_timeline
+from spinfilters.core import attitude_conversions as conversions
+from spinfilters.core.c_library import UNFINISHED, compiler, is_own_library, private_folder
+from spinfilters.core.compiled import Compiled
+from spinfilters.filters.ekf import MultiplicativeEkf
+from spinfilters.filters.estimator import Estimator
+from spinfilters.filters.timeline import SensorNoise, build_timeline, run
+from spinfilters.filters.ukf import MultiplicativeUkf
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
+from spinfilters.models.state_layout import ROTATION_BLOCKS, Gaussian, StateLayout
+from spinfilters.models.status import Verdict
 from spinfilters.simulation.scenario import Scenario, simulate
-from spinfilters.state.gaussian import Gaussian
-from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
-from spinfilters.state.status import Verdict
-from spinfilters.symbolic.c_library import compiler
-from spinfilters.symbolic.compiled import Compiled
-from spinfilters.symbolic.library_folder import UNFINISHED, is_own_library, private_folder
 
 REINSTALL: Final[str] = "install again (make clean, then make compare); if it stays, report it with this page"
 CACHE_CURE: Final[str] = (

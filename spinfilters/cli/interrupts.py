@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, TypeVar
 if TYPE_CHECKING:
     from sys import UnraisableHookArgs
 
+
 T = TypeVar("T")
 _pressed: list[int] = []
 """Not empty once Ctrl-C was pressed in the command that runs."""

@@ -8,17 +8,16 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from spinfilters.cli.interrupts import require_uninterrupted, until_interrupted
-from spinfilters.data.atomic_write import write_json
-from spinfilters.live.answer import Answer, AnswerWriter
-from spinfilters.live.course import CourseRecorder
+from spinfilters.io.output_files import write_json
+from spinfilters.live.answer import Answer, AnswerWriter, CourseRecorder
 from spinfilters.live.executive import Executive
 from spinfilters.live.live_options import LONG_RUN, LiveOptions, live_setup
+from spinfilters.live.smoother_process import SupervisionOptions
 from spinfilters.live.sources import Replay, Source, open_lines
-from spinfilters.live.supervisor import SupervisionOptions
 from spinfilters.live.terminal_view import TerminalView
-from spinfilters.pipeline.readers import read_dataset
 from spinfilters.plots.live_course import live_figure
 from spinfilters.plots.style import draw_figure
+from spinfilters.run.readers import read_dataset
 from spinfilters.settings.run_settings import Settings, read_settings
 
 MIB = 1 << 20

@@ -16,8 +16,8 @@ from typing import Final, NoReturn
 from spinfilters import __version__
 from spinfilters.cli.commands import COMMANDS
 from spinfilters.cli.interrupts import noted_interrupts
-from spinfilters.data.input_file import printable
-from spinfilters.errors import SpinfiltersError
+from spinfilters.core.errors import SpinfiltersError
+from spinfilters.io.input_file import printable
 
 EXIT_OK, EXIT_BAD_INPUT = 0, 2
 INTERRUPTED: Final[str] = "interrupted; nothing unfinished is left behind, run the command again"
@@ -93,8 +93,8 @@ def _has_finished(folder: Path, begun: float) -> bool:
     """Whether a command that began then left a result in a folder: what an older run left there is not its own."""
     if not folder.is_dir():
         return False
-    from spinfilters.runs.run_folder import CONFIG_FILE  # not needed by commands that end well
-    from spinfilters.runs.run_lock import LOCK_FILE
+    from spinfilters.run.run_folder import CONFIG_FILE
+    from spinfilters.run.run_lock import LOCK_FILE
 
     times = []
     for path in folder.rglob("*"):

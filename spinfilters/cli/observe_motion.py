@@ -6,18 +6,15 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import Progress
 
-from observability.analysis_report import Report
+from observability.analysis_report import Report, title
+from observability.bound_study import study
 from observability.cases import InputSizes
-from observability.rational import as_floats
-from observability.scope import title
-from observability.study import study
+from observability.exact_numbers import as_floats
 from spinfilters.api.analysis import OBSERVE, KnownInputs, ObservabilityResult
 from spinfilters.api.analysis import observe as observed
 from spinfilters.cli.console import wide_console
-from spinfilters.data.atomic_write import write_json
-from spinfilters.data.output_folder import output_folder, refuse_foreign
-from spinfilters.plots.bound_figures import study_figure
-from spinfilters.plots.noise_conditioning import conditioning_figure
+from spinfilters.io.output_files import output_folder, refuse_foreign, write_json
+from spinfilters.plots.observability_figures import conditioning_figure, study_figure
 from spinfilters.plots.style import save_figure
 
 

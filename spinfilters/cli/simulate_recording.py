@@ -7,15 +7,15 @@ import numpy as np
 
 from spinfilters.api.recordings import simulate as simulated
 from spinfilters.cli.console import progress_bars, wide_console
-from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_writing import write_dataset
-from spinfilters.data.input_file import value_text
-from spinfilters.data.output_folder import output_folder, refuse_foreign
-from spinfilters.data.sensor_format import dataset_kinds
-from spinfilters.errors import InputError
+from spinfilters.core.errors import InputError
 from spinfilters.evaluation.estimated_motion import true_rates
-from spinfilters.plots.body_rates import rates_figure
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.dataset_folder import write_dataset
+from spinfilters.io.input_file import value_text
+from spinfilters.io.output_files import output_folder, refuse_foreign
+from spinfilters.io.sensor_format import dataset_kinds
 from spinfilters.plots.style import save_figure
+from spinfilters.plots.time_courses import rates_figure
 
 COMMAND = "simulate"
 IMAGE_KIND = "stereo-images"

@@ -1,23 +1,128 @@
-"""The embedded filter's C as an estimator of a comparison, on identical measurements."""
+"""Embedded filter as an estimator: the compiled C behind the interface of the filters."""
 
 import ctypes
+from functools import cache
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinfilters.embedded.embedded_options import EmbedOptions
-from spinfilters.embedded.emitted_sensors import EMITTED_SENSORS
+from spinfilters.core.errors import InputError
+from spinfilters.embedded.embedded_options import EMITTED_SENSORS, EmbedOptions
 from spinfilters.embedded.library import load_filter
-from spinfilters.embedded.map_slots import MapSlots
-from spinfilters.embedded.structures import NEW, USED, filter_type, landmark_type, observation_type, real_type
-from spinfilters.errors import InputError
-from spinfilters.estimators.estimator import Estimator, MapChange, Measurement, Snapshot, UpdateReport
-from spinfilters.estimators.filters.square_root_update import triangular_factor
-from spinfilters.estimators.landmarks.belief import Belief, LandmarkBelief
+from spinfilters.filters.estimator import (
+    Belief,
+    Estimator,
+    LandmarkBelief,
+    MapChange,
+    Measurement,
+    Snapshot,
+    UpdateReport,
+)
+from spinfilters.filters.square_root import triangular_factor
 from spinfilters.models.gauge import GAUGE_DIM, moved_points, state_in_g
 from spinfilters.models.process import TorqueFreeProcess
-from spinfilters.state.gaussian import Gaussian
-from spinfilters.state.status import EstimatorStatus
+from spinfilters.models.state_layout import Gaussian
+from spinfilters.models.status import EstimatorStatus
+
+
+class MapSlots:
+    """Slots of landmarks by id; a full map drops the least recently observed."""
+
+    def __init__(self, capacity: int) -> None:
+        self._ids = np.full(capacity, -1, dtype=np.int64)
+        self._last = np.full(capacity, -1, dtype=np.int64)
+        self._places: dict[int, int] = {}
+        self._now = 0
+
+    def places(self, ids: Int[np.ndarray, " k"]) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " f"]]:
+        """Slots of distinct ids, and which of them are new."""
+        self._now += 1
+        found = np.array([self._places.get(key, -1) for key in ids.tolist()], dtype=np.int64)
+        self._last[found[found >= 0]] = self._now
+        missing = np.flatnonzero(found < 0)
+        fresh = np.argsort(self._last, kind="stable")[: len(missing)]
+        for index, place in zip(missing.tolist(), fresh.tolist(), strict=True):
+            if self._last[place] >= 0:
+                del self._places[int(self._ids[place])]
+            self._ids[place] = ids[index]
+            self._places[int(ids[index])] = place
+            self._last[place] = self._now
+            found[index] = place
+        return found, fresh
+
+    @property
+    def ids(self) -> Int[np.ndarray, " c"]:
+        """Landmark id of every slot; meaningless in unused ones."""
+        return self._ids.copy()
+
+    @property
+    def taken(self) -> Int[np.ndarray, " t"]:
+        """Slots that hold a landmark."""
+        return np.flatnonzero(self._last >= 0)
+
+    def snapshot(self) -> dict[str, np.ndarray]:
+        """Its whole state."""
+        return {
+            "slots.ids": self._ids.copy(),
+            "slots.last": self._last.copy(),
+            "slots.now": np.array(self._now),
+        }
+
+    def restore(self, snapshot: dict[str, np.ndarray]) -> None:
+        """Continue from a `snapshot`."""
+        self._ids, self._last = snapshot["slots.ids"].copy(), snapshot["slots.last"].copy()
+        self._now = int(snapshot["slots.now"])
+        self._places = {int(self._ids[place]): place for place in self.taken.tolist()}
+
+
+STATUS = ("ok", "refused", "turns too far in a step", "would not be finite", "invalid argument")
+USED, OUTSIDE, BEHIND, NEW, NOT_TOLD = range(5)
+
+
+@cache
+def real_type(options: EmbedOptions) -> type[ctypes.c_float] | type[ctypes.c_double]:
+    """ctypes type of ``sf_real``."""
+    return ctypes.c_double if options.real == "double" else ctypes.c_float
+
+
+@cache
+def filter_type(options: EmbedOptions) -> type[ctypes.Structure]:
+    """ctypes structure of ``sf_filter``."""
+    real, n = real_type(options), options.layout.error_dim
+    fields = [
+        ("x", real * options.layout.mean_dim),
+        ("u", real * (n * (n - 1) // 2)),
+        ("d", real * n),
+        ("psd", real * 2),
+        ("nis", real),
+        *((name, ctypes.c_uint16) for name in ("dof", "used", "refused")),
+    ]
+    return type("Filter", (ctypes.Structure,), {"_fields_": fields})
+
+
+@cache
+def landmark_type(options: EmbedOptions) -> type[ctypes.Structure]:
+    """ctypes structure of ``sf_landmark``."""
+    real = real_type(options)
+    fields = [
+        ("point", real * 3),
+        ("covariance", real * 6),
+        ("hits", ctypes.c_uint16),
+        ("wrong", ctypes.c_uint16),
+    ]
+    return type("Landmark", (ctypes.Structure,), {"_fields_": fields})
+
+
+@cache
+def observation_type(options: EmbedOptions) -> type[ctypes.Structure]:
+    """ctypes structure of ``sf_observation``."""
+    fields = [
+        ("pixels", real_type(options) * 3),
+        ("landmark", ctypes.c_uint16),
+        ("outcome", ctypes.c_uint16),
+    ]
+    return type("Observation", (ctypes.Structure,), {"_fields_": fields})
+
 
 OK, REFUSED, FAST = 0, 1, 2
 SMALLEST_STD = 1e-7

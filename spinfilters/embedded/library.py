@@ -1,4 +1,4 @@
-"""Texts of a generated library, and its compiled form for this machine."""
+"""C library of the embedded filter: the generated models and the fixed sources beside them."""
 
 import ctypes
 import re
@@ -9,17 +9,13 @@ from textwrap import fill, wrap
 import casadi as ca
 from scipy.special import chdtri
 
+from spinfilters.core.c_library import FLAGS, load_text
+from spinfilters.core.working_time import building
 from spinfilters.embedded.embedded_options import EmbedOptions
-from spinfilters.embedded.model_functions import (
-    model_functions,
-    moving_dim,
-    transition_pattern,
-)
-from spinfilters.estimators.landmarks.landmark_map import CONFIRMED, WRONG_IN_A_ROW
-from spinfilters.estimators.robust.gate_weights import RobustOptions
-from spinfilters.models.rotation_substeps import boole_weights
-from spinfilters.symbolic.c_library import FLAGS, load_text
-from spinfilters.symbolic.working_time import building
+from spinfilters.embedded.model_functions import model_functions, moving_dim, transition_pattern
+from spinfilters.filters.landmark_map import CONFIRMED, WRONG_IN_A_ROW
+from spinfilters.filters.outlier_rejection import RobustOptions
+from spinfilters.models.rotation_integrator import boole_weights
 
 HEADERS = (
     "spinfilter.h",

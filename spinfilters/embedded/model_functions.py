@@ -1,4 +1,4 @@
-"""The model of a generated filter as CasADi functions: transition, sensors, retraction and reset."""
+"""CasADi functions of the embedded filter: rotation in fixed substeps, prediction, measurements, reset of the error state."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -6,16 +6,174 @@ from typing import NamedTuple
 import casadi as ca
 import numpy as np
 
-from spinfilters.attitude.expressions import Expression, matrix_from_quaternion
-from spinfilters.dynamics.mass_distribution import inertia, lower_factor
-from spinfilters.embedded.embedded_options import EmbedOptions
-from spinfilters.embedded.emitted_sensors import POINT
-from spinfilters.embedded.reset_model import attitude_reset, mass_correction
-from spinfilters.embedded.rotation_model import INERTIA_ENTRIES, substep_expression
-from spinfilters.models.landmark_sensor import LandmarkSensor
-from spinfilters.models.measurement import MeasurementModel, row_by_row
-from spinfilters.state.blocks.rigid_body import MASS_DISTRIBUTION
-from spinfilters.state.layout import StateLayout
+from spinfilters.core.attitude_expressions import (
+    Expression,
+    conjugate,
+    matrix_from_quaternion,
+    normalised,
+    product,
+    quaternion_rate,
+    short_mrp_from_quaternion,
+)
+from spinfilters.core.mass_distribution import inertia, lower_factor, traceless
+from spinfilters.embedded.embedded_options import POINT, EmbedOptions
+from spinfilters.models.measurement import LandmarkSensor, MeasurementModel, row_by_row
+from spinfilters.models.process import body_acceleration
+from spinfilters.models.state_blocks import MASS_DISTRIBUTION
+from spinfilters.models.state_layout import StateLayout
+
+EVEN_SERIES = (1 / 24, 1 / 1920, 1 / 322560)
+"""Of sinh(x)/x - 1 in ad_D^2; what is left out is below 1e-9 for |d| up to 0.3 and below 1e-4 for 1."""
+EXPONENTIAL_ORDER = 10
+"""Of the Taylor series of exp(D/2): below rounding for |d| up to 0.5, below 3e-8 for 2."""
+
+
+def attitude_reset(a: Expression) -> Expression:
+    """E of the attitude error a (4 x MRP), 3 x 3."""
+    m = a / 4
+    square = ca.dot(m, m)
+    return (-(3 + square) * square * ca.DM.eye(3) - 2 * ca.skew(m) + 2 * m @ m.T) / (1 + square) ** 2
+
+
+def mass_correction(s: Expression, d: Expression) -> tuple[Expression, Expression]:
+    """s [+] d of a mass distribution, and E of its error d.
+
+    `spinfilters.core.mass_distribution.retract_mass`; E is 5 x 5.
+    A commutator of symmetric matrices is skew, so ad_D^2 = B A with A (3 x 5) and B (5 x 3): the series needs powers of A B.
+    """
+    D, e, v = traceless(d), ca.SX.sym("e", 5), ca.SX.sym("v", 3)
+    A = ca.jacobian(ca.inv_skew(_commutator(D, traceless(e))), e)
+    B = ca.jacobian(_components(_commutator(D, ca.skew(v))), v)
+    square = A @ B
+    stretched = (
+        B @ (ca.SX.eye(3) * EVEN_SERIES[0] + square * EVEN_SERIES[1] + square @ square * EVEN_SERIES[2]) @ A
+    )
+    root = ca.SX(3, 3)  # exp(D/2) - I
+    for order in range(EXPONENTIAL_ORDER, 0, -1):
+        root = D @ (ca.SX.eye(3) + root) / (2 * order)
+    F = _cholesky(2 * root + root @ root)
+    K = _solve_identity_plus(F, root - F)  # Q - I
+    X = traceless(e)
+    turned = ca.jacobian(_components(K @ X + X @ K.T + K @ X @ K.T), e)
+    off = lower_factor(s) @ F
+    change = ca.vertcat(ca.log1p(F[0, 0]), ca.log1p(F[1, 1]), off[1, 0], off[2, 0], off[2, 1])
+    return s + change, turned + stretched + turned @ stretched
+
+
+def _cholesky(N: Expression) -> Expression:
+    """L - I of the lower Cholesky factor L of I + N, 3 x 3.
+
+    Without a difference of numbers near one.
+    """
+    zero = ca.SX(0)
+    a = _root(N[0, 0])
+    b, c = N[1, 0] / (1 + a), N[2, 0] / (1 + a)
+    e = _root(N[1, 1] - b * b)
+    f = (N[2, 1] - b * c) / (1 + e)
+    g = _root(N[2, 2] - c * c - f * f)
+    return ca.vertcat(ca.horzcat(a, zero, zero), ca.horzcat(b, e, zero), ca.horzcat(c, f, g))
+
+
+def _root(x: Expression) -> Expression:
+    """sqrt(1 + x) - 1."""
+    return x / (1 + ca.sqrt(1 + x))
+
+
+def _solve_identity_plus(F: Expression, right: Expression) -> Expression:
+    """(I + F)^-1 right for a lower triangular F."""
+    first = right[0, :] / (1 + F[0, 0])
+    second = (right[1, :] - F[1, 0] * first) / (1 + F[1, 1])
+    return ca.vertcat(first, second, (right[2, :] - F[2, 0] * first - F[2, 1] * second) / (1 + F[2, 2]))
+
+
+def _commutator(A: Expression, B: Expression) -> Expression:
+    return A @ B - B @ A
+
+
+def _components(D: Expression) -> Expression:
+    return ca.vertcat(D[0, 0], D[1, 1], D[1, 0], D[2, 0], D[2, 1])
+
+
+INERTIA_ENTRIES = 5
+"""Entries of J that the rate is differentiated by: J11, J21, J31, J22, J32; J33 follows from the scale, which does not matter."""
+STAGES = ((0.0, 1 / 6), (0.5, 1 / 3), (0.5, 1 / 3), (1.0, 1 / 6))
+"""Of Runge-Kutta 4: where a stage lies on the one before, in substeps, and its weight."""
+
+
+def inertia_of(entries: Expression) -> Expression:
+    """J (3 x 3) from its lower triangle, column by column."""
+    j = entries
+    return ca.vertcat(
+        ca.horzcat(j[0], j[1], j[2]), ca.horzcat(j[1], j[3], j[4]), ca.horzcat(j[2], j[4], j[5])
+    )
+
+
+def substep_expression() -> tuple[list[ca.SX], list[ca.SX]]:
+    """Symbolic substep of h seconds with its derivatives.
+
+    Inputs (q 4, w 3, J 6, h) and outputs (q 4, w 3, A_aa 3x3, A_aw 3x3, A_ww 3x3, B_a 3x5, B_w 3x5).
+    A is the transition of the error (a, w), B its sensitivity to the `INERTIA_ENTRIES`.
+    """
+    q, w, j, h = ca.SX.sym("q", 4), ca.SX.sym("w", 3), ca.SX.sym("j", 6), ca.SX.sym("h")
+    rates, slopes, sensitivities = _stages(w, j, h)
+    turn, by_rates = _turn(rates, h)
+    by_start = ca.horzcat(ca.SX.eye(3), ca.SX(3, INERTIA_ENTRIES))
+    by_both = sum(
+        (by_rates[:, 3 * k : 3 * k + 3] @ each for k, each in enumerate(sensitivities)), ca.SX(3, 8)
+    )
+    weights = [weight for _, weight in STAGES]
+    after = w + h * sum((b * k for (k, _), b in zip(slopes, weights, strict=True)), ca.SX(3, 1))
+    rate_by_both = by_start + h * sum((b * K for (_, K), b in zip(slopes, weights, strict=True)), ca.SX(3, 8))
+    outputs = [normalised(product(q, turn)), after, matrix_from_quaternion(turn).T]
+    outputs += [by_both[:, :3], rate_by_both[:, :3], by_both[:, 3:], rate_by_both[:, 3:]]
+    return [q, w, j, h], [ca.SX(each) for each in outputs]
+
+
+def _stages(w: ca.SX, j: ca.SX, h: ca.SX) -> tuple[list[ca.SX], list[tuple[ca.SX, ca.SX]], list[ca.SX]]:
+    """Rates at the stages with slopes and derivatives.
+
+    Slopes with derivatives by (w, J), and derivatives (3, 8) of the rates.
+    """
+    at, entries, k = ca.SX.sym("at", 3), ca.SX.sym("entries", 6), ca.SX.sym("k", 3)
+    J = inertia_of(entries)
+    torque = (
+        ca.cross(J @ at, at) - J @ k
+    )  # zero at k = w': its derivatives give those of w' without any of J^-1
+    both = ca.horzcat(ca.jacobian(torque, at), ca.jacobian(torque, entries)[:, :INERTIA_ENTRIES])
+    slope = ca.Function("slope", [at, entries], [body_acceleration(at, J)])
+    residual = ca.Function("residual", [at, entries, k], [both])
+    inverse = ca.inv_minor(inertia_of(j))
+    rates, slopes, sensitivities = [], [], []
+    k, K = ca.SX(3, 1), ca.SX(3, 8)
+    for place, _ in STAGES:
+        rate = w + place * h * k
+        sensitivity = ca.horzcat(ca.SX.eye(3), ca.SX(3, INERTIA_ENTRIES)) + place * h * K
+        k = slope(rate, j)
+        FE = residual(rate, j, k)
+        K = inverse @ (FE[:, :3] @ sensitivity + ca.horzcat(ca.SX(3, 3), FE[:, 3:]))
+        rates.append(rate)
+        sensitivities.append(sensitivity)
+        slopes.append((k, K))
+    return rates, slopes, sensitivities
+
+
+def _turn(rates: list[ca.SX], h: ca.SX) -> tuple[ca.SX, ca.SX]:
+    """Quaternion of the substep and the derivative (3, 12) of its error.
+
+    From and by the rates at the stages.
+    """
+    symbols = [ca.SX.sym(f"w{k}", 3) for k in range(len(rates))]
+    identity, k, total = ca.SX([0, 0, 0, 1]), ca.SX(4, 1), ca.SX(4, 1)
+    for rate, (place, weight) in zip(symbols, STAGES, strict=True):
+        k = quaternion_rate(identity + place * h * k, rate)
+        total += weight * k
+    turn = normalised(identity + h * total)
+    there = ca.SX.sym("there", 4)
+    by_rates = ca.jacobian(short_mrp_from_quaternion(product(conjugate(there), turn)), ca.vertcat(*symbols))
+    by_rates = ca.substitute(by_rates, there, turn)
+    made = ca.substitute([turn, by_rates], symbols, rates)
+    return made[0], made[1]
+
 
 SHARED = {"cse": True}
 ROTATION_SHAPES = ((3, 3), (3, 3), (3, 3), (3, 5), (3, 5), (5, 5))

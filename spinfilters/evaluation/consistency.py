@@ -1,28 +1,27 @@
-"""Consistency of covariances: normalised errors against chi-square bands."""
+"""Consistency of covariances: normalised errors against chi-square bands, and the agreement of two estimates."""
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.special import chdtri
 
-from spinfilters.attitude.conversions import (
+from spinfilters.core.attitude_conversions import (
     inverse,
     matrix_from_quaternion,
     quaternion_from_rotation_vector,
     rotate,
 )
-from spinfilters.data.truth import BODY_KEYS, Truth
-from spinfilters.dynamics.mass_distribution import from_inertia
-from spinfilters.errors import InputError
-from spinfilters.estimators.history import EstimateHistory
+from spinfilters.core.errors import InputError
+from spinfilters.core.linear_algebra import by_stretches, normalised_square, normalised_trace, regular_factors
+from spinfilters.core.mass_distribution import from_inertia
 from spinfilters.evaluation.trajectory_errors import common_stamps
-from spinfilters.geometry.truth_frame import truth_in_moved_frame
-from spinfilters.linear_algebra.epoch_stretches import by_stretches
-from spinfilters.linear_algebra.normalised_square import normalised_square, regular_factors
-from spinfilters.state.block_table import BLOCKS
-from spinfilters.state.blocks.rigid_body import MASS_DISTRIBUTION, POSITION, RATE
-from spinfilters.state.layout import StateLayout
+from spinfilters.filters.history import EstimateHistory
+from spinfilters.io.truth import BODY_KEYS, Truth
+from spinfilters.io.truth_frame import truth_in_moved_frame
+from spinfilters.models.state_blocks import BLOCKS, MASS_DISTRIBUTION, POSITION, RATE
+from spinfilters.models.state_layout import StateLayout
 
 _FRAME_STEP = 1e-5  # rad and m: of a central difference
 
@@ -204,3 +203,47 @@ def nis_ratio(history: EstimateHistory) -> float | None:
     """
     dof = int(history.dof.sum())
     return float(history.nis.sum()) / dof if dof else None
+
+
+WHOLE: Final = "state"
+"""Name of the whole error beside that of a block."""
+
+
+def compared_parts(layout: StateLayout) -> dict[str, slice]:
+    """Components that are compared with the smoother's, by name.
+
+    The whole error, and the mass distribution, whose errors the others would hide.
+    """
+    return {WHOLE: slice(0, layout.error_dim), MASS_DISTRIBUTION.name: layout.slice(MASS_DISTRIBUTION.name)}
+
+
+def expected_nees(history: EstimateHistory, smoother: EstimateHistory) -> dict[str, Float[np.ndarray, " n"]]:
+    """Expected NEES per degree of freedom of a filter's own epochs, by `compared_parts`.
+
+    Those that both have; infinite where its covariance is singular.
+    Epochs in which either is not finite are left out.
+    """
+    count, layout = min(len(history.time), len(smoother.time)), history.layout
+    rows = np.arange(history.initialisation, count)
+    rows = rows[finite_epochs(history)[rows] & finite_epochs(smoother)[rows]]
+
+    parts = compared_parts(layout)
+
+    def of(stretch: slice) -> dict[str, Float[np.ndarray, " n"]]:
+        """Of some of the epochs."""
+        at = rows[stretch]
+        away = layout.local(history.mean[at], smoother.mean[at])
+        try:
+            about_filter = np.linalg.solve(layout.reset_jacobian(away), smoother.random_factor(at))
+        except np.linalg.LinAlgError:  # so far away that no error about the filter's estimate tells it
+            return dict.fromkeys(parts, np.full(len(at), np.inf))
+        columns, factor = (
+            np.concatenate([about_filter, away[..., np.newaxis]], axis=2),
+            history.random_factor(at),
+        )
+        return {
+            name: normalised_trace(columns[:, part], factor[:, part]) / (part.stop - part.start)
+            for name, part in parts.items()
+        }
+
+    return by_stretches(len(rows), of)

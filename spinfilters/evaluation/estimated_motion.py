@@ -9,22 +9,22 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from spinfilters.attitude.conversions import inverse, rotate
-from spinfilters.attitude.expressions import Expression
-from spinfilters.attitude.expressions import rotate as rotate_expression
-from spinfilters.data.input_file import path_text
-from spinfilters.data.measurement_log import MeasurementLog, normalised
-from spinfilters.data.pose_files import write_poses
-from spinfilters.data.table_files import write_csv
-from spinfilters.data.truth import TRUTH_COLUMNS, Truth
-from spinfilters.errors import InputError, ShapeError
-from spinfilters.estimators.history import EstimateHistory
-from spinfilters.evaluation.body import BodyEstimate, BodyHistory, bodies_of
-from spinfilters.lidar.ply_files import read_ply, write_ply
-from spinfilters.linear_algebra.epoch_stretches import by_stretches
-from spinfilters.sensors.sensor_registry import sensor_of
-from spinfilters.state.layout import StateLayout, with_error_jacobian
-from spinfilters.symbolic.compiled import Compiled
+from spinfilters.core.attitude_conversions import inverse, rotate
+from spinfilters.core.attitude_expressions import Expression
+from spinfilters.core.attitude_expressions import rotate as rotate_expression
+from spinfilters.core.compiled import Compiled
+from spinfilters.core.errors import InputError, ShapeError
+from spinfilters.core.linear_algebra import by_stretches
+from spinfilters.filters.history import EstimateHistory
+from spinfilters.io.input_file import path_text
+from spinfilters.io.measurement_log import MeasurementLog, normalised
+from spinfilters.io.ply_files import read_ply, write_ply
+from spinfilters.io.sensor_tables import write_poses
+from spinfilters.io.text_table import write_csv
+from spinfilters.io.truth import TRUTH_COLUMNS, Truth
+from spinfilters.models.body import BodyEstimate, BodyHistory, bodies_of
+from spinfilters.models.sensor_registry import sensor_of
+from spinfilters.models.state_layout import StateLayout, with_error_jacobian
 
 STD_COLUMNS: Final[tuple[str, ...]] = tuple(
     f"std_{name}{axis}" for name in ("r", "a", "v", "w") for axis in "xyz"
@@ -41,7 +41,7 @@ CLEAR: Final = 3.0
 
 @dataclass(frozen=True)
 class Trajectory:
-    """Motion of the centre of mass and attitude of g as in `spinfilters.data.truth`, with uncertainty.
+    """Motion of the centre of mass and attitude of g as in `spinfilters.io.truth`, with uncertainty.
 
     Attributes
     ----------
@@ -219,7 +219,7 @@ def write_map_ply(path: Path, points: Float[np.ndarray, "k 3"]) -> None:
 
     Raises
     ------
-    ShapeError: points that are not (k, 3).   InputError: as `spinfilters.data.atomic_write.write_bytes`.
+    ShapeError: points that are not (k, 3).   InputError: as `spinfilters.io.output_files.write_bytes`.
     """
     if points.ndim != 2 or points.shape[1] != 3:
         raise ShapeError(f"map points have shape {points.shape}, expected (k, 3)")

@@ -1,17 +1,15 @@
-"""Evaluation of one estimator's run, for tables, files and figures."""
+"""Evaluation of one estimator's history: body, errors, consistency, bound, and the parts of its deviations."""
 
 import math
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
+from jaxtyping import Float, Int
 
-from spinfilters.data.input_file import reason
-from spinfilters.data.truth import Truth
-from spinfilters.errors import NUMERICAL_ERRORS, InputError, numerical
-from spinfilters.estimators.history import EstimateHistory
-from spinfilters.evaluation.body import BodyEstimate, BodyHistory, body_estimate
+from spinfilters.core.errors import NUMERICAL_ERRORS, InputError, numerical
 from spinfilters.evaluation.consistency import (
     NormalisedErrors,
     finite_epochs,
@@ -19,23 +17,202 @@ from spinfilters.evaluation.consistency import (
     nis_ratio,
     normalised_errors,
 )
-from spinfilters.evaluation.deviation_parts import DeviationPart, deviation_parts, without_calibration
-from spinfilters.evaluation.error_bound import ErrorBound
 from spinfilters.evaluation.estimated_motion import Trajectory, body_history, trajectory_of
-from spinfilters.evaluation.reported_constants import ConstantEstimate, constant_estimates
 from spinfilters.evaluation.trajectory_errors import (
     Alignment,
     BodyErrors,
+    RmsErrors,
     TruthErrors,
     body_errors,
-    truth_errors,
-)
-from spinfilters.evaluation.truth_frames import (
+    root_mean_square,
     tells_first_frame,
+    truth_errors,
     truth_in_first_frame,
     truth_in_inertial_frame,
 )
-from spinfilters.state.status import EstimatorStatus, Verdict
+from spinfilters.filters.history import EPOCH_ARRAYS, EstimateHistory
+from spinfilters.io.input_file import reason
+from spinfilters.io.truth import Truth
+from spinfilters.models.body import BodyEstimate, BodyHistory, body_estimate
+from spinfilters.models.state_blocks import BLOCKS, ReportedConstant, StateBlock
+from spinfilters.models.state_layout import Gaussian
+from spinfilters.models.status import EstimatorStatus, Verdict
+
+REPORTED: Final[Mapping[str, ReportedConstant]] = {
+    block.name: block.reported for block in BLOCKS.values() if block.reported is not None
+}
+"""How they are shown, by the name of their block."""
+
+
+@dataclass(frozen=True)
+class ConstantEstimate:
+    """A constant block as one belief sees it, in the unit of the block."""
+
+    block: StateBlock
+    value: Float[np.ndarray, " k"]
+    std: Float[np.ndarray, " k"]
+
+
+def constant_estimates(belief: Gaussian) -> dict[str, ConstantEstimate]:
+    """Estimates of a belief's blocks in `REPORTED`, by name."""
+    layout, std = belief.layout, belief.std
+    held = [block for block in layout.constant if block.name in REPORTED]
+    return {
+        block.name: ConstantEstimate(
+            block, belief.mean[layout.mean_slice(block.name)], std[layout.slice(block.name)]
+        )
+        for block in held
+    }
+
+
+def constant_numbers(estimates: Mapping[str, ConstantEstimate]) -> dict[str, Any]:
+    """Values and standard deviations by the keys of `REPORTED`.
+
+    A number, or a list of several; None of what is not estimated.
+    """
+    return dict(_numbers(estimates))
+
+
+def _numbers(estimates: Mapping[str, ConstantEstimate]) -> Iterator[tuple[str, Any]]:
+    for name, reported in REPORTED.items():
+        found = estimates.get(name)
+        yield reported.value_key, None if found is None else _plain(found.value)
+        yield reported.std_key, None if found is None else _plain(found.std)
+
+
+def _plain(values: Float[np.ndarray, " k"]) -> float | list[float]:
+    return float(values[0]) if len(values) == 1 else values.tolist()
+
+
+def numbers_text(values: Iterable[float], form: str) -> str:
+    """Numbers side by side in one format; "unknown" where one is none."""
+    listed = list(values)
+    return " ".join(format(value, form) for value in listed) if all(map(math.isfinite, listed)) else "unknown"
+
+
+Deviations = dict[str, Float[np.ndarray, " q"]]
+
+
+@dataclass(frozen=True)
+class DeviationPart:
+    """Parts of the standard deviations of one quantity, in its unit."""
+
+    random: Float[np.ndarray, " q"]
+    calibration: Float[np.ndarray, " q"]
+
+    @property
+    def document(self) -> dict[str, list[float | None]]:
+        """As summary.json holds it; None for what is not finite."""
+        parts = {"random": self.random, "calibration": self.calibration}
+        return {
+            name: [float(x) if np.isfinite(x) else None for x in values] for name, values in parts.items()
+        }
+
+
+def without_calibration(history: EstimateHistory) -> EstimateHistory:
+    """The history with the random part of its covariance alone."""
+    return replace(history, factor=history.random_factor(), calibration=None)
+
+
+def deviation_parts(history: EstimateHistory) -> dict[str, DeviationPart]:
+    """Parts of the deviations by quantity, after the last epoch.
+
+    See `_deviations`. Of an exact calibration all of it is random.
+    """
+    last = replace(
+        history,
+        **{name: getattr(history, name)[-1:] for name in EPOCH_ARRAYS},
+        calibration=None if history.calibration is None else history.calibration[-1:],
+        observations=None,
+        initialisation=0,
+    )
+    total = _deviations(last)
+    if last.calibration is None:
+        return {name: DeviationPart(std, np.zeros_like(std)) for name, std in total.items()}
+    chance = _deviations(without_calibration(last))
+    found = {}
+    for name, std in total.items():
+        random = np.minimum(chance[name], std)
+        found[name] = DeviationPart(random, np.sqrt(std**2 - random**2))
+    return found
+
+
+def _deviations(last: EstimateHistory) -> Deviations:
+    """Standard deviations of body and motion of one epoch.
+
+    Moments (largest = 1), axes rad, k1 and k2, places m, velocity m/s, rate rad/s, constants.
+    """
+    belief, motion = last.belief(0), trajectory_of(last)
+    body = body_estimate(belief)
+    found = {
+        "principal_moments": body.principal_moments_std,
+        "principal_axes_rad": body.principal_axes_std,
+        "k1": np.array([body.k1_std]),
+        "k2": np.array([body.k2_std]),
+        "attitude_rad": motion.std_attitude[0],
+        "rate_rad_s": motion.std_rate[0],
+    }
+    if body.center_of_mass_std is not None:
+        found["center_of_mass_m"] = body.center_of_mass_std
+    if motion.sees_position:
+        found |= {"position_m": motion.std_position[0], "velocity_m_s": motion.std_velocity[0]}
+    constants = constant_estimates(belief)
+    return found | {REPORTED[name].value_key: each.std for name, each in constants.items()}
+
+
+@dataclass(frozen=True)
+class ErrorBound:
+    """Standard deviations of the bound per error; None where there is no such error.
+
+    Attributes
+    ----------
+    trajectory: of the truth, with the bound's standard deviations.   rows: epochs of it that have errors.   body: of constants.
+    fitted: whether the frame g was fitted to the truth, which hides a part of the errors of the attitude and of the axes.
+    """
+
+    trajectory: Trajectory
+    rows: Int[np.ndarray, " n"]
+    body: BodyErrors
+    fitted: bool
+
+    @property
+    def rms(self) -> RmsErrors:
+        """Root mean square of the bound over all epochs of the errors."""
+        return self.over(self.rows)
+
+    def over(self, rows: Int[np.ndarray, " n"]) -> RmsErrors:
+        """Root mean square of the bound over some epochs."""
+        bound, position, velocity = self.trajectory, None, None
+        if bound.sees_position:
+            position = root_mean_square(bound.std_position[rows])
+            velocity = root_mean_square(bound.std_velocity[rows])
+        attitude = None if self.fitted else root_mean_square(bound.std_attitude[rows])
+        return RmsErrors(position, attitude, velocity, root_mean_square(bound.std_rate[rows]))
+
+
+def error_bound(limits: EstimateHistory, errors: TruthErrors, fitted: bool) -> ErrorBound:
+    """The bound of these errors.
+
+    Parameters
+    ----------
+    limits: the truth with the bound's covariance, at the epochs of the trajectory that has the errors.
+    fitted: see `ErrorBound`.
+    """
+    body = _body(body_history(limits, intervals=False).at(-1), fitted)
+    return ErrorBound(trajectory_of(limits), errors.rows, body, fitted)
+
+
+def _body(body: BodyEstimate, fitted: bool) -> BodyErrors:
+    """An axis moves by the turns about the other two."""
+    turns = np.diag(body.principal_axes_cov)
+    return BodyErrors(
+        body.principal_moments_std,
+        body.k1_std,
+        body.k2_std,
+        None if fitted else np.sqrt(turns.sum() - turns),
+        None if fitted else body.center_of_mass_std,
+    )
+
 
 _MOST_DECIMALS: Final = 9
 

@@ -1,21 +1,146 @@
-"""The figures of a run by name, ready for JSON."""
+"""Numbers that describe an evaluation, and the epochs over which estimators are compared."""
 
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
 
 import numpy as np
+from jaxtyping import Float, Int
 
-from spinfilters.evaluation.error_bound import ErrorBound
-from spinfilters.evaluation.estimator_evaluation import Evaluation
-from spinfilters.evaluation.reported_constants import constant_numbers
-from spinfilters.evaluation.span import (
-    ALWAYS,
-    ObservationUse,
-    SpanErrors,
-    middle,
-    observation_use,
-    span_errors,
+from spinfilters.evaluation.estimator_evaluation import ErrorBound, Evaluation, constant_numbers
+from spinfilters.evaluation.trajectory_errors import Alignment, BodyErrors, RmsErrors
+from spinfilters.filters.history import EstimateHistory
+from spinfilters.models.body import BodyEstimate
+from spinfilters.models.status import (
+    ATTITUDE,
+    AXES,
+    CENTRE,
+    LABELS,
+    MOMENTS,
+    POSITION,
+    RATE,
+    TRANSLATION,
+    VELOCITY,
+    Holds,
+    Verdict,
 )
-from spinfilters.evaluation.trajectory_errors import BodyErrors, RmsErrors
+
+ALWAYS: Final = -np.inf
+"""Begin of a span that leaves nothing out, s."""
+IDENTICAL = "Estimators on identical measurements"
+NOT_IDENTICAL = "Estimators on the same recording, each on the observations that it used"
+
+
+@dataclass(frozen=True)
+class SpanErrors:
+    """Errors of a span of epochs.
+
+    Attributes
+    ----------
+    epochs: how many have a truth.   rms: of the errors.   bound: in their place, None where there is none.
+    nees, nees_blocks: mean NEES per degree of freedom, of the whole state and by block; None and empty without any.
+    """
+
+    epochs: int
+    rms: RmsErrors
+    bound: RmsErrors | None
+    nees: float | None
+    nees_blocks: Mapping[str, float]
+
+
+def span_errors(evaluation: Evaluation, begin: float, end: float = np.inf) -> SpanErrors | None:
+    """Errors from begin to end (s), both within; None without a truth there."""
+    errors = None if evaluation.errors is None else evaluation.errors.within(begin, end)
+    if errors is None:
+        return None
+    nees = None if evaluation.nees is None else evaluation.nees.within(begin, end)
+    return SpanErrors(
+        len(errors.time),
+        errors.rms,
+        None if evaluation.bound is None else evaluation.bound.over(errors.rows),
+        None if nees is None else nees.mean,
+        {} if nees is None else nees.block_means,
+    )
+
+
+def shared_begin(evaluations: Sequence[Evaluation]) -> float:
+    """Time of the first own epoch common to all estimators that have any, s.
+
+    It is `ALWAYS` where none has.
+    """
+    begins = [evaluation.own_begin for evaluation in evaluations]
+    return max((begin for begin in begins if begin is not None), default=ALWAYS)
+
+
+def initialisation_end(evaluations: Sequence[Evaluation]) -> float | None:
+    """Time of the last epoch of the filters' initialisation, s; None where no estimator has one."""
+    ends = [evaluation.history.initialisation_end for evaluation in evaluations]
+    return max((end for end in ends if end is not None), default=None)
+
+
+def middle(evaluation: Evaluation) -> float:
+    """Middle of the recording, s: behind it nothing of the beginning shows."""
+    time = evaluation.history.time
+    return float(time[0] + time[-1]) / 2
+
+
+@dataclass(frozen=True)
+class ObservationUse:
+    """Numbers of used and unused observations of some epochs.
+
+    Attributes
+    ----------
+    accepted, rejected: (n,) that were used, and that were refused.   available: (n,) all of them, None where not told.
+    """
+
+    accepted: Int[np.ndarray, " n"]
+    rejected: Int[np.ndarray, " n"]
+    available: Int[np.ndarray, " n"] | None
+
+    @property
+    def used_per_epoch(self) -> float:
+        """Mean number of used observations per epoch."""
+        return float(self.accepted.mean())
+
+    @property
+    def available_per_epoch(self) -> float | None:
+        """Mean number of available observations per epoch; None if unknown."""
+        return None if self.available is None else float(self.available.mean())
+
+    @property
+    def share(self) -> float | None:
+        """Used share of the available observations, 0 to 1; None if unknown."""
+        return None if self.available is None else float(self.accepted.sum() / max(self.available.sum(), 1))
+
+    @property
+    def uses_all(self) -> bool:
+        """Whether every observation is known to have been used."""
+        return self.available is not None and np.array_equal(self.accepted, self.available)
+
+
+def observation_use(history: EstimateHistory, begin: float) -> ObservationUse | None:
+    """Use of observations in the estimator's epochs from begin (s); None without any."""
+    rows = np.flatnonzero(history.time >= begin)
+    rows = rows[rows >= history.initialisation]
+    if not rows.size:
+        return None
+    available = None if history.observations is None else history.observations[rows]
+    return ObservationUse(history.accepted[rows], history.rejected[rows], available)
+
+
+def on_identical_measurements(evaluations: Sequence[Evaluation]) -> bool:
+    """Whether every estimator used every observation of the epochs that all of them have."""
+    begin = shared_begin(evaluations)
+    uses = [observation_use(evaluation.history, begin) for evaluation in evaluations]
+    epochs = {len(use.accepted) for use in uses if use is not None}
+    return len(epochs) == 1 and all(use is not None and use.uses_all for use in uses)
+
+
+def title_sentences(evaluations: Sequence[Evaluation]) -> list[str]:
+    """Title sentences of a comparison; empty for a single estimator."""
+    if len(evaluations) == 1:
+        return []
+    return [IDENTICAL if on_identical_measurements(evaluations) else NOT_IDENTICAL]
 
 
 def numbers(evaluation: Evaluation, shared: float = ALWAYS) -> dict[str, Any]:
@@ -148,3 +273,67 @@ def _listed(values: np.ndarray | None) -> list[float] | None:
 
 def _finite(value: float | np.floating) -> float | None:
     return float(value) if np.isfinite(value) else None
+
+
+def quantity_errors(evaluation: Evaluation) -> dict[str, Float[np.ndarray, " n"]]:
+    """Largest component of each quantity's error over its standard deviation, at the n own epochs with a truth.
+
+    Of moments, axes and centre of mass the last epoch alone. Infinite where error or deviation are not finite; empty without a
+    truth. A fit of both frames g hides errors of attitude and axes, which are left out then.
+    """
+    errors, begin = evaluation.errors, evaluation.own_begin
+    own = None if errors is None or begin is None else errors.within(begin, np.inf)
+    if own is None:
+        return {}
+    motion, fitted = evaluation.trajectory, evaluation.alignment is Alignment.BODY_FRAME
+    pairs = {
+        POSITION: (own.position, motion.std_position),
+        ATTITUDE: (None if fitted else own.attitude, motion.std_attitude),
+        VELOCITY: (own.velocity, motion.std_velocity),
+        RATE: (own.rate, motion.std_rate),
+    }
+    found = {
+        name: _largest(error, std[own.rows]) for name, (error, std) in pairs.items() if error is not None
+    }
+    body = evaluation.body_errors
+    return found if body is None else found | _of_body(body, evaluation.body, fitted)
+
+
+def _of_body(errors: BodyErrors, body: BodyEstimate, fitted: bool) -> dict[str, Float[np.ndarray, " n"]]:
+    found = {}
+    if errors.principal_moments is not None and errors.k1 is not None and errors.k2 is not None:
+        away = [*errors.principal_moments[:2], errors.k1, errors.k2]
+        std = [*body.principal_moments_std[:2], body.k1_std, body.k2_std]
+        found[MOMENTS] = _largest(np.array([away]), np.array([std]))
+    if errors.axes_angle is not None and not fitted:
+        variances = np.square(body.principal_axes_std)  # an axis moves by turns about both others
+        found[AXES] = _largest(
+            errors.axes_angle[np.newaxis], np.sqrt(variances.sum() - variances)[np.newaxis]
+        )
+    if errors.center_of_mass_g is not None and body.center_of_mass_std is not None:
+        found[CENTRE] = _largest(errors.center_of_mass_g[np.newaxis], body.center_of_mass_std[np.newaxis])
+    return found
+
+
+def _largest(error: Float[np.ndarray, "n c"], std: Float[np.ndarray, "n c"]) -> Float[np.ndarray, " n"]:
+    with np.errstate(all="ignore"):
+        value = np.abs(error / np.where(std > 0, std, np.nan)).max(axis=1)
+    return np.where(np.isfinite(value), value, np.inf)
+
+
+def held_text(evaluation: Evaluation) -> str:
+    """What holds of an estimate, "all but moments, axes" or "only position, rate", whichever is shorter.
+
+    Quantities that its sensors cannot see are left out; empty of an estimate that has not been judged.
+    """
+    status, layout = evaluation.history.status, evaluation.history.layout
+    names = [name for name in status.holds if layout.translates or name not in TRANSLATION]
+    good = [LABELS[name] for name in names if status.holds[name] is Holds.OK]
+    other = [LABELS[name] for name in names if status.holds[name] is not Holds.OK]
+    if not names:
+        return ""
+    if not good or status.verdict is Verdict.FAILED:
+        return "nothing"
+    if not other:
+        return "all"
+    return f"all but {', '.join(other)}" if len(other) <= len(good) else f"only {', '.join(good)}"

@@ -4,7 +4,7 @@ A NIS of some hundred rows an epoch hides the dozen that the state is predicted 
 and P+ after it, d the correction of the mean, y = F^-1 d and K = 1 - F^-1 P+ F^-T,
 
     measurements   nis - |y|^2, expected dof - tr K: what no state explains,
-    disturbance    y'D y, expected tr D K, D what its density has added to P- (`spinfilters.estimators.filters.noise_adaptation`),
+    disturbance    y'D y, expected tr D K, D what its density has added to P- (`spinfilters.filters.noise_levels`),
     whiteness      the sum of y_k' y_k+1 over epochs, expected 0, variance tr K_k K_k+1.
 
 A test's score is the excess over its standard deviation; the ratio is that of the variance seen to the stated one, to first order.
@@ -18,13 +18,13 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.estimators.estimator import ProcessModel
-from spinfilters.estimators.filters.noise_adaptation import SOURCES, motion_evidence
-from spinfilters.estimators.filters.square_root_update import triangular_factor
-from spinfilters.estimators.history import EstimateHistory
-from spinfilters.linear_algebra.lapack import dtrtrs
+from spinfilters.core.linear_algebra import dtrtrs
+from spinfilters.filters.estimator import ProcessModel
+from spinfilters.filters.history import EstimateHistory
+from spinfilters.filters.noise_levels import SOURCES, motion_evidence
+from spinfilters.filters.square_root import triangular_factor
 from spinfilters.models.process import TorqueFreeProcess
-from spinfilters.state.gaussian import Gaussian
+from spinfilters.models.state_layout import Gaussian
 
 MOST_EPOCHS: Final = 1500
 """That are tested, from a filter's first on."""

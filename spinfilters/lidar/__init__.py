@@ -1,1 +1,1 @@
-"""Lidar: simulated scans of a mesh, features and poses of point clouds, streams for the estimators."""
+"""Lidar scans in, poses or points of the body out."""

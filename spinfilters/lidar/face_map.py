@@ -1,17 +1,25 @@
-"""Plane faces of a body in frame g, and scans that see them.
+"""Map of the body's plane faces: identification across scans, adjustment of faces and poses, and its consistency.
 
-It holds what a fitted plane says of face and pose.
+Gauss-Newton over the faces, every pose marginalised. Planes alone do not tell how far apart faces are that no scan sees
+together; that the origin of g drifts uniformly, to a scatter that is measured, ties them and makes the origin the centre of
+rotation.
+
+The faces are found from the same scans as the poses, and their errors move every pose that sees them alike: e_k = own error +
+A_k (error of the faces). A pose has the covariance P_k + A_k M A_k', with M of the faces, poses and drift marginalised.
+Estimators take poses as independent; what they miss by that falls with the number of scans as M does, so that it stays a
+constant share.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import NamedTuple, Protocol
+from dataclasses import dataclass, field, replace
+from itertools import compress
+from typing import Final, NamedTuple, Protocol
 
 import numpy as np
 from jaxtyping import Float
 
 from spinfilters.lidar.planes import FittedPlane
-from spinfilters.lidar.scan_pose import ScanPose, skew
+from spinfilters.lidar.scan_pose import ROTATION_PRIOR, ScanPose, body_side, rotation_matrix, skew
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,3 +125,286 @@ def face_jacobian(
     J[:2, :2], J[2, :2] = plane.tangents.T @ RT, (t - plane.centroid) @ RT
     J[2, 2] = 1.0
     return J
+
+
+FEWEST_FOR_DRIFT: Final = 6
+"""Scans from which a uniform drift of the centre of rotation is fitted."""
+LARGE: Final = 25.0
+"""Squared length of a plane's residual, in standard deviations, at which its weight is halved (Cauchy)."""
+STRICTEST: Final = 1e-7
+"""Scatter about the uniform drift, in sizes of the body, below which it is taken as exact."""
+SAME_ANGLE: Final = np.deg2rad(3.0)
+"""Between the normals of two faces that are one, at most."""
+SAME_OFFSET: Final = 0.02
+"""Between their offsets, in sizes of the body, at most."""
+SETTLED: Final = 1e-8
+"""Predicted cost reduction of a step, in squared standard deviations, below which faces and poses are found."""
+_STEPS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Drift:
+    """Uniform motion of the origin of g.
+
+    Place and velocity (6,), times of the poses from 0 to 1, scatter in m (infinite: none).
+    """
+
+    motion: Float[np.ndarray, "6"]
+    times: Float[np.ndarray, " k"]
+    scatter: float
+
+    def along(self, number: int) -> Float[np.ndarray, "3 6"]:
+        """Derivative of the place of pose ``number`` by the motion."""
+        return np.hstack([np.eye(3), np.eye(3) * self.times[number]])
+
+    def place(self, number: int) -> Float[np.ndarray, "3"]:
+        """Position of the origin of g at pose ``number``, m."""
+        return self.along(number) @ self.motion
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneEvidence:
+    """Fitted planes of every scan, in the order of the matches; a `FaceEvidence`."""
+
+    planes: Sequence[Sequence[FittedPlane]]
+
+    def of(self, tracked: TrackedFaces, number: int, robust: bool) -> FaceInformation:
+        """See `FaceEvidence`; the loss of a plane is Cauchy's."""
+        pose, count = tracked.poses[number], 3 * len(tracked.faces)
+        own, cross, shared = np.zeros((6, 6)), np.zeros((6, count)), np.zeros((count, count))
+        own_side, shared_side = np.zeros(6), np.zeros(count)
+        for plane, k in zip(self.planes[number], tracked.matches[number], strict=True):
+            at = slice(3 * k, 3 * k + 3)
+            residual, J = residual_and_jacobian(plane, tracked.faces[k], pose.rotation, pose.translation)
+            F = face_jacobian(plane, tracked.faces[k], pose.rotation, pose.translation)
+            W = np.linalg.inv(plane.covariance)
+            W /= 1 + residual @ W @ residual / LARGE if robust else 1.0
+            own, shared[at, at] = own + J.T @ W @ J, shared[at, at] + F.T @ W @ F
+            cross[:, at] += J.T @ W @ F
+            own_side, shared_side[at] = own_side - J.T @ W @ residual, shared_side[at] - F.T @ W @ residual
+        return FaceInformation(own, cross, shared, own_side, shared_side)
+
+
+def adjusted_faces(tracked: TrackedFaces, evidence: FaceEvidence, size: float) -> TrackedFaces:
+    """Faces and poses of robust least squares; ``size`` of the body in m."""
+    for _ in range(_STEPS):
+        drift = uniform_drift(tracked, size)
+        blocks = [_blocks(tracked, drift, k, evidence, size, robust=True) for k in range(len(tracked.poses))]
+        free = _free(tracked, size)
+        S, side = _marginal(blocks, size)
+        step = free @ np.linalg.solve(free.T @ S @ free, free.T @ side)
+        tracked = _moved(tracked, blocks, step)
+        if step @ side < SETTLED:
+            break
+    return tracked
+
+
+def merged_faces(tracked: TrackedFaces, size: float) -> TrackedFaces:
+    """Faces with duplicates merged.
+
+    Faces that coincide and that no scan sees side by side are one, taken for a new one when it came back.
+    """
+    first, faces = list(range(len(tracked.faces))), tracked.faces
+    for j, face in enumerate(faces):
+        for i in (k for k in range(j) if first[k] == k):
+            beside = any({i, j} <= {first[k] for k in match} | set(match) for match in tracked.matches)
+            near = abs(faces[i].offset - face.offset) < SAME_OFFSET * size
+            if near and not beside and faces[i].normal @ face.normal > np.cos(SAME_ANGLE):
+                first[j] = i
+                break
+    kept = sorted(set(first))
+    matches = tuple(tuple(kept.index(first[k]) for k in match) for match in tracked.matches)
+    return replace(tracked, faces=tuple(faces[k] for k in kept), matches=matches)
+
+
+def with_map_errors(tracked: TrackedFaces, evidence: FaceEvidence, size: float) -> TrackedFaces:
+    """Faces and poses with the covariance of the faces."""
+    drift, count = uniform_drift(tracked, size), 3 * len(tracked.faces)
+    blocks = [_blocks(tracked, drift, k, evidence, size) for k in range(len(tracked.poses))]
+    free = _free(tracked, size)
+    M = (free @ np.linalg.solve(free.T @ _marginal(blocks, size)[0] @ free, free.T))[:count, :count]
+    own = _without_freedom(tracked, blocks)
+    M = own @ M @ own.T
+    loose = replace(drift, scatter=np.inf)
+    alone = [_blocks(tracked, loose, k, evidence, size) for k in range(len(tracked.poses))]
+    arms = [
+        body_side(-np.linalg.solve(each.own, each.cross[:, :count]), pose.rotation)
+        for each, pose in zip(alone, tracked.poses, strict=True)
+    ]
+    common = tuple(A @ M @ A.T for A in arms)
+    poses = tuple(
+        replace(pose, covariance=pose.covariance + more)
+        for pose, more in zip(tracked.poses, common, strict=True)
+    )
+    return replace(tracked, poses=poses, covariance=M, common=common)
+
+
+def uniform_drift(tracked: TrackedFaces, size: float) -> Drift:
+    """Uniform drift fitted to the poses' origins; medians keep poses out that do not determine theirs."""
+    times = np.array([pose.time for pose in tracked.poses])
+    times = (times - times[0]) / max(float(np.ptp(times)), 1e-300)
+    places = np.array([pose.translation for pose in tracked.poses])
+    if len(times) < FEWEST_FOR_DRIFT:
+        return Drift(np.concatenate([places[0], places[-1] - places[0]]), times, np.inf)
+    A, weights = np.column_stack([np.ones_like(times), times]), np.ones(len(times))
+    found, scatter = np.zeros((2, 3)), np.inf
+    for _ in range(_STEPS):
+        found = np.linalg.lstsq(A * weights[:, None], places * weights[:, None], rcond=None)[0]
+        off = np.linalg.norm(places - A @ found, axis=1)
+        scatter = max(float(np.median(off)), STRICTEST * size)
+        weights = 1 / (1 + (off / (3 * scatter)) ** 2)
+    return Drift(found.reshape(-1), times, scatter)
+
+
+def _blocks(
+    tracked: TrackedFaces,
+    drift: Drift,
+    number: int,
+    evidence: FaceEvidence,
+    size: float,
+    robust: bool = False,
+) -> FaceInformation:
+    """Normal equations of one scan: its evidence, the drift, the prior.
+
+    The drift (6) comes after the faces; the prior says that the pose is somewhere near.
+    """
+    told, pose, count = evidence.of(tracked, number, robust), tracked.poses[number], 3 * len(tracked.faces)
+    own = told.own + np.diag(np.repeat([ROTATION_PRIOR, size], 3) ** -2.0)
+    cross, shared = np.pad(told.cross, ((0, 0), (0, 6))), np.pad(told.shared, (0, 6))
+    own_side, shared_side = told.own_side.copy(), np.pad(told.shared_side, (0, 6))
+    along, weight = drift.along(number), drift.scatter**-2.0
+    off = weight * (pose.translation - along @ drift.motion)
+    own[3:, 3:] += weight * np.eye(3)
+    cross[3:, count:] -= weight * along
+    shared[count:, count:] += weight * along.T @ along + np.eye(6) / size**2 / len(drift.times)
+    own_side[3:] -= off
+    shared_side[count:] += along.T @ off
+    return FaceInformation(own, cross, shared, own_side, shared_side)
+
+
+def _marginal(
+    blocks: Sequence[FaceInformation], size: float
+) -> tuple[Float[np.ndarray, "m m"], Float[np.ndarray, " m"]]:
+    """Normal equations of what is shared, the poses eliminated.
+
+    A face that no scan tells of is known to a radian and ``size``.
+    """
+    faces = (blocks[0].shared.shape[0] - 6) // 3
+    S = np.diag(np.concatenate([np.tile([1.0, 1.0, size**-2.0], faces), np.zeros(6)]))
+    side = np.zeros(len(S))
+    for each in blocks:
+        gain = np.linalg.solve(each.own, each.cross).T
+        S = S + each.shared - gain @ each.cross
+        side = side + each.shared_side - gain @ each.own_side
+    return S, side
+
+
+def _free(tracked: TrackedFaces, size: float) -> Float[np.ndarray, "m f"]:
+    """Directions of (faces, drift) without the gauge freedom of frame g.
+
+    Free are its rotation, and its shift without a drift.
+    """
+    drifts = len(tracked.poses) >= FEWEST_FOR_DRIFT
+    gauge = np.concatenate([*map(_freedom, tracked.faces), np.zeros((6, 6))])[:, : 3 if drifts else 6]
+    scale = np.concatenate([np.tile([1.0, 1.0, size], len(tracked.faces)), np.full(6, size)])
+    return np.linalg.svd(gauge / scale[:, None])[0][:, gauge.shape[1] :] * scale[:, None]
+
+
+def _without_freedom(tracked: TrackedFaces, blocks: Sequence[FaceInformation]) -> Float[np.ndarray, "f f"]:
+    """Errors of the faces without a common rotation and shift.
+
+    Each face weighs as much as scans tell of it.
+    Which way g is turned and where its origin lies are definitions, and no error of a pose in that g. With equal weights a face
+    that was hardly seen would turn g, and all poses with it.
+    """
+    G = np.concatenate([_freedom(face) for face in tracked.faces])
+    W = np.zeros((len(G), len(G)))
+    for k in range(len(tracked.faces)):
+        at = slice(3 * k, 3 * k + 3)
+        W[at, at] = sum(each.shared[at, at] for each in blocks)
+    return np.eye(len(G)) - G @ np.linalg.pinv(G.T @ W @ G, hermitian=True) @ G.T @ W
+
+
+def _freedom(face: Face) -> Float[np.ndarray, "3 6"]:
+    """Change of a face by a rotation and by a shift of frame g."""
+    return np.block(
+        [[face.tangents.T @ -skew(face.normal), np.zeros((2, 3))], [np.zeros((1, 3)), face.normal[None]]]
+    )
+
+
+def _moved(
+    tracked: TrackedFaces, blocks: Sequence[FaceInformation], step: Float[np.ndarray, " m"]
+) -> TrackedFaces:
+    """Faces after a step, and the poses that it leads to."""
+    poses, faces = [], []
+    for pose, each in zip(tracked.poses, blocks, strict=True):
+        own = np.linalg.solve(each.own, each.own_side - each.cross @ step)
+        poses.append(
+            replace(
+                pose,
+                rotation=rotation_matrix(own[:3]) @ pose.rotation,
+                translation=pose.translation + own[3:],
+            )
+        )
+    for face, change in zip(tracked.faces, step[: 3 * len(tracked.faces)].reshape(-1, 3), strict=True):
+        normal = face.normal + face.tangents @ change[:2]
+        faces.append(Face(normal / np.linalg.norm(normal), face.offset + float(change[2])))
+    return TrackedFaces(tuple(poses), tuple(faces), tracked.matches)
+
+
+CONTRADICTION: Final = 8.0
+"""Standard deviations between a plane and its face, with the body where it drifts, beyond which they do not belong together."""
+MOST_CONTRADICTED: Final = 0.2
+"""Share of the scans, at most: where more contradict the drift, it is the drift that is not uniform."""
+
+
+@dataclass(frozen=True, eq=False)
+class ConsistentFaces:
+    """Tracked faces with the consistent planes of every scan.
+
+    ``contradicted``: number of scans that lost a plane.
+    """
+
+    tracked: TrackedFaces
+    planes: tuple[tuple[FittedPlane, ...], ...]
+    contradicted: int
+
+
+def consistent_faces(
+    tracked: TrackedFaces, planes: Sequence[Sequence[FittedPlane]], size: float
+) -> ConsistentFaces:
+    """Tracked faces without planes that contradict the uniform drift.
+
+    Scans that lose one begin again where the drift leads.
+    A plane that no other of its scan confirms moves the pose as far as its face is wrong, by a whole body, with a small covariance.
+
+    Parameters
+    ----------
+    planes: of every scan, in the order of ``tracked.matches``.   size: of the body, m.
+    """
+    drift, unchanged = uniform_drift(tracked, size), tuple(map(tuple, planes))
+    if not np.isfinite(drift.scatter):
+        return ConsistentFaces(tracked, unchanged, 0)
+    kept = [
+        [
+            _is_near(plane, tracked.faces[face], tracked.poses[k], drift, k, size)
+            for plane, face in zip(seen, tracked.matches[k], strict=True)
+        ]
+        for k, seen in enumerate(planes)
+    ]
+    wrong = [k for k, each in enumerate(kept) if not all(each)]
+    if not wrong or len(wrong) > MOST_CONTRADICTED * len(kept):
+        return ConsistentFaces(tracked, unchanged, len(wrong))
+    poses = list(tracked.poses)
+    for k in wrong:
+        poses[k] = replace(poses[k], translation=drift.place(k))
+    matches = tuple(tuple(compress(match, each)) for match, each in zip(tracked.matches, kept, strict=True))
+    left = tuple(tuple(compress(seen, each)) for seen, each in zip(planes, kept, strict=True))
+    return ConsistentFaces(replace(tracked, poses=tuple(poses), matches=matches), left, len(wrong))
+
+
+def _is_near(plane: FittedPlane, face: Face, pose: ScanPose, drift: Drift, number: int, size: float) -> bool:
+    """Whether a plane lies where its face is, within what plane, attitude and drift leave open."""
+    off = pose.rotation @ face.normal @ (plane.centroid - drift.place(number)) - face.offset
+    tilt = size**2 * float(np.linalg.eigvalsh(pose.covariance[3:, 3:])[-1])
+    return abs(off) < CONTRADICTION * np.sqrt(plane.covariance[2, 2] + tilt + drift.scatter**2)

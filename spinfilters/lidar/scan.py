@@ -1,14 +1,273 @@
-"""A scan: every ray of a lidar with its stamp, angles, range, intensity and flag."""
+"""A lidar scan: the pattern of its rays (Decoust 2008, section 2.2.3), ranges with their stamps, errors, and files.
 
+Frame L of the lidar: x along its axis, y towards positive elevation, z towards positive azimuth.
+"""
+
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Final, Literal
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
+from scipy.spatial import KDTree
 
-from spinfilters.geometry.ray_angles import angles_of, unit_vectors
-from spinfilters.lidar.ray_pattern import angle_tree
-from spinfilters.lidar.scan_errors import DUST, RETURN
+from spinfilters.core.errors import InputError
+from spinfilters.core.ray_angles import angles_of, unit_vectors
+from spinfilters.io.input_file import path_text, value_text
+from spinfilters.io.output_files import write_bytes
+from spinfilters.io.ply_files import read_ply, write_ply
+from spinfilters.io.stated_values import NumberRange
+
+FIELD_OF_VIEW: Final = NumberRange(1e-6, 179.0, "deg")
+RAYS: Final = NumberRange(1, 100_000, whole=True)
+MOST_RAYS: Final = 10_000_000
+"""Rays of a pattern: beyond, its arrays alone take gigabytes."""
+
+
+@dataclass(frozen=True)
+class HighResolutionWindow:
+    """A rectangle of the field of view with denser rays, deg.
+
+    Its edges are moved to the nearest rays of the grid, and clipped to the field of view.
+    """
+
+    elevation_start: float
+    elevation_span: float
+    azimuth_start: float
+    azimuth_span: float
+
+
+@dataclass(frozen=True)
+class RayPattern:
+    """A grid of rays about the lidar's axis.
+
+    Parameters
+    ----------
+    field_of_view: azimuth and elevation, deg, in all.   rays: in azimuth and in elevation (the thesis' "resolution").
+    windows: where the grid is ``multiplier`` times as dense in both angles.
+
+    Raises
+    ------
+    InputError: a number out of its range, a window beside the field of view.
+    """
+
+    field_of_view: tuple[float, float] = (2.0, 2.0)
+    rays: tuple[int, int] = (551, 551)
+    windows: tuple[HighResolutionWindow, ...] = ()
+    multiplier: int = 2
+
+    def __post_init__(self) -> None:
+        for axis, view, rays in zip(("azimuth", "elevation"), self.field_of_view, self.rays, strict=True):
+            FIELD_OF_VIEW.require(f"field of view in {axis}", float(view))
+            RAYS.require(f"rays in {axis}", rays)
+        NumberRange(1, 1000, whole=True).require("multiplier", self.multiplier)
+        if self.rays[0] * self.rays[1] * (1 + len(self.windows) * self.multiplier**2) > MOST_RAYS:
+            raise InputError(
+                f"a pattern of {self.rays[0]} x {self.rays[1]} rays is too large; give at most {MOST_RAYS} in all"
+            )
+        for window in self.windows:
+            self._indices(window)
+
+    @property
+    def grid(self) -> tuple[Float[np.ndarray, " a"], Float[np.ndarray, " e"]]:
+        """Azimuths and elevations of the grid, rad."""
+        halves = np.deg2rad(self.field_of_view) / 2
+        azimuth, elevation = (
+            np.linspace(-half, half, rays) if rays > 1 else np.zeros(1)
+            for half, rays in zip(halves, self.rays, strict=True)
+        )
+        return azimuth, elevation
+
+    def directions(self) -> "RayDirections":
+        """All rays in the order of firing.
+
+        The grid row by row (elevation outside), then the windows.
+        Rays of the grid within a window are fired with the window.
+        """
+        azimuth, elevation = self.grid
+        E, A = np.meshgrid(elevation, azimuth, indexing="ij")
+        inside = np.zeros(E.shape, dtype=bool)
+        parts = []
+        for number, window in enumerate(self.windows, 1):
+            (a0, a1), (e0, e1) = self._indices(window)
+            fine = [
+                _refined(grid[i : j + 1], self.multiplier)
+                for grid, i, j in ((elevation, e0, e1), (azimuth, a0, a1))
+            ]
+            parts.append((number, *np.meshgrid(*fine, indexing="ij")))
+            inside[e0 : e1 + 1, a0 : a1 + 1] = True
+        whole = [(0, E[~inside], A[~inside]), *((k, e.ravel(), a.ravel()) for k, e, a in parts)]
+        window_of = np.concatenate([np.full(len(e), k) for k, e, _ in whole])
+        return RayDirections(
+            np.concatenate([a for _, _, a in whole]), np.concatenate([e for _, e, _ in whole]), window_of
+        )
+
+    def _indices(self, window: HighResolutionWindow) -> tuple[tuple[int, int], tuple[int, int]]:
+        """First and last ray of the grid of a window, in azimuth and in elevation."""
+        spans = (
+            (window.azimuth_start, window.azimuth_span, self.field_of_view[0], self.rays[0]),
+            (window.elevation_start, window.elevation_span, self.field_of_view[1], self.rays[1]),
+        )
+        found = []
+        for start, span, view, rays in spans:
+            if not span > 0 or start > view / 2 or start + span < -view / 2:
+                raise InputError(
+                    f"the window {window} lies outside the field of view or is empty; give one inside"
+                )
+            step = view / max(rays - 1, 1)
+            ends = np.rint((np.array([start, start + span]) + view / 2) / step)
+            first, last = np.clip(ends, 0, rays - 1).astype(int).tolist()
+            found.append((first, last))
+        return found[0], found[1]
+
+
+@dataclass(frozen=True, eq=False)
+class RayDirections:
+    """Angles of n rays, rad, in the order of firing.
+
+    Attributes
+    ----------
+    window: 0 for the grid, k for the k-th high-resolution window.
+    """
+
+    azimuth: Float[np.ndarray, " n"]
+    elevation: Float[np.ndarray, " n"]
+    window: Int[np.ndarray, " n"]
+
+
+def angle_tree(angles: Float[np.ndarray, "n 2"]) -> KDTree:
+    """Tree over rays, split at middles.
+
+    Medians of a grid, which has many equal angles, take three times as long.
+    """
+    return KDTree(angles, balanced_tree=False, compact_nodes=False)
+
+
+def _refined(angles: Float[np.ndarray, " k"], multiplier: int) -> Float[np.ndarray, " m"]:
+    return np.linspace(angles[0], angles[-1], (len(angles) - 1) * multiplier + 1)
+
+
+AngleMode = Literal["jitter", "encoder", "thesis"]
+ANGLE_MODES: Final = ("jitter", "encoder", "thesis")
+"""jitter: the beam leaves its direction and nobody knows; encoder: the direction is read wrongly; thesis: the beam leaves its
+direction and the encoder follows it, so that points stay on the surface (Decoust 2008, section 2.2.4)."""
+MISS, RETURN, WEAK, SATURATED, DUST = 0, 1, 2, 3, 4
+FLAG_WORDS: Final = {MISS: "miss", RETURN: "return", WEAK: "too weak", SATURATED: "saturated", DUST: "dust"}
+"""Flags of a ray; 1 and 0 are the thesis'."""
+
+
+@dataclass(frozen=True)
+class LidarNoise:
+    """Standard deviations and biases, m and rad.
+
+    Attributes
+    ----------
+    range_std, azimuth_std, elevation_std: of white noise.   range_bias, azimuth_bias, elevation_bias: of what is reported.
+    mode: of the angles' noise, see `ANGLE_MODES`.
+    """
+
+    range_std: float = 0.0
+    azimuth_std: float = 0.0
+    elevation_std: float = 0.0
+    range_bias: float = 0.0
+    azimuth_bias: float = 0.0
+    elevation_bias: float = 0.0
+    mode: AngleMode = "jitter"
+
+    def drawn_angles(
+        self, count: int, generator: np.random.Generator
+    ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"]]:
+        """Deviations (azimuth, elevation) of the beams from their nominal directions, and of what is reported."""
+        noise = generator.standard_normal((count, 2)) * [self.azimuth_std, self.elevation_std]
+        fired = np.zeros_like(noise) if self.mode == "encoder" else noise
+        read = np.zeros_like(noise) if self.mode == "jitter" else noise
+        return fired, read + np.array([self.azimuth_bias, self.elevation_bias])
+
+
+def rvs_noise(mode: AngleMode = "jitter", long_range: bool = False, biased: bool = False) -> LidarNoise:
+    """Noise of Jena-Optronik's RVS: 3-sigma figures over three (Decoust 2008, Figure 2.11; Eq. 2.6 corrected).
+
+    Parameters
+    ----------
+    long_range: 0.1 m (3 sigma) and a bias of 0.5 m instead of 0.01 m and 0.01 m.   biased: with the largest biases allowed.
+    """
+    range_bias, angle_bias = (0.5 if long_range else 0.01, np.deg2rad(0.1)) if biased else (0.0, 0.0)
+    return LidarNoise(
+        range_std=(0.1 if long_range else 0.01) / 3,
+        azimuth_std=float(np.deg2rad(0.01)) / 3,
+        elevation_std=float(np.deg2rad(0.02)) / 3,
+        range_bias=range_bias,
+        azimuth_bias=float(angle_bias),
+        elevation_bias=float(angle_bias),
+        mode=mode,
+    )
+
+
+@dataclass(frozen=True)
+class Losses:
+    """Causes of lost returns (Decoust 2008, section 2.1.2).
+
+    Attributes
+    ----------
+    reflectivity: of a surface met head-on, 0 to 1; the intensity falls with the cosine of incidence.
+    weakest, strongest: received power, intensity times (reference_range / range)^2, that the detector takes.
+    reference_range: m.
+    dust: probability that dust absorbs a beam.   clutter: probability that dust returns it from somewhere before the surface.
+    sun: unit vector towards the sun, frame L, or None.   glint_deg: half angle within which the sun, or its mirror image in the
+        surface, blinds the detector.
+    """
+
+    reflectivity: float = 1.0
+    weakest: float = 0.0
+    strongest: float = np.inf
+    reference_range: float = 500.0
+    dust: float = 0.0
+    clutter: float = 0.0
+    sun: tuple[float, float, float] | None = None
+    glint_deg: float = field(default=2.0)
+
+    def flags(
+        self,
+        directions: Float[np.ndarray, "n 3"],
+        normals: Float[np.ndarray, "n 3"],
+        distance: Float[np.ndarray, " n"],
+        generator: np.random.Generator,
+    ) -> Int[np.ndarray, " n"]:
+        """Flag of every ray, infinite distances being misses.
+
+        Normals are those of the surfaces that were hit.
+        """
+        hit = np.isfinite(distance)
+        power = (
+            self.intensity(directions, normals)
+            * (self.reference_range / np.where(hit, distance, np.inf)) ** 2
+        )
+        flags = np.where(hit, RETURN, MISS)
+        flags[hit & (power < self.weakest)] = WEAK
+        flags[hit & (power > self.strongest)] = SATURATED
+        if self.sun is not None:
+            flags[self._blinded(directions, normals, hit)] = SATURATED
+        flags[generator.random(len(flags)) < self.dust] = DUST
+        return flags
+
+    def intensity(
+        self, directions: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"]
+    ) -> Float[np.ndarray, " n"]:
+        """Lambert's law: reflectivity times the cosine of incidence."""
+        return self.reflectivity * np.abs(np.einsum("ni,ni->n", directions, normals))
+
+    def _blinded(
+        self, directions: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"], hit: np.ndarray
+    ) -> np.ndarray:
+        sun = np.asarray(self.sun) / np.linalg.norm(np.asarray(self.sun))
+        least = np.cos(np.deg2rad(self.glint_deg))
+        mirrored = 2 * (normals @ sun)[:, None] * normals - sun
+        lit = normals @ sun > 0
+        glint = hit & lit & (-np.einsum("ni,ni->n", mirrored, directions) > least)
+        return glint | (~hit & (directions @ sun > least))
+
 
 _NEIGHBOURS, _ALIKE = 8, 2  # rays beside one, and those of them whose range is like its own
 _SURFACE, _APART = 0.25, 15.0  # quantile of the difference that surfaces have, and how many of it are apart
@@ -22,7 +281,7 @@ class Scan:
     Attributes
     ----------
     time: (n,) s.   azimuth, elevation: (n,) reported, rad.   distance: (n,) reported range, m, NaN without a return.
-    intensity: (n,) 0 without a return.   flag: (n,) see `spinfilters.lidar.scan_errors`.   window: (n,) 0 for the grid.
+    intensity: (n,) 0 without a return.   flag: (n,) see `spinfilters.lidar.scan`.   window: (n,) 0 for the grid.
     metadata: words and numbers for the reader.
     """
 
@@ -103,3 +362,133 @@ def scan_of_points(points: Float[np.ndarray, "n 3"], time: float = 0.0, name: st
     distance = np.linalg.norm(points, axis=1)
     flag, window = np.full(n, RETURN), np.zeros(n, np.int64)
     return Scan(np.full(n, float(time)), azimuth, elevation, distance, np.ones(n), flag, window, name)
+
+
+COLUMNS: Final = (
+    "x",
+    "y",
+    "z",
+    "time_s",
+    "azimuth_rad",
+    "elevation_rad",
+    "range_m",
+    "intensity",
+    "flag",
+    "window",
+)
+"""Properties of a point; a ray without a return stands at the origin with its flag."""
+_COMMENT = "spinfilters-lidar "
+
+
+def write_scan(path: Path, scan: Scan, misses: bool = False) -> None:
+    """Write a scan as its file's ending says: .ply, .pcd (both binary) or .csv. Atomic.
+
+    Parameters
+    ----------
+    misses: whether rays without a return are written too.
+
+    Raises
+    ------
+    InputError: another ending, disk full, no permission.
+    """
+    writers = {".ply": _write_ply, ".pcd": _write_pcd, ".csv": _write_csv}
+    if path.suffix.lower() not in writers:
+        raise InputError(
+            f"{path_text(path)}: {value_text(path.suffix)} is no format of scans; use {', '.join(writers)}"
+        )
+    rows = np.ones(len(scan), dtype=bool) if misses else scan.is_return
+    writers[path.suffix.lower()](path, _columns(scan, rows), json.dumps(dict(scan.metadata), default=str))
+
+
+def read_scan(path: Path) -> Scan:
+    """Scan of a PLY file.
+
+    A file of this package gives all its rays, any other points in m taken at time 0.
+
+    Raises
+    ------
+    InputError: as `read_ply`; no point, a point that is not finite.
+    """
+    content = read_ply(path)
+    if not len(content.points):
+        raise InputError(f"{path_text(path)}: holds no point; the lidar has seen nothing, leave the scan out")
+    bad = np.flatnonzero(~np.isfinite(content.points).all(axis=1))
+    if bad.size:
+        raise InputError(f"{path_text(path)}: point {bad[0]} is not finite; leave it out")
+    if not set(COLUMNS) <= set(content.columns):
+        seen = content.points[np.linalg.norm(content.points, axis=1) > 0]
+        return scan_of_points(seen, name=path_text(path))
+    values = [content.columns[name].astype(np.float64) for name in COLUMNS[3:8]]
+    time, azimuth, elevation, distance, intensity = values
+    flag, window = (content.columns[name].astype(np.int64) for name in COLUMNS[8:])
+    scan = Scan(
+        time,
+        azimuth,
+        elevation,
+        distance,
+        intensity,
+        flag,
+        window,
+        path_text(path),
+        _metadata(content.comments),
+    )
+    told = np.isfinite([time, azimuth, elevation, intensity]).all(axis=0)
+    if not (told & (np.isfinite(distance) | (flag != RETURN))).all():
+        raise InputError(
+            f"{path_text(path)}: a ray has a time, angle or range that is not finite; leave it out"
+        )
+    return scan
+
+
+def _metadata(comments: tuple[str, ...]) -> dict[str, object]:
+    """Metadata of the scanner; none where damaged."""
+    for comment in comments:
+        if comment.startswith(_COMMENT):
+            try:
+                document = json.loads(comment[len(_COMMENT) :])
+            except (ValueError, RecursionError):
+                return {}
+            return document if isinstance(document, dict) else {}
+    return {}
+
+
+def _columns(scan: Scan, rows: np.ndarray) -> dict[str, np.ndarray]:
+    distance = np.nan_to_num(scan.distance[rows])
+    points = distance[:, None] * unit_vectors(scan.azimuth[rows], scan.elevation[rows])
+    numbers = (scan.time, scan.azimuth, scan.elevation, scan.distance, scan.intensity)
+    whole = (scan.flag[rows].astype(np.uint8), scan.window[rows].astype(np.int32))
+    return dict(zip(COLUMNS, (*points.T, *(each[rows] for each in numbers), *whole), strict=True))
+
+
+def _write_ply(path: Path, columns: dict[str, np.ndarray], metadata: str) -> None:
+    write_ply(path, columns, (_COMMENT + metadata,))
+
+
+def _write_pcd(path: Path, columns: dict[str, np.ndarray], metadata: str) -> None:
+    """Point Cloud Data 0.7, binary."""
+    kinds = {"f": ("8", "F", "<f8"), "i": ("4", "I", "<i4"), "u": ("1", "U", "u1")}
+    told = [kinds[values.dtype.kind] for values in columns.values()]
+    count = len(next(iter(columns.values())))
+    table = np.empty(count, [(name, kind[2]) for name, kind in zip(columns, told, strict=True)])
+    for name, values in columns.items():
+        table[name] = values
+    lines = [
+        f"# {_COMMENT}{metadata}",
+        "VERSION 0.7",
+        f"FIELDS {' '.join(columns)}",
+        f"SIZE {' '.join(kind[0] for kind in told)}",
+        f"TYPE {' '.join(kind[1] for kind in told)}",
+        f"COUNT {' '.join('1' for _ in told)}",
+        f"WIDTH {count}",
+        "HEIGHT 1",
+        "VIEWPOINT 0 0 0 1 0 0 0",
+        f"POINTS {count}",
+        "DATA binary\n",
+    ]
+    write_bytes(path, "\n".join(lines).encode() + table.tobytes())
+
+
+def _write_csv(path: Path, columns: dict[str, np.ndarray], metadata: str) -> None:
+    lines = [f"# {_COMMENT}{metadata}", ",".join(columns)]
+    lines += [",".join(map(repr, row)) for row in zip(*(c.tolist() for c in columns.values()), strict=True)]
+    write_bytes(path, ("\n".join(lines) + "\n").encode())

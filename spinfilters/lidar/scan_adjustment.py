@@ -1,4 +1,11 @@
-"""Joint adjustment of scans of a body of any shape.
+"""Scans registered to one another: matching in order of time, and the adjustment of all poses with errors in common.
+
+Poses that were adjusted together have errors that are alike from scan to scan. A motion that is fitted to poses of covariances
+W^-1 each has the covariance N^-1 S N^-1 for the poses' joint covariance C, N = B' W B, S = B' W C W B, with B what the poses
+change by with the motion. Covariances s W^-1 tell as much on average where s = tr(N^-1 S) / dim.
+
+The columns of B stand for any smooth motion: places, velocities and attitudes at the start, drifts of the attitude in the
+lidar's frame and in that of the body. A rotation and a shift of frame g are none, for nothing but the poses defines it.
 
 Every scan's points are matched with the nearest of the scans seen from the most alike directions, and all poses move together
 (Gauss-Newton on point-to-plane distances). Scans registered one by one keep the errors of those before in what scans of alike
@@ -8,7 +15,7 @@ Frame g has no place of its own: the sums of all rotations and shifts of a step 
 covariance describes (inner constraints; Blaha 1971).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -16,9 +23,96 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
-from spinfilters.lidar.common_errors import smooth_inflation
-from spinfilters.lidar.registration import Cloud, ScanMatches, closest_points
-from spinfilters.lidar.scan_pose import ROTATION_PRIOR, ScanPose, pose_covariance, rotation_matrix
+from spinfilters.core.errors import InputError
+from spinfilters.lidar.registration import (
+    Cloud,
+    PointToPlane,
+    Registration,
+    RegistrationEngine,
+    ScanMatches,
+    closest_points,
+    cloud_of,
+    coarse_pose,
+    registered,
+)
+from spinfilters.lidar.scan_pose import (
+    ROTATION_PRIOR,
+    ScanPose,
+    pose_covariance,
+    predicted_pose,
+    rotation_matrix,
+    skew,
+)
+
+NEGLIGIBLE: Final = 1e-9
+"""Share of the largest information, below which a direction is not told."""
+
+LARGEST: Final = 1e6
+"""Inflation that is told, at most."""
+
+Product = Callable[[Float[np.ndarray, "a m"]], Float[np.ndarray, "a m"]]
+"""A matrix times columns."""
+
+
+def shared_inflation(poses: Sequence[ScanPose], common: Sequence[Float[np.ndarray, "6 6"]]) -> float:
+    """Mean ratio of the poses' variances to those without what they share with others.
+
+    Parameters
+    ----------
+    common: part of every pose's covariance that it shares.
+    """
+    ratios = [
+        np.trace(np.linalg.pinv(pose.covariance - C, hermitian=True) @ pose.covariance) / 6
+        for pose, C in zip(poses, common, strict=True)
+    ]
+    good = [ratio for ratio in ratios if ratio >= 1]
+    return min(float(np.median(good)), LARGEST) if good else 1.0
+
+
+def smooth_inflation(
+    poses: Sequence[ScanPose], own: Float[np.ndarray, "k 6 6"], covariance: Product
+) -> float:
+    """Factor on the poses' own covariances, at least 1.
+
+    Parameters
+    ----------
+    own: information of every pose, over (rotation, shift) in g.   covariance: joint, likewise.
+    """
+    frame, smooth = _changes(poses)
+    weighted_frame, weighted = (_weighted(own, each) for each in (frame, smooth))
+    held = np.linalg.pinv(frame.T @ weighted_frame, hermitian=True) @ weighted_frame.T @ smooth
+    smooth, weighted = smooth - frame @ held, weighted - weighted_frame @ held
+    values, vectors = np.linalg.eigh(smooth.T @ weighted)
+    told = values > NEGLIGIBLE * values[-1]
+    if not told.any():
+        return 1.0
+    whitened = weighted @ (vectors[:, told] / np.sqrt(values[told]))
+    return float(np.clip(np.vdot(whitened, covariance(whitened)) / np.count_nonzero(told), 1.0, LARGEST))
+
+
+def _changes(poses: Sequence[ScanPose]) -> tuple[Float[np.ndarray, "a 6"], Float[np.ndarray, "a m"]]:
+    """Changes of all poses with the frame g, and with a smooth motion."""
+    times = np.array([pose.time for pose in poses])
+    late = (2 * times - times[0] - times[-1]) / max(float(np.ptp(times)), 1e-300)
+    body, lidar = (
+        np.broadcast_to(np.eye(3), (len(poses), 3, 3)),
+        np.array([pose.rotation.T for pose in poses]),
+    )
+
+    def column(axes: Float[np.ndarray, "k 3 3"], power: int, first: int) -> Float[np.ndarray, "a 3"]:
+        """Changes along three axes that grow with a power of time."""
+        found = np.zeros((len(poses), 6, 3))
+        found[:, first : first + 3] = axes * late[:, None, None] ** power
+        return found.reshape(-1, 3)
+
+    frame = [column(body, 0, 0), column(body, 0, 3)]
+    turns = [column(lidar, 0, 0), column(lidar, 1, 0), column(body, 1, 0), column(body, 2, 0)]
+    return np.hstack(frame), np.hstack([*turns, column(lidar, 0, 3), column(lidar, 1, 3)])
+
+
+def _weighted(own: Float[np.ndarray, "k 6 6"], columns: Float[np.ndarray, "a m"]) -> Float[np.ndarray, "a m"]:
+    return np.einsum("kij,kjc->kic", own, columns.reshape(len(own), 6, -1)).reshape(columns.shape)
+
 
 MAP_SCANS: Final = 12
 """Scans that one is matched with, those seen from most alike directions: distant views share no surface."""
@@ -261,3 +355,91 @@ def _with_covariances(poses: Sequence[ScanPose], normal: _Normal, size: float) -
             replace(pose, covariance=every, own_covariance=own, undetermined=lacking, matched=matched)
         )
     return AdjustedScans(tuple(found), smooth_inflation(poses, alone + np.diag(prior), joint.__matmul__))
+
+
+MOST_POINTS: Final = 3000
+"""Points of a scan that are registered."""
+WIDEST_TURN: Final = 1.8
+"""Largest rotation between the first scans that is searched, rad."""
+SMALLEST: Final = 1e-9
+"""Size of a body that can be registered, in distances, at least."""
+SURE_OVERLAP: Final = 0.5
+_REACH = 0.25  # of the body's size: how far a prediction may be wrong
+
+
+def match_scans(
+    times: Sequence[float],
+    scans: Sequence[Float[np.ndarray, "n 3"]],
+    middle: Float[np.ndarray, "3"],
+    engine: RegistrationEngine | None = None,
+    viewpoint: Float[np.ndarray, "3"] | None = None,
+) -> AdjustedScans:
+    """Poses of scans in frame g.
+
+    It has the lidar's axes at the first scan and its origin at ``middle`` (m, in L).
+
+    Parameters
+    ----------
+    scans: points in L, m.   engine: `PointToPlane` where None.   viewpoint: of the lidar in L, its origin where None.
+
+    Raises
+    ------
+    InputError: points that all lie in one place.
+    """
+    engine, eye = engine or PointToPlane(), np.zeros(3) if viewpoint is None else viewpoint
+    clouds = [cloud_of(points, eye, MOST_POINTS) for points in scans]
+    size = max(cloud.size for cloud in clouds)
+    if not size > SMALLEST * float(np.linalg.norm(middle - eye)):
+        raise InputError("the points of every scan lie in one place; give scans that resolve the body")
+    poses = [ScanPose(times[0], np.eye(3), middle, np.zeros((6, 6)), matched=len(clouds[0].points))]
+    for k in range(1, len(clouds)):
+        poses.append(_next(clouds, poses, times[k], size, engine))
+    return adjusted_scans(clouds, poses, size, 0.3 * _REACH * size)
+
+
+def _next(
+    clouds: list[Cloud], poses: list[ScanPose], time: float, size: float, engine: RegistrationEngine
+) -> ScanPose:
+    """The pose of the next scan.
+
+    From the prediction, or searched where that leads to little overlap.
+    """
+    number = len(poses)
+    R, t = predicted_pose(poses, time, size)
+    target = _scan_matching_map(clouds, poses, R, list(range(number)))
+    found = registered(clouds[number], target, R.T, -R.T @ t, _REACH * size, engine)
+    if found.overlap < SURE_OVERLAP or number == 1:
+        start = coarse_pose(clouds[number], target, WIDEST_TURN)
+        other = registered(clouds[number], target, *start, _REACH * size, engine)
+        found = max(found, other, key=lambda each: each.overlap / max(each.residual_std, 1e-12) ** 0.5)
+    return _told(found, time, size)
+
+
+def _scan_matching_map(
+    clouds: list[Cloud], poses: list[ScanPose], R: Float[np.ndarray, "3 3"], among: list[int]
+) -> Cloud:
+    """Points in g of the scans seen from the directions most like that of a pose."""
+    turn = [Rotation.from_matrix(poses[k].rotation @ R.T).magnitude() for k in among]
+    chosen = [among[k] for k in np.argsort(turn, kind="stable")[:MAP_SCANS]]
+    points = [(clouds[k].points - poses[k].translation) @ poses[k].rotation for k in chosen]
+    normals = [clouds[k].normals @ poses[k].rotation for k in chosen]
+    return Cloud.of(np.concatenate(points), np.concatenate(normals))
+
+
+def _told(found: Registration, time: float, size: float) -> ScanPose:
+    """The pose of g in L from that of the cloud in g.
+
+    p_g = R p_L + t.
+    An error of the registration in map axes, rotation d and shift e, is a rotation a = -R' d of g in L, and a shift s of its origin
+    with -R' e = s + t x a: the registration rotates about the lidar.
+    """
+    R = found.rotation.T
+    turn = np.zeros((6, 6))
+    turn[:3, :3] = turn[3:, 3:] = -R
+    information = turn @ found.information @ turn.T
+    translation = -R @ found.translation
+    K = np.eye(6)
+    K[3:, :3] = skew(translation)
+    information = K.T @ information @ K
+    covariance, lacking = pose_covariance(information, R, size)
+    return ScanPose(time, R, translation, covariance, lacking, found.matched)

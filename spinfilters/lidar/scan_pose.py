@@ -1,11 +1,14 @@
-"""Pose of the body in one scan, with covariance and undetermined directions."""
+"""Pose of the body in one scan with its covariance, its prediction from the poses before, and the accuracy of several scans."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
+from scipy.special import factorial
 
 ROTATION_PRIOR: Final = 0.2
 """Standard deviation of a predicted attitude, rad: the only knowledge in directions that a scan does not determine."""
@@ -89,3 +92,123 @@ def _named(direction: Float[np.ndarray, "6"], size: float) -> str:
     )
     unit = vector / max(float(np.linalg.norm(vector)), 1e-300)
     return f"{kind} ({', '.join(f'{x:.2f}' for x in unit)})"
+
+
+MOST_SCANS: Final = 20
+"""Scans before that a prediction is made from."""
+NEIGHBOURS: Final = 7
+"""Scans between which a rotation is interpolated, at most."""
+WIDEST: Final = 2.0
+"""Rotation between them, rad, at most: rotation vectors are smooth far below half a turn."""
+SURE: Final = float(np.sqrt(UNDETERMINED)) * ROTATION_PRIOR
+"""Standard deviation of a rotation, rad, below which it is determined."""
+_DEGREE = 4  # of the polynomial
+EXACT: Final = 1e-4
+"""Standard deviation, rad and sizes of the body, below which a prediction takes no pose."""
+CHANGE: Final = 0.3
+"""Change of a rate in a time, per square of the rate: that of a torque-free body whose moments differ by so much."""
+
+
+def predicted_pose(
+    poses: Sequence[ScanPose], time: float, size: float
+) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
+    """Pose at a time if the body goes on as before.
+
+    Earlier scans count with the weight of their covariance.
+    What a scan does not determine is taken from those that do: a body that shows one face for some scans is found again after.
+
+    Parameters
+    ----------
+    poses: at least one.   size: of the body, m: how far the origin of g may be from the centre of mass.
+    """
+    recent = poses[-MOST_SCANS:]
+    last = recent[-1]
+    if len(recent) < 2:
+        return last.rotation, last.translation
+    rotation = rotation_matrix((time - last.time) * _mean_rate(recent)) @ last.rotation
+    return rotation, _drifted(recent, time, rotation, size)
+
+
+def _mean_rate(poses: Sequence[ScanPose]) -> Float[np.ndarray, "3"]:
+    """Mean rate in L, rad/s, of the steps between scans.
+
+    Older ones have less weight the faster the body turns.
+    """
+    times = np.array([pose.time for pose in poses])
+    span = np.diff(times)
+    steps = np.array([rotation_vector(b.rotation @ a.rotation.T) for a, b in pairwise(poses)])
+    rates = steps / span[:, None]
+    P = np.array([pose.rotation @ pose.covariance[3:, 3:] @ pose.rotation.T for pose in poses])
+    aged = CHANGE * np.sum(np.median(rates, axis=0) ** 2) * (times[-1] - times[:-1]) * span
+    W = (
+        np.linalg.inv(P[:-1] + P[1:] + (aged**2 + EXACT**2)[:, None, None] * np.eye(3))
+        * span[:, None, None] ** 2
+    )
+    return np.linalg.solve(np.sum(W, axis=0), np.einsum("nij,nj->i", W, rates))
+
+
+def _drifted(
+    poses: Sequence[ScanPose], time: float, rotation: Float[np.ndarray, "3 3"], size: float
+) -> Float[np.ndarray, "3"]:
+    """Origin of g at a time, m, by a weighted uniform drift.
+
+    t = r + v time - R c with the centre c in g; r, v and c of least squares.
+    """
+    last, span = poses[-1], poses[-1].time - poses[0].time
+    H, b = np.eye(9) / size**2, np.zeros(9)
+    for pose in poses:
+        W = np.linalg.inv(pose.covariance[:3, :3] + (EXACT * size) ** 2 * np.eye(3))
+        A = np.hstack([np.eye(3), np.eye(3) * (pose.time - last.time) / span, last.rotation - pose.rotation])
+        H += A.T @ W @ A
+        b += A.T @ W @ (pose.translation - last.translation)
+    A = np.hstack([np.eye(3), np.eye(3) * (time - last.time) / span, last.rotation - rotation])
+    return last.translation + A @ np.linalg.solve(H, b)
+
+
+def interpolated_rotation(poses: Sequence[ScanPose], number: int) -> Float[np.ndarray, "3 3"]:
+    """R_Lg of a scan, interpolated from scans that determine theirs.
+
+    From the nearest: a polynomial of their rotation vectors; else its own.
+    Its coefficients over the angle turned are CHANGE / j! to a standard deviation for j > 1: noise leaves a constant rate.
+    """
+    time = poses[number].time
+    sure = [pose for k, pose in enumerate(poses) if k != number and _rotation_std(pose) < SURE]
+    near = sorted(sure, key=lambda pose: abs(pose.time - time))[:NEIGHBOURS]
+    if len(near) < 2:
+        return poses[number].rotation
+    vectors = np.array([rotation_vector(pose.rotation @ near[0].rotation.T) for pose in near])
+    near = [pose for pose, vector in zip(near, vectors, strict=True) if np.linalg.norm(vector) < WIDEST]
+    vectors = vectors[np.linalg.norm(vectors, axis=1) < WIDEST]
+    late = np.array([pose.time - time for pose in near])
+    stds = np.array([_rotation_std(pose) + 1e-12 for pose in near])
+    line = np.linalg.lstsq(np.vander(late, 2) / stds[:, None], vectors / stds[:, None], rcond=None)[0]
+    turns = late * float(np.linalg.norm(line[0])) + 1e-12 * np.sign(late)
+    order = np.arange(_DEGREE + 1)
+    known = np.where(order < 2, 1e-3, factorial(order) / CHANGE)
+    A = np.concatenate([np.vander(turns, _DEGREE + 1, increasing=True) / stds[:, None], np.diag(known)])
+    b = np.concatenate([vectors / stds[:, None], np.zeros((_DEGREE + 1, 3))])
+    return rotation_matrix(np.linalg.lstsq(A, b, rcond=None)[0][0]) @ near[0].rotation
+
+
+def _rotation_std(pose: ScanPose) -> float:
+    """Standard deviation of the least certain rotation, rad."""
+    return float(np.sqrt(np.linalg.eigvalsh(pose.covariance[3:, 3:])[-1]))
+
+
+def attitude_stds(poses: Sequence[ScanPose]) -> Float[np.ndarray, " n"]:
+    """Standard deviations, rad, of the first 1, 2, ... n scans' mean attitude.
+
+    They are of its least certain rotation. Scans that leave a rotation undetermined count for what they tell.
+    """
+    information = np.cumsum([np.linalg.inv(pose.covariance[3:, 3:]) for pose in poses], axis=0)
+    return 1 / np.sqrt(np.linalg.eigvalsh(information)[:, 0])
+
+
+def scans_needed(poses: Sequence[ScanPose], attitude_std: float) -> int:
+    """Scans whose mean attitude is accurate to this, rad.
+
+    The variance falls with their number.
+    The closing question of Decoust (2008), for scans like these.
+    """
+    worst = float(attitude_stds(poses)[-1]) * np.sqrt(len(poses))
+    return max(1, int(np.ceil((worst / attitude_std) ** 2)))

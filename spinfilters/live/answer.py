@@ -1,19 +1,19 @@
-"""Answer of a live run to an epoch, and its text formats.
-
-Answers are written in a thread of their own: a slow reader blocks no filter.
-"""
+"""Answers of a live run as lines or TUM, their counts, and their course for the picture."""
 
 import json
 import queue
 import threading
+from collections import Counter
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TextIO
 
 import numpy as np
+from jaxtyping import Float
 
-from spinfilters.state.gaussian import Gaussian
-from spinfilters.state.status import EstimatorStatus
+from spinfilters.models.state_layout import Gaussian
+from spinfilters.models.status import EstimatorStatus, Verdict
+from spinfilters.plots.live_course import LiveCourse
 
 FORMATS = ("lines", "tum")
 
@@ -136,3 +136,97 @@ class AnswerWriter:
             except (BrokenPipeError, ValueError):
                 self.broken = True
                 return
+
+
+@dataclass
+class LiveSummary:
+    """Counts and times of a run.
+
+    Attributes
+    ----------
+    deadline: s.   latencies: s, of every answer, by the clock on the wall.   work: s of the processor that it took.
+    events: of hand-overs, the smoother and losses, by name.
+    """
+
+    deadline: float
+    latencies: list[float] = field(default_factory=list)
+    work: list[float] = field(default_factory=list)
+    events: Counter[str] = field(default_factory=Counter)
+
+    @property
+    def missed(self) -> int:
+        """Answers after the deadline."""
+        return sum(latency > self.deadline for latency in self.latencies)
+
+    def document(self) -> dict[str, object]:
+        """Counts and times for JSON."""
+        return {
+            "epochs": len(self.latencies),
+            "deadline_ms": 1e3 * self.deadline,
+            "deadlines_missed": self.missed,
+            "latency_ms": _percentiles(self.latencies),
+            "processor_ms": _percentiles(self.work),
+            "events": dict(sorted(self.events.items())),
+        }
+
+    def text(self) -> str:
+        """Counts and times in a few lines."""
+        document = self.document()
+        events = ", ".join(f"{name} {count}" for name, count in sorted(self.events.items())) or "none"
+        return (
+            f"{document['epochs']} epochs answered, {self.missed} after the deadline of {1e3 * self.deadline:g} ms; "
+            f"latency (ms) {document['latency_ms']}, of it at work {document['processor_ms']}\n"
+            f"events: {events}"
+        )
+
+
+def _percentiles(seconds: list[float]) -> dict[str, float | None]:
+    """Percentiles in ms."""
+    shares = (("median", 50), ("p99", 99), ("p99.9", 99.9), ("largest", 100))
+    return {
+        name: round(1e3 * float(np.percentile(seconds, share)), 3) if seconds else None
+        for name, share in shares
+    }
+
+
+MOST_KEPT = 4000
+"""Answers; where there are more, every other one goes and only every other one is kept from then on."""
+
+
+class CourseRecorder:
+    """Recorder of a run's answers, all or a share.
+
+    A share of a long run; the slowest answer of each share is the one kept.
+    """
+
+    def __init__(self, deadline: float) -> None:
+        self._deadline, self._stride, self._count = deadline, 1, 0
+        self._rows: list[Float[np.ndarray, " 10"]] = []
+
+    def keep(self, answer: Answer) -> None:
+        """Record an answer."""
+        layout, belief = answer.belief.layout, answer.belief
+        rate, std = belief.mean[layout.mean_slice("w")], belief.std[layout.slice("w")]
+        told = answer.time, answer.latency, answer.source == "smoother", answer.status.verdict == Verdict.OK
+        row = np.concatenate([told, rate, std])
+        if self._count % self._stride == 0:
+            self._rows.append(row)
+        elif row[1] > self._rows[-1][1]:
+            self._rows[-1] = row
+        self._count += 1
+        if len(self._rows) >= MOST_KEPT:
+            self._rows = [slower(*pair) for pair in zip(self._rows[::2], self._rows[1::2], strict=True)]
+            self._stride *= 2
+
+    def course(self) -> LiveCourse:
+        """Answers that have been kept."""
+        rows = np.array(self._rows).reshape(-1, 10)
+        time, latency, smoothed, ok = rows[:, :4].T
+        return LiveCourse(
+            time, rows[:, 4:7], rows[:, 7:], latency, smoothed > 0, ok > 0, self._deadline, self._stride
+        )
+
+
+def slower(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """The row of the answer that took longer."""
+    return first if first[1] >= second[1] else second

@@ -11,25 +11,60 @@ from dataclasses import replace
 
 import numpy as np
 
-from spinfilters.errors import NUMERICAL_ERRORS, InputError
-from spinfilters.estimators.estimator import UpdateReport
-from spinfilters.estimators.filters.belief_prediction import predict_ahead
-from spinfilters.estimators.run import rehearse
-from spinfilters.estimators.smoothing.window.recursive_smoother import RecursiveSmoother
-from spinfilters.estimators.timeline import Epoch, Timeline
+from spinfilters.core.errors import NUMERICAL_ERRORS, InputError
 from spinfilters.evaluation.noise_tests import FilterEpoch
-from spinfilters.live.answer import Answer
-from spinfilters.live.filter_track import FilterTrack
-from spinfilters.live.gap_rule import GapRule
-from spinfilters.live.line_format import ArrivedEpoch
+from spinfilters.filters.estimator import UpdateReport
+from spinfilters.filters.measurement_prediction import predict_ahead
+from spinfilters.filters.timeline import Epoch, Timeline, rehearse
+from spinfilters.live.answer import Answer, LiveSummary
+from spinfilters.live.filter_track import FilterTrack, HandOver, distance
 from spinfilters.live.live_options import LiveOptions, LiveSetup
-from spinfilters.live.live_summary import LiveSummary
-from spinfilters.live.rebase import HandOver, distance
 from spinfilters.live.running_verdict import RunningVerdict
-from spinfilters.live.smoother_worker import Build, SmootherTask
-from spinfilters.live.supervisor import SmootherSupervisor
-from spinfilters.state.gaussian import Gaussian
-from spinfilters.state.status import Verdict
+from spinfilters.live.smoother_process import Build, SmootherSupervisor, SmootherTask
+from spinfilters.live.sources import ArrivedEpoch
+from spinfilters.models.state_layout import Gaussian
+from spinfilters.models.status import Verdict
+from spinfilters.smoother.recursive_smoother import RecursiveSmoother
+
+REMEMBERED, FEWEST = 50, 5
+"""Intervals that tell the usual one, and how many of them it takes."""
+GAP, JUMP = 3.0, 30.0
+"""In usual intervals: a gap is counted, a jump must be confirmed."""
+
+
+class GapRule:
+    """Rule for epochs far ahead: accepted once a second epoch confirms their time.
+
+    Parameters
+    ----------
+    largest: seconds ahead that are believed at once, at most.
+    """
+
+    def __init__(self, largest: float) -> None:
+        self._largest, self._intervals = largest, list[float]()
+        self._held: ArrivedEpoch | None = None
+
+    def jump(self, arrived: ArrivedEpoch, now: float) -> tuple[bool, ArrivedEpoch | None]:
+        """Whether an epoch is held back, and the held one that it confirms."""
+        before, self._held = self._held, None
+        limit = min(self._largest, JUMP * self._usual)
+        if arrived.time - now <= limit:
+            return False, None
+        if before is not None and 0 < arrived.time - before.time <= limit:
+            return False, before
+        self._held = arrived
+        return True, None
+
+    def passed(self, interval: float) -> bool:
+        """Remember an interval (s); whether it is a gap."""
+        gap = interval > GAP * self._usual
+        self._intervals = [*self._intervals, interval][-REMEMBERED:]
+        return gap
+
+    @property
+    def _usual(self) -> float:
+        return float(np.median(self._intervals)) if len(self._intervals) >= FEWEST else np.inf
+
 
 FAR = 4.0
 """Squared distance per component between hand-over and filter, both covariances added, above which the smoother has diverged."""

@@ -3,24 +3,22 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from spinfilters.data.dataset import Dataset
-from spinfilters.data.measurement_log import MeasurementStream
-from spinfilters.errors import InputError
-from spinfilters.estimators.estimator import Estimator, Measurement, ProcessModel
-from spinfilters.estimators.landmarks.landmark_options import LandmarkOptions
-from spinfilters.estimators.run import REHEARSED
-from spinfilters.estimators.smoothing.window.recursive_smoother import RecursiveSmoother
-from spinfilters.estimators.smoothing.window.smoother_records import SmootherOptions
-from spinfilters.estimators.timeline import Timeline
-from spinfilters.live.smoother_worker import Build
-from spinfilters.live.supervisor import SupervisionOptions
+from spinfilters.core.errors import InputError
+from spinfilters.filters.estimator import Estimator, Measurement, ProcessModel
+from spinfilters.filters.shared_modes import LandmarkOptions
+from spinfilters.filters.timeline import REHEARSED, Timeline
+from spinfilters.inference.setup import Setup, camera_view
+from spinfilters.inference.smoother_run import begin_after_initialisation, sliding_smoother
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.measurement_log import MeasurementStream
+from spinfilters.live.smoother_process import Build, SupervisionOptions
 from spinfilters.models.measurement import MeasurementModel
-from spinfilters.pipeline.estimator_table import estimator_entries
-from spinfilters.pipeline.preparation import prepare
-from spinfilters.pipeline.setup import Setup, camera_view
-from spinfilters.pipeline.smoother_run import begin_after_initialisation, sliding_smoother
-from spinfilters.sensors.sensor_registry import sensor_of
+from spinfilters.models.sensor_registry import sensor_of
+from spinfilters.run.estimators import estimator_entries
+from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
+from spinfilters.smoother.recursive_smoother import RecursiveSmoother
+from spinfilters.smoother.sliding_smoother import SmootherOptions
 
 Bind = Callable[[MeasurementStream], Measurement]
 """What makes a measurement of one sensor's rows of an epoch."""

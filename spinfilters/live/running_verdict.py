@@ -1,7 +1,4 @@
-"""Verdict on a filter's latest epochs while it runs.
-
-Tests as those after a run, as far as the past tells.
-"""
+"""Verdict of a live run from the innovations of its latest epochs."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -11,12 +8,12 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import chdtrc
 
-from spinfilters.errors import NUMERICAL_ERRORS
-from spinfilters.estimators.estimator import ProcessModel, UpdateReport
-from spinfilters.estimators.filters.noise_adaptation import SOURCES
+from spinfilters.core.errors import NUMERICAL_ERRORS
 from spinfilters.evaluation.noise_tests import EpochTester, FilterEpoch, NoiseTest, no_sums, summed_tests
-from spinfilters.pipeline.noise_diagnostics import LARGEST_RATIO
-from spinfilters.verdict.estimate_tests import LARGEST_NIS, LARGEST_REJECTED
+from spinfilters.filters.estimator import ProcessModel, UpdateReport
+from spinfilters.filters.noise_levels import SOURCES
+from spinfilters.verdict.check import LARGEST_NIS, LARGEST_REJECTED
+from spinfilters.verdict.noise_diagnostics import LARGEST_RATIO
 
 WINDOW = 60
 """Measured epochs that are tested together, beside all since the filter was last believed."""

@@ -1,4 +1,4 @@
-"""A live table in the terminal."""
+"""Table of a live run in the terminal."""
 
 import math
 import time
@@ -10,11 +10,10 @@ from rich.live import Live
 from rich.markup import escape
 from rich.table import Table
 
-from spinfilters.evaluation.body import body_estimate
-from spinfilters.live.answer import Answer
-from spinfilters.live.live_summary import LiveSummary
-from spinfilters.state.blocks.rigid_body import MASS_DISTRIBUTION
-from spinfilters.state.gaussian import Gaussian
+from spinfilters.live.answer import Answer, LiveSummary
+from spinfilters.models.body import body_estimate
+from spinfilters.models.state_blocks import MASS_DISTRIBUTION
+from spinfilters.models.state_layout import Gaussian
 
 INTERVAL = 0.25
 """Seconds between tables: to make one takes longer than to answer an epoch."""

@@ -12,20 +12,26 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinfilters.attitude.expressions import (
+from spinfilters.core.attitude_expressions import (
     Expression,
     conjugate,
     product,
     quaternion_from_mrp,
     short_mrp_from_quaternion,
 )
-from spinfilters.errors import InputError
-from spinfilters.models.linearised_step import LinearisedSteps
-from spinfilters.models.rotation_integrator import FEWEST, IntegrationError, RotationIntegrator
-from spinfilters.models.rotation_substeps import boole_weights, rotation_difference, rotation_parameters
-from spinfilters.state.layout import StateLayout
-from spinfilters.symbolic.vectorised import VectorisedScan
-from spinfilters.symbolic.working_time import built_property
+from spinfilters.core.errors import InputError
+from spinfilters.core.vectorised import VectorisedScan
+from spinfilters.core.working_time import built_property
+from spinfilters.models.rotation_integrator import (
+    FEWEST,
+    IntegrationError,
+    LinearisedSteps,
+    RotationIntegrator,
+    boole_weights,
+    rotation_difference,
+    rotation_parameters,
+)
+from spinfilters.models.state_layout import StateLayout
 
 ROTATION = 7
 """Numbers of (q, w)."""

@@ -16,16 +16,16 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.attitude.expressions import (
+from spinfilters.core.attitude_expressions import (
     Expression,
     matrix_from_quaternion,
     product,
     quaternion_from_mrp,
     rotate,
 )
-from spinfilters.state.layout import StateLayout
-from spinfilters.symbolic.compiled import Compiled
-from spinfilters.symbolic.working_time import building
+from spinfilters.core.compiled import Compiled
+from spinfilters.core.working_time import building
+from spinfilters.models.state_layout import StateLayout
 
 GAUGE_DIM = 6
 """Rotation vector theta (rad), then translation rho (m), both in g axes."""

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from spinfilters.errors import InputError
+from spinfilters.core.errors import InputError
 
 FEWEST: Final = 12
 """Points of a scan that a pose is found from, at least: twice its unknowns."""

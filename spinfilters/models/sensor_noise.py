@@ -1,7 +1,4 @@
-"""Sensor noise as parameters of a measurement.
-
-One standard deviation, or a covariance of every measurement's own.
-"""
+"""Noise of a sensor as parameters of its measurements: one standard deviation, or a Cholesky factor of every row."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -10,8 +7,32 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Bool, Float
 
-from spinfilters.attitude.expressions import Expression
-from spinfilters.models.cholesky_parameters import factor_of, parameters_of
+from spinfilters.core.attitude_expressions import Expression
+
+
+def factor_of(parameters: Expression, dim: int) -> ca.SX:
+    """The lower factor (dim, dim) from its dim (dim + 1) / 2 entries."""
+    factor = ca.SX.zeros(dim, dim)
+    for index, (row, col) in enumerate(_lower(dim)):
+        factor[row, col] = parameters[index]
+    return factor
+
+
+def parameters_of(covariance: Float[np.ndarray, "count d d"]) -> Float[np.ndarray, "count e"]:
+    """The entries from covariances.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError: when a covariance is not positive definite.
+    """
+    factor = np.linalg.cholesky(covariance)
+    rows, cols = zip(*_lower(covariance.shape[1]), strict=True)
+    return factor[:, rows, cols]
+
+
+def _lower(dim: int) -> list[tuple[int, int]]:
+    return [(row, col) for row in range(dim) for col in range(row + 1)]
+
 
 NoiseLevel = float | Float[np.ndarray, "k d d"]
 """A standard deviation of every component of every measurement, or the measurements' covariances."""

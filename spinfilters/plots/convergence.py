@@ -18,7 +18,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator
 
-from spinfilters.evaluation.body import BodyHistory
+from spinfilters.models.body import BodyHistory
 from spinfilters.plots.style import (
     AXIS_COLOURS,
     BLACK,

@@ -1,32 +1,89 @@
-"""Scene figure: camera, body with landmarks and principal axes, and its path."""
+"""Figures in space: path, axes and landmarks before the camera, and the polhode on its ellipsoids."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
+from matplotlib.collections import PathCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
-from spinfilters.attitude.conversions import matrix_from_quaternion
-from spinfilters.data.camera import Rig
-from spinfilters.evaluation.body import BodyEstimate
-from spinfilters.evaluation.estimated_motion import Trajectory
-from spinfilters.geometry.camera_trajectory import CameraTrajectory
-from spinfilters.plots.space import equal_scales, frustum_edges, space_figure
+from spinfilters.core.attitude_conversions import matrix_from_quaternion
+from spinfilters.core.camera_trajectory import CameraTrajectory
+from spinfilters.core.cameras import monocular_camera
+from spinfilters.core.polhode import polhode
+from spinfilters.evaluation.estimated_motion import BodyRates, Trajectory
+from spinfilters.io.camera import Rig
+from spinfilters.models.body import BodyEstimate
 from spinfilters.plots.style import (
     AXIS_COLOURS,
     BLACK,
+    BLUE,
     GREY,
     INITIALISATION,
     MOST_DRAWN,
     ORANGE,
     PRINCIPAL_NAMES,
+    PURPLE,
+    RED,
     SKY,
     legend_below,
     note_figure,
 )
+
+
+def space_figure(width: float, height: float) -> tuple[Figure, Axes3D]:
+    """A figure (inches) with three-dimensional axes that draw in the order of zorder."""
+    figure = Figure(figsize=(width, height), layout="constrained")
+    axes = figure.add_subplot(projection="3d", computed_zorder=False)
+    assert isinstance(axes, Axes3D)
+    return figure, axes
+
+
+def equal_scales(axes: Axes3D, points: Float[np.ndarray, "n 3"], zoom: float = 0.9) -> None:
+    """Limits that hold all points at the same scale along all axes, and few ticks."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    least = 0.25 * float((high - low).max()) or 1.0
+    middle, half = (low + high) / 2, 0.54 * np.maximum(high - low, least)
+    for k, name in enumerate(("x", "y", "z")):
+        getattr(axes, f"set_{name}lim")(middle[k] - half[k], middle[k] + half[k])
+        getattr(axes, f"{name}axis").set_major_locator(MaxNLocator(4, prune="both"))
+    x, y, z = (half / half.max()).tolist()
+    axes.set_box_aspect((x, y, z), zoom=zoom)  # pyright: ignore[reportArgumentType]  (typed int, documented float)
+
+
+def draw_ellipsoid(axes: Axes3D, semi_axes: Float[np.ndarray, "3"], colour: str) -> None:
+    """A translucent ellipsoid about the origin."""
+    axes.plot_surface(*_ellipsoid(semi_axes), color=colour, alpha=0.2, linewidth=0, rstride=1, cstride=1)
+
+
+def draw_wires(axes: Axes3D, semi_axes: Float[np.ndarray, "3"], colour: str) -> None:
+    """Meridians and parallels of an ellipsoid about the origin."""
+    axes.plot_wireframe(
+        *_ellipsoid(semi_axes), color=colour, alpha=0.6, linewidth=0.7, rstride=4, cstride=4, zorder=2
+    )
+
+
+def frustum_edges(rig: Rig, depth: float) -> Float[np.ndarray, "8 2 3"]:
+    """Edges of the left camera's field of view down to a depth (m), in camera axes."""
+    corners = np.array(
+        [[0, 0], [rig.left.width, 0], [rig.left.width, rig.left.height], [0, rig.left.height]], dtype=float
+    )
+    calibration = rig.left.calibration
+    far = depth * monocular_camera(calibration).rays_of(corners, calibration)
+    sides = np.stack([np.zeros_like(far), far], axis=1)
+    return np.concatenate([sides, np.stack([far, np.roll(far, -1, axis=0)], axis=1)])
+
+
+def _ellipsoid(semi_axes: np.ndarray) -> Float[np.ndarray, "3 25 49"]:
+    longitude, latitude = np.meshgrid(np.linspace(0, 2 * np.pi, 49), np.linspace(-np.pi / 2, np.pi / 2, 25))
+    x, y, z = np.cos(latitude) * np.cos(longitude), np.cos(latitude) * np.sin(longitude), np.sin(latitude)
+    return semi_axes[:, np.newaxis, np.newaxis] * np.stack([x, y, z])
+
 
 _TO_VIEW = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 """Inertial axes (x right, y down, z forward) to axes of a figure whose third axis points up."""
@@ -250,3 +307,75 @@ def _handles(camera: DrawnCamera | None, has_map: bool) -> list[Line2D]:
     if camera is not None and camera.inspector is not None:
         handles.append(Line2D([], [], color=_INSPECTOR, linewidth=1.8, label="path of the inspector"))
     return handles
+
+
+_MOST_DOTS = 2000  # more lie upon one another
+
+
+def estimated_polhode_figure(rates: BodyRates, body: BodyEstimate, initialisation: int = 0) -> Figure:
+    """Estimated rates in principal axes with ellipsoids and polhode.
+
+    Axes g; of the last rate; a note where that is not finite.
+
+    Parameters
+    ----------
+    initialisation: how many of the first epochs a smoother made for a filter; hollow.
+    """
+    path = np.rad2deg(rates.in_axes(body.principal_axes_g).rate)
+    if not np.isfinite(path[-1]).all():
+        return note_figure(
+            f"{rates.label.upper()}: no polhode, the rate or the inertia at the end is not finite"
+        )
+    curve = polhode(body.principal_moments, path[-1])
+    figure, axes = space_figure(8.6, 6.8)
+    draw_ellipsoid(axes, curve.energy_semi_axes, BLUE)
+    draw_wires(axes, curve.momentum_semi_axes, RED)
+    for branch in curve.curves:
+        axes.plot(*branch.T, color=BLACK, linewidth=1.6, zorder=3)
+    dots = _draw_rates(axes, rates.time, path, initialisation)
+    figure.colorbar(dots, ax=axes, shrink=0.6, pad=0.12, label="estimated rate at time [s]")
+    extent = np.maximum(curve.energy_semi_axes, curve.momentum_semi_axes)
+    equal_scales(axes, np.stack([-extent, extent]), zoom=1.0)
+    axes.view_init(elev=22, azim=-52)
+    _label_moments(axes)
+    axes.set_title(f"{rates.label.upper()}: rate goes {curve.kind.value}\n{_moments(body)}")
+    legend_below(
+        figure,
+        [
+            Patch(color=BLUE, alpha=0.35, label="constant energy"),
+            Line2D([], [], color=RED, linewidth=0.7, label="constant momentum"),
+            Line2D([], [], color=BLACK, linewidth=1.6, label="polhode of the last rate (both branches)"),
+            *([_hollow()] if initialisation else []),
+        ],
+    )
+    return figure
+
+
+def _label_moments(axes: Axes3D) -> None:
+    for axis, name in zip((axes.xaxis, axes.yaxis, axes.zaxis), PRINCIPAL_NAMES, strict=True):
+        axis.set_label_text(f"{name} axis [deg/s]")
+        axis.labelpad = 8.0
+
+
+def _draw_rates(
+    axes: Axes3D, time: Float[np.ndarray, " n"], path: Float[np.ndarray, "n 3"], initialisation: int
+) -> PathCollection:
+    """Finite rates (deg/s) as dots coloured by time, hollow during the initialisation."""
+    held = np.isfinite(path).all(axis=1)
+    begin = time[initialisation] if initialisation < len(time) else np.inf
+    step = max(1, int(np.count_nonzero(held)) // _MOST_DOTS)
+    path, time = path[held][::step], time[held][::step]
+    before, own = path[time < begin], path[time >= begin]
+    axes.scatter(*before.T, s=16, facecolors="none", edgecolors=PURPLE, depthshade=False, zorder=4)
+    return axes.scatter(*own.T, c=time[time >= begin], cmap="cividis", s=18, depthshade=False, zorder=5)
+
+
+def _hollow() -> Line2D:
+    return Line2D(
+        [], [], linestyle="none", marker="o", color=PURPLE, markerfacecolor="none", label=INITIALISATION
+    )
+
+
+def _moments(body: BodyEstimate) -> str:
+    minor, middle, _ = body.principal_moments
+    return f"moments of inertia {minor:.3f} : {middle:.3f} : 1"

@@ -15,9 +15,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from spinfilters.data.atomic_write import write_bytes
-from spinfilters.data.input_file import reason
-from spinfilters.errors import NUMERICAL_ERRORS, InputError
+from spinfilters.core.errors import NUMERICAL_ERRORS, InputError
+from spinfilters.io.input_file import reason
+from spinfilters.io.output_files import write_bytes
 
 BLUE: Final[str] = "#0072B2"
 RED: Final[str] = "#D55E00"
@@ -215,7 +215,7 @@ def save_figure(figure: Figure, path: Path) -> None:
 
     Raises
     ------
-    InputError: as `spinfilters.data.atomic_write.write_bytes`.
+    InputError: as `spinfilters.io.output_files.write_bytes`.
     """
     write_bytes(path, picture_bytes(figure, "png", dpi=_DPI))
 

@@ -13,7 +13,7 @@ from matplotlib.patches import Ellipse, Patch, Polygon
 from matplotlib.ticker import MaxNLocator
 from scipy.special import chdtri
 
-from spinfilters.evaluation.body import BodyEstimate
+from spinfilters.models.body import BodyEstimate
 from spinfilters.plots.style import BLACK, BLUE, GREY, RED, legend_below, tidy
 
 ELLIPSE_PROBABILITY: Final[float] = 0.95

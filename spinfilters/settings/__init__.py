@@ -1,1 +1,1 @@
-"""Settings of a run, read from and written to TOML."""
+"""Everything that can be set about a run."""

@@ -1,25 +1,200 @@
-"""Everything that can be set about a run, read from and written to TOML."""
+"""Everything that can be set about a run: tables, keys, ranges and defaults, read from and written to TOML."""
 
 from collections.abc import Mapping
 from dataclasses import MISSING, asdict, dataclass, field, fields, make_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal
 
-from spinfilters.data.consider_parameter import consider_parameters
-from spinfilters.data.dataset_options import DENSITIES
-from spinfilters.data.input_file import path_text, read_toml, value_text
-from spinfilters.data.sensor_format import noise_options
-from spinfilters.data.stated_values import NumberRange, plain_number
-from spinfilters.errors import InputError
-from spinfilters.estimators.filters.iterated_update import IterationOptions
-from spinfilters.estimators.filters.noise_adaptation import AdaptationOptions
-from spinfilters.estimators.filters.sigma_points import SigmaPointOptions
-from spinfilters.estimators.initialisation.options import InitialisationOptions
-from spinfilters.estimators.landmarks.landmark_options import LandmarkOptions
-from spinfilters.estimators.robust.gate_weights import RobustOptions
+import numpy as np
+
+from spinfilters.core.errors import InputError
+from spinfilters.core.plugins import installed_plugins
+from spinfilters.filters.iterated_update import IterationOptions
+from spinfilters.filters.measurement_prediction import SigmaPointOptions
+from spinfilters.filters.noise_levels import AdaptationOptions
+from spinfilters.filters.outlier_rejection import RobustOptions
+from spinfilters.filters.shared_modes import LandmarkOptions
+from spinfilters.filters.timeline import Timeline, times_of
+from spinfilters.io.consider_parameter import consider_parameters
+from spinfilters.io.dataset import DENSITIES
+from spinfilters.io.input_file import path_text, read_toml, value_text
+from spinfilters.io.sensor_format import noise_options
+from spinfilters.io.stated_values import NumberRange, plain_number
 from spinfilters.models.process import ProcessNoise
-from spinfilters.settings.estimator_names import DEFAULT_ESTIMATORS, estimator_names
-from spinfilters.settings.smoother_settings import SmootherSettings
+from spinfilters.models.state_blocks import (
+    CENTRE_OF_MASS,
+    DRAG,
+    GYRO_BIAS,
+    GYRO_SCALE,
+    LINEAR_DRAG,
+    MASS_DISTRIBUTION,
+    VELOCITY,
+    StateBlock,
+)
+from spinfilters.smoother.losses import Barron, Gate, Huber, LeastSquares, PseudoHuber, RobustLoss
+from spinfilters.smoother.sliding_smoother import SmootherOptions
+from spinfilters.smoother.window import FixedLag, FullSmoothing, LandmarkMarginalization, WindowPolicy
+
+PRIOR_STD = NumberRange(1e-9, 1e9)
+"""Of a prior in the settings, in its unit."""
+_MAY_BE_ZERO = (GYRO_BIAS.prior_option, GYRO_SCALE.prior_option)
+"""Options of blocks that a state has only where they are set."""
+
+
+@dataclass(frozen=True)
+class InitialisationOptions:
+    """Options of the initialisation.
+
+    Attributes
+    ----------
+    epochs: how many epochs it looks at, at most.   share: of the recording, at most; a third more where filters need it.
+    duration: how many seconds it looks at, at most.
+    iterations: of the smoother, at most.
+    mass_std: of the prior of the mass distribution about the sphere, in the logarithm of second moments (a phone lies at 2).
+    centre_std: of the prior of the centre of mass about the origin of g, m.   speed_std: of its velocity, m/s.
+    drag_std: of the prior of the drag coefficient, 1/rad.   linear_drag_std: of that of a drag linear in the rate, 1/s.
+    gyro_bias_std: of the prior of a gyro's bias, rad/s; 0 for a gyro without one.
+    gyro_scale_error_std: of the prior of the relative error of a gyro's scale; 0 for a gyro without one.
+    """
+
+    epochs: Annotated[int, NumberRange(1, 100_000, whole=True)] = 60
+    share: Annotated[float, NumberRange(1e-6, 1e6)] = 0.6
+    duration: Annotated[float, NumberRange(1e-6, 1e11, "s")] = 60.0
+    iterations: Annotated[int, NumberRange(1, 10_000, whole=True)] = 40
+    mass_std: Annotated[float, PRIOR_STD] = MASS_DISTRIBUTION.prior_std
+    centre_std: Annotated[float, PRIOR_STD] = CENTRE_OF_MASS.prior_std
+    speed_std: Annotated[float, PRIOR_STD] = VELOCITY.prior_std
+    drag_std: Annotated[float, PRIOR_STD] = DRAG.prior_std
+    linear_drag_std: Annotated[float, PRIOR_STD] = LINEAR_DRAG.prior_std
+    gyro_bias_std: Annotated[float, NumberRange(1e-9, 1e3, "rad/s", zero=True)] = 0.0
+    gyro_scale_error_std: Annotated[float, NumberRange(1e-9, 1.0, zero=True)] = 0.0
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            allowed = value >= 0 if name in _MAY_BE_ZERO else value > 0
+            if not (np.isfinite(value) and allowed):
+                raise InputError(f"initialisation.{name} is {value}; it must be positive")
+
+    def states_prior(self, block: StateBlock) -> bool:
+        """Whether the option that a block names for its prior is set."""
+        return bool(block.prior_option and getattr(self, block.prior_option))
+
+    def prior_std(self, block: StateBlock) -> float:
+        """Prior standard deviation of a block.
+
+        The option that the block names where that is set, or the block's own.
+        """
+        return (getattr(self, block.prior_option) if block.prior_option else 0.0) or block.prior_std
+
+    def count(self, timeline: Timeline) -> int:
+        """Number of epochs used for initialisation."""
+        time = times_of(timeline)
+        inside = int(np.searchsorted(time, time[0] + self.duration, "right"))
+        return max(4, min(self.epochs, inside, round(self.share * len(timeline))))
+
+
+DEFAULT_ESTIMATORS: Final = ("mekf", "ukf", "smoother")
+"""Estimators of a comparison where nobody names any."""
+ESTIMATORS: Final = (
+    *("mekf", "ukf", "smoother"),
+    *("filterpy-ekf", "filterpy-ukf"),
+    *("embedded", "embedded-double"),
+    "smoother-latest",
+)
+"""Estimators of this package, in the order of the table."""
+
+
+class NamedEstimator:
+    """An estimator as far as settings know it.
+
+    Attributes
+    ----------
+    name: as in ``--estimators``; also its folder in a run.
+    order: of the table and of messages.   is_default: whether a comparison has it where nobody names estimators.
+    """
+
+    name: str
+    order: int = 100
+    is_default: bool = False
+
+
+def estimator_names() -> tuple[str, ...]:
+    """Names of all estimators, in the order of the table. InputError: a plug-in that cannot be loaded."""
+    others = installed_plugins("spinfilters.estimators", NamedEstimator)
+    every = [*enumerate(ESTIMATORS), *((each.order, each.name) for each in others)]
+    return tuple(dict.fromkeys(name for _, name in sorted(every, key=lambda each: each[0])))
+
+
+def names_in(text: str) -> tuple[str, ...]:
+    """Names that a text lists with commas."""
+    return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
+MODES = ("automatic", "full", "frozen", "window")
+LOSSES = ("gate", "huber", "pseudo-huber", "barron", "none")
+FEW = 300
+"""Epochs up to which "automatic" keeps everything."""
+
+
+@dataclass(frozen=True)
+class SmootherSettings:
+    """Settings of the smoother on tracks without a map.
+
+    Attributes
+    ----------
+    mode: "full" keeps everything, "frozen" eliminates landmarks for good that have not been seen for some revolutions,
+        "window" keeps the latest epochs; "automatic" is "full" for short recordings and "frozen" for others.
+    epochs: that stay at least, in the modes "frozen" and "window".   revolutions: see "frozen".
+    loss: of a residual: "gate" (nothing beyond width), "huber", "pseudo-huber", "barron" (alpha = shape) or "none"
+        (least squares).
+    width: where it begins to bend, standard deviations.   shape: Barron's alpha, at most 2.
+    iterations: per epoch, at most.
+    """
+
+    mode: str = "automatic"
+    epochs: Annotated[int, NumberRange(2, 1_000_000, whole=True)] = 180
+    revolutions: Annotated[float, NumberRange(1e-6, 1e9)] = 8.0
+    loss: str = "gate"
+    width: Annotated[float, NumberRange(1e-6, 1e9)] = 5.0
+    shape: Annotated[float, NumberRange(-1e9, 2)] = 0.0
+    iterations: Annotated[int, NumberRange(1, 1000, whole=True)] = 4
+
+    def __post_init__(self) -> None:
+        if self.mode not in MODES:
+            raise InputError(f"smoother.mode {self.mode!r} is unknown; choose from {', '.join(MODES)}")
+        if self.loss not in LOSSES:
+            raise InputError(f"smoother.loss {self.loss!r} is unknown; choose from {', '.join(LOSSES)}")
+        if not self.width > 0:
+            raise InputError(f"smoother.width is {self.width}; give a positive number of standard deviations")
+        LandmarkMarginalization(self.revolutions, self.epochs)
+        self.options(0)
+
+    def options(self, epochs: int) -> SmootherOptions:
+        """For a recording of so many epochs."""
+        mode = self._mode(epochs)
+        return SmootherOptions(mode, iterations=self.iterations, loss=self.robust_loss)
+
+    @property
+    def robust_loss(self) -> RobustLoss:
+        """Robust loss of every sensor's residuals."""
+        losses: dict[str, RobustLoss] = {
+            "gate": Gate(self.width, self.width),
+            "huber": Huber(self.width),
+            "pseudo-huber": PseudoHuber(self.width),
+            "barron": Barron(self.shape, self.width),
+            "none": LeastSquares(),
+        }
+        return losses[self.loss]
+
+    def _mode(self, epochs: int) -> WindowPolicy:
+        if self.mode == "full" or (self.mode == "automatic" and epochs <= FEW):
+            return FullSmoothing()
+        return (
+            FixedLag(self.epochs)
+            if self.mode == "window"
+            else LandmarkMarginalization(self.revolutions, self.epochs)
+        )
+
 
 AUTO: Final = "auto"
 Auto = Literal["auto"]
@@ -101,10 +276,10 @@ class ProcessSettings:
     Attributes
     ----------
     force_psd: (m/s^2)^2/Hz.   torque_psd: (rad/s^2)^2/Hz. "auto" takes the data set's own; where it is silent it is
-        identified (`spinfilters.pipeline.identified_noise`), but for the torque of a gyro of correlated unknown error: what
-        the disturbances of thrown bodies were found to be (`spinfilters.pipeline.gyro_noise`).
+        identified (`spinfilters.inference.identified_noise`), but for the torque of a gyro of correlated unknown error: what
+        the disturbances of thrown bodies were found to be (`spinfilters.inference.identified_noise`).
     drag: whether the state has an aerodynamic drag coefficient, and of which law: torques "quadratic" in the rate (or true) or
-        "linear"; "auto" takes the likelier of both where the first epochs tell one from none (`spinfilters.pipeline.drag_law`).
+        "linear"; "auto" takes the likelier of both where the first epochs tell one from none (`spinfilters.run.preparation`).
     gravity: whether the state has a constant acceleration; "auto" where the first epochs of a sensor of places ask for it.
     body_torque: whether the state has a constant body torque.
     rotor: whether the state has the angular momentum of a flywheel that turns steadily inside the body.

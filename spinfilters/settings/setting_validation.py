@@ -1,4 +1,4 @@
-"""Validation of settings by pydantic; a fault is one line that names key, value and cure."""
+"""Validation of settings by pydantic, imported where a value differs from its default."""
 
 from collections.abc import Mapping
 from dataclasses import is_dataclass
@@ -7,8 +7,8 @@ from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
 from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 
-from spinfilters.data.input_file import value_text
-from spinfilters.errors import InputError
+from spinfilters.core.errors import InputError
+from spinfilters.io.input_file import value_text
 
 
 def validated(record: type, values: Mapping[str, object]) -> dict[str, Any]:

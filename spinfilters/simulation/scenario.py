@@ -1,42 +1,114 @@
-"""Simulated data sets: a tumbling body before a sensor."""
+"""The scenario: a simulated recording with its motion, inspector, sensors and truth."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.attitude.conversions import matrix_from_quaternion, quaternion_from_euler321
-from spinfilters.conventions import RPM
-from spinfilters.data.consider_parameter import exact_calibration
-from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_options import DatasetOptions
-from spinfilters.data.known_map import KnownMap
-from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
-from spinfilters.data.sensor_format import dataset_kinds
-from spinfilters.data.truth import Truth
-from spinfilters.dynamics.mass_distribution import from_inertia
-from spinfilters.errors import InputError
-from spinfilters.geometry.camera_trajectory import CameraTrajectory
-from spinfilters.models.process import THESIS_NOISE, ProcessNoise, TorqueFreeProcess
-from spinfilters.sensors.feature_tracks import (
+from spinfilters.core.attitude_conversions import matrix_from_quaternion, quaternion_from_euler321
+from spinfilters.core.camera_trajectory import CameraTrajectory, in_camera
+from spinfilters.core.conventions import RPM
+from spinfilters.core.errors import InputError
+from spinfilters.core.mass_distribution import from_inertia
+from spinfilters.io.consider_parameter import exact_calibration
+from spinfilters.io.dataset import Dataset, DatasetOptions
+from spinfilters.io.measurement_log import MeasurementLog, MeasurementStream
+from spinfilters.io.sensor_format import dataset_kinds
+from spinfilters.io.sensor_tables import KnownMap
+from spinfilters.io.truth import Truth
+from spinfilters.models.feature_tracks import (
     EveryAppearance,
     FrontEnd,
     Recognition,
     SomeAppearances,
     Surface,
     ball,
+    could_stay_in_view,
     stays_in_view,
 )
-from spinfilters.sensors.sensor_registry import has_error, sensor_of
-from spinfilters.sensors.simulated_scene import Scene, SimulatedStream
+from spinfilters.models.process import THESIS_NOISE, ProcessNoise, TorqueFreeProcess
+from spinfilters.models.sensor import Scene, SimulatedStream
+from spinfilters.models.sensor_registry import has_error, sensor_of
+from spinfilters.models.state_blocks import GYRO_BIAS
+from spinfilters.models.state_layout import FULL_BLOCKS, POSE_BLOCKS, StateLayout
 from spinfilters.simulation import bundled_example
-from spinfilters.simulation.inspector import INSPECTORS, STATIC, InspectorPath
-from spinfilters.simulation.inspector_errors import require_inspector_errors, told_trajectory
-from spinfilters.simulation.motion import SUBSTEPS, Motion, Progress, silent, simulate_motion
-from spinfilters.state.blocks.gyro_bias import GYRO_BIAS
-from spinfilters.state.layout import FULL_BLOCKS, StateLayout
+from spinfilters.simulation.inspector import (
+    INSPECTORS,
+    STATIC,
+    InspectorPath,
+    require_inspector_errors,
+    told_trajectory,
+)
+
+SUBSTEPS = 40
+"""Noise kicks per epoch interval: the splitting error falls with its square."""
+Progress = Callable[[int, int], None]
+"""Called with how many epochs are done, and of how many."""
+
+
+def silent(done: int, total: int) -> None:
+    """Progress callback that does nothing."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """States (n, mean_dim) of one layout at ``time`` (n,) s."""
+
+    layout: StateLayout
+    time: Float[np.ndarray, " n"]
+    states: Float[np.ndarray, "n m"]
+
+    def block(self, name: str) -> Float[np.ndarray, "n b"]:
+        """One block at every time; the attitude as quaternions q_ig."""
+        return self.states[:, self.layout.mean_slice(name)]
+
+    @property
+    def rotations(self) -> Float[np.ndarray, "n 3 3"]:
+        """R_ig at every time."""
+        return matrix_from_quaternion(self.block("a"))
+
+    def at(self, time: Float[np.ndarray, " k"]) -> "Motion":
+        """The motion at some of its own times, s."""
+        return Motion(self.layout, time, self.states[np.searchsorted(self.time, time)])
+
+    def seen_from(self, inspector: CameraTrajectory | None) -> "Motion":
+        """Poses of g in the epoch of a moving camera; of none the motion itself."""
+        if inspector is None:
+            return self
+        poses = np.concatenate([self.block("t"), self.block("a")], axis=1)
+        return Motion(StateLayout(POSE_BLOCKS), self.time, in_camera(poses, inspector.at(self.time)))
+
+
+def simulate_motion(
+    process: TorqueFreeProcess,
+    start: Float[np.ndarray, "*batch m"],
+    time: Float[np.ndarray, " n"],
+    generator: np.random.Generator,
+    progress: Progress = silent,
+    substeps: int = SUBSTEPS,
+) -> Float[np.ndarray, "n *batch m"]:
+    """States at every time of one or many motions that begin at ``start`` (time[0]).
+
+    Between epochs the noise-free step and white kicks of rate and velocity alternate (Strang splitting: half a kick, a step, half a
+    kick), so it does not rest on the process model's own noise covariance.
+
+    Parameters
+    ----------
+    progress: called after every epoch with how many are done, and of how many.   substeps: noise kicks per interval.
+    """
+    q, blocks = process.layout.mean_slice("a"), process.disturbed_dim // 3
+    states, x = [start], start
+    for interval in np.diff(time):
+        drawn = generator.standard_normal((substeps, 2, blocks, *x.shape[:-1], 3))
+        normal = np.moveaxis(drawn, (1, 2), (-3, -2)).reshape(substeps, *x.shape[:-1], 2, 3 * blocks)
+        x = process.disturbed_steps(x, float(interval) / substeps, normal)
+        x[..., q] /= np.linalg.norm(x[..., q], axis=-1, keepdims=True)
+        states.append(x)
+        progress(len(states), len(time))
+    return np.stack(states)
+
 
 THESIS_RPM: Final = bundled_example.RATE_RPM
 """Initial rate about the principal axes of the thesis' experiment."""
@@ -58,7 +130,7 @@ class Scenario:
 
     Attributes
     ----------
-    kind: of data set, such as "stereo-tracks" or "gyro" (`spinfilters.data.sensor_format.dataset_kinds`).
+    kind: of data set, such as "stereo-tracks" or "gyro" (`spinfilters.io.sensor_format.dataset_kinds`).
     principal_moments: along the principal axes x, y, z, any scale (Tweddle 2013, section 6.5.2).
     rate_rpm: initial rate about the principal axes, such as `THESIS_RPM` or `RICH_RPM`.
     epochs, interval: number of epochs and seconds between them.
@@ -73,7 +145,7 @@ class Scenario:
         first of all if none does.
     inspector: how the camera moves (`spinfilters.simulation.inspector.INSPECTORS`).
     inspector_errors: (name, size) of what is wrong with the poses that are told of it
-        (`spinfilters.simulation.inspector_errors.INSPECTOR_ERRORS`).
+        (`spinfilters.simulation.inspector.INSPECTOR_ERRORS`).
     beside: (kind, interval s) of other sensors on the same motion; at most one sensor sees landmarks.
     seed: of everything random.
     """
@@ -334,3 +406,46 @@ def _options(scenario: Scenario, sensor_noise: Mapping[str, float]) -> DatasetOp
     told = scenario.inspector != STATIC and not scenario.inspector_errors  # of wrong poses nothing is said
     exact = exact_calibration((dataset_kinds()[kind].name for kind in scenario.kinds), inspector=told)
     return replace(DatasetOptions(notes={"seed": scenario.seed}, calibration=exact), **stated)
+
+
+KICKS = 10
+"""Of white noise per interval: the covariance that a path gathers over an interval is too large by 1 / (2 KICKS^2),
+half a percent."""
+
+
+def motion_in_view(scenario: Scenario, generator: np.random.Generator) -> Motion:
+    """First motion in view of at most ``scenario.candidates``, or the last."""
+    layout = StateLayout(FULL_BLOCKS)
+    process = TorqueFreeProcess(layout, scenario.noise)
+    start = first_state(scenario, layout)
+    time = scenario.interval * np.arange(scenario.epochs)
+    attempts = scenario.candidates if dataset_kinds()[scenario.kind].has_landmarks else 1
+    inspector = inspector_of(scenario, time)
+    offset = float(np.linalg.norm(scenario.center_of_mass_g))
+    depth = float(start[layout.mean_slice("t")][2])
+    for attempt in range(attempts):
+        shape = (len(time) - 1, KICKS, 2, 3)
+        pushes = generator.standard_normal(shape)
+        last = attempt == attempts - 1
+        path = _path(scenario, pushes)
+        near = inspector is not None or could_stay_in_view(path, depth, scenario.radius_m, offset)
+        if not last and not near:
+            continue
+        normal = np.concatenate([generator.standard_normal(shape), pushes], axis=-1)
+        states = process.disturbed_path(start, scenario.interval, normal)
+        motion = Motion(layout, time, states)
+        if last or stays_in_view(motion.seen_from(inspector), scenario.radius_m):
+            return motion
+    raise AssertionError("a scenario has at least one candidate")
+
+
+def _path(scenario: Scenario, normal: Float[np.ndarray, "n k 2 3"]) -> Float[np.ndarray, "n 3"]:
+    """Centre of mass at every epoch but the first, m, frame i.
+
+    Straight between the kicks of its velocity.
+    """
+    h = scenario.interval / normal.shape[1]
+    kicks = np.sqrt(scenario.noise.force_psd * (h / 2)) * normal.reshape(-1, 2, 3)
+    after = np.cumsum(kicks.sum(axis=1), axis=0) + np.array(scenario.velocity)
+    moved = np.cumsum(after - kicks[:, 1], axis=0) * h
+    return np.array([0.0, 0.0, scenario.range_m]) + moved[normal.shape[1] - 1 :: normal.shape[1]]

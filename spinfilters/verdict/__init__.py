@@ -1,1 +1,1 @@
-"""The verdict on an estimate: one list of checks, and what still holds where some of them fail."""
+"""The verdict on an estimate: checks, score tests of model errors, what still holds."""

@@ -1,20 +1,28 @@
-"""Test of a filter by the smoother of the same measurements."""
+"""Agreement of a filter with the smoother of the same measurements, and evidence for its inertia."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
 from scipy.special import chdtri
 
-from spinfilters.estimators.history import EstimateHistory
-from spinfilters.evaluation.agreement import WHOLE, compared_parts, expected_nees
-from spinfilters.evaluation.consistency import finite_epochs
-from spinfilters.state.blocks.rigid_body import MASS_DISTRIBUTION
-from spinfilters.state.quantities import ALL
-from spinfilters.state.status import Finding
+from spinfilters.core.errors import NUMERICAL_ERRORS, InputError
+from spinfilters.evaluation.consistency import WHOLE, compared_parts, expected_nees, finite_epochs
+from spinfilters.evaluation.estimator_evaluation import Evaluation
+from spinfilters.filters.ekf import MultiplicativeEkf
+from spinfilters.filters.estimator import LandmarkBelief
+from spinfilters.filters.history import EstimateHistory
+from spinfilters.filters.timeline import run
+from spinfilters.inference.first_epochs import DETERMINED_STD, LARGEST_DEPARTURE, is_bent, moments_std_of
+from spinfilters.inference.setup import Setup
+from spinfilters.inference.smoother_run import smooth_at_once
+from spinfilters.models.state_blocks import MASS_DISTRIBUTION
+from spinfilters.models.state_layout import Gaussian
+from spinfilters.models.status import ALL, BODY, CENTRE, POSITION, ROTATION, Finding, Verdict
+from spinfilters.settings.run_settings import Settings
 from spinfilters.verdict.checks import finding
-from spinfilters.verdict.holding import history_at, own_rows
-from spinfilters.verdict.quantity_differences import quantity_differences
+from spinfilters.verdict.judge import history_at, own_rows, quantity_differences
 
 RARE = 0.01
 """Probability of a NEES of a consistent filter, beyond which one that is expected with the smoother for the truth is a doubt: 1.9
@@ -89,3 +97,143 @@ def over_confident_quantities(history: EstimateHistory, smoother: EstimateHistor
 def _holds(squares: Float[np.ndarray, "n c"]) -> bool:
     typical = max(float(squares.mean(axis=0).max()), float(squares[-1].max()))
     return typical <= HELD and float(squares.max()) <= HELD_AT_ONCE
+
+
+MOST_EPOCHS = 1000
+"""That are looked at: a motion that does not tell itself in these is taken for one that does not."""
+SMALLEST_REFUSAL = 1e-12
+"""Probability of a refused measurement, where there is no gate."""
+NOT_FINITE = 1e9
+"""Evidence of a sphere whose numbers lead nowhere where those of the body do."""
+
+
+@dataclass(frozen=True)
+class InertiaEvidence:
+    """Evidence for the inertia of the initialisation beside a sphere.
+
+    Attributes
+    ----------
+    total: twice the logarithm of the likelihood ratio.   epochs: that it was gathered over.
+    """
+
+    total: float
+    epochs: int
+
+
+def inertia_evidence(setup: Setup, settings: Settings) -> InertiaEvidence | None:
+    """Inertia evidence of the epochs behind the initialisation.
+
+    None where that has failed or is followed by none.
+    """
+    first = len(setup.initial.mean)
+    rest = min(len(setup.timeline) - first, MOST_EPOCHS)
+    if setup.initial.has_failed or rest < 1 or not np.isfinite(setup.belief.factor).all():
+        return None
+    try:
+        with np.errstate(all="ignore"):  # what is not finite becomes a status
+            body, sphere = (
+                _predicted(setup, settings, belief) for belief in (setup.belief, _as_sphere(setup.belief))
+            )
+    except NUMERICAL_ERRORS:
+        return InertiaEvidence(0.0, rest)
+    if body.status.verdict is Verdict.FAILED:
+        return InertiaEvidence(0.0, len(body.time))
+    if sphere.status.verdict is Verdict.FAILED:
+        return InertiaEvidence(NOT_FINITE, len(body.time))
+    return InertiaEvidence(_evidence(body, sphere, settings), len(body.time))
+
+
+def _predicted(setup: Setup, settings: Settings, belief: Gaussian | LandmarkBelief) -> EstimateHistory:
+    first = len(setup.initial.mean)
+    ekf = MultiplicativeEkf(setup.process, settings.robust, landmarks=settings.landmarks)
+    ekf.start(belief)
+    return run(ekf, setup.end_of_initialisation, setup.timeline[first : first + MOST_EPOCHS])
+
+
+def _as_sphere(belief: Gaussian | LandmarkBelief) -> Gaussian | LandmarkBelief:
+    """The belief about everything else, of a body whose inertia is known to be a sphere's."""
+    layout, name = belief.layout, MASS_DISTRIBUTION.name
+    mean, factor = belief.mean.copy(), belief.factor.copy()
+    mean[layout.mean_slice(name)], factor[layout.slice(name)] = 0.0, 0.0
+    return replace(belief, mean=mean, factor=factor)
+
+
+def _evidence(body: EstimateHistory, sphere: EstimateHistory, settings: Settings) -> float:
+    """Evidence by epoch.
+
+    The likelihoods count where both used as much, else the squares, a refused value taken for one at the gate.
+    """
+    alike = body.accepted == sphere.accepted
+    likelihoods = 2 * (body.log_likelihood - sphere.log_likelihood)
+    refused = max(1.0 - settings.robust.gate_probability, SMALLEST_REFUSAL)
+    dimension = body.dof.sum() / max(body.accepted.sum(), 1)
+    at_gate = float(chdtri(max(dimension, 1.0), refused))
+    squares = sphere.nis - body.nis + at_gate * (sphere.rejected - body.rejected)
+    return float(np.where(alike, likelihoods, squares).sum())
+
+
+LEAST_EVIDENCE = 30.0
+"""Of moments that a motion determines (`inertia_evidence`)."""
+FEWEST_EPOCHS = 10
+"""With less the evidence, at three numbers an epoch, says nothing of the motion."""
+
+
+def reference_smoother(
+    histories: list[EstimateHistory], setup: Setup, settings: Settings
+) -> EstimateHistory | None:
+    """The reference smoother of the filters.
+
+    One of these histories, or made where what they begin from is vague.
+    None where it has failed, or where it would have to be made with landmarks.
+    """
+    for history in histories:
+        if history.status.verdict is not Verdict.FAILED:
+            return history
+    vague = setup.initial.departure > LARGEST_DEPARTURE or not moments_std_of(setup.initial) <= DETERMINED_STD
+    vague |= setup.is_given and is_bent(setup.initial.belief)
+    if histories or not vague or setup.initial.has_landmarks:
+        return None
+    try:
+        made = smooth_at_once(setup, settings, lambda *_: None)
+    except (InputError, *NUMERICAL_ERRORS):
+        return None
+    return None if made.status.verdict is Verdict.FAILED else made
+
+
+def agreement_diagnostics(
+    evaluation: Evaluation, smoother: EstimateHistory | None, unheld: Sequence[Finding] = ()
+) -> list[Finding]:
+    """Findings where a filter departs from the smoother beyond its own covariance.
+
+    Parameters
+    ----------
+    unheld: what is found of it where there is nothing to compare it with.
+    """
+    history = evaluation.history
+    if smoother is None or history.status.verdict is Verdict.FAILED or history.layout != smoother.layout:
+        return list(unheld)
+    found = over_confidence(history, smoother)
+    return list(unheld) if found is None else found
+
+
+def motion_diagnostics(setup: Setup, settings: Settings) -> list[Finding]:
+    """Finding where the motion does not determine the moments."""
+    evidence = inertia_evidence(setup, settings)
+    if evidence is None or evidence.total >= LEAST_EVIDENCE:
+        return []
+    few = evidence.epochs < FEWEST_EPOCHS
+    why = "they are too few" if few else "a steady spin shows its axis only"
+    numbers = {"epochs": evidence.epochs, "evidence": evidence.total, "limit": LEAST_EVIDENCE, "why": why}
+    return [finding("motion-shows-no-moments", numbers, _resting_on_moments(setup))]
+
+
+def _resting_on_moments(setup: Setup) -> frozenset[str]:
+    """Quantities that rest on the wobble as the moments do.
+
+    A steady spin shows the centre of mass across its axis only; along it the centre, and its place with it, follow from the same
+    wobble. Of a gyro alone an undetermined body and an identified density of torques explain the same changes of the rates: the
+    body takes a part of the disturbances, the density comes out too small, and with it the deviations of rate and attitude.
+    """
+    if setup.process.layout.translates:
+        return BODY | {CENTRE, POSITION}
+    return ROTATION if "torque_psd" in setup.unstated else BODY

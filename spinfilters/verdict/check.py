@@ -1,16 +1,17 @@
-"""One check of the verdict: what is asked, of which quantities, and what is said where it fails."""
+"""One check of the verdict, the evidence that it is given, and the tests of an estimate by its own numbers."""
 
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
-from spinfilters.state.status import Finding, Holds
+import numpy as np
+from scipy.special import pdtrc
 
-if TYPE_CHECKING:
-    from spinfilters.verdict.evidence import Evidence
-
+from spinfilters.evaluation.estimator_evaluation import Evaluation
+from spinfilters.filters.history import EstimateHistory
+from spinfilters.models.status import Finding, Holds, Verdict
 
 MOST_DIGITS: Final = 17
 """With which two different numbers are printed differently."""
@@ -126,3 +127,148 @@ def _filled(sentence: str, numbers: Mapping[str, float | str]) -> str:
 def base_name(finding: str) -> str:
     """Name of the check of a finding's name."""
     return finding.split(":", 1)[0]
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """All that the verdict on one estimate rests on.
+
+    Attributes
+    ----------
+    evaluation : Evaluation
+        The estimate, with covariances that hold with errors that may be correlated.
+    others : Sequence[Evaluation]
+        Other estimators of the same measurements that have not failed.
+    gate_false_alarm : float
+        Probability that a measurement is refused whose noise is as stated.
+    found : Sequence[Finding]
+        Failed checks of the recording, its initialisation, its noise and its models.
+    centre_prior_std : float
+        Standard deviation of the centre of mass before anything was measured, m; infinite where it is not known.
+    """
+
+    evaluation: Evaluation
+    others: Sequence[Evaluation] = ()
+    gate_false_alarm: float = 0.0
+    found: Sequence[Finding] = field(default_factory=tuple)
+    centre_prior_std: float = float("inf")
+
+    @property
+    def peers(self) -> list[Evaluation]:
+        """Other estimators than this one that have not failed."""
+        own = self.evaluation.name
+        return [
+            each
+            for each in self.others
+            if each.name != own and each.history.status.verdict is not Verdict.FAILED
+        ]
+
+    @property
+    def present(self) -> frozenset[Needs]:
+        """What the tests of an estimate can be computed from.
+
+        A smoother of the same measurements and residuals are tested where they arise, and come as findings.
+        """
+        own = {Needs.RECORDING, Needs.ESTIMATE}
+        if self.evaluation.nis_ratio is not None:
+            own.add(Needs.FILTER)
+        if self.peers:
+            own.add(Needs.PEERS)
+        return frozenset(own)
+
+
+LARGEST_MOMENT_STD: Final = 0.1
+"""Of a principal moment relative to the largest: beyond it the body's shape is not known."""
+CLEAR_OF_ZERO: Final = 3.0
+"""Standard deviations of the smallest moment above zero: below, the ratio k2 to the next has no upper bound."""
+LARGEST_NIS: Final = 2.5
+"""NIS per degree of freedom above which measurement or process noise is clearly understated."""
+LARGEST_REJECTED: Final = 0.2
+"""Share of measurements left out, beyond which whatever makes them cannot be trusted."""
+LEFT_OUT: Final = "measurements-left-out"
+"""Check of measurements that were refused, of a recording or of one estimator."""
+FALSE_ALARM: Final = 1e-6
+"""Probability that a recording whose noise is what it is said to be, of any length, is doubted for what gates refused."""
+LARGEST_GAP: Final = 10.0
+"""Between two epochs, in median intervals: beyond it the estimate in between is a prediction."""
+DISAGREEMENT_STD: Final = 4.0
+DISAGREEMENT: Final = 0.01
+"""Two estimators on the same measurements disagree beyond both of these."""
+
+
+def moments_undetermined(evidence: Evidence) -> Iterator[Failure]:
+    """Moments whose standard deviation leaves the body's shape unknown."""
+    worst = float(np.max(evidence.evaluation.body.principal_moments_std))
+    if worst > LARGEST_MOMENT_STD:
+        yield Failure({"std": worst, "limit": LARGEST_MOMENT_STD})
+
+
+def moment_may_be_zero(evidence: Evidence) -> Iterator[Failure]:
+    """A smallest moment that its standard deviation does not tell from zero."""
+    body = evidence.evaluation.body
+    smallest, std = float(body.principal_moments[0]), float(body.principal_moments_std[0])
+    known = float(np.max(body.principal_moments_std)) <= LARGEST_MOMENT_STD
+    if known and smallest < CLEAR_OF_ZERO * std:
+        yield Failure({"moment": smallest, "std": std})
+
+
+def innovations_too_large(evidence: Evidence) -> Iterator[Failure]:
+    """Innovations beyond what the noise explains."""
+    ratio = evidence.evaluation.nis_ratio
+    if ratio is not None and ratio > LARGEST_NIS:
+        yield Failure({"ratio": ratio, "times": float(np.sqrt(ratio))})
+
+
+def measurements_left_out(evidence: Evidence) -> Iterator[Failure]:
+    """A large share of measurements that were refused, where the recording is not doubted for it already."""
+    numbers = rejected_share(evidence.evaluation.history)
+    if numbers is not None and not any(each.check == LEFT_OUT for each in evidence.found):
+        yield Failure(numbers)
+
+
+def rejected_share(history: EstimateHistory) -> dict[str, float | str] | None:
+    """Numbers of measurements that an estimator refused at its own epochs; None up to `LARGEST_REJECTED`."""
+    rejected = int(history.rejected[history.own].sum())
+    total = rejected + int(history.accepted[history.own].sum())
+    if not total or rejected <= LARGEST_REJECTED * total:
+        return None
+    return {"rejected": rejected, "total": total, "percent": 100.0 * rejected / total}
+
+
+def epochs_refused(evidence: Evidence) -> Iterator[Failure]:
+    """Epochs without any inlier: more of them, or more in a row, than false alarms account for.
+
+    An epoch of m independent values is refused as a whole with probability p^m. The number of such epochs is compared with a
+    Poisson number of that expectation; r in a row at one of n places have at most the probability n q^r, with q the mean of p^m.
+    """
+    history, false_alarm = evidence.evaluation.history, evidence.gate_false_alarm
+    measured = history.accepted + history.rejected
+    empty = (history.accepted == 0) & (measured > 0)
+    count, epochs = int(np.count_nonzero(empty)), int(np.count_nonzero(measured))
+    if not count:
+        return
+    expected = float(np.sum(false_alarm ** measured[measured > 0]))
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], empty, [False]])))
+    longest = int((edges[1::2] - edges[::2]).max())
+    smallest_batch = min(1.0, epochs * (expected / epochs) ** longest)
+    if min(float(pdtrc(count - 1, expected)), smallest_batch) < FALSE_ALARM:
+        of = len(history.time[history.own])
+        yield Failure({"count": count, "epochs": of, "longest": longest, "expected": expected})
+
+
+def gap(evidence: Evidence) -> Iterator[Failure]:
+    """A stretch in which nothing was measured."""
+    time = evidence.evaluation.history.time
+    gaps = np.diff(time)
+    if gaps.size and gaps.max() > LARGEST_GAP * np.median(gaps):
+        yield Failure({"seconds": float(gaps.max()), "begin": float(time[gaps.argmax()])})
+
+
+def estimators_disagree(evidence: Evidence) -> Iterator[Failure]:
+    """Moments that differ from those of every other estimator that has not failed."""
+    evaluation = evidence.evaluation
+    for other in evidence.peers:
+        away = np.abs(evaluation.body.principal_moments - other.body.principal_moments)[:2]
+        std = np.hypot(evaluation.body.principal_moments_std, other.body.principal_moments_std)[:2]
+        if np.any((away > DISAGREEMENT_STD * std) & (away > DISAGREEMENT)):
+            yield Failure({"other": other.name, "difference": float(away.max())})

@@ -1,15 +1,10 @@
-"""All checks of the verdict, in the order in which their sentences are told.
-
-One more check is one entry here. Where its numbers follow from an estimate it has a test; where they arise in a reader, the
-initialisation, an estimator or a test of models and noise, that makes a finding by `finding` and the evidence brings it.
-"""
+"""All checks of the verdict, in the order of their sentences."""
 
 from collections.abc import Mapping
 from typing import Final
 
-from spinfilters.state.quantities import ALL, BODY, MOMENTS, NOTHING
-from spinfilters.state.status import OWN_STATUS, Finding, Holds
-from spinfilters.verdict import estimate_tests as of_estimate
+from spinfilters.models.status import ALL, BODY, MOMENTS, NOTHING, OWN_STATUS, Finding, Holds
+from spinfilters.verdict import check as of_estimate
 from spinfilters.verdict.check import Check, Needs, base_name
 
 MOST_MOMENTUM: Final = 0.2

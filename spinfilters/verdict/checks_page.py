@@ -1,22 +1,16 @@
-"""The page of all checks, made from their list.
-
-    python -m spinfilters.verdict.checks_page [docs/reference/checks.md]
-
-Writes the page, or prints it where no file is given; ``make docs`` writes it before the site is built.
-"""
+"""The page of all checks, made from their list."""
 
 import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from spinfilters.data.atomic_write import write_text
-from spinfilters.estimators.model_errors.alternative_table import table
-from spinfilters.estimators.model_errors.jumps import KINDS
-from spinfilters.state.quantities import ALL, LABELS, QUANTITIES
-from spinfilters.state.status import Holds
+from spinfilters.io.output_files import write_text
+from spinfilters.models.status import ALL, LABELS, QUANTITIES, Holds
 from spinfilters.verdict.check import Check
 from spinfilters.verdict.checks import CHECKS
+from spinfilters.verdict.model_errors.alternatives import table
+from spinfilters.verdict.model_errors.motion_alternatives import KINDS
 
 HEAD = """# All checks of the verdict
 

@@ -1,1 +1,1 @@
-"""Stereo images in, tracks of landmarks out; calibration, and a renderer of images with truth."""
+"""Stereo images: features, matches and tracks of landmarks, calibration, and the dense model of the body."""

@@ -1,7 +1,8 @@
-"""Pairs of images of a calibration board, and the corners seen in them."""
+"""Corners of a chessboard in calibration images, and which views differ enough to count."""
 
 import re
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -9,10 +10,9 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
-from spinfilters.data.input_file import path_text, require_folder, value_text
-from spinfilters.errors import InputError
-from spinfilters.vision.image_folder import CAMERAS, IMAGES, SUFFIXES, read_image, stamped_pairs
-from spinfilters.vision.loss_count import LossCount
+from spinfilters.core.errors import InputError
+from spinfilters.io.input_file import path_text, require_folder, value_text
+from spinfilters.vision.image_folder import CAMERAS, IMAGES, SUFFIXES, LossCount, read_image, stamped_pairs
 
 STAGE: Final = "board images"
 FEWEST_PAIRS: Final = 4
@@ -200,3 +200,55 @@ def _same_way(
         return right
     along_left, along_right = left[-1] - left[0], right[-1] - right[0]
     return right if along_left @ along_right >= 0 else right[::-1]
+
+
+SAME_PLACE: Final = 0.003
+"""Of the image's width, rms over the corners: views that differ by less show the board at one place.
+
+Two pixels of 640: a hand that holds still. Corners there share the errors of blur, sampling and lens, so that more such views
+repeat the first and tell little of the camera."""
+
+
+def distinct_views(
+    views: Sequence[BoardView], size: tuple[int, int]
+) -> tuple[list[BoardView], dict[str, str]]:
+    """Views at different places, each the mean of those at its place, and which were counted with which.
+
+    Parameters
+    ----------
+    size: of the images, px.
+
+    Returns
+    -------
+    Views named after the first at their place, and by name of every other view the name of that first one.
+    """
+    places: list[list[BoardView]] = []
+    for view in views:
+        for place in places:
+            if _is_same_place(place[0], view, SAME_PLACE * size[0]):
+                place.append(view)
+                break
+        else:
+            places.append([view])
+    repeated = {view.name: place[0].name for place in places for view in place[1:]}
+    return [_mean(place) for place in places], repeated
+
+
+def _is_same_place(one: BoardView, other: BoardView, limit: float) -> bool:
+    """Whether the corners that both views have are within the limit in both images, and are most of them."""
+    both = one.seen & other.seen
+    if 2 * int(both.sum()) < max(int(one.seen.sum()), int(other.seen.sum()), 1):
+        return False
+    moved = (one.left - other.left, one.right - other.right)
+    return all(float(np.sqrt((each[both] ** 2).sum(axis=1).mean())) < limit for each in moved)
+
+
+def _mean(place: Sequence[BoardView]) -> BoardView:
+    """Mean corners of views at one place, of those corners that all of them see."""
+    if len(place) == 1:
+        return place[0]
+    seen = np.all([view.seen for view in place], axis=0)
+    if int(seen.sum()) < int(place[0].seen.sum()) // 2:
+        return place[0]
+    left, right = (np.mean([getattr(view, side) for view in place], axis=0) for side in ("left", "right"))
+    return replace(place[0], left=left, right=right, seen=seen)

@@ -1,29 +1,222 @@
-"""Stereo images of a folder in the EuRoC layout.
-
-Their times, and the pairs that can be used.
-"""
+"""Folders of stereo images: header, decoding, pairs in order of time, and the count of what was left out at each stage."""
 
 import os
-from collections.abc import Iterator
-from dataclasses import dataclass
+import re
+import struct
+import threading
+import zlib
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Final, NamedTuple
 
 import cv2
 import numpy as np
 from jaxtyping import UInt8, UInt16
 
-from spinfilters.data.input_file import (
-    path_text,
-    read_bytes,
-    require_folder,
-    require_text_table,
-    value_text,
+from spinfilters.core.errors import InputError
+from spinfilters.io.input_file import path_text, read_bytes, require_folder, require_text_table, value_text
+
+HARMLESS_BYTES: Final = 16
+"""Superfluous bytes before a marker that some webcams write into a JPEG; more are data that could not be read."""
+_WORDS: Final = re.compile(
+    rb"(?:Corrupt JPEG data|Premature end of JPEG|Inconsistent progression sequence|Invalid SOS parameters"
+    rb"|Application transferred too|Unknown Adobe color transform|Warning: unknown JFIF|libpng (?:warning|error):"
+    rb"|TIFF\w*: |\[ *(?:FATAL|ERROR|WARN|INFO|DEBUG):\d+(?:@[\d.]+)?\])[^\n]*\n*"
 )
-from spinfilters.errors import InputError
-from spinfilters.vision.image_decoder import decode_grey
-from spinfilters.vision.image_header import PNG_BEGIN, claimed_size, is_damaged_png
-from spinfilters.vision.loss_count import LossCount
+"""Lines of libjpeg, libpng, libtiff and OpenCV. All else is of other threads, such as the one that draws progress bars."""
+_EXTRANEOUS: Final = re.compile(rb"Corrupt JPEG data: (\d+) extraneous bytes before marker 0x[0-9a-f]{2}\s*")
+_lock = threading.Lock()  # standard error is one for all threads
+
+
+def decode_grey(content: bytes) -> tuple[np.ndarray | None, bool]:
+    """Grey values of an image file in its own depth, None where it is none, and whether its decoder complained.
+
+    Decoders fill what they cannot read with grey and say so on standard error alone.
+    """
+    with _said() as said:
+        try:
+            image = cv2.imdecode(
+                np.frombuffer(content, dtype=np.uint8), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH
+            )
+        except cv2.error:
+            image = None
+    return image, any(map(_is_complaint, said))
+
+
+def _is_complaint(line: bytes) -> bool:
+    """Whether a decoder's line tells of data that it could not read."""
+    extraneous = _EXTRANEOUS.fullmatch(line)
+    return extraneous is None or int(extraneous[1]) > HARMLESS_BYTES
+
+
+@contextmanager
+def _said() -> Iterator[list[bytes]]:
+    """Lines that decoders write to standard error within the block, filled in at its end; what others write passes."""
+    said: list[bytes] = []
+    with _lock, ExitStack() as stack:
+        try:
+            held = stack.enter_context(TemporaryFile(buffering=0))
+            console = os.dup(2)
+        except OSError:  # without a console, or a place for what is said, nothing is heard
+            yield said
+            return
+        stack.callback(os.close, console)
+        os.dup2(held.fileno(), 2)
+        try:
+            yield said
+        finally:
+            os.dup2(console, 2)
+            held.seek(0)
+            heard = held.read()
+            said += _WORDS.findall(heard)
+            if others := _WORDS.sub(b"", heard):
+                os.write(2, others)
+
+
+PNG_BEGIN: Final = b"\x89PNG\r\n\x1a\n"
+_PGM: Final = re.compile(rb"P[1-7]\s+(?:#[^\n]*\n\s*)*(\d{1,9})\s+(?:#[^\n]*\n\s*)*(\d{1,9})\s")
+_FRAMES: Final = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+"""Markers of a JPEG segment that tells the size."""
+
+
+def claimed_size(data: bytes) -> tuple[int, int] | None:
+    """Width and height of an image file, px, None if unknown.
+
+    PNG, JPEG, BMP, PNM or TIFF.
+    """
+    try:
+        for begin, read in _READERS:
+            if data.startswith(begin):
+                return read(data)
+    except (struct.error, IndexError, ValueError):
+        pass
+    return None
+
+
+def is_damaged_png(data: bytes) -> bool:
+    """Whether a PNG has a chunk whose checksum is wrong.
+
+    Its decoder would complain on the console.
+    """
+    at = len(PNG_BEGIN)
+    if not data.startswith(PNG_BEGIN):
+        return False
+    while at + 8 <= len(data):
+        end = at + 8 + int.from_bytes(data[at : at + 4], "big")
+        if zlib.crc32(data[at + 4 : end]) != int.from_bytes(data[end : end + 4], "big"):
+            return True
+        if data[at + 4 : at + 8] == b"IEND":
+            return False
+        at = end + 4
+    return True
+
+
+def _png(data: bytes) -> tuple[int, int] | None:
+    width, height = struct.unpack(">II", data[16:24])
+    return width, height
+
+
+def _bmp(data: bytes) -> tuple[int, int] | None:
+    width, height = struct.unpack("<ii", data[18:26])
+    return abs(width), abs(height)
+
+
+def _pnm(data: bytes) -> tuple[int, int] | None:
+    found = _PGM.match(data[:4096])
+    return None if found is None else (int(found[1]), int(found[2]))
+
+
+def _jpeg(data: bytes) -> tuple[int, int] | None:
+    """Size in a JPEG's first frame segment."""
+    at = 2
+    while at < len(data):
+        if data[at] != 0xFF or data[at + 1] == 0xFF:
+            at += 1
+        elif data[at + 1] in _FRAMES:
+            height, width = struct.unpack(">HH", data[at + 5 : at + 9])
+            return width, height
+        else:
+            at += 2 + struct.unpack(">H", data[at + 2 : at + 4])[0]
+    return None
+
+
+def _tiff(data: bytes) -> tuple[int, int] | None:
+    """Size in a TIFF's tags 256 and 257, which are short or long."""
+    order = "<" if data.startswith(b"II") else ">"
+    first = struct.unpack(order + "I", data[4:8])[0]
+    found: dict[int, int] = {}
+    for entry in range(struct.unpack(order + "H", data[first : first + 2])[0]):
+        at = first + 2 + 12 * entry
+        tag, kind = struct.unpack(order + "HH", data[at : at + 4])
+        if tag in (256, 257):
+            found[tag] = struct.unpack(
+                order + ("H" if kind == 3 else "I"), data[at + 8 : at + (10 if kind == 3 else 12)]
+            )[0]
+    return (found[256], found[257]) if len(found) == 2 else None
+
+
+_READERS: Final = (
+    (b"\x89PNG", _png),
+    (b"\xff\xd8", _jpeg),
+    (b"BM", _bmp),
+    (b"P", _pnm),
+    (b"II*\0", _tiff),
+    (b"MM\0*", _tiff),
+)
+
+
+@dataclass
+class LossCount:
+    """Counts by stage and cause; ``kept`` is what went on.
+
+    Attributes
+    ----------
+    lost: of (stage, cause).   kept: of a stage.
+    """
+
+    lost: Counter[tuple[str, str]] = field(default_factory=Counter)
+    kept: Counter[str] = field(default_factory=Counter)
+
+    def lose(self, stage: str, cause: str, count: int = 1) -> None:
+        """Count what was lost."""
+        if count:
+            self.lost[stage, cause] += int(count)
+
+    def keep(self, stage: str, count: int = 1) -> None:
+        """Count what went on."""
+        self.kept[stage] += int(count)
+
+    def add(self, other: "LossCount") -> None:
+        """Add the counts of another."""
+        self.lost += other.lost
+        self.kept += other.kept
+
+    @property
+    def document(self) -> dict[str, Mapping[str, int | Mapping[str, int]]]:
+        """Counts by stage: how many were kept, and how many lost by cause."""
+        stages = dict.fromkeys([*self.kept, *(stage for stage, _ in self.lost)])
+        return {
+            stage: {
+                "kept": self.kept[stage],
+                "lost": {cause: count for (of, cause), count in self.lost.items() if of == stage},
+            }
+            for stage in stages
+        }
+
+    def sentences(self) -> list[str]:
+        """A line per stage."""
+        lines = []
+        for stage, counts in self.document.items():
+            lost = counts["lost"]
+            assert isinstance(lost, Mapping)
+            causes = ", ".join(f"{count} {cause}" for cause, count in lost.items())
+            lines.append(f"{stage}: {counts['kept']} kept" + (f"; lost: {causes}" if causes else ""))
+        return lines
+
 
 CAMERAS: Final = ("cam0", "cam1")
 LIST: Final = "data.csv"

@@ -1,10 +1,25 @@
-"""Noise of stereo observations, from feature size and patch alignment."""
+"""Noise of stereo observations, from feature size and patch alignment, and the errors that observations from like directions share.
 
-from dataclasses import dataclass
+A detector that is deceived by shading or foreshortening is deceived again when the body shows the same face after a revolution,
+by the same vector of the body. So errors of the place (u, v) and of the disparity, over the standard deviations of white noise,
+have the covariances
+
+    cov(e_i, e_j) = (a_0 [i = j] + sum_k a_k [angle(i, j) < angle_k]) B_i B_j',    a >= 0,
+
+with B the axes of the image in the body's frame for the place, and 1 for the disparity. Landmarks' positions, which are
+estimated, take a part of such errors; what they leave are the residuals M e. The a are found from these by MINQUE (Rao 1971).
+
+Estimators take white noise. Of a small motion H common to the poses of all epochs, white noise of variance s gives the
+covariance s (sum H'MH)^-1, sums over landmarks; with these errors it is A^-1 (sum H'M C M H) A^-1, A = sum H'MH. The white
+noise that says as much on the mean over the six directions has s = trace(A^-1 sum H'M C M H) / 6.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float, Int
 from scipy.optimize import nnls
 
 SMALLEST_STD: Final = 0.02
@@ -75,3 +90,139 @@ def _coefficients(
     weights = 1 / np.maximum(variance, SMALLEST_STD**2)
     (a, b), _ = nnls(np.column_stack([weights, square * weights]), variance * weights)
     return float(a), float(b)
+
+
+ANGLES_DEG: Final = (5.0, 10.0, 15.0, 20.0, 30.0, 45.0)
+"""Between directions, within which errors are alike; beyond the last they are independent."""
+COSINES: Final = np.cos(np.deg2rad(ANGLES_DEG))
+FEWEST_LANDMARKS: Final = 50
+"""With two observations or more, from which covariances are told; white noise is reckoned with otherwise."""
+MOST_LANDMARKS: Final = 800
+MOST_OBSERVATIONS: Final = 60
+"""Of a landmark that are looked at: the cost grows with their third power."""
+RIDGE: Final = 1e-9
+"""Share of the trace that is added to the information, as angles that no pair has would make it singular."""
+
+
+@dataclass(frozen=True)
+class LandmarkResiduals:
+    """Residuals of n observations after a fit of landmarks.
+
+    Attributes
+    ----------
+    landmark: (n,) which.   point: (n, 3) where it is, m, frame g.   rotation, position: (n, 3, 3), (n, 3) m of g at the epoch.
+    residual: (n, 3) of u_left, v_left and disparity, in standard deviations of white noise.
+    jacobian: (n, 3, 3) of these by the landmark's position.
+    """
+
+    landmark: Int[np.ndarray, " n"]
+    point: Float[np.ndarray, "n 3"]
+    rotation: Float[np.ndarray, "n 3 3"]
+    position: Float[np.ndarray, "n 3"]
+    residual: Float[np.ndarray, "n 3"]
+    jacobian: Float[np.ndarray, "n 3 3"]
+
+    def part(self, chosen: Bool[np.ndarray, " n"] | Int[np.ndarray, " k"]) -> "LandmarkResiduals":
+        """Some of them."""
+        return LandmarkResiduals(*(getattr(self, each.name)[chosen] for each in fields(self)))
+
+    @property
+    def direction(self) -> Float[np.ndarray, "n 3"]:
+        """Unit vectors from the landmarks to the camera, frame g."""
+        away = -np.einsum("nji,nj->ni", self.rotation, self.position) - self.point
+        return away / np.linalg.norm(away, axis=1, keepdims=True)
+
+    @property
+    def by_common_motion(self) -> Float[np.ndarray, "n 3 6"]:
+        """Derivative of predictions by a small common motion of all poses.
+
+        It is in the camera's frame: translation, then rotation about g.
+        """
+        by_camera = self.jacobian @ np.swapaxes(self.rotation, 1, 2)
+        arm = np.einsum("nij,nj->ni", self.rotation, self.point)
+        return np.concatenate([by_camera, np.cross(arm[:, None], by_camera)], axis=2)
+
+
+@dataclass(frozen=True)
+class ErrorCorrelation:
+    """Covariances of errors over those of white noise, and the white noise that says as much.
+
+    Attributes
+    ----------
+    place, disparity: a_0, and a_k of every angle of `ANGLES_DEG`.   inflation: factor on the variances of white noise, at least 1.
+    """
+
+    place: tuple[float, ...] = (1.0,)
+    disparity: tuple[float, ...] = (1.0,)
+    inflation: float = 1.0
+
+    def inflated(self, noise: TrackNoise) -> TrackNoise:
+        """Equivalent white noise for pose estimation."""
+        (a, b), (c, d) = noise.place, noise.disparity
+        return TrackNoise((self.inflation * a, self.inflation * b), (self.inflation * c, self.inflation * d))
+
+
+def error_correlation(residuals: LandmarkResiduals) -> ErrorCorrelation:
+    """Error correlation from the residuals of landmarks."""
+    groups = [rows[:MOST_OBSERVATIONS] for rows in _groups(residuals.landmark) if len(rows) > 1]
+    if len(groups) < FEWEST_LANDMARKS:
+        return ErrorCorrelation()
+    chosen = [residuals.part(rows) for rows in groups[:: -(-len(groups) // MOST_LANDMARKS)]]
+    coefficients = _error_correlation_coefficients(chosen)
+    half = len(coefficients) // 2
+    place, disparity = tuple(coefficients[:half].tolist()), tuple(coefficients[half:].tolist())
+    return ErrorCorrelation(place, disparity, max(_inflation(chosen, coefficients), 1.0))
+
+
+def _error_correlation_coefficients(landmarks: list[LandmarkResiduals]) -> Float[np.ndarray, " k"]:
+    """Coefficients of the place, then of the disparity, by MINQUE."""
+    count = 2 * (1 + len(ANGLES_DEG))
+    information, squares = np.zeros((count, count)), np.zeros(count)
+    for one in landmarks:
+        left, kernels = _residual_projection(one), _kernels(one)
+        r, projected = left @ one.residual.ravel(), kernels @ left
+        information += np.einsum("kij,lji->kl", projected, projected, optimize=True)
+        squares += np.einsum("i,kij,j->k", r, kernels, r, optimize=True)
+    information[np.diag_indices(count)] += RIDGE * np.trace(information)
+    root = np.linalg.cholesky(information)
+    return nnls(root.T, np.linalg.solve(root, squares))[0]
+
+
+def _inflation(landmarks: list[LandmarkResiduals], coefficients: Float[np.ndarray, " k"]) -> float:
+    """Inflation of white noise to the uncertainty of correlated errors.
+
+    That of a motion common to all poses, on the mean.
+    """
+    white, shared = np.zeros((6, 6)), np.zeros((6, 6))
+    for one in landmarks:
+        left = _residual_projection(one) @ one.by_common_motion.reshape(-1, 6)
+        white += left.T @ left
+        shared += left.T @ np.tensordot(coefficients, _kernels(one), 1) @ left
+    return float(np.trace(np.linalg.lstsq(white, shared, rcond=None)[0]) / 6)
+
+
+def _residual_projection(one: LandmarkResiduals) -> Float[np.ndarray, "m m"]:
+    """Projection on what a landmark's position cannot explain."""
+    Q = np.linalg.qr(one.jacobian.reshape(-1, 3))[0]
+    return np.eye(len(Q)) - Q @ Q.T
+
+
+def _kernels(one: LandmarkResiduals) -> Float[np.ndarray, "k m m"]:
+    """Covariances of one landmark's m = 3 n errors by each coefficient.
+
+    The place comes first, then the disparity.
+    """
+    n, place, disparity = len(one.landmark), one.rotation.copy(), np.zeros((3, 3))
+    place[:, 2], disparity[2, 2] = 0.0, 1.0
+    alike = np.einsum("iac,jbc->ijab", place, place)
+    cosines = one.direction @ one.direction.T
+    within = np.array([np.eye(n, dtype=bool), *(cosines > least for least in COSINES)])
+    within[:, np.arange(n), np.arange(n)] = True
+    both = np.concatenate([within[..., None, None] * alike, within[..., None, None] * disparity])
+    return both.transpose(0, 1, 3, 2, 4).reshape(len(both), 3 * n, 3 * n)
+
+
+def _groups(landmark: Int[np.ndarray, " n"]) -> Iterator[Int[np.ndarray, " k"]]:
+    """Rows of each landmark."""
+    order = np.argsort(landmark, kind="stable")
+    yield from np.split(order, np.flatnonzero(np.diff(landmark[order])) + 1)

@@ -13,7 +13,7 @@ import casadi.casadi
 import numpy as np
 
 import spinfilters
-from spinfilters.symbolic.working_time import is_building
+from spinfilters.core.working_time import is_building
 
 EVALUATION = ("FunctionBuffer_", "_function_buffer_eval")
 """Calls of CasADi's library that need no lock: each works on memory that one thread holds."""

@@ -7,7 +7,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 from spinfilters.api import blas_threads as blas_threads_module
 from spinfilters.api.blas_threads import ASKED_FOR, on_one_blas_thread
-from spinfilters.api.recording_comparison import compare
+from spinfilters.api.comparison import compare
 
 
 def blas_threads() -> set[int]:

@@ -7,10 +7,10 @@ import pytest
 from matplotlib.figure import Figure
 
 import spinfilters
-from spinfilters.api.results import flattened, html_table
-from spinfilters.evaluation.comparison import ComparisonCells
+from spinfilters.api.comparison import flattened, html_table
+from spinfilters.evaluation.comparison_table import ComparisonCells
 from spinfilters.evaluation.estimated_motion import TRAJECTORY_COLUMNS
-from spinfilters.state.quantities import QUANTITIES
+from spinfilters.models.status import QUANTITIES
 
 
 def test_a_run_is_a_mapping_from_names_to_results(run: spinfilters.Run) -> None:

@@ -8,10 +8,11 @@ import pytest
 
 import spinfilters
 from spinfilters.cli.main import main
-from spinfilters.data.dataset_writing import write_dataset
-from spinfilters.errors import InputError
-from spinfilters.pipeline import comparison_run, figures
-from spinfilters.pipeline.estimation import Comparison, compare_estimators
+from spinfilters.core.errors import InputError
+from spinfilters.io.dataset_folder import write_dataset
+from spinfilters.plots import figures
+from spinfilters.run import comparison_run
+from spinfilters.run.estimation import Comparison, compare_estimators
 from spinfilters.settings.run_settings import ProcessSettings, SensorSettings, Settings
 
 

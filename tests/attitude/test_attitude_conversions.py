@@ -18,8 +18,8 @@ from attitude_samples import (
 from hypothesis import given
 from scipy.spatial.transform import Rotation
 
-from spinfilters.attitude import conversions as attitude
-from spinfilters.errors import InputError, ShapeError
+from spinfilters.core import attitude_conversions as attitude
+from spinfilters.core.errors import InputError, ShapeError
 
 ROUNDING: Final = 4e-15
 """rad: some ten roundings of a quaternion."""

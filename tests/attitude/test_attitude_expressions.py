@@ -10,8 +10,8 @@ import pytest
 from attitude_samples import SERIES_SWITCH_ANGLE, quaternions, random_quaternions, vectors
 from hypothesis import given
 
-from spinfilters.attitude import conversions as attitude
-from spinfilters.attitude import expressions
+from spinfilters.core import attitude_conversions as attitude
+from spinfilters.core import attitude_expressions as expressions
 
 STEP: Final = 1e-3
 """s: the five-point rule's error, step^4 / 30 of the fifth derivative, and its rounding are then tiny."""

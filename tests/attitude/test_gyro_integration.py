@@ -5,8 +5,8 @@ import pytest
 from attitude_samples import random_quaternions
 from scipy.integrate import solve_ivp
 
-from spinfilters.attitude import conversions as attitude
-from spinfilters.errors import InputError, ShapeError
+from spinfilters.core import attitude_conversions as attitude
+from spinfilters.core.errors import InputError, ShapeError
 
 START = random_quaternions()
 

@@ -20,7 +20,7 @@ import pytest
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation, Slerp
 
-from spinfilters.attitude import conversions as attitude
+from spinfilters.core import attitude_conversions as attitude
 
 FILE: Final = Path(__file__).parents[3] / "shared/data/broad_imu_optical/07_undisturbed_fast_rotation_B.hdf5"
 WINDOW: Final = 10.0

@@ -4,7 +4,7 @@ import pytest
 
 from spinfilters.campaigns.dask_cluster import DaskCluster
 from spinfilters.campaigns.runner import Runner
-from spinfilters.errors import InputError
+from spinfilters.core.errors import InputError
 from tests.campaigns.study_samples import gyro_study
 from tests.campaigns.test_runner import fixed
 

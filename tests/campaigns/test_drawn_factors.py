@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from spinfilters.campaigns.row_columns import schema
 from spinfilters.campaigns.runner import Runner, run_seeds
-from spinfilters.campaigns.schema import schema
 from spinfilters.campaigns.study import Study, study_from
-from spinfilters.errors import InputError
+from spinfilters.core.errors import InputError
 from tests.campaigns.study_samples import GYRO
 
 LIMITS = [1e-3, 1e-1]

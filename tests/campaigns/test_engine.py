@@ -7,13 +7,12 @@ from pathlib import Path
 import pytest
 
 from spinfilters.campaigns.campaign_folder import merge, read_folder
-from spinfilters.campaigns.engine import Chunk, Processes, Shard, run_campaign
+from spinfilters.campaigns.engine import Chunk, Processes, Shard, WorkerProcess, run_campaign
 from spinfilters.campaigns.rows_folder import read_rows
 from spinfilters.campaigns.runner import Row, Runner
 from spinfilters.campaigns.study import Study
-from spinfilters.campaigns.worker_process import WorkerProcess
-from spinfilters.errors import InputError
-from spinfilters.runs.run_lock import locked_run
+from spinfilters.core.errors import InputError
+from spinfilters.run.run_lock import locked_run
 from tests.campaigns.study_samples import gyro_study
 from tests.campaigns.test_runner import fixed
 

@@ -3,8 +3,8 @@
 import pytest
 
 from spinfilters.campaigns.recording_factors import NoiseFactor
-from spinfilters.campaigns.schema import LEVELS
-from spinfilters.data.sensor_format import dataset_kinds
+from spinfilters.campaigns.row_columns import LEVELS
+from spinfilters.io.sensor_format import dataset_kinds
 from spinfilters.simulation.scenario import Scenario, simulate
 
 

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from spinfilters.campaigns.campaign_folder import keep_study, open_folder
-from spinfilters.campaigns.report.intervals import mean, ratio_of_squares, root_mean_square, share
-from spinfilters.campaigns.report.statistics import cell_summaries
-from spinfilters.campaigns.report.writing import write_report
+from spinfilters.campaigns.campaign_report import write_report
 from spinfilters.campaigns.rows_folder import RowsFolder, read_rows
 from spinfilters.campaigns.runner import asked, ended
+from spinfilters.campaigns.statistics import cell_summaries, mean, ratio_of_squares, root_mean_square, share
 from spinfilters.campaigns.study import Study, study_from
 from tests.campaigns.study_samples import GYRO
 
@@ -111,7 +110,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say() -> None:
 
 
 def test_a_report_of_nothing_is_refused(tmp_path: Path) -> None:
-    from spinfilters.errors import InputError
+    from spinfilters.core.errors import InputError
 
     with pytest.raises(InputError, match="no campaign's folder"):
         write_report(tmp_path)

@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
+from spinfilters.campaigns.row_columns import schema
 from spinfilters.campaigns.rows_folder import ROWS, RowsFolder, part_files, read_rows, write_part
-from spinfilters.campaigns.schema import schema
-from spinfilters.errors import InputError
+from spinfilters.core.errors import InputError
 
 FACTORS = ["estimator"]
 LEVELS = [{"estimator": "mekf"}, {"estimator": "ukf"}]

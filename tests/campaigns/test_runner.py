@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from spinfilters.campaigns.row_columns import is_volatile, schema
 from spinfilters.campaigns.runner import Runner
-from spinfilters.campaigns.schema import is_volatile, schema
 from spinfilters.campaigns.study import Study, study_from
 from tests.campaigns.study_samples import GYRO, gyro_study
 

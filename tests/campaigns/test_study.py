@@ -8,7 +8,7 @@ import pytest
 
 from spinfilters.campaigns.runner import run_seeds, whole_number
 from spinfilters.campaigns.study import read_study, study_from
-from spinfilters.errors import InputError
+from spinfilters.core.errors import InputError
 from tests.campaigns.study_samples import GYRO, gyro_study
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from spinfilters.cli.main import main
-from spinfilters.data.dataset_writing import write_dataset
-from spinfilters.pipeline import figures
+from spinfilters.io.dataset_folder import write_dataset
+from spinfilters.plots import figures
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 
 

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from spinfilters.cli.main import main
-from spinfilters.errors import InputError
-from spinfilters.pipeline import estimation, segment_runs
-from spinfilters.pipeline.preparation import prepare
-from spinfilters.pipeline.setup import Setup
+from spinfilters.core.errors import InputError
+from spinfilters.inference.setup import Setup
+from spinfilters.run import estimation, segment_runs
+from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from spinfilters.cli.main import main
-from spinfilters.pipeline.readers import read_dataset
+from spinfilters.run.readers import read_dataset
 
 SHORT = ("--frames", "12", "--rate-rpm", "4", "9", "3")
 
@@ -50,7 +50,7 @@ def test_with_the_known_map_filterpy_joins_by_default(
         asked.append(settings)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("spinfilters.pipeline.comparison_run.compare_estimators", none_of_them)
+    monkeypatch.setattr("spinfilters.run.comparison_run.compare_estimators", none_of_them)
     assert main(["compare", "--known-map", "-o", str(tmp_path / "run")]) == 2
     assert main(["compare", "-o", str(tmp_path / "run")]) == 2
     known, unknown = (settings.estimators for settings in asked)

@@ -10,7 +10,7 @@ import tomli_w
 import spinfilters
 from spinfilters.campaigns.engine import Processes
 from spinfilters.cli.main import main
-from spinfilters.errors import InputError
+from spinfilters.core.errors import InputError
 from tests.campaigns.study_samples import gyro_document
 from tests.campaigns.test_engine import InProcess
 

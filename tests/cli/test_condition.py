@@ -9,11 +9,11 @@ import pytest
 
 from observability.conditioning import BEST_CONDITION, covariance_conditioning
 from spinfilters.cli.main import main
-from spinfilters.estimators.history import EstimateHistory
-from spinfilters.plots.noise_conditioning import conditioning_figure, covariance_figure
-from spinfilters.runs.history_file import write_history
-from spinfilters.state.layout import FULL_BLOCKS, StateLayout
-from spinfilters.state.status import EstimatorStatus, Verdict
+from spinfilters.filters.history import EstimateHistory
+from spinfilters.models.state_layout import FULL_BLOCKS, StateLayout
+from spinfilters.models.status import EstimatorStatus, Verdict
+from spinfilters.plots.observability_figures import conditioning_figure, covariance_figure
+from spinfilters.run.array_files import write_history
 
 LAYOUT = StateLayout(FULL_BLOCKS)
 

@@ -15,8 +15,9 @@ from spinfilters.cli.installation_checks import (
     InstallationCheck,
     compare_with_virtual_machine,
 )
+from spinfilters.core import c_library
+from spinfilters.core import c_library as library_folder
 from spinfilters.models.process import TorqueFreeProcess
-from spinfilters.symbolic import c_library, library_folder
 
 
 def page(checks: tuple[InstallationCheck, ...] | None = None) -> tuple[int, str]:

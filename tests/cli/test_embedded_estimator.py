@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from spinfilters.cli.main import main
-from spinfilters.runs.run_summary import read_summary
-from spinfilters.symbolic.c_library import compiler
+from spinfilters.core.c_library import compiler
+from spinfilters.run.run_summary import read_summary
 
 pytestmark = pytest.mark.skipif(
     compiler() is None, reason="the embedded filter is C and there is no compiler"

@@ -12,11 +12,11 @@ import pytest
 from failures import compared, of_casadi, singular
 
 from spinfilters.cli.main import main
-from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.evaluation import estimator_evaluation
-from spinfilters.pipeline import first_epochs
-from spinfilters.pipeline.estimator_entries import smoother
-from spinfilters.state.gaussian import Gaussian
+from spinfilters.filters.ekf import MultiplicativeEkf
+from spinfilters.inference import first_epochs
+from spinfilters.models.state_layout import Gaussian
+from spinfilters.run import estimators as smoother
 
 pytestmark = pytest.mark.usefixtures("few_figures", "unrendered")
 

@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 from failures import compared, of_casadi, singular
 
-from spinfilters.estimators.smoothing.window import convergence_record
-from spinfilters.pipeline import optional_outputs, predictions, recording_bound, smoother_convergence
+from spinfilters.evaluation import recording_bound
+from spinfilters.run import optional_outputs, smoother_convergence
+from spinfilters.run import optional_outputs as predictions
+from spinfilters.smoother import recursive_smoother as convergence_record
 
 pytestmark = pytest.mark.usefixtures("few_figures", "unrendered")
 

@@ -14,10 +14,10 @@ from faults import refusal
 from forked import killed
 
 from spinfilters.cli.main import main
-from spinfilters.errors import InputError
-from spinfilters.pipeline.readers import read_dataset
-from spinfilters.runs import run_lock
-from spinfilters.runs.run_lock import LOCK_FILE, locked_run
+from spinfilters.core.errors import InputError
+from spinfilters.run import run_lock
+from spinfilters.run.readers import read_dataset
+from spinfilters.run.run_lock import LOCK_FILE, locked_run
 
 pytestmark = pytest.mark.usefixtures("few_figures")
 SMALL = ("--kind", "gyro", "--frames", "12")

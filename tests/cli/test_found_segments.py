@@ -11,8 +11,8 @@ from flight.throws import carried
 
 from spinfilters.cli import compare_segments
 from spinfilters.cli.main import main
-from spinfilters.data.dataset import Dataset
-from spinfilters.pipeline.segment_runs import SegmentResult
+from spinfilters.io.dataset import Dataset
+from spinfilters.run.segment_runs import SegmentResult
 
 
 @pytest.fixture

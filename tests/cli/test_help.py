@@ -5,7 +5,7 @@ import re
 import pytest
 
 from spinfilters.cli.main import main
-from spinfilters.settings.estimator_names import DEFAULT_ESTIMATORS, estimator_names
+from spinfilters.settings.run_settings import DEFAULT_ESTIMATORS, estimator_names
 
 
 @pytest.mark.parametrize("command", ["compare", "estimate"])

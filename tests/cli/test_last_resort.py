@@ -97,7 +97,7 @@ def test_a_swallowed_ctrl_c_ends_a_live_run_at_the_next_epoch(
         epochs.append(answer)
         Lost()
 
-    monkeypatch.setattr("spinfilters.live.course.CourseRecorder.keep", keep)
+    monkeypatch.setattr("spinfilters.live.answer.CourseRecorder.keep", keep)
     assert main(["live", str(originals / "gyro"), "--speed", "1e6", "--no-smoother"]) in (0, 1)
     assert len(epochs) == 1
     said = capsys.readouterr().err

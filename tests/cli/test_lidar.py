@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spinfilters.attitude.conversions import angle_between
 from spinfilters.cli.main import main
-from spinfilters.data.truth import read_truth
-from spinfilters.lidar.scan_files import read_scan
-from spinfilters.pipeline.readers import read_dataset
+from spinfilters.core.attitude_conversions import angle_between
+from spinfilters.io.truth import read_truth
+from spinfilters.lidar.scan import read_scan
+from spinfilters.run.readers import read_dataset
 
 
 def test_a_preset_is_scanned_into_files_and_a_picture(

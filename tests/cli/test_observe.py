@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from observability.cases import CHARTS, UNKNOWNS
-from observability.sensors import analysed_sensors
+from observability.system import analysed_sensors
 from spinfilters.cli.main import main
 
 QUICK = ["--frames", "6", "--interval", "0.5"]
@@ -238,7 +238,7 @@ def test_a_study_writes_maps_of_the_bound(tmp_path: Path, monkeypatch: pytest.Mo
         ("COUNTS", (2, 6)),
         ("ANGLES", (0.0, 40.0)),
     ):
-        monkeypatch.setattr(f"observability.study.{name}", values)
+        monkeypatch.setattr(f"observability.bound_study.{name}", values)
     observed(tmp_path, "--study", "--frames", "9")
     found = json.loads((tmp_path / "study.json").read_text())
     for curve in found["curves"]:

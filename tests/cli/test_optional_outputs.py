@@ -8,12 +8,12 @@ from faults import refusal
 from jaxtyping import Float
 
 from spinfilters.cli.main import main
-from spinfilters.data.table_files import read_csv
-from spinfilters.estimators.estimator import Measurement, UpdateReport
-from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.evaluation.estimated_motion import TRAJECTORY_COLUMNS
-from spinfilters.pipeline.estimator_entries import mekf
-from spinfilters.runs.npz_file import read_arrays
+from spinfilters.filters.ekf import MultiplicativeEkf
+from spinfilters.filters.estimator import Measurement, UpdateReport
+from spinfilters.io.text_table import read_csv
+from spinfilters.run import estimators as mekf
+from spinfilters.run.array_files import read_arrays
 
 FRAMES, INTERVAL = 30, 0.5
 pytestmark = pytest.mark.usefixtures("few_figures")

@@ -10,9 +10,10 @@ from faults import Change, cut_off, refusal
 from matplotlib.figure import Figure
 
 from spinfilters.cli.main import main
-from spinfilters.estimators.history import EPOCH_ARRAYS
-from spinfilters.pipeline import comparison_run, figures, optional_outputs
-from spinfilters.runs.npz_file import read_arrays, write_arrays
+from spinfilters.filters.history import EPOCH_ARRAYS
+from spinfilters.plots import figures
+from spinfilters.run import comparison_run, optional_outputs
+from spinfilters.run.array_files import read_arrays, write_arrays
 
 FRAMES = 30
 ESTIMATORS = ("mekf", "smoother")

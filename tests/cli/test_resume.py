@@ -12,13 +12,13 @@ from forked import kill_at, killed
 from pictures import unrendered_pictures
 
 from spinfilters.cli.main import main
-from spinfilters.data.dataset_writing import write_dataset
-from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
-from spinfilters.pipeline import comparison_run
-from spinfilters.pipeline.estimation import Comparison, compare_estimators
-from spinfilters.pipeline.estimator_entries import mekf
-from spinfilters.pipeline.setup import Setup
-from spinfilters.runs.checkpoint_store import CHECKPOINT_FILE, CheckpointInterval, checkpoint_stores
+from spinfilters.filters.ekf import MultiplicativeEkf
+from spinfilters.inference.setup import Setup
+from spinfilters.io.dataset_folder import write_dataset
+from spinfilters.run import comparison_run
+from spinfilters.run import estimators as mekf
+from spinfilters.run.checkpoints import CHECKPOINT_FILE, CheckpointInterval, checkpoint_stores
+from spinfilters.run.estimation import Comparison, compare_estimators
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 

@@ -7,10 +7,10 @@ import pytest
 from matplotlib.figure import Figure
 
 from spinfilters.cli.main import main
-from spinfilters.pipeline import comparison_run
 from spinfilters.plots import style
 from spinfilters.plots.style import save_figure
-from spinfilters.runs.run_folder import picture_files
+from spinfilters.run import comparison_run
+from spinfilters.run.run_folder import picture_files
 
 
 def interrupted_at_rates(figure: Figure, path: Path) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from spinfilters.plugins import PluginGroup, installed_plugins
+from spinfilters.core.plugins import PluginGroup, installed_plugins
 
 
 def program_of(page: Path) -> str:

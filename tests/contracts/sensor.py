@@ -8,15 +8,15 @@ from jaxtyping import Float
 from models.sensor_contract import check_sensor_contract
 from scipy.stats import chi2
 
-from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_writing import write_dataset
-from spinfilters.data.measurement_log import MeasurementLog
-from spinfilters.data.sensor_format import SensorFormat, SensorNoise
 from spinfilters.evaluation.consistency import true_states
-from spinfilters.pipeline.readers import read_dataset
-from spinfilters.sensors.sensor import BoundStream, CameraView, Sensor
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.dataset_folder import write_dataset
+from spinfilters.io.measurement_log import MeasurementLog
+from spinfilters.io.sensor_format import SensorFormat, SensorNoise
+from spinfilters.models.sensor import BoundStream, CameraView, Sensor
+from spinfilters.models.state_layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
+from spinfilters.run.readers import read_dataset
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
-from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
 
 FALSE_ALARM = 1e-4
 """Probability that a consistent sensor's NIS lies outside the band; the seeds are fixed."""

@@ -5,12 +5,11 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from spinfilters.data.camera import PinholeCamera, StereoRig
-from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_options import DatasetOptions
-from spinfilters.data.known_map import KnownMap
-from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
-from spinfilters.data.truth import Truth
+from spinfilters.io.camera import PinholeCamera, StereoRig
+from spinfilters.io.dataset import Dataset, DatasetOptions
+from spinfilters.io.measurement_log import MeasurementLog, MeasurementStream
+from spinfilters.io.sensor_tables import KnownMap
+from spinfilters.io.truth import Truth
 
 REAL_DATA = Path(__file__).parents[3] / "shared" / "data"
 RIG = StereoRig(PinholeCamera(466.7, 466.8, 320.5, 240.25, 640, 480), baseline_m=0.0912345678901)

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spinfilters.data.atomic_write import (
+from spinfilters.core.errors import InputError
+from spinfilters.io.output_files import (
     atomic_file,
     make_folder,
     write_bytes,
@@ -17,7 +18,6 @@ from spinfilters.data.atomic_write import (
     write_text,
     write_toml,
 )
-from spinfilters.errors import InputError
 
 
 def no_space(descriptor: int) -> None:

@@ -5,13 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from spinfilters.data.camera import StereoRig
-from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_options import DatasetOptions
-from spinfilters.data.dataset_writing import write_dataset
-from spinfilters.data.sensor_yaml import deviations_text
-from spinfilters.errors import InputError
-from spinfilters.pipeline.readers import read_dataset
+from spinfilters.core.errors import InputError
+from spinfilters.io.camera import StereoRig, deviations_text
+from spinfilters.io.dataset import Dataset, DatasetOptions
+from spinfilters.io.dataset_folder import write_dataset
+from spinfilters.run.readers import read_dataset
 from spinfilters.simulation.scenario import Scenario, simulate
 
 LARGEST_LINE = 300

@@ -9,14 +9,12 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from log_samples import DATASET, GYRO, PHYPHOX, SEGMENTS, TRACKS, TUM, sensor_yaml, written
 
-from spinfilters.data.camera import read_stereo_rig
-from spinfilters.data.gyro_files import read_gyro_csv
-from spinfilters.data.phyphox_files import read_phyphox
-from spinfilters.data.pose_files import read_tum
-from spinfilters.data.sensor_files import read_sensor_file
-from spinfilters.data.sensor_format import sensor_format
-from spinfilters.errors import InputError
-from spinfilters.pipeline.readers import read_dataset
+from spinfilters.core.errors import InputError
+from spinfilters.io.camera import read_stereo_rig
+from spinfilters.io.phone_exports import read_phyphox
+from spinfilters.io.sensor_format import sensor_format
+from spinfilters.io.sensor_tables import read_gyro_csv, read_sensor_file, read_tum
+from spinfilters.run.readers import read_dataset
 
 Reader = Callable[[Path], object]
 READERS: dict[str, tuple[str, str, Reader]] = {

@@ -9,9 +9,9 @@ import pytest
 from log_samples import PHYPHOX, SEGMENTS
 
 import spinfilters
-from spinfilters.data.stated_values import ReadingOptions
-from spinfilters.errors import InputError
-from spinfilters.pipeline.readers import read_dataset, read_segments, read_whole
+from spinfilters.core.errors import InputError
+from spinfilters.io.stated_values import ReadingOptions
+from spinfilters.run.readers import read_dataset, read_segments, read_whole
 
 SENSOR_LOGGER = "time,seconds_elapsed,z,y,x\n" + "".join(
     f"{1_700_000_000_000_000_000 + 10_000_000 * k},{0.01 * k},3.0,2.0,1.0\n" for k in range(30)

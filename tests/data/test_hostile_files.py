@@ -7,9 +7,9 @@ import pytest
 from log_samples import DATASET, GYRO, PHYPHOX, SEGMENTS, phyphox_folder, stereo_folder, written
 from test_malformed_inputs import message_of
 
-from spinfilters.data import input_file
-from spinfilters.data.gyro_files import read_gyro_csv
-from spinfilters.pipeline.readers import read_dataset, read_segments
+from spinfilters.io import input_file
+from spinfilters.io.sensor_tables import read_gyro_csv
+from spinfilters.run.readers import read_dataset, read_segments
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:

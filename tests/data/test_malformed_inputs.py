@@ -19,10 +19,9 @@ from log_samples import (
     written,
 )
 
-from spinfilters.data.gyro_files import read_gyro_csv
-from spinfilters.data.pose_files import read_tum
-from spinfilters.errors import InputError
-from spinfilters.pipeline.readers import read_dataset, read_segments
+from spinfilters.core.errors import InputError
+from spinfilters.io.sensor_tables import read_gyro_csv, read_tum
+from spinfilters.run.readers import read_dataset, read_segments
 
 
 def message_of(action: Callable[[], object]) -> str:

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from log_samples import random_gyro, random_pose, random_stereo, random_truth
 
-from spinfilters.data.known_map import KnownMap
-from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
-from spinfilters.errors import InputError, ShapeError
+from spinfilters.core.errors import InputError, ShapeError
+from spinfilters.io.measurement_log import MeasurementLog, MeasurementStream
+from spinfilters.io.sensor_tables import KnownMap
 
 TIME = np.array([0.0, 1.0, 2.0])
 POSES = np.tile([0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0], (3, 1))

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spinfilters.data.dataset import Dataset
-from spinfilters.data.stated_values import NOTHING_STATED, ReadingOptions
-from spinfilters.errors import InputError
-from spinfilters.pipeline.readers import read_dataset
+from spinfilters.core.errors import InputError
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.stated_values import NOTHING_STATED, ReadingOptions
+from spinfilters.run.readers import read_dataset
 
 ROWS = np.array([[0.0, 0.1, 0.2, 0.3], [0.01, 0.4, 0.5, 0.6], [0.02, 0.7, 0.8, 0.9]])
 DEG = np.pi / 180

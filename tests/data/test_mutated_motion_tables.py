@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spinfilters.errors import InputError
-from spinfilters.pipeline.readers import read_dataset
+from spinfilters.core.errors import InputError
+from spinfilters.run.readers import read_dataset
 
 HEADERS = (
     "time_s,wx,wy,wz",

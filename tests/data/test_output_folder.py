@@ -7,10 +7,9 @@ from pathlib import Path
 import pytest
 from forked import killed
 
-from spinfilters.data import output_folder as module
-from spinfilters.data.atomic_write import make_folder, write_text
-from spinfilters.data.output_folder import LIST_FILE, output_folder, refuse_foreign
-from spinfilters.errors import InputError
+from spinfilters.core.errors import InputError
+from spinfilters.io import output_files as module
+from spinfilters.io.output_files import LIST_FILE, make_folder, output_folder, refuse_foreign, write_text
 
 
 def fill(folder: Path, **texts: str) -> None:

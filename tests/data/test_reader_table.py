@@ -8,8 +8,8 @@ import pytest
 from contracts.plugin import installed_plugin, program_of
 
 import spinfilters
-from spinfilters.errors import InputError
-from spinfilters.pipeline.readers import READER_GROUP, dataset_readers, read_dataset
+from spinfilters.core.errors import InputError
+from spinfilters.run.readers import READER_GROUP, dataset_readers, read_dataset
 
 DOCS = Path(__file__).parents[2] / "docs" / "how-to"
 PROGRAM = program_of(DOCS / "add-a-reader.md")

@@ -7,11 +7,11 @@ import pytest
 from log_samples import REAL_DATA
 from scipy.spatial.transform import Rotation
 
-from spinfilters.data.dataset_writing import write_dataset
-from spinfilters.data.gyro_files import saturated
-from spinfilters.data.phyphox_files import read_phyphox
-from spinfilters.errors import InputError
-from spinfilters.pipeline.readers import read_dataset, read_segments
+from spinfilters.core.errors import InputError
+from spinfilters.io.dataset_folder import write_dataset
+from spinfilters.io.phone_exports import read_phyphox
+from spinfilters.io.sensor_tables import saturated
+from spinfilters.run.readers import read_dataset, read_segments
 
 PHYPHOX = REAL_DATA / "racquet_phyphox" / "data"
 ROUND1 = PHYPHOX / "round1" / "Gyroscope rotation rate 2025-01-16 17-10-11"

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from spinfilters.errors import InputError
-from spinfilters.pipeline.readers import read_dataset, recordings_in
+from spinfilters.core.errors import InputError
+from spinfilters.run.readers import read_dataset, recordings_in
 
 TABLE = "time_s,wx,wy,wz\n0,1,2,3\n0.01,1,2,3\n"
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from jaxtyping import Float
 
-from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_writing import write_dataset
-from spinfilters.pipeline.readers import read_dataset, read_segments, read_whole
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.dataset_folder import write_dataset
+from spinfilters.run.readers import read_dataset, read_segments, read_whole
 
 TIME = np.arange(400) / 100.0
 DEVIATION = 0.01

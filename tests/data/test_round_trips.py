@@ -24,18 +24,16 @@ from log_samples import (
     written,
 )
 
-from spinfilters.data.camera import read_stereo_rig, write_stereo_rig
-from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_writing import write_dataset
-from spinfilters.data.gyro_files import saturated
-from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
-from spinfilters.data.phyphox_files import read_phyphox
-from spinfilters.data.pose_files import read_tum, write_tum
-from spinfilters.data.sensor_files import read_sensor_file
-from spinfilters.data.sensor_format import sensor_format
-from spinfilters.data.truth import Truth
-from spinfilters.errors import InputError
-from spinfilters.pipeline.readers import read_dataset, read_segments
+from spinfilters.core.errors import InputError
+from spinfilters.io.camera import read_stereo_rig, write_stereo_rig
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.dataset_folder import write_dataset
+from spinfilters.io.measurement_log import MeasurementLog, MeasurementStream
+from spinfilters.io.phone_exports import read_phyphox
+from spinfilters.io.sensor_format import sensor_format
+from spinfilters.io.sensor_tables import read_sensor_file, read_tum, saturated, write_tum
+from spinfilters.io.truth import Truth
+from spinfilters.run.readers import read_dataset, read_segments
 
 
 @pytest.fixture

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 from log_samples import sensor_yaml, written
 
-from spinfilters.errors import InputError
-from spinfilters.pipeline.readers import read_dataset
+from spinfilters.core.errors import InputError
+from spinfilters.run.readers import read_dataset
 
 ATTITUDES = "time_s,qx,qy,qz,qw\n0,0,0,0,1\n0.5,0,0,0.6,0.8\n"
 TRACKS = "time_s,landmark_id,u_px,v_px\n0,1,300,200\n0,2,310,210\n0.5,1,301,200\n"

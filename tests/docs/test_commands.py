@@ -27,12 +27,12 @@ from vision.board_images import drawn_poses, write_board_images
 
 from spinfilters.api.image_recordings import ImageScenario, example_rig, render
 from spinfilters.cli.main import main, parser
-from spinfilters.data.dataset_writing import write_dataset
+from spinfilters.io.dataset_folder import write_dataset
 from spinfilters.lidar.mesh import TriangleMesh, box
 from spinfilters.plots import style
+from spinfilters.simulation.image_sequence import Imaging
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 from spinfilters.vision.calibration_images import Board
-from spinfilters.vision.rendering.imaging import Imaging
 
 WITH_COMMANDS = [page for page in PAGES if blocks_of(page)]
 MISSED_DEADLINE = 1  # of ``live`` on a busy machine

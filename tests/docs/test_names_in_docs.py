@@ -9,8 +9,8 @@ from pkgutil import iter_modules
 import pytest
 
 import spinfilters
-from spinfilters import conventions
-from spinfilters.state.block_table import BLOCKS
+from spinfilters.core import conventions
+from spinfilters.models.state_blocks import BLOCKS
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]

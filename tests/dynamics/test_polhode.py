@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from spinfilters.dynamics.polhode import PolhodeKind, ellipsoid_semi_axes, polhode
-from spinfilters.dynamics.torque_free import torque_free_motion
-from spinfilters.errors import InputError, ShapeError
+from spinfilters.core.errors import InputError, ShapeError
+from spinfilters.core.polhode import PolhodeKind, ellipsoid_semi_axes, polhode
+from spinfilters.core.torque_free import torque_free_motion
 
 MOMENTS = np.array([3.0, 2.0, 1.5])
 CASES = [

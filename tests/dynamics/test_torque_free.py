@@ -9,10 +9,15 @@ from scipy.spatial.transform import Rotation
 from scipy.special import ellipj, ellipk
 from taylor_reference import reference_motion
 
-from spinfilters.dynamics.jacobi_elliptic import EllipticModulus, argument_of, jacobi_functions
-from spinfilters.dynamics.principal_moments import angular_momentum, rotational_energy
-from spinfilters.dynamics.torque_free import TorqueFreeMotion, torque_free_motion
-from spinfilters.errors import InputError, ShapeError
+from spinfilters.core.errors import InputError, ShapeError
+from spinfilters.core.polhode import (
+    EllipticModulus,
+    angular_momentum,
+    argument_of,
+    jacobi_functions,
+    rotational_energy,
+)
+from spinfilters.core.torque_free import TorqueFreeMotion, torque_free_motion
 
 ATTITUDE0 = np.array([0.5, -0.1, 0.7, -0.5])
 MAIN_BAR = 1e-12

@@ -6,21 +6,18 @@ import numpy as np
 import pytest
 from jaxtyping import Float
 
+from spinfilters.core.c_library import compiler
 from spinfilters.embedded.embedded_estimator import EmbeddedFilter
 from spinfilters.embedded.embedded_options import EmbedOptions
-from spinfilters.embedded.folder import CALIBRATION, STD, make_vectors
-from spinfilters.embedded.reference import OwnLandmark, ReferenceFilter
-from spinfilters.estimators.estimator import Estimator, Measurement, UpdateReport
-from spinfilters.estimators.filters.iterated_update import IterationOptions
-from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
-from spinfilters.estimators.landmarks.belief import LandmarkBelief
+from spinfilters.embedded.folder import CALIBRATION, STD, OwnLandmark, ReferenceFilter, make_vectors
+from spinfilters.filters.ekf import MultiplicativeEkf
+from spinfilters.filters.estimator import Estimator, LandmarkBelief, Measurement, UpdateReport
+from spinfilters.filters.iterated_update import IterationOptions
+from spinfilters.models.camera_landmarks import StereoLandmark, camera_parameters
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.models.sensor_models.camera_landmark import camera_parameters
-from spinfilters.models.sensor_models.gyro_model import Gyro, gyro_parameters
-from spinfilters.models.sensor_models.pose_model import Pose, pose_parameters
-from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark
-from spinfilters.state.gaussian import Gaussian
-from spinfilters.symbolic.c_library import compiler
+from spinfilters.models.sensors.gyro import Gyro, gyro_parameters
+from spinfilters.models.sensors.pose import Pose, pose_parameters
+from spinfilters.models.state_layout import Gaussian
 
 pytestmark = pytest.mark.skipif(
     compiler() is None, reason="the embedded filter is C and there is no compiler"

@@ -9,10 +9,10 @@ import casadi as ca
 import pytest
 
 from spinfilters.cli.main import main
+from spinfilters.core.working_time import is_building
 from spinfilters.embedded.embedded_options import EmbedOptions
 from spinfilters.embedded.library import library_texts
 from spinfilters.embedded.model_functions import model_functions
-from spinfilters.symbolic.working_time import is_building
 
 GOLDEN = Path(__file__).parent / "golden"
 MAKE = shutil.which("make")

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from spinfilters.embedded.map_slots import MapSlots
+from spinfilters.embedded.embedded_estimator import MapSlots
 
 
 def test_a_full_map_gives_the_place_of_the_landmark_observed_longest_ago() -> None:

@@ -6,19 +6,18 @@ from functools import cache
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.data.dataset import Dataset
-from spinfilters.estimators.estimator import Estimator
-from spinfilters.estimators.history import EstimateHistory
-from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
-from spinfilters.estimators.initialisation.initialiser import initialise
-from spinfilters.estimators.initialisation.options import InitialisationOptions
-from spinfilters.estimators.run import run
-from spinfilters.estimators.timeline import CameraView, SensorNoise, Timeline, build_timeline
 from spinfilters.evaluation.consistency import true_states
+from spinfilters.filters.estimator import Estimator
+from spinfilters.filters.history import EstimateHistory
+from spinfilters.filters.timeline import CameraView, SensorNoise, Timeline, build_timeline, run
+from spinfilters.inference.initial_estimate import InitialEstimate
+from spinfilters.inference.initialisation import initialise
+from spinfilters.io.dataset import Dataset
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.sensors.sensor import MotionSamples
+from spinfilters.models.sensor import MotionSamples
+from spinfilters.models.state_layout import FULL_BLOCKS, StateLayout
+from spinfilters.settings.run_settings import InitialisationOptions
 from spinfilters.simulation.scenario import Scenario, simulate
-from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 
 FULL = StateLayout(FULL_BLOCKS)
 PROCESS = TorqueFreeProcess(FULL, ProcessNoise())

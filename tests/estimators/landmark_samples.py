@@ -7,17 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from spinfilters.data.dataset import Dataset
-from spinfilters.estimators.estimator import Measurement
-from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
-from spinfilters.estimators.filters.multiplicative_filter import MultiplicativeFilter
-from spinfilters.estimators.filters.multiplicative_ukf import MultiplicativeUkf
-from spinfilters.estimators.timeline import CameraView, Epoch, SensorNoise, Timeline, build_timeline
 from spinfilters.evaluation.consistency import true_states
+from spinfilters.filters.ekf import MultiplicativeEkf
+from spinfilters.filters.estimator import Measurement
+from spinfilters.filters.filter import MultiplicativeFilter
+from spinfilters.filters.timeline import CameraView, Epoch, SensorNoise, Timeline, build_timeline
+from spinfilters.filters.ukf import MultiplicativeUkf
+from spinfilters.io.dataset import Dataset
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
+from spinfilters.models.state_layout import FULL_BLOCKS, Gaussian, StateLayout
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
-from spinfilters.state.gaussian import Gaussian
-from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 
 LAYOUT = StateLayout(FULL_BLOCKS)
 NOISE = ProcessNoise(force_psd=1e-6, torque_psd=1e-6)

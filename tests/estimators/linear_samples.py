@@ -6,12 +6,11 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.attitude.expressions import Expression
-from spinfilters.estimators.estimator import Measurement
-from spinfilters.models.linearised_step import LinearisedStep, LinearisedSteps
+from spinfilters.core.attitude_expressions import Expression
+from spinfilters.filters.estimator import Measurement
 from spinfilters.models.measurement import MeasurementModel
-from spinfilters.state.gaussian import Gaussian
-from spinfilters.state.layout import StateLayout
+from spinfilters.models.rotation_integrator import LinearisedStep, LinearisedSteps
+from spinfilters.models.state_layout import Gaussian, StateLayout
 
 LAYOUT = StateLayout(("v", "w", "c"))
 N = LAYOUT.error_dim

@@ -6,16 +6,15 @@ from functools import cache
 import numpy as np
 from filter_samples import stereo_timeline
 
-from spinfilters.estimators.estimator import Estimator, Measurement, ProcessModel
-from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
-from spinfilters.estimators.filters.multiplicative_ukf import MultiplicativeUkf
-from spinfilters.estimators.online.out_of_sequence import Outcome, OutOfSequenceUpdates
-from spinfilters.estimators.timeline import SensorNoise, Timeline, build_timeline
 from spinfilters.evaluation.consistency import true_states
+from spinfilters.filters.ekf import MultiplicativeEkf
+from spinfilters.filters.estimator import Estimator, Measurement, ProcessModel
+from spinfilters.filters.late_measurements import Outcome, OutOfSequenceUpdates
+from spinfilters.filters.timeline import SensorNoise, Timeline, build_timeline
+from spinfilters.filters.ukf import MultiplicativeUkf
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
+from spinfilters.models.state_layout import FULL_BLOCKS, Gaussian, StateLayout
 from spinfilters.simulation.scenario import Scenario, simulate
-from spinfilters.state.gaussian import Gaussian
-from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 
 FULL = StateLayout(FULL_BLOCKS)
 PROCESS = TorqueFreeProcess(FULL, ProcessNoise())

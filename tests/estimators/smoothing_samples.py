@@ -7,22 +7,20 @@ import numpy as np
 from jaxtyping import Float
 from swapped_ids import swapped
 
-from spinfilters.data.known_map import KnownMap
-from spinfilters.data.measurement_log import MeasurementLog
-from spinfilters.estimators.robust.losses import LeastSquares, RobustLoss
-from spinfilters.estimators.smoothing.problem.least_squares import InitialGuess, Problem, Stage, problem_of
-from spinfilters.estimators.smoothing.solver.iterations import ConstantSchedule, Solved, SolverOptions, solve
-from spinfilters.estimators.smoothing.solver.step_rules import GaussNewton, StepRule
-from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
-from spinfilters.estimators.smoothing.window.sliding_smoother import SlidingSmoother
-from spinfilters.estimators.smoothing.window.smoother_records import SmootherOptions
-from spinfilters.estimators.smoothing.window.window_policy import WindowPolicy
-from spinfilters.estimators.timeline import CameraView, SensorNoise, Timeline, build_timeline
 from spinfilters.evaluation.consistency import true_states
+from spinfilters.filters.timeline import CameraView, SensorNoise, Timeline, build_timeline
+from spinfilters.io.measurement_log import MeasurementLog
+from spinfilters.io.sensor_tables import KnownMap
+from spinfilters.models.feature_tracks import RIG
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.sensors.feature_tracks import RIG
+from spinfilters.models.state_layout import FULL_BLOCKS, StateLayout
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
-from spinfilters.state.layout import FULL_BLOCKS, StateLayout
+from spinfilters.smoother.losses import LeastSquares, RobustLoss
+from spinfilters.smoother.priors import FirstStatePrior
+from spinfilters.smoother.problem import InitialGuess, Problem, Stage, problem_of
+from spinfilters.smoother.sliding_smoother import SlidingSmoother, SmootherOptions
+from spinfilters.smoother.solver import ConstantSchedule, GaussNewton, Solved, SolverOptions, StepRule, solve
+from spinfilters.smoother.window import WindowPolicy
 
 LAYOUT = StateLayout(FULL_BLOCKS)
 PROCESS = TorqueFreeProcess(LAYOUT, ProcessNoise())

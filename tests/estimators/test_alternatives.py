@@ -6,8 +6,8 @@ from typing import cast
 import numpy as np
 import pytest
 
-from spinfilters.estimators.model_errors.alternative_table import ALTERNATIVES, table
-from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
+from spinfilters.verdict.model_errors.alternatives import ALTERNATIVES, table
+from spinfilters.verdict.model_errors.smoothed_motion import SmoothedMotion
 
 
 def test_names_of_alternatives_stand_once() -> None:

@@ -10,11 +10,11 @@ from landmark_samples import FILTERS, LAYOUT, PROCESS, recording, started
 from experiments.arithmetic_methods import CONVENTIONAL, forms_definite, is_definite, lower
 from experiments.arithmetic_runs import FilterStep
 from experiments.arithmetic_sweep import RATIO, check, inspect, noise_error
-from spinfilters.estimators.estimator import Measurement
-from spinfilters.estimators.filters.iterated_update import IterationOptions
-from spinfilters.estimators.landmarks.landmark_options import LandmarkOptions
-from spinfilters.estimators.robust.gate_weights import RobustOptions
-from spinfilters.state.gaussian import Gaussian
+from spinfilters.filters.estimator import Measurement
+from spinfilters.filters.iterated_update import IterationOptions
+from spinfilters.filters.outlier_rejection import RobustOptions
+from spinfilters.filters.shared_modes import LandmarkOptions
+from spinfilters.models.state_layout import Gaussian
 
 RUNS = 150
 LARGEST_ERROR = {"float64": 1e-6, "float32": 0.1}

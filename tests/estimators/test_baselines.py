@@ -7,17 +7,15 @@ import pytest
 from filter_samples import FULL, PROCESS, START, embedded, run_on, started
 from linear_samples import log_density
 
-from spinfilters.estimators.baselines.filterpy_filters import FilterpyEkf, FilterpyUkf
-from spinfilters.estimators.estimator import Estimator, ProcessModel
-from spinfilters.estimators.filters.global_coordinates import GlobalCoordinates
-from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
-from spinfilters.estimators.filters.multiplicative_ukf import MultiplicativeUkf
-from spinfilters.estimators.filters.sigma_points import SigmaPointOptions
-from spinfilters.estimators.run import run
+from spinfilters.filters.baselines import FilterpyEkf, FilterpyUkf, GlobalCoordinates
+from spinfilters.filters.ekf import MultiplicativeEkf
+from spinfilters.filters.estimator import Estimator, ProcessModel
+from spinfilters.filters.measurement_prediction import SigmaPointOptions
+from spinfilters.filters.timeline import run
+from spinfilters.filters.ukf import MultiplicativeUkf
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.state.gaussian import Gaussian
-from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
-from spinfilters.state.status import Verdict
+from spinfilters.models.state_layout import ROTATION_BLOCKS, Gaussian, StateLayout
+from spinfilters.models.status import Verdict
 
 ROTATION = StateLayout(ROTATION_BLOCKS)
 CHART = GlobalCoordinates(FULL)

@@ -7,12 +7,12 @@ import pytest
 from filter_samples import FULL, PROCESS, START, embedded, started
 from jaxtyping import Float
 
-from spinfilters.errors import InputError
-from spinfilters.estimators.filters.belief_prediction import predict_ahead
-from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
+from spinfilters.core.errors import InputError
+from spinfilters.core.linear_algebra import normalised_square
 from spinfilters.evaluation.consistency import chi_square_band
-from spinfilters.linear_algebra.normalised_square import normalised_square
-from spinfilters.state.gaussian import Gaussian
+from spinfilters.filters.ekf import MultiplicativeEkf
+from spinfilters.filters.measurement_prediction import predict_ahead
+from spinfilters.models.state_layout import Gaussian
 
 SEEDS, STEPS, INTERVAL = 20, 40, 0.5
 DRAWS, SHORT = 400, 12

@@ -6,25 +6,25 @@ from functools import cache
 import numpy as np
 import pytest
 
-from spinfilters.attitude.conversions import matrix_from_quaternion
-from spinfilters.data.consider_parameter import ConsideredDeviation, consider_parameters
-from spinfilters.estimators.model_errors.calibration_sensitivity import (
+from spinfilters.core.attitude_conversions import matrix_from_quaternion
+from spinfilters.core.camera_trajectory import MINUTE
+from spinfilters.filters.timeline import LogTimeline, times_of
+from spinfilters.inference.setup import Setup
+from spinfilters.io.consider_parameter import ConsideredDeviation, consider_parameters
+from spinfilters.models.process import ProcessNoise
+from spinfilters.run.preparation import prepare
+from spinfilters.settings.run_settings import Settings
+from spinfilters.simulation.scenario import Scenario, simulate, without_map
+from spinfilters.verdict.calibration_errors import (
     smoothed_sensitivity,
     told_information,
     told_moments,
+    with_error,
 )
-from spinfilters.estimators.model_errors.hypotheses import solved_near
-from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
-from spinfilters.estimators.model_errors.solved_columns import Sensitivity
-from spinfilters.estimators.timeline import LogTimeline, times_of
-from spinfilters.geometry.camera_displacements import MINUTE
-from spinfilters.models.process import ProcessNoise
-from spinfilters.pipeline.calibration_errors import with_error
-from spinfilters.pipeline.model_errors import landmarks_placed, linear_problem
-from spinfilters.pipeline.preparation import prepare
-from spinfilters.pipeline.setup import Setup
-from spinfilters.settings.run_settings import Settings
-from spinfilters.simulation.scenario import Scenario, simulate, without_map
+from spinfilters.verdict.model_errors.hypotheses import solved_near
+from spinfilters.verdict.model_errors.linear_rows import Sensitivity
+from spinfilters.verdict.model_errors.smoothed_motion import SmoothedMotion
+from spinfilters.verdict.model_tests import landmarks_placed, linear_problem
 
 PARAMETERS = consider_parameters()
 KINDS = {

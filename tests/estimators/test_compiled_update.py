@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 from filter_samples import FULL, PROCESS, embedded
 
-from spinfilters.estimators.estimator import Measurement
-from spinfilters.estimators.filters import multiplicative_ekf, multiplicative_filter
-from spinfilters.estimators.filters.compiled_update import compiled_propagation, compiled_update
-from spinfilters.estimators.filters.iterated_update import IterationOptions
-from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
-from spinfilters.estimators.filters.multiplicative_filter import propagated
-from spinfilters.estimators.robust.gate_weights import RobustOptions
-from spinfilters.state.gaussian import Gaussian
+from spinfilters.filters import ekf as multiplicative_ekf
+from spinfilters.filters import filter as multiplicative_filter
+from spinfilters.filters.compiled_steps import compiled_propagation, compiled_update
+from spinfilters.filters.ekf import MultiplicativeEkf
+from spinfilters.filters.estimator import Measurement
+from spinfilters.filters.filter import propagated
+from spinfilters.filters.iterated_update import IterationOptions
+from spinfilters.filters.outlier_rejection import RobustOptions
+from spinfilters.models.state_layout import Gaussian
 
 STD = np.repeat([0.005, 0.02, 0.005, 0.02, 0.005, 0.05], [3, 3, 3, 3, 3, 5])
 PLAIN = IterationOptions(iterations=1)

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from smoothing_samples import LAYOUT, MIDDLE, SOON, run, sample, smoother
 
-from spinfilters.errors import InputError
-from spinfilters.estimators.smoothing.window.convergence_record import record_convergence
-from spinfilters.estimators.smoothing.window.window_policy import FixedLag, FullSmoothing
-from spinfilters.linear_algebra.normalised_square import normalised_square
-from spinfilters.state.status import Verdict
+from spinfilters.core.errors import InputError
+from spinfilters.core.linear_algebra import normalised_square
+from spinfilters.models.status import Verdict
+from spinfilters.smoother.recursive_smoother import record_convergence
+from spinfilters.smoother.window import FixedLag, FullSmoothing
 
 FRAMES = MIDDLE.epochs
 

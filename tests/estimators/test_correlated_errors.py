@@ -7,21 +7,23 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from spinfilters.estimators.model_errors.correlated_errors import CorrelatedErrors, correlated_errors
-from spinfilters.estimators.model_errors.correlated_observations import observation_correlation
-from spinfilters.estimators.model_errors.explained_errors import ExplainedErrors
-from spinfilters.estimators.model_errors.hypotheses import solved_near
-from spinfilters.estimators.model_errors.likely_levels import LikelyLevels
-from spinfilters.estimators.model_errors.linear_likelihood import LinearMotion, curvature
-from spinfilters.estimators.model_errors.linear_rows import LinearRows
+from spinfilters.inference.identified_noise import Unstated, noise_model
+from spinfilters.inference.setup import Setup
 from spinfilters.models.process import ProcessNoise
-from spinfilters.pipeline import model_errors
-from spinfilters.pipeline.identified_noise import Unstated, noise_model
-from spinfilters.pipeline.preparation import prepare
-from spinfilters.pipeline.setup import Setup
+from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
-from spinfilters.simulation.gauss_markov import with_gauss_markov_errors
+from spinfilters.simulation.measurement_faults import with_gauss_markov_errors
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map, without_noise
+from spinfilters.verdict import model_tests as model_errors
+from spinfilters.verdict.model_errors.correlated_errors import (
+    CorrelatedErrors,
+    ExplainedErrors,
+    correlated_errors,
+    observation_correlation,
+)
+from spinfilters.verdict.model_errors.hypotheses import solved_near
+from spinfilters.verdict.model_errors.linear_rows import LinearRows
+from spinfilters.verdict.model_errors.noise_likelihood import LikelyLevels, LinearMotion, curvature
 
 WHOLE = Settings(process={"gravity": False}, initialisation={"share": 1.0})  # pyright: ignore[reportArgumentType]
 STD = {"gyro": np.full(3, 0.005), "pose": np.repeat([0.005, 0.01], 3), "stereo-tracks": np.ones(3)}

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.special import gamma
 
-from spinfilters.estimators.filters.density_mean import raised_logarithm
+from spinfilters.filters.noise_levels import raised_logarithm
 
 
 @pytest.mark.parametrize("count", [15, 60, 240])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from spinfilters.estimators.robust.outlier_rejection import DuplicateImages
+from spinfilters.filters.outlier_rejection import DuplicateImages
 
 
 def _frame(seed: int, count: int = 20) -> tuple[np.ndarray, np.ndarray]:

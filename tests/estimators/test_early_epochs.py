@@ -8,20 +8,19 @@ import pytest
 from jaxtyping import Float
 from swapped_ids import swapped
 
-from spinfilters.attitude.conversions import multiply, quaternion_from_mrp
-from spinfilters.data.measurement_log import MeasurementLog
-from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
-from spinfilters.estimators.smoothing.window.latest_pose import latest_pose
-from spinfilters.estimators.smoothing.window.sliding_smoother import SlidingSmoother
-from spinfilters.estimators.smoothing.window.smoother_records import SmootherOptions
-from spinfilters.estimators.smoothing.window.window_policy import FullSmoothing
-from spinfilters.estimators.timeline import CameraView, SensorNoise, Timeline, build_timeline
+from spinfilters.core.attitude_conversions import multiply, quaternion_from_mrp
+from spinfilters.core.linear_algebra import normalised_square
 from spinfilters.evaluation.consistency import true_states
-from spinfilters.linear_algebra.normalised_square import normalised_square
+from spinfilters.filters.timeline import CameraView, SensorNoise, Timeline, build_timeline
+from spinfilters.io.measurement_log import MeasurementLog
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
+from spinfilters.models.state_layout import FULL_BLOCKS, StateLayout
+from spinfilters.models.status import Verdict
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
-from spinfilters.state.layout import FULL_BLOCKS, StateLayout
-from spinfilters.state.status import Verdict
+from spinfilters.smoother.latest_epoch import latest_pose
+from spinfilters.smoother.priors import FirstStatePrior
+from spinfilters.smoother.sliding_smoother import SlidingSmoother, SmootherOptions
+from spinfilters.smoother.window import FullSmoothing
 
 LAYOUT = StateLayout(FULL_BLOCKS)
 NOISE = ProcessNoise(force_psd=4e-8, torque_psd=1e-6)

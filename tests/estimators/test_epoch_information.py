@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 from jaxtyping import Float
 
-from spinfilters.estimators.model_errors.alternatives.clock_alternatives import ClockJitter
-from spinfilters.estimators.model_errors.columns import Columns
-from spinfilters.estimators.model_errors.epoch_information import information_by_epoch
-from spinfilters.estimators.model_errors.hypotheses import solved_near
-from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
-from spinfilters.estimators.timeline import times_of
-from spinfilters.pipeline import model_errors
-from spinfilters.pipeline.preparation import prepare
+from spinfilters.filters.timeline import times_of
+from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
+from spinfilters.verdict import model_tests as model_errors
+from spinfilters.verdict.model_errors.hypotheses import solved_near
+from spinfilters.verdict.model_errors.linear_rows import Columns
+from spinfilters.verdict.model_errors.noise_components import information_by_epoch
+from spinfilters.verdict.model_errors.sensor_alternatives import ClockJitter
+from spinfilters.verdict.model_errors.smoothed_motion import SmoothedMotion
 
 CHOSEN = np.array([0, 3, 4, 11])
 

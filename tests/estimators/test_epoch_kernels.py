@@ -4,16 +4,14 @@ import numpy as np
 import pytest
 from landmark_samples import LAYOUT, recording
 
-from spinfilters.estimators.filters.sigma_points import SigmaPointOptions, sigma_points
-from spinfilters.estimators.landmarks.compiled_steps import ROWS_BESIDE_MODES, CompiledSteps, steps_of
-from spinfilters.estimators.landmarks.held_map import HeldMap
-from spinfilters.estimators.landmarks.landmark_map import LandmarkMap
-from spinfilters.estimators.landmarks.landmark_options import LandmarkOptions
-from spinfilters.estimators.landmarks.numpy_steps import NumpySteps
-from spinfilters.estimators.landmarks.regression import Spread
-from spinfilters.estimators.landmarks.steps import SLOTS, Closing, MapObservations
+from spinfilters.filters.compiled_steps import ROWS_BESIDE_MODES, CompiledSteps, steps_of
+from spinfilters.filters.landmark_map import HeldMap, LandmarkMap
+from spinfilters.filters.landmark_observations import Spread
+from spinfilters.filters.landmark_steps import SLOTS, Closing, MapObservations, NumpySteps
+from spinfilters.filters.measurement_prediction import SigmaPointOptions, sigma_points
+from spinfilters.filters.shared_modes import LandmarkOptions
 from spinfilters.models.gauge import GAUGE_DIM
-from spinfilters.state.block_table import BLOCKS
+from spinfilters.models.state_blocks import BLOCKS
 
 RANK, COUNT, POSE, LANDMARKS = 5, 23, 6, 60
 SIZE = 20 + RANK + 6

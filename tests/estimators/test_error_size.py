@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from spinfilters.estimators.model_errors.error_size import ErrorSize
+from spinfilters.verdict.model_errors.score_tests import ErrorSize
 
 
 @pytest.mark.parametrize(

@@ -18,9 +18,9 @@ from out_of_sequence_samples import (
     received,
 )
 
-from spinfilters.estimators.estimator import Estimator
-from spinfilters.estimators.online.out_of_sequence import Outcome
-from spinfilters.estimators.smoothing.window.recursive_smoother import RecursiveSmoother
+from spinfilters.filters.estimator import Estimator
+from spinfilters.filters.late_measurements import Outcome
+from spinfilters.smoother.recursive_smoother import RecursiveSmoother
 
 EVERY = (*OURS, RecursiveSmoother)
 every_estimator = pytest.mark.parametrize("build", EVERY)

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from filter_samples import FULL, PROCESS, embedded, nees, run_on, stereo_timeline
 
-from spinfilters.estimators.estimator import Estimator, ProcessModel
-from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
-from spinfilters.estimators.filters.multiplicative_ukf import MultiplicativeUkf
 from spinfilters.evaluation.consistency import chi_square_band
+from spinfilters.filters.ekf import MultiplicativeEkf
+from spinfilters.filters.estimator import Estimator, ProcessModel
+from spinfilters.filters.ukf import MultiplicativeUkf
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 
 SEEDS, FEW_SEEDS, DOF = 20, 6, FULL.error_dim

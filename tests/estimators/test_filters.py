@@ -8,20 +8,18 @@ import pytest
 from filter_samples import FULL, PROCESS, START, embedded, run_on, started
 from linear_samples import LinearProcess, linear_belief, linear_process, linear_sensor
 
-from spinfilters.errors import InputError
-from spinfilters.estimators.baselines.filterpy_filters import FilterpyEkf, FilterpyUkf
-from spinfilters.estimators.estimator import Estimator, Measurement, ProcessModel
-from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
-from spinfilters.estimators.filters.multiplicative_ukf import MultiplicativeUkf
-from spinfilters.estimators.filters.sigma_points import SigmaPointOptions
-from spinfilters.estimators.robust.gate_weights import RobustOptions
-from spinfilters.estimators.run import run
-from spinfilters.estimators.timeline import Epoch
+from spinfilters.core.errors import InputError
+from spinfilters.filters.baselines import FilterpyEkf, FilterpyUkf
+from spinfilters.filters.ekf import MultiplicativeEkf
+from spinfilters.filters.estimator import Estimator, Measurement, ProcessModel
+from spinfilters.filters.measurement_prediction import SigmaPointOptions
+from spinfilters.filters.outlier_rejection import RobustOptions
+from spinfilters.filters.timeline import Epoch, run
+from spinfilters.filters.ukf import MultiplicativeUkf
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.models.sensor_models.gyro_model import Gyro, gyro_parameters
-from spinfilters.state.gaussian import Gaussian
-from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
-from spinfilters.state.status import Verdict
+from spinfilters.models.sensors.gyro import Gyro, gyro_parameters
+from spinfilters.models.state_layout import ROTATION_BLOCKS, Gaussian, StateLayout
+from spinfilters.models.status import Verdict
 
 ROTATION = StateLayout(ROTATION_BLOCKS)
 OURS = (MultiplicativeEkf, MultiplicativeUkf)

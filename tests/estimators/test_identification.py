@@ -6,25 +6,19 @@ from functools import cache
 import numpy as np
 import pytest
 
-from spinfilters.data.dataset import Dataset
-from spinfilters.data.measurement_log import MeasurementLog
-from spinfilters.estimators.identification.components import ComponentRows
-from spinfilters.estimators.identification.identify import (
-    STAGE,
-    Identified,
-    identify,
-)
-from spinfilters.estimators.identification.noise_model import NoiseModel
-from spinfilters.estimators.identification.residuals import residuals_of
-from spinfilters.estimators.identification.working_solutions import WorkingSolutions
-from spinfilters.estimators.smoothing.factors.motion_factors import NOISE_FLOOR
-from spinfilters.estimators.smoothing.linear.schur_system import SchurSystem
-from spinfilters.estimators.smoothing.problem.least_squares import Problem, problem_of
+from spinfilters.filters.noise_levels import ComponentRows
+from spinfilters.inference.identification import STAGE, Identified, WorkingSolutions, identify
+from spinfilters.inference.noise_model import NoiseModel, residuals_of
+from spinfilters.inference.setup import Setup
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.measurement_log import MeasurementLog
 from spinfilters.models.process import ProcessNoise
-from spinfilters.pipeline.preparation import prepare
-from spinfilters.pipeline.setup import Setup
+from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
+from spinfilters.smoother.linear_system import SchurSystem
+from spinfilters.smoother.motion_factors import NOISE_FLOOR
+from spinfilters.smoother.problem import Problem, problem_of
 
 STATED = {
     "stereo-tracks": {"pixel_std": 2.0},

@@ -7,27 +7,25 @@ import pytest
 from filter_samples import FULL, PROCESS, START, embedded, started
 from scipy.special import chdtri
 
-from spinfilters.attitude.conversions import matrix_from_quaternion
-from spinfilters.data.dataset import Dataset
-from spinfilters.dynamics.mass_distribution import inertia_matrix
-from spinfilters.errors import InputError
-from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
-from spinfilters.estimators.initialisation.initial_guess import guessed_trajectory
-from spinfilters.estimators.initialisation.initialiser import initialise
-from spinfilters.estimators.initialisation.options import InitialisationOptions
-from spinfilters.estimators.robust.losses import LeastSquares
-from spinfilters.estimators.smoothing.closed_form import fit_momentum, initial_state
-from spinfilters.estimators.smoothing.initial_motion import InitialMotion, initial_motion
-from spinfilters.estimators.smoothing.problem.least_squares import Stage, problem_of, with_common_constants
-from spinfilters.estimators.smoothing.solver.annealing import AnnealedSchedule
-from spinfilters.estimators.smoothing.solver.iterations import ConstantSchedule, SolverOptions, solve
-from spinfilters.estimators.timeline import SensorNoise, build_timeline
+from spinfilters.core.attitude_conversions import matrix_from_quaternion
+from spinfilters.core.errors import InputError
+from spinfilters.core.mass_distribution import inertia_matrix
 from spinfilters.evaluation.consistency import true_states
+from spinfilters.filters.timeline import SensorNoise, build_timeline
+from spinfilters.inference.initial_estimate import InitialEstimate
+from spinfilters.inference.initialisation import guessed_trajectory, initialise
+from spinfilters.io.dataset import Dataset
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.sensors.sensor import MotionSamples, pose_samples
+from spinfilters.models.sensor import MotionSamples, pose_samples
+from spinfilters.models.state_blocks import DRAG
+from spinfilters.models.state_layout import ROTATION_BLOCKS, StateLayout
+from spinfilters.settings.run_settings import InitialisationOptions
 from spinfilters.simulation.scenario import Scenario, simulate
-from spinfilters.state.blocks.drag import DRAG
-from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
+from spinfilters.smoother.batch_smoother import AnnealedSchedule
+from spinfilters.smoother.closed_form import InitialMotion, fit_momentum, initial_motion, initial_state
+from spinfilters.smoother.losses import LeastSquares
+from spinfilters.smoother.problem import Stage, problem_of, with_common_constants
+from spinfilters.smoother.solver import ConstantSchedule, SolverOptions, solve
 
 ROTATION = StateLayout(ROTATION_BLOCKS)
 DRAGGED = StateLayout((*ROTATION_BLOCKS, "d"))

@@ -6,22 +6,21 @@ import numpy as np
 import pytest
 from scipy.special import chdtri
 
-from spinfilters.attitude.conversions import multiply
-from spinfilters.data.dataset import Dataset
-from spinfilters.data.measurement_log import MeasurementLog
-from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
-from spinfilters.estimators.initialisation.initial_smoothing import SmoothingOptions, smooth_first_epochs
-from spinfilters.estimators.smoothing.initial_motion import consistent_samples
-from spinfilters.estimators.smoothing.problem.least_squares import InitialGuess
-from spinfilters.estimators.smoothing.solver.batch_smoother import NO_LANDMARKS, NO_POINTS
+from spinfilters.core.attitude_conversions import multiply
 from spinfilters.evaluation.consistency import true_states
+from spinfilters.inference.initial_estimate import InitialEstimate, SmoothingOptions, smooth_first_epochs
+from spinfilters.inference.setup import Setup
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.measurement_log import MeasurementLog
 from spinfilters.models.process import ProcessNoise
-from spinfilters.pipeline.preparation import prepare
-from spinfilters.pipeline.setup import Setup
-from spinfilters.sensors.sensor import MotionSamples
+from spinfilters.models.sensor import MotionSamples
+from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
-from spinfilters.simulation.faults import WrongAssociations, with_faults
+from spinfilters.simulation.measurement_faults import WrongAssociations, with_faults
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
+from spinfilters.smoother.batch_smoother import NO_LANDMARKS, NO_POINTS
+from spinfilters.smoother.closed_form import consistent_samples
+from spinfilters.smoother.problem import InitialGuess
 
 TUMBLING = (3.0, 10.0, 4.0)
 TURN = np.array([np.sin(0.8), 0.0, 0.0, np.cos(0.8)])

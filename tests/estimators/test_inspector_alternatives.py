@@ -6,18 +6,17 @@ from functools import cache
 import numpy as np
 import pytest
 
-from spinfilters.estimators.model_errors.alternative_table import table
-from spinfilters.estimators.model_errors.hypotheses import NOTHING_KNOWN, noise_of, solved_near
-from spinfilters.estimators.model_errors.score_test import ScoreTest
-from spinfilters.estimators.model_errors.score_tests import score_tests
-from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
-from spinfilters.estimators.timeline import times_of
+from spinfilters.filters.timeline import times_of
+from spinfilters.inference.identified_noise import Unstated, noise_model
 from spinfilters.models.process import ProcessNoise
-from spinfilters.pipeline.identified_noise import Unstated, noise_model
-from spinfilters.pipeline.model_errors import landmarks_placed, linear_problem
-from spinfilters.pipeline.preparation import prepare
+from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
+from spinfilters.verdict.model_errors.alternatives import table
+from spinfilters.verdict.model_errors.hypotheses import NOTHING_KNOWN, noise_of, solved_near
+from spinfilters.verdict.model_errors.score_tests import ScoreTest, score_tests
+from spinfilters.verdict.model_errors.smoothed_motion import SmoothedMotion
+from spinfilters.verdict.model_tests import landmarks_placed, linear_problem
 
 MOVING = Scenario.simplified(
     rate_rpm=RICH_RPM, epochs=40, landmarks=100, noise=ProcessNoise(1e-6, 1e-6), inspector="sway", seed=4

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 from landmark_samples import LAYOUT, START_STD, recording, run_through, started
 
-from spinfilters.estimators.filters.iterated_update import IterationOptions
-from spinfilters.state.gaussian import Gaussian
+from spinfilters.filters.iterated_update import IterationOptions
+from spinfilters.models.state_layout import Gaussian
 
 
 def test_iterating_changes_nothing_where_the_linear_model_was_right():

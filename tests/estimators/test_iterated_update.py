@@ -7,16 +7,15 @@ import pytest
 from filter_samples import FULL, PROCESS, START, embedded, started
 from linear_samples import linear_belief, linear_process, linear_sensor
 
-from spinfilters.errors import InputError
-from spinfilters.estimators.estimator import Measurement
-from spinfilters.estimators.filters.iterated_update import IterationOptions
-from spinfilters.estimators.filters.linear_prediction import linear_rows
-from spinfilters.estimators.filters.multiplicative_ekf import IteratedUpdate, MultiplicativeEkf
-from spinfilters.estimators.robust.gate_weights import RobustOptions
-from spinfilters.models.sensor_models.camera_landmark import camera_parameters
-from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark
-from spinfilters.sensors.feature_tracks import RIG
-from spinfilters.state.gaussian import Gaussian
+from spinfilters.core.errors import InputError
+from spinfilters.filters.ekf import IteratedUpdate, MultiplicativeEkf
+from spinfilters.filters.estimator import Measurement
+from spinfilters.filters.iterated_update import IterationOptions
+from spinfilters.filters.measurement_prediction import linear_rows
+from spinfilters.filters.outlier_rejection import RobustOptions
+from spinfilters.models.camera_landmarks import StereoLandmark, camera_parameters
+from spinfilters.models.feature_tracks import RIG
+from spinfilters.models.state_layout import Gaussian
 
 STD = np.repeat([0.05, 0.5, 0.02, 0.2, 0.02, 0.3], [3, 3, 3, 3, 3, 5])
 """Of a start that knows the attitude to half a radian."""

@@ -14,11 +14,10 @@ from landmark_samples import (
     timeline_of,
 )
 
-from spinfilters.estimators.landmarks.landmark_options import LandmarkOptions
-from spinfilters.estimators.landmarks.shared_modes import anchored_at_pose
 from spinfilters.evaluation.consistency import chi_square_band
+from spinfilters.filters.shared_modes import LandmarkOptions, anchored_at_pose
 from spinfilters.models.gauge import GAUGE_STD, state_in_g
-from spinfilters.simulation.faults import (
+from spinfilters.simulation.measurement_faults import (
     Dropout,
     FrozenFrames,
     PointsAtInfinity,

@@ -17,17 +17,16 @@ from landmark_samples import (
     with_values,
 )
 
-from spinfilters.errors import InputError
-from spinfilters.estimators.estimator import Measurement
-from spinfilters.estimators.filters.iterated_update import IterationOptions
-from spinfilters.estimators.filters.noise_adaptation import AdaptationOptions
-from spinfilters.estimators.landmarks.landmark_options import LandmarkOptions
+from spinfilters.core.errors import InputError
 from spinfilters.evaluation.consistency import chi_square_band
-from spinfilters.models.landmark_sensor import LandmarkSensor
+from spinfilters.filters.estimator import Measurement
+from spinfilters.filters.iterated_update import IterationOptions
+from spinfilters.filters.noise_levels import AdaptationOptions
+from spinfilters.filters.shared_modes import LandmarkOptions
+from spinfilters.models.measurement import LandmarkSensor
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.models.sensor_models.gyro_model import Gyro, gyro_parameters
-from spinfilters.state.gaussian import Gaussian
-from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
+from spinfilters.models.sensors.gyro import Gyro, gyro_parameters
+from spinfilters.models.state_layout import ROTATION_BLOCKS, Gaussian, StateLayout
 
 BOTH = pytest.mark.parametrize("name", FILTERS)
 SEEDS = 6

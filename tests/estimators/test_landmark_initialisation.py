@@ -11,23 +11,21 @@ from scipy.special import chdtri
 from smoothing_samples import LAYOUT, PROCESS, Sample
 from smoothing_samples import sample as recorded
 
-from spinfilters.data.known_map import KnownMap
-from spinfilters.errors import InputError
-from spinfilters.estimators.estimator import Measurement
-from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
-from spinfilters.estimators.initialisation.initial_smoothing import SmoothingOptions, smooth_first_epochs
-from spinfilters.estimators.initialisation.initialiser import initialise
-from spinfilters.estimators.initialisation.options import InitialisationOptions
-from spinfilters.estimators.landmarks.belief import LandmarkBelief
-from spinfilters.estimators.landmarks.landmark_options import LandmarkOptions
-from spinfilters.estimators.smoothing.problem.least_squares import InitialGuess
-from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
-from spinfilters.estimators.timeline import Epoch
+from spinfilters.core.errors import InputError
+from spinfilters.filters.estimator import LandmarkBelief, Measurement
+from spinfilters.filters.shared_modes import LandmarkOptions
+from spinfilters.filters.timeline import Epoch
+from spinfilters.inference.initial_estimate import InitialEstimate, SmoothingOptions, smooth_first_epochs
+from spinfilters.inference.initialisation import initialise
+from spinfilters.io.sensor_tables import KnownMap
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.models.sensor_models.pose_model import Pose, pose_parameters
-from spinfilters.sensors.sensor import MotionSamples
+from spinfilters.models.sensor import MotionSamples
+from spinfilters.models.sensors.pose import Pose, pose_parameters
+from spinfilters.models.state_layout import ROTATION_BLOCKS, StateLayout
+from spinfilters.settings.run_settings import InitialisationOptions
 from spinfilters.simulation.scenario import Scenario
-from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
+from spinfilters.smoother.priors import FirstStatePrior
+from spinfilters.smoother.problem import InitialGuess
 
 TUMBLING = (4.0, 9.0, 3.0)
 STD = np.repeat([1e-6, 1.0, 1.0, 1.5], [6, 6, 3, 5])

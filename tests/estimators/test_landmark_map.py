@@ -3,12 +3,8 @@
 import numpy as np
 import pytest
 
-from spinfilters.estimators.landmarks.landmark_map import (
-    CONFIRMED,
-    WRONG_IN_A_ROW,
-    LandmarkMap,
-)
-from spinfilters.estimators.landmarks.steps import SLOTS
+from spinfilters.filters.landmark_map import CONFIRMED, WRONG_IN_A_ROW, LandmarkMap
+from spinfilters.filters.landmark_steps import SLOTS
 
 RANK = 4
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from spinfilters.estimators.model_errors.laplace_likelihood import gross_error_cost
+from spinfilters.verdict.model_errors.hypotheses import gross_error_cost
 
 
 def test_a_gross_error_costs_more_than_noise_and_less_than_as_noise() -> None:

@@ -7,20 +7,20 @@ from typing import TypeVar
 import numpy as np
 import pytest
 
-from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
-from spinfilters.estimators.estimator import UpdateReport
-from spinfilters.estimators.history import GrowingHistory
-from spinfilters.estimators.robust.losses import Gate
-from spinfilters.estimators.smoothing.factors import motion_factors
-from spinfilters.estimators.smoothing.linear import marginals, schur_system
-from spinfilters.estimators.smoothing.problem import least_squares
-from spinfilters.estimators.smoothing.solver.batch_smoother import BatchSmoothing, smooth_recording
-from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
-from spinfilters.estimators.timeline import SensorNoise, Timeline, build_timeline, times_of
+from spinfilters.filters.estimator import UpdateReport
+from spinfilters.filters.history import GrowingHistory
+from spinfilters.filters.timeline import SensorNoise, Timeline, build_timeline, times_of
+from spinfilters.io.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.state.gaussian import Gaussian
-from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
-from spinfilters.state.status import EstimatorStatus
+from spinfilters.models.state_layout import ROTATION_BLOCKS, Gaussian, StateLayout
+from spinfilters.models.status import EstimatorStatus
+from spinfilters.smoother import linear_system as marginals
+from spinfilters.smoother import linear_system as schur_system
+from spinfilters.smoother import motion_factors
+from spinfilters.smoother import problem as least_squares
+from spinfilters.smoother.batch_smoother import BatchSmoothing, smooth_recording
+from spinfilters.smoother.losses import Gate
+from spinfilters.smoother.priors import FirstStatePrior
 
 LAYOUT = StateLayout(ROTATION_BLOCKS)
 MANY = 20_000

@@ -17,31 +17,14 @@ from smoothing_samples import (
     smoother,
 )
 
-from spinfilters.estimators.smoothing.factors.marginalization_prior import (
-    MarginalizationPrior,
-    column_errors,
-    gauge_columns,
-)
-from spinfilters.estimators.smoothing.linear.marginals import latest_factor
-from spinfilters.estimators.smoothing.linear.schur_system import SchurSystem
-from spinfilters.estimators.smoothing.problem.least_squares import (
-    LinearizationPoint,
-    LinearProblem,
-    NormalEquations,
-    Problem,
-)
-from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
-from spinfilters.estimators.smoothing.window import window_policy
-from spinfilters.estimators.smoothing.window.marginalization import without_landmarks, without_oldest
-from spinfilters.estimators.smoothing.window.smoother_window import Window
-from spinfilters.estimators.smoothing.window.window_policy import (
-    FixedLag,
-    FullSmoothing,
-    LandmarkMarginalization,
-    WindowPolicy,
-)
 from spinfilters.models.gauge import gauge_directions
 from spinfilters.models.process import ProcessNoise
+from spinfilters.smoother import window as window_policy
+from spinfilters.smoother.linear_system import SchurSystem, latest_factor
+from spinfilters.smoother.marginalization import without_landmarks, without_oldest
+from spinfilters.smoother.priors import FirstStatePrior, MarginalizationPrior, column_errors, gauge_columns
+from spinfilters.smoother.problem import LinearizationPoint, LinearProblem, NormalEquations, Problem
+from spinfilters.smoother.window import FixedLag, FullSmoothing, LandmarkMarginalization, Window, WindowPolicy
 
 LOOSE = np.concatenate([np.repeat([0.03, 0.1], 3), STD[6:]])
 """Of a first pose that hardly says where g is: there anything that the gauge is told wrongly shows."""

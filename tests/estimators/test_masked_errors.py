@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from spinfilters.data.dataset import Dataset
-from spinfilters.pipeline.preparation import prepare
-from spinfilters.pipeline.setup import Setup
+from spinfilters.inference.setup import Setup
+from spinfilters.io.dataset import Dataset
+from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
-from spinfilters.simulation.faults import with_stream
+from spinfilters.simulation.measurement_faults import with_stream
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_noise
 
 SETTINGS = Settings(process={"gravity": False})  # pyright: ignore[reportArgumentType]

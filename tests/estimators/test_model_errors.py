@@ -6,36 +6,32 @@ from functools import cache
 import numpy as np
 import pytest
 
-from spinfilters.data.dataset import Dataset
-from spinfilters.data.measurement_log import MeasurementLog
-from spinfilters.estimators.model_errors.alternative_table import table
-from spinfilters.estimators.model_errors.columns import Columns
-from spinfilters.estimators.model_errors.hypotheses import (
+from spinfilters.core.linear_algebra import chi_square_tail, fisher_tail
+from spinfilters.filters.timeline import build_timeline, times_of
+from spinfilters.inference.identified_noise import Unstated, noise_model
+from spinfilters.inference.setup import Setup, camera_view
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.measurement_log import MeasurementLog
+from spinfilters.models.process import TorqueFreeProcess
+from spinfilters.models.state_blocks import ACCELERATION, TORQUE
+from spinfilters.run.preparation import prepare
+from spinfilters.settings.run_settings import Settings
+from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
+from spinfilters.smoother.solver import SolverOptions, solve
+from spinfilters.verdict import model_tests as model_errors
+from spinfilters.verdict.model_errors.alternatives import table
+from spinfilters.verdict.model_errors.hypotheses import (
     KnownLevels,
     is_settled,
+    minus_twice_log_likelihood,
     noise_of,
     solved_near,
     with_refused_in_a_row,
 )
-from spinfilters.estimators.model_errors.laplace_likelihood import (
-    minus_twice_log_likelihood,
-)
-from spinfilters.estimators.model_errors.linear_rows import LinearRows
-from spinfilters.estimators.model_errors.score_tests import score_tests
-from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
-from spinfilters.estimators.smoothing.solver.iterations import SolverOptions, solve
-from spinfilters.estimators.timeline import build_timeline, times_of
-from spinfilters.linear_algebra.chi_square import chi_square_tail, fisher_tail
-from spinfilters.models.process import TorqueFreeProcess
-from spinfilters.pipeline import model_errors
-from spinfilters.pipeline.identified_noise import Unstated, noise_model
-from spinfilters.pipeline.log_evidence import minus_twice_log_evidence
-from spinfilters.pipeline.preparation import prepare
-from spinfilters.pipeline.setup import Setup, camera_view
-from spinfilters.settings.run_settings import Settings
-from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
-from spinfilters.state.blocks.acceleration import ACCELERATION
-from spinfilters.state.blocks.torque import TORQUE
+from spinfilters.verdict.model_errors.linear_rows import Columns, LinearRows
+from spinfilters.verdict.model_errors.score_tests import score_tests
+from spinfilters.verdict.model_errors.smoothed_motion import SmoothedMotion
+from spinfilters.verdict.model_tests import minus_twice_log_evidence
 
 KINDS = ("pose", "gyro", "stereo-tracks")
 WHOLE = Settings(process={"gravity": False}, initialisation={"share": 1.0})  # pyright: ignore[reportArgumentType]

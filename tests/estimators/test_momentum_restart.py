@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from spinfilters.estimators.smoothing.window.momentum_restart import trajectory_from_momentum
 from spinfilters.models.process import ProcessNoise
-from spinfilters.simulation.model_faults.faulty_motion import LAYOUT, Physics, faulty_motion, motion_at
+from spinfilters.simulation.faulty_motion import LAYOUT, Physics, faulty_motion, motion_at
 from spinfilters.simulation.scenario import RICH_RPM, Scenario
+from spinfilters.smoother.momentum_restart import trajectory_from_momentum
 
 
 def test_a_pose_that_contradicts_the_others_tells_no_rate() -> None:

@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 from filter_samples import FULL
 
-from spinfilters.errors import InputError
-from spinfilters.estimators.estimator import Measurement
-from spinfilters.estimators.filters.density_mean import raised_logarithm
-from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
-from spinfilters.estimators.filters.multiplicative_ukf import MultiplicativeUkf
-from spinfilters.estimators.filters.noise_adaptation import (
+from spinfilters.core.errors import InputError
+from spinfilters.evaluation.consistency import chi_square_band, true_states
+from spinfilters.filters.ekf import MultiplicativeEkf
+from spinfilters.filters.estimator import Measurement
+from spinfilters.filters.noise_levels import (
     BLOCK,
     CYCLE,
     LARGEST_SCALE,
@@ -20,17 +19,16 @@ from spinfilters.estimators.filters.noise_adaptation import (
     NoiseAdaptation,
     NoiseEvidence,
     NoiseScale,
+    raised_logarithm,
     residual_evidence,
 )
-from spinfilters.estimators.filters.square_root_update import MeasurementPrediction, square_root_update
-from spinfilters.estimators.run import run
-from spinfilters.estimators.timeline import SensorNoise, Timeline, build_timeline
-from spinfilters.evaluation.consistency import chi_square_band, true_states
+from spinfilters.filters.square_root import MeasurementPrediction, square_root_update
+from spinfilters.filters.timeline import SensorNoise, Timeline, build_timeline, run
+from spinfilters.filters.ukf import MultiplicativeUkf
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
+from spinfilters.models.state_layout import ROTATION_BLOCKS, Gaussian, StateLayout
+from spinfilters.models.status import Verdict
 from spinfilters.simulation.scenario import Scenario, simulate
-from spinfilters.state.gaussian import Gaussian
-from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
-from spinfilters.state.status import Verdict
 
 FRAMES, SEEDS, INTERVAL = 110, 6, 0.5
 CALM, DISTURBED = ProcessNoise(), ProcessNoise(force_psd=4e-6, torque_psd=1e-3)

@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, f
 
-from spinfilters.estimators.model_errors.null_distributions import gain_tail, weighted_chi_square_tail
-from spinfilters.estimators.model_errors.score_tests import (
-    _p_value,  # pyright: ignore[reportPrivateUsage]
-)
+from spinfilters.verdict.model_errors.noise_components import gain_tail, weighted_chi_square_tail
+from spinfilters.verdict.model_errors.score_tests import _p_value
 
 
 @pytest.mark.parametrize("value", [0.5, 5.0, 30.0, 90.0])

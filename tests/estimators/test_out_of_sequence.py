@@ -19,19 +19,17 @@ from out_of_sequence_samples import (
     received,
 )
 
-from spinfilters.errors import InputError
-from spinfilters.estimators.baselines.filterpy_filters import FilterpyEkf
-from spinfilters.estimators.estimator import Measurement
-from spinfilters.estimators.filters.multiplicative_filter import MultiplicativeFilter
-from spinfilters.estimators.initialisation.options import InitialisationOptions
-from spinfilters.estimators.online.out_of_sequence import Outcome, OutOfSequenceUpdates
-from spinfilters.estimators.run import run
-from spinfilters.estimators.timeline import Epoch
-from spinfilters.pipeline.estimation import build_estimator
-from spinfilters.pipeline.preparation import prepare
-from spinfilters.settings.run_settings import Settings
+from spinfilters.core.errors import InputError
+from spinfilters.filters.baselines import FilterpyEkf
+from spinfilters.filters.estimator import Measurement
+from spinfilters.filters.filter import MultiplicativeFilter
+from spinfilters.filters.late_measurements import Outcome, OutOfSequenceUpdates
+from spinfilters.filters.timeline import Epoch, run
+from spinfilters.models.status import Verdict
+from spinfilters.run.estimation import build_estimator
+from spinfilters.run.preparation import prepare
+from spinfilters.settings.run_settings import InitialisationOptions, Settings
 from spinfilters.simulation.scenario import Scenario, simulate
-from spinfilters.state.status import Verdict
 
 
 @pytest.mark.parametrize("build", [*OURS, FilterpyEkf])

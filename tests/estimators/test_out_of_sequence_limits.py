@@ -14,12 +14,12 @@ from out_of_sequence_samples import (
     received,
 )
 
-from spinfilters.errors import InputError, ShapeError
-from spinfilters.estimators.estimator import Estimator, Measurement, Snapshot, UpdateReport
-from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
-from spinfilters.estimators.online.out_of_sequence import Outcome, OutOfSequenceUpdates
-from spinfilters.state.gaussian import Gaussian
-from spinfilters.state.status import Verdict
+from spinfilters.core.errors import InputError, ShapeError
+from spinfilters.filters.ekf import MultiplicativeEkf
+from spinfilters.filters.estimator import Estimator, Measurement, Snapshot, UpdateReport
+from spinfilters.filters.late_measurements import Outcome, OutOfSequenceUpdates
+from spinfilters.models.state_layout import Gaussian
+from spinfilters.models.status import Verdict
 
 
 def test_what_is_older_than_the_horizon_changes_nothing_and_is_counted() -> None:

@@ -8,20 +8,21 @@ from filter_samples import FULL, PROCESS, START, embedded, started
 from linear_samples import linear_belief, linear_process, linear_sensor
 from scipy.stats import chi2
 
-from spinfilters.errors import InputError
-from spinfilters.estimators.estimator import Measurement
-from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
-from spinfilters.estimators.filters.multiplicative_filter import MultiplicativeFilter
-from spinfilters.estimators.filters.multiplicative_ukf import MultiplicativeUkf
-from spinfilters.estimators.robust.gate_weights import (
+from spinfilters.core.errors import InputError
+from spinfilters.filters.ekf import MultiplicativeEkf
+from spinfilters.filters.estimator import Measurement
+from spinfilters.filters.filter import MultiplicativeFilter
+from spinfilters.filters.outlier_rejection import (
+    RECOVERY_COUNT,
     RobustOptions,
+    SensorOutlierRejection,
     innovation_covariance,
     sparing_weights,
     squared_distances,
     weights,
 )
-from spinfilters.estimators.robust.outlier_rejection import RECOVERY_COUNT, SensorOutlierRejection
-from spinfilters.state.gaussian import Gaussian
+from spinfilters.filters.ukf import MultiplicativeUkf
+from spinfilters.models.state_layout import Gaussian
 
 OURS = (MultiplicativeEkf, MultiplicativeUkf)
 Build = type[MultiplicativeEkf] | type[MultiplicativeUkf]

@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from spinfilters.errors import InputError
-from spinfilters.estimators.initialisation.prior_change import with_narrower_prior
-from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
-from spinfilters.state.gaussian import Gaussian
-from spinfilters.state.layout import StateLayout
+from spinfilters.core.errors import InputError
+from spinfilters.models.state_layout import Gaussian, StateLayout
+from spinfilters.run.preparation import with_narrower_prior
+from spinfilters.smoother.priors import FirstStatePrior
 
 LAYOUT = StateLayout(("t", "v", "c"))
 WIDE, NARROW = 1.0, 0.03

@@ -8,20 +8,15 @@ import pytest
 from out_of_sequence_samples import arrivals
 from smoothing_samples import LAYOUT, LONG, PROCESS, SOON, STD, sample
 
-from spinfilters.errors import InputError
-from spinfilters.estimators.online.out_of_sequence import Outcome, OutOfSequenceUpdates
-from spinfilters.estimators.run import advance, run
-from spinfilters.estimators.smoothing.problem.least_squares import InitialGuess
-from spinfilters.estimators.smoothing.window.recursive_smoother import RecursiveSmoother
-from spinfilters.estimators.smoothing.window.smoother_records import SmootherOptions
-from spinfilters.estimators.smoothing.window.window_policy import (
-    FixedLag,
-    FullSmoothing,
-    LandmarkMarginalization,
-    WindowPolicy,
-)
-from spinfilters.state.gaussian import Gaussian
-from spinfilters.state.status import Verdict
+from spinfilters.core.errors import InputError
+from spinfilters.filters.late_measurements import Outcome, OutOfSequenceUpdates
+from spinfilters.filters.timeline import advance, run
+from spinfilters.models.state_layout import Gaussian
+from spinfilters.models.status import Verdict
+from spinfilters.smoother.problem import InitialGuess
+from spinfilters.smoother.recursive_smoother import RecursiveSmoother
+from spinfilters.smoother.sliding_smoother import SmootherOptions
+from spinfilters.smoother.window import FixedLag, FullSmoothing, LandmarkMarginalization, WindowPolicy
 
 MODES = (FullSmoothing(), FixedLag(8, SOON), LandmarkMarginalization(0.5, 12, SOON))
 BEGUN = 6

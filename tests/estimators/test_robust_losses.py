@@ -5,16 +5,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from spinfilters.errors import InputError
-from spinfilters.estimators.robust.losses import (
-    Barron,
-    Gate,
-    Graduated,
-    Huber,
-    LeastSquares,
-    PseudoHuber,
-    RobustLoss,
-)
+from spinfilters.core.errors import InputError
+from spinfilters.smoother.losses import Barron, Gate, Graduated, Huber, LeastSquares, PseudoHuber, RobustLoss
 
 LOSSES: tuple[RobustLoss, ...] = (
     LeastSquares(),

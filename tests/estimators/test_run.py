@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 from filter_samples import FULL, PROCESS, START, embedded, started
 
-from spinfilters.errors import InputError, ShapeError
-from spinfilters.estimators.estimator import Estimator, Measurement, UpdateReport
-from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
-from spinfilters.estimators.history import EPOCH_ARRAYS, GrowingHistory
-from spinfilters.estimators.run import run, run_interruptible
-from spinfilters.estimators.timeline import Timeline
-from spinfilters.state.status import Verdict
+from spinfilters.core.errors import InputError, ShapeError
+from spinfilters.filters.ekf import MultiplicativeEkf
+from spinfilters.filters.estimator import Estimator, Measurement, UpdateReport
+from spinfilters.filters.history import EPOCH_ARRAYS, GrowingHistory
+from spinfilters.filters.timeline import Timeline, run, run_interruptible
+from spinfilters.models.status import Verdict
 
 COUNT = 12
 

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from spinfilters.estimators.landmarks.landmark_options import LandmarkOptions
-from spinfilters.estimators.landmarks.shared_modes import SharedErrors, shared_modes
-from spinfilters.state.layout import FULL_BLOCKS, StateLayout
+from spinfilters.filters.shared_modes import LandmarkOptions, SharedErrors, shared_modes
+from spinfilters.models.state_layout import FULL_BLOCKS, StateLayout
 
 LAYOUT = StateLayout(FULL_BLOCKS)
 

@@ -8,29 +8,21 @@ import numpy as np
 import pytest
 from smoothing_samples import LAYOUT, LONG, PROCESS, SOON, STD, optimum, run, sample, smoother
 
-from spinfilters.errors import InputError
-from spinfilters.estimators.estimator import Measurement
-from spinfilters.estimators.landmarks.belief import LandmarkBelief
-from spinfilters.estimators.landmarks.landmark_options import LandmarkOptions
-from spinfilters.estimators.robust.losses import Gate, LeastSquares
-from spinfilters.estimators.smoothing.linear.marginals import Marginals
-from spinfilters.estimators.smoothing.linear.schur_system import SchurSystem
-from spinfilters.estimators.smoothing.problem.least_squares import Stage
-from spinfilters.estimators.smoothing.solver.iterations import ConstantSchedule, SolverOptions, solve
-from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
-from spinfilters.estimators.smoothing.window.sliding_smoother import SlidingSmoother
-from spinfilters.estimators.smoothing.window.smoother_records import SmootherOptions, UpdateResult
-from spinfilters.estimators.smoothing.window.window_policy import (
-    FixedLag,
-    FullSmoothing,
-    LandmarkMarginalization,
-    WindowPolicy,
-)
-from spinfilters.estimators.timeline import Epoch, SensorNoise, build_timeline
+from spinfilters.core.errors import InputError
+from spinfilters.filters.estimator import LandmarkBelief, Measurement
+from spinfilters.filters.shared_modes import LandmarkOptions
+from spinfilters.filters.timeline import Epoch, SensorNoise, build_timeline
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.models.sensor_models.pose_model import Pose, pose_parameters
+from spinfilters.models.sensors.pose import Pose, pose_parameters
+from spinfilters.models.state_layout import ROTATION_BLOCKS, StateLayout
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
-from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
+from spinfilters.smoother.linear_system import Marginals, SchurSystem
+from spinfilters.smoother.losses import Gate, LeastSquares
+from spinfilters.smoother.priors import FirstStatePrior
+from spinfilters.smoother.problem import Stage
+from spinfilters.smoother.sliding_smoother import SlidingSmoother, SmootherOptions, UpdateResult
+from spinfilters.smoother.solver import ConstantSchedule, SolverOptions, solve
+from spinfilters.smoother.window import FixedLag, FullSmoothing, LandmarkMarginalization, WindowPolicy
 
 GATE = Gate(5.0, 5.0)
 MODES = (FullSmoothing(), FixedLag(10, SOON), LandmarkMarginalization())

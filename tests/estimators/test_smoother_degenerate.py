@@ -20,28 +20,28 @@ from smoothing_samples import (
     solved,
 )
 
-from spinfilters.estimators.robust.losses import Gate
-from spinfilters.estimators.smoothing.linear.marginals import latest_factor
-from spinfilters.estimators.smoothing.problem.least_squares import Stage, problem_of
-from spinfilters.estimators.smoothing.solver.iterations import SolverOptions, solve
-from spinfilters.estimators.smoothing.solver.step_rules import (
+from spinfilters.filters.timeline import Epoch, Timeline
+from spinfilters.simulation.scenario import Scenario
+from spinfilters.smoother.linear_system import latest_factor
+from spinfilters.smoother.losses import Gate
+from spinfilters.smoother.priors import FirstStatePrior
+from spinfilters.smoother.problem import Stage, problem_of
+from spinfilters.smoother.sliding_smoother import SlidingSmoother, SmootherOptions
+from spinfilters.smoother.solver import (
     Dogleg,
     GaussNewton,
     LevenbergMarquardt,
+    SolverOptions,
     StepRule,
+    solve,
 )
-from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
-from spinfilters.estimators.smoothing.window.sliding_smoother import SlidingSmoother
-from spinfilters.estimators.smoothing.window.smoother_records import SmootherOptions
-from spinfilters.estimators.smoothing.window.window_policy import (
+from spinfilters.smoother.window import (
     DETERMINED,
     FixedLag,
     FullSmoothing,
     LandmarkMarginalization,
     WindowPolicy,
 )
-from spinfilters.estimators.timeline import Epoch, Timeline
-from spinfilters.simulation.scenario import Scenario
 
 MODES = (FullSmoothing(), FixedLag(4, SOON), LandmarkMarginalization())
 NO_IDS, NO_POINTS = np.zeros(0, dtype=int), np.zeros((0, 3))

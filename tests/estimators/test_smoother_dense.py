@@ -8,18 +8,12 @@ import pytest
 from jaxtyping import Float
 from smoothing_samples import LAYOUT, PROCESS, SMALL, Sample, perturbed, sample
 
-from spinfilters.estimators.estimator import Measurement
-from spinfilters.estimators.robust.losses import LeastSquares, PseudoHuber, RobustLoss
-from spinfilters.estimators.smoothing.linear.marginals import Marginals, latest_factor
-from spinfilters.estimators.smoothing.linear.schur_system import SchurSystem
-from spinfilters.estimators.smoothing.problem.least_squares import (
-    InitialGuess,
-    NormalEquations,
-    Problem,
-    Stage,
-)
-from spinfilters.estimators.timeline import Epoch
-from spinfilters.models.sensor_models.pose_model import Pose, pose_parameters
+from spinfilters.filters.estimator import Measurement
+from spinfilters.filters.timeline import Epoch
+from spinfilters.models.sensors.pose import Pose, pose_parameters
+from spinfilters.smoother.linear_system import Marginals, SchurSystem, latest_factor
+from spinfilters.smoother.losses import LeastSquares, PseudoHuber, RobustLoss
+from spinfilters.smoother.problem import InitialGuess, NormalEquations, Problem, Stage
 
 STEP = 1e-6
 MOVING, CONSTANT = 12, 8

@@ -7,26 +7,20 @@ import numpy as np
 import pytest
 from smoothing_samples import MIDDLE, perturbed, sample, solved
 
-from spinfilters.estimators.smoothing.factors import motion_factors as motion_file
-from spinfilters.estimators.smoothing.factors.landmark_observations import (
-    LandmarkObservations,
-    LinearObservations,
-)
-from spinfilters.estimators.smoothing.kernels.compiled_kernels import kernels
-from spinfilters.estimators.smoothing.linear import landmark_elimination as elimination_file
-from spinfilters.estimators.smoothing.linear import schur_system as reduced_file
-from spinfilters.estimators.smoothing.linear import velocity_elimination as chain_file
-from spinfilters.estimators.smoothing.linear.landmark_elimination import (
+from spinfilters.smoother import elimination as chain_file
+from spinfilters.smoother import elimination as elimination_file
+from spinfilters.smoother import linear_system as reduced_file
+from spinfilters.smoother import motion_factors as motion_file
+from spinfilters.smoother.elimination import (
     Eliminated,
+    VelocityElimination,
     eliminate,
     eliminate_in_numpy,
-)
-from spinfilters.estimators.smoothing.linear.marginals import Marginals
-from spinfilters.estimators.smoothing.linear.schur_system import SchurSystem
-from spinfilters.estimators.smoothing.linear.velocity_elimination import (
-    VelocityElimination,
     eliminate_velocities,
 )
+from spinfilters.smoother.kernels import kernels
+from spinfilters.smoother.landmark_factors import LandmarkObservations, LinearObservations
+from spinfilters.smoother.linear_system import Marginals, SchurSystem
 
 FRAMES, KEPT = 7, 6 * 7 + 8
 ALONE, UNSEEN, FLAT, UNBELIEVED, TWICE = range(5)

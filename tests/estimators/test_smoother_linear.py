@@ -9,28 +9,23 @@ import pytest
 from jaxtyping import Float
 from linear_samples import LAYOUT, LinearProcess, LinearSensor, N, linear_sensor
 
-from spinfilters.errors import InputError
-from spinfilters.estimators.estimator import Measurement
-from spinfilters.estimators.robust.losses import PseudoHuber
-from spinfilters.estimators.smoothing.linear.marginals import Marginals, latest_factor
-from spinfilters.estimators.smoothing.linear.schur_system import SchurSystem
-from spinfilters.estimators.smoothing.problem.least_squares import problem_of
-from spinfilters.estimators.smoothing.solver.iterations import SolverOptions, solve
-from spinfilters.estimators.smoothing.solver.step_rules import (
+from spinfilters.core.errors import InputError
+from spinfilters.filters.estimator import Measurement
+from spinfilters.filters.timeline import Epoch, Timeline
+from spinfilters.smoother.linear_system import Marginals, SchurSystem, latest_factor
+from spinfilters.smoother.losses import PseudoHuber
+from spinfilters.smoother.priors import FirstStatePrior
+from spinfilters.smoother.problem import problem_of
+from spinfilters.smoother.sliding_smoother import SlidingSmoother, SmootherOptions
+from spinfilters.smoother.solver import (
     Dogleg,
     GaussNewton,
     LevenbergMarquardt,
+    SolverOptions,
     StepRule,
+    solve,
 )
-from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
-from spinfilters.estimators.smoothing.window.sliding_smoother import SlidingSmoother
-from spinfilters.estimators.smoothing.window.smoother_records import SmootherOptions
-from spinfilters.estimators.smoothing.window.window_policy import (
-    FixedLag,
-    FullSmoothing,
-    LandmarkMarginalization,
-)
-from spinfilters.estimators.timeline import Epoch, Timeline
+from spinfilters.smoother.window import FixedLag, FullSmoothing, LandmarkMarginalization
 
 NO_IDS = np.zeros(0, dtype=int)
 NO_POINTS = np.zeros((0, 3))

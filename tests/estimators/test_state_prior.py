@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
-from spinfilters.state.gaussian import Gaussian
-from spinfilters.state.layout import StateLayout
+from spinfilters.models.state_layout import Gaussian, StateLayout
+from spinfilters.smoother.priors import FirstStatePrior
 
 LAYOUT = StateLayout(("a", "w", "s"))
 STD = np.geomspace(1e-3, 1e2, LAYOUT.error_dim)

@@ -6,25 +6,21 @@ import numpy as np
 import pytest
 from smoothing_samples import LAYOUT, MIDDLE, PLAIN, Sample, optimum, perturbed, sample, solved, whitened
 
-from spinfilters.errors import InputError
-from spinfilters.estimators.robust.losses import (
-    Barron,
-    Graduated,
-    LeastSquares,
-    PseudoHuber,
-    RobustLoss,
-)
-from spinfilters.estimators.smoothing.linear.marginals import Marginals
-from spinfilters.estimators.smoothing.linear.schur_system import SchurSystem
-from spinfilters.estimators.smoothing.problem.least_squares import InitialGuess, NormalEquations
-from spinfilters.estimators.smoothing.solver.iterations import COST_SLACK, Solved, SolverOptions, solve
-from spinfilters.estimators.smoothing.solver.step_rules import (
+from spinfilters.core.errors import InputError
+from spinfilters.models.state_blocks import ATTITUDE, MASS_DISTRIBUTION
+from spinfilters.smoother.linear_system import Marginals, SchurSystem
+from spinfilters.smoother.losses import Barron, Graduated, LeastSquares, PseudoHuber, RobustLoss
+from spinfilters.smoother.problem import InitialGuess, NormalEquations
+from spinfilters.smoother.solver import (
+    COST_SLACK,
     Dogleg,
     GaussNewton,
     LevenbergMarquardt,
+    Solved,
+    SolverOptions,
     StepRule,
+    solve,
 )
-from spinfilters.state.blocks.rigid_body import ATTITUDE, MASS_DISTRIBUTION
 
 RULES = (GaussNewton(), LevenbergMarquardt(), LevenbergMarquardt(10.0), Dogleg(), Dogleg(1.0))
 

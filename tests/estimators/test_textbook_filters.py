@@ -8,13 +8,13 @@ import pytest
 from filterpy.kalman import KalmanFilter
 from linear_samples import LinearProcess, N, linear_belief, linear_process, linear_sensor, log_density
 
-from spinfilters.estimators.baselines.filterpy_filters import FilterpyEkf, FilterpyUkf
-from spinfilters.estimators.estimator import Estimator, ProcessModel
-from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
-from spinfilters.estimators.filters.multiplicative_filter import MultiplicativeFilter
-from spinfilters.estimators.filters.multiplicative_ukf import MultiplicativeUkf
-from spinfilters.estimators.robust.gate_weights import RobustOptions
-from spinfilters.state.gaussian import Gaussian
+from spinfilters.filters.baselines import FilterpyEkf, FilterpyUkf
+from spinfilters.filters.ekf import MultiplicativeEkf
+from spinfilters.filters.estimator import Estimator, ProcessModel
+from spinfilters.filters.filter import MultiplicativeFilter
+from spinfilters.filters.outlier_rejection import RobustOptions
+from spinfilters.filters.ukf import MultiplicativeUkf
+from spinfilters.models.state_layout import Gaussian
 
 UNGATED = RobustOptions(gate_probability=1.0)
 """The values here are drawn from no model: a gate would rightly refuse them."""

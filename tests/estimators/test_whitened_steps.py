@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from smoothing_samples import LAYOUT
 
-from spinfilters.estimators.smoothing.factors.motion_factors import whitened_steps, whitened_steps_in_numpy
-from spinfilters.estimators.smoothing.factors.variable_ordering import VariableOrdering
-from spinfilters.estimators.smoothing.kernels.compiled_kernels import kernels
+from spinfilters.smoother.kernels import kernels
+from spinfilters.smoother.motion_factors import whitened_steps, whitened_steps_in_numpy
+from spinfilters.smoother.priors import VariableOrdering
 
 
 def _needs_kernels() -> None:

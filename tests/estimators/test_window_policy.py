@@ -5,14 +5,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from spinfilters.errors import InputError
-from spinfilters.estimators.smoothing.window.smoother_records import SmootherOptions
-from spinfilters.estimators.smoothing.window.window_policy import (
-    FixedLag,
-    FullSmoothing,
-    LandmarkMarginalization,
-    WindowPolicy,
-)
+from spinfilters.core.errors import InputError
+from spinfilters.smoother.sliding_smoother import SmootherOptions
+from spinfilters.smoother.window import FixedLag, FullSmoothing, LandmarkMarginalization, WindowPolicy
 
 
 @pytest.mark.parametrize(

@@ -3,12 +3,12 @@
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.data.truth import Truth
-from spinfilters.dynamics.mass_distribution import from_inertia
-from spinfilters.estimators.history import EstimateHistory
+from spinfilters.core.mass_distribution import from_inertia
 from spinfilters.evaluation.consistency import true_states
-from spinfilters.state.layout import FULL_BLOCKS, StateLayout
-from spinfilters.state.status import EstimatorStatus
+from spinfilters.filters.history import EstimateHistory
+from spinfilters.io.truth import Truth
+from spinfilters.models.state_layout import FULL_BLOCKS, StateLayout
+from spinfilters.models.status import EstimatorStatus
 
 FULL = StateLayout(FULL_BLOCKS)
 MOMENTS = np.array([0.6, 0.85, 1.0])

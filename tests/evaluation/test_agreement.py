@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from spinfilters.evaluation.agreement import WHOLE, expected_nees
-from spinfilters.state.layout import FULL_BLOCKS, StateLayout
+from spinfilters.evaluation.consistency import WHOLE, expected_nees
+from spinfilters.models.state_layout import FULL_BLOCKS, StateLayout
 from tests.evaluation.estimate_samples import history_of, sample_point
 
 LAYOUT = StateLayout(FULL_BLOCKS)

@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
-from spinfilters.dynamics.mass_distribution import from_inertia, inertia_matrix
-from spinfilters.evaluation.body import FIRST_ORDER_STD, body_estimate
-from spinfilters.evaluation.body_spread import body_spread
-from spinfilters.state.gaussian import Gaussian
-from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
+from spinfilters.core.mass_distribution import from_inertia, inertia_matrix
+from spinfilters.models.body import FIRST_ORDER_STD, body_estimate
+from spinfilters.models.body_spread import body_spread
+from spinfilters.models.state_layout import ROTATION_BLOCKS, Gaussian, StateLayout
 
 LAYOUT = StateLayout(ROTATION_BLOCKS)
 MOMENTS = {"rod": (0.02, 0.995, 1.0), "plate": (0.4, 0.61, 1.0), "near a sphere": (0.97, 0.985, 1.0)}

@@ -9,9 +9,9 @@ import pytest
 from estimate_samples import consistent_history, sample_truth
 from rich.console import Console
 
-from spinfilters.attitude.conversions import quaternion_from_rotation_vector, rotate
-from spinfilters.errors import InputError
-from spinfilters.evaluation.comparison import comparison_table
+from spinfilters.core.attitude_conversions import quaternion_from_rotation_vector, rotate
+from spinfilters.core.errors import InputError
+from spinfilters.evaluation.comparison_table import comparison_table
 from spinfilters.evaluation.estimated_motion import estimated_rates, true_rates
 from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate, with_uncertainty
 from spinfilters.evaluation.metrics import numbers

@@ -7,7 +7,8 @@ import pytest
 from estimate_samples import FULL, consistent_history, history_of, sample_factor, sample_truth
 from filterpy.stats import NEES
 
-from spinfilters.errors import InputError
+from spinfilters.core.errors import InputError
+from spinfilters.core.linear_algebra import normalised_square
 from spinfilters.evaluation.consistency import (
     chi_square_band,
     knows_state,
@@ -16,9 +17,8 @@ from spinfilters.evaluation.consistency import (
     true_states,
 )
 from spinfilters.evaluation.estimated_motion import trajectory_of
-from spinfilters.linear_algebra.normalised_square import normalised_square
-from spinfilters.state.block_table import BLOCKS
-from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
+from spinfilters.models.state_blocks import BLOCKS
+from spinfilters.models.state_layout import ROTATION_BLOCKS, StateLayout
 
 COUNT = 300
 TRUTH = sample_truth(np.random.default_rng(0), COUNT)

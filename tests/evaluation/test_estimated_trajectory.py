@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 from estimate_samples import FULL, history_of, sample_factor, sample_point
 
-from spinfilters.attitude.conversions import matrix_from_quaternion
-from spinfilters.data.pose_files import read_tum
-from spinfilters.data.table_files import read_csv
-from spinfilters.errors import InputError, ShapeError
+from spinfilters.core.attitude_conversions import matrix_from_quaternion
+from spinfilters.core.errors import InputError, ShapeError
 from spinfilters.evaluation.estimated_motion import (
     TRAJECTORY_COLUMNS,
     Trajectory,
@@ -18,7 +16,9 @@ from spinfilters.evaluation.estimated_motion import (
     write_trajectory_csv,
     write_trajectory_tum,
 )
-from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
+from spinfilters.io.sensor_tables import read_tum
+from spinfilters.io.text_table import read_csv
+from spinfilters.models.state_layout import ROTATION_BLOCKS, StateLayout
 
 SAMPLES = 20000
 SAMPLING = 4 / np.sqrt(2 * SAMPLES)

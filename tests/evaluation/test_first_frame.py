@@ -7,24 +7,23 @@ import numpy as np
 import pytest
 from estimate_samples import FULL, consistent_history, history_of, sample_factor, sample_truth
 
-from spinfilters.attitude.conversions import (
+from spinfilters.core.attitude_conversions import (
     inverse,
     matrix_from_quaternion,
     multiply,
     quaternion_from_rotation_vector,
     rotate,
 )
-from spinfilters.dynamics.mass_distribution import from_inertia, inertia_matrix
-from spinfilters.errors import InputError
-from spinfilters.estimators.history import EstimateHistory
+from spinfilters.core.errors import InputError
+from spinfilters.core.mass_distribution import from_inertia, inertia_matrix
 from spinfilters.evaluation.consistency import chi_square_band, true_states
 from spinfilters.evaluation.estimated_motion import estimated_rates, true_rates
 from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate
 from spinfilters.evaluation.metrics import numbers
-from spinfilters.evaluation.trajectory_errors import Alignment
-from spinfilters.evaluation.truth_frames import tells_first_frame, truth_in_first_frame
-from spinfilters.state.block_table import BLOCKS
-from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
+from spinfilters.evaluation.trajectory_errors import Alignment, tells_first_frame, truth_in_first_frame
+from spinfilters.filters.history import EstimateHistory
+from spinfilters.models.state_blocks import BLOCKS
+from spinfilters.models.state_layout import ROTATION_BLOCKS, StateLayout
 
 COUNT = 300
 TRUTH = sample_truth(np.random.default_rng(0), COUNT)

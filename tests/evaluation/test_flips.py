@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from estimate_samples import FULL, sample_factor, sample_point
 
-from spinfilters.dynamics.torque_free import torque_free_motion
-from spinfilters.evaluation.body import body_estimate
+from spinfilters.core.torque_free import torque_free_motion
 from spinfilters.evaluation.estimated_motion import count_flips, knows_intermediate_axis
-from spinfilters.state.gaussian import Gaussian
+from spinfilters.models.body import body_estimate
+from spinfilters.models.state_layout import Gaussian
 
 MOMENTS = np.array([0.6, 0.85, 1.0])
 

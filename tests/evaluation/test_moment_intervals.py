@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 from jaxtyping import Float
 
-from spinfilters.dynamics.mass_distribution import from_inertia
-from spinfilters.evaluation.body import BodyEstimate, body_estimate
-from spinfilters.evaluation.moment_intervals import REACH, widest_departures
-from spinfilters.state.gaussian import Gaussian
-from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
+from spinfilters.core.mass_distribution import from_inertia
+from spinfilters.models.body import BodyEstimate, body_estimate
+from spinfilters.models.body_spread import REACH, widest_departures
+from spinfilters.models.state_layout import ROTATION_BLOCKS, Gaussian, StateLayout
 
 LAYOUT = StateLayout(ROTATION_BLOCKS)
 BODIES = {

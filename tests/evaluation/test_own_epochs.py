@@ -8,16 +8,17 @@ import pytest
 from estimate_samples import consistent_history, sample_truth
 from rich.console import Console
 
-from spinfilters.estimators.history import EstimateHistory
-from spinfilters.evaluation.comparison import comparison_table
+from spinfilters.evaluation.comparison_table import comparison_table
 from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate
-from spinfilters.evaluation.metrics import numbers, use_numbers
-from spinfilters.evaluation.span import (
+from spinfilters.evaluation.metrics import (
     initialisation_end,
+    numbers,
     on_identical_measurements,
     shared_begin,
     title_sentences,
+    use_numbers,
 )
+from spinfilters.filters.history import EstimateHistory
 
 EPOCHS, INITIALISATION = 40, 15
 TRUTH = sample_truth(np.random.default_rng(0), EPOCHS)

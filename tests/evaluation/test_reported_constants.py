@@ -2,7 +2,7 @@
 
 import math
 
-from spinfilters.evaluation.reported_constants import numbers_text
+from spinfilters.evaluation.estimator_evaluation import numbers_text
 
 
 def test_numbers_of_which_one_is_none_are_unknown():

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spinfilters.attitude.conversions import inverse, multiply, quaternion_from_rotation_vector, rotate
-from spinfilters.data.truth import Truth, read_truth
-from spinfilters.evaluation.truth_consistency import contradictions
+from spinfilters.core.attitude_conversions import inverse, multiply, quaternion_from_rotation_vector, rotate
+from spinfilters.io.truth import Truth, read_truth
+from spinfilters.run.conditions import contradictions
 from spinfilters.simulation.scenario import Scenario, simulate
 
 RECORDINGS = Path(__file__).parents[2] / "../shared/data/disam115"

@@ -6,16 +6,14 @@ import numpy as np
 import pytest
 from estimate_samples import AXES, FULL, history_of, sample_truth
 
-from spinfilters.attitude.conversions import (
+from spinfilters.core.attitude_conversions import (
     angle_between,
     inverse,
     multiply,
     quaternion_from_rotation_vector,
     rotate,
 )
-from spinfilters.data.truth import Truth
-from spinfilters.errors import InputError
-from spinfilters.evaluation.body import body_estimate
+from spinfilters.core.errors import InputError
 from spinfilters.evaluation.consistency import true_states
 from spinfilters.evaluation.estimated_motion import Trajectory, trajectory_of
 from spinfilters.evaluation.trajectory_errors import (
@@ -25,7 +23,9 @@ from spinfilters.evaluation.trajectory_errors import (
     common_stamps,
     truth_errors,
 )
-from spinfilters.state.gaussian import Gaussian
+from spinfilters.io.truth import Truth
+from spinfilters.models.body import body_estimate
+from spinfilters.models.state_layout import Gaussian
 
 TRUTH = sample_truth(np.random.default_rng(0), 12)
 

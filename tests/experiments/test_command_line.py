@@ -8,7 +8,7 @@ import pytest
 
 from experiments import command_line
 from experiments.command_line import run_study
-from spinfilters.errors import InputError
+from spinfilters.core.errors import InputError
 
 STUDIES = Path(command_line.__file__).parent
 RUN_ALONE = {"first_solve.py"}

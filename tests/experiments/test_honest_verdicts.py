@@ -7,7 +7,7 @@ import pytest
 
 from experiments.honest_cases import CASES, RecordingCase
 from experiments.honest_verdicts import LARGEST, SweepExtent, VerdictOutcome, figure, outcomes_of, row_of
-from spinfilters.state.status import Verdict
+from spinfilters.models.status import Verdict
 
 BY_NAME = {case.name: case for case in CASES}
 ONCE_WRONG = ("pose near-spherical", "pose 50 epochs")

@@ -5,7 +5,7 @@ from dataclasses import replace
 from experiments.honesty import STUDIES, FaultOutcome, SensorStudy, figure, is_told, lines_of
 from spinfilters.campaigns.runner import Runner
 from spinfilters.campaigns.study import read_study, study_from
-from spinfilters.simulation.model_faults.faulty_recording import model_faults
+from spinfilters.simulation.model_faults import model_faults
 
 
 def outcome(fault: str, size: float, verdict: str, error: float, *named: str) -> FaultOutcome:

@@ -5,8 +5,8 @@ import pytest
 
 from experiments.lidar_thesis.reference_frames import best_fitting_sphere
 from experiments.lidar_thesis.sequences import PLACE, SEQUENCES, ProcessedSequence, processed_sequence
-from spinfilters.errors import InputError
-from spinfilters.lidar.presets import RANGE_NOISE
+from spinfilters.core.errors import InputError
+from spinfilters.simulation.lidar_sequence import RANGE_NOISE
 
 TABLE_4_1 = np.array([[-0.05, 3.28, 1.71], [8.35, 0.98, -6.17], [-0.50, -1.06, -3.47]])
 """Differences of boundary corners, cm, as printed."""

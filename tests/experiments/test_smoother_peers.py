@@ -15,7 +15,7 @@ from experiments.benchmarks.motion_rows import MOVING, POSE, prior_rows, step_ro
 from experiments.benchmarks.scipy_peer import WhitenedProblem, scipy_least_squares
 from experiments.benchmarks.smoother_workload import Workload, simulated_workload, whitened_cost
 from experiments.benchmarks.stacked_errors import StackedErrors
-from spinfilters.estimators.initialisation.initial_smoothing import SmoothingOptions, smooth_first_epochs
+from spinfilters.inference.initial_estimate import SmoothingOptions, smooth_first_epochs
 from spinfilters.simulation.scenario import RICH_RPM, Scenario
 
 NO_GATE = 1e3

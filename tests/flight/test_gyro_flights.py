@@ -4,13 +4,11 @@ import numpy as np
 import pytest
 from throws import FLIGHTS, INTERVAL, MOMENTS, Carried, carried
 
-from spinfilters.data.accelerometer import Acceleration
-from spinfilters.data.dataset import Dataset
-from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
-from spinfilters.errors import InputError
-from spinfilters.flight.free_flight import find_flights, unexplained_force
-from spinfilters.flight.gyro_flights import gyro_flights
-from spinfilters.flight.momentum import inertia_tensor, momentum_change, rotation_history
+from spinfilters.core.errors import InputError
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.measurement_log import Acceleration, MeasurementLog, MeasurementStream
+from spinfilters.run.flight_momentum import inertia_tensor, momentum_change, rotation_history
+from spinfilters.run.free_flight import find_flights, gyro_flights, unexplained_force
 
 
 @pytest.fixture(scope="module")

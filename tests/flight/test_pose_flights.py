@@ -10,12 +10,11 @@ from scipy.spatial.transform import Rotation
 from throws import FLIGHTS, INTERVAL, carried
 
 import spinfilters
-from spinfilters.data.dataset import Dataset
-from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
-from spinfilters.flight.free_flight import find_flights, flying_unit
-from spinfilters.flight.parabola import PoseLog, acceleration_of, pose_flights
-from spinfilters.flight.rotation_jumps import leads_on, turns_on
-from spinfilters.pipeline.readers import read_dataset
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.measurement_log import MeasurementLog, MeasurementStream
+from spinfilters.run.flight_parabolas import PoseLog, acceleration_of, leads_on, pose_flights, turns_on
+from spinfilters.run.free_flight import find_flights, flying_unit
+from spinfilters.run.readers import read_dataset
 
 HALF_EDGE = 0.0524
 NOISE = 5e-4

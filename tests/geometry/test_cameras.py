@@ -4,20 +4,24 @@ import numpy as np
 import pytest
 from jaxtyping import Float
 
-from spinfilters.attitude.conversions import (
+from spinfilters.core.attitude_conversions import (
     angle_between,
     multiply,
     quaternion_from_rotation_vector,
     rotate,
 )
-from spinfilters.errors import InputError, ShapeError
-from spinfilters.geometry.camera_trajectory import CameraTrajectory, in_inertial
-from spinfilters.geometry.cameras import Camera, monocular_camera, stereo_pair
-from spinfilters.models.sensor_models.camera_landmark import MOVING, camera_parameters, with_camera_poses
-from spinfilters.models.sensor_models.monocular_landmark import MonocularLandmark
-from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark
+from spinfilters.core.camera_trajectory import CameraTrajectory, in_inertial
+from spinfilters.core.cameras import Camera, monocular_camera, stereo_pair
+from spinfilters.core.errors import InputError, ShapeError
+from spinfilters.models.camera_landmarks import (
+    MOVING,
+    MonocularLandmark,
+    StereoLandmark,
+    camera_parameters,
+    with_camera_poses,
+)
 from spinfilters.models.sensor_noise import IsotropicNoise
-from spinfilters.state.layout import StateLayout
+from spinfilters.models.state_layout import StateLayout
 
 PINHOLE = [458.654, 457.296, 367.215, 248.375]
 EUROC = [-0.28340811, 0.07395907, 0.00019359, 1.76187114e-05]

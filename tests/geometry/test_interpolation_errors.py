@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from spinfilters.attitude.conversions import angle_between
-from spinfilters.geometry.camera_displacements import Displacement, drifting, later, turning
-from spinfilters.geometry.camera_trajectory import CameraTrajectory
+from spinfilters.core.attitude_conversions import angle_between
+from spinfilters.core.camera_trajectory import CameraTrajectory, Displacement, drifting, later, turning
 from spinfilters.simulation.inspector import INSPECTORS
 
 CENTRE = np.array([0.0, 0.0, 0.6])

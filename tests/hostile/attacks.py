@@ -483,7 +483,7 @@ def _campaigns() -> Iterator[Case]:
     from spinfilters.campaigns.campaign_folder import begun
     from spinfilters.campaigns.runner import ended
     from spinfilters.campaigns.study import study_from
-    from spinfilters.data.atomic_write import write_json, write_toml
+    from spinfilters.io.output_files import write_json, write_toml
 
     study = study_from(document, "study")
     row = ended(study, 0, "killed", "for a test", 0.1)

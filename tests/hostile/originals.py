@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 
 from spinfilters.cli.main import main
-from spinfilters.data.atomic_write import write_toml
-from spinfilters.data.covariance_files import write_covariance
-from spinfilters.data.dataset_writing import write_dataset
-from spinfilters.data.measurement_log import MeasurementStream
+from spinfilters.io.dataset_folder import write_dataset
+from spinfilters.io.measurement_log import MeasurementStream
+from spinfilters.io.output_files import write_toml
+from spinfilters.io.sensor_tables import write_covariance
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 

@@ -23,17 +23,17 @@ from itertools import count
 
 import numpy as np
 
-from spinfilters.data.measurement_log import MeasurementStream
-from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.evaluation.consistency import chi_square_band
+from spinfilters.filters.ekf import MultiplicativeEkf
+from spinfilters.io.measurement_log import MeasurementStream
 from spinfilters.live.answer import Answer, json_line
 from spinfilters.live.executive import Executive
-from spinfilters.live.line_format import ArrivedEpoch
 from spinfilters.live.live_options import LONG_RUN, LiveOptions, LiveSetup
-from spinfilters.live.supervisor import SupervisionOptions
+from spinfilters.live.smoother_process import SupervisionOptions
+from spinfilters.live.sources import ArrivedEpoch
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.settings.smoother_settings import SmootherSettings
-from spinfilters.state.gaussian import Gaussian
+from spinfilters.models.state_layout import Gaussian
+from spinfilters.settings.run_settings import SmootherSettings
 from tests.live.test_executive import LAYOUT, MODEL, STD, bind, truth
 
 INTERVAL, PACE = 0.1, 5.0

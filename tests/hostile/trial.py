@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from spinfilters.cli.main import main
-from spinfilters.pipeline import figures
+from spinfilters.plots import figures
 
 from .case import Case
 

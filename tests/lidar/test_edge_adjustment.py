@@ -6,17 +6,14 @@ import numpy as np
 import pytest
 
 from experiments.lidar_thesis.sequences import SEQUENCES
-from spinfilters.geometry.ray_angles import angles_of
-from spinfilters.lidar.body_motion import Still, thesis_rotation
+from spinfilters.core.ray_angles import angles_of
 from spinfilters.lidar.edge_adjustment import RangeEvidence, edge_adjusted
 from spinfilters.lidar.face_map import Face, TrackedFaces
 from spinfilters.lidar.mesh import box
-from spinfilters.lidar.point_noise import PointNoise, identified_noise
-from spinfilters.lidar.ray_pattern import RayPattern
-from spinfilters.lidar.scan import Scan
-from spinfilters.lidar.scan_errors import rvs_noise
+from spinfilters.lidar.planes import PointNoise, identified_noise
+from spinfilters.lidar.scan import RayPattern, Scan, rvs_noise
 from spinfilters.lidar.scan_pose import ScanPose
-from spinfilters.lidar.scanner import LidarSettings, Scanner
+from spinfilters.simulation.lidar_scanner import LidarSettings, Scanner, Still, thesis_rotation
 
 PLACE, SIZE = np.array([500.0, 0.0, 0.0]), 1.6
 SPECIFIED = rvs_noise()

@@ -5,18 +5,15 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from spinfilters.geometry.ray_angles import unit_vectors
-from spinfilters.lidar.body_motion import Still, thesis_rotation
-from spinfilters.lidar.convex_ranges import expected_ranges
-from spinfilters.lidar.edge_model import moved_pose
+from spinfilters.core.ray_angles import unit_vectors
+from spinfilters.lidar.edge_adjustment import expected_ranges, moved_pose
 from spinfilters.lidar.face_map import Face
 from spinfilters.lidar.mesh import box
-from spinfilters.lidar.point_noise import PointNoise
-from spinfilters.lidar.ray_pattern import RayPattern
-from spinfilters.lidar.scan_errors import rvs_noise
+from spinfilters.lidar.planes import PointNoise
+from spinfilters.lidar.scan import RayPattern, rvs_noise
 from spinfilters.lidar.scan_pose import rotation_vector
 from spinfilters.lidar.scan_poses import scan_poses
-from spinfilters.lidar.scanner import LidarSettings, Scanner
+from spinfilters.simulation.lidar_scanner import LidarSettings, Scanner, Still, thesis_rotation
 
 FACES = [Face(sign * np.eye(3)[k], 0.5) for k in range(3) for sign in (-1.0, 1.0)]
 R, T = thesis_rotation(30, 40, 20), np.array([500.0, 0.0, 0.0])

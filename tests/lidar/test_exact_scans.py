@@ -3,7 +3,7 @@
 import pytest
 
 from experiments.lidar_attitude import corner_error, transitions
-from spinfilters.lidar.scan_errors import LidarNoise
+from spinfilters.lidar.scan import LidarNoise
 
 
 @pytest.mark.parametrize("sequence", [0, 1])

@@ -3,8 +3,14 @@
 import numpy as np
 import pytest
 
-from spinfilters.lidar.face_adjustment import PlaneEvidence, adjusted_faces, merged_faces, with_map_errors
-from spinfilters.lidar.face_map import Face, TrackedFaces
+from spinfilters.lidar.face_map import (
+    Face,
+    PlaneEvidence,
+    TrackedFaces,
+    adjusted_faces,
+    merged_faces,
+    with_map_errors,
+)
 from spinfilters.lidar.planes import FittedPlane
 from spinfilters.lidar.scan_pose import ScanPose, rotation_matrix
 

@@ -5,11 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from spinfilters.geometry.ray_angles import unit_vectors
-from spinfilters.lidar.face_consistency import consistent_faces
-from spinfilters.lidar.face_map import Face, TrackedFaces
-from spinfilters.lidar.planes import FittedPlane, extract_planes, fitted_plane
-from spinfilters.lidar.point_noise import PointNoise
+from spinfilters.core.ray_angles import unit_vectors
+from spinfilters.lidar.face_map import Face, TrackedFaces, consistent_faces
+from spinfilters.lidar.planes import FittedPlane, PointNoise, extract_planes, fitted_plane
 from spinfilters.lidar.scan_pose import ScanPose, rotation_matrix
 
 SIZE, STD, SCANS = 1.5, 1e-4, 12

@@ -8,16 +8,20 @@ from plain_comparison import plainly_compared
 from scipy.spatial import ConvexHull
 
 from spinfilters.api.recordings import simulate
-from spinfilters.data.dataset import Dataset
-from spinfilters.data.sensor_format import SensorNoise
-from spinfilters.errors import InputError
+from spinfilters.core.errors import InputError
 from spinfilters.evaluation.consistency import true_states
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.sensor_format import SensorNoise
 from spinfilters.lidar.mesh import TriangleMesh, box
-from spinfilters.lidar.ray_pattern import RayPattern
-from spinfilters.lidar.scan_errors import LidarNoise
+from spinfilters.lidar.scan import LidarNoise, RayPattern
 from spinfilters.lidar.scan_streams import POINTS_KIND
-from spinfilters.lidar.scanner import LidarSettings, Scanner
-from spinfilters.lidar.sequence import (
+from spinfilters.models.sensor_registry import sensor_of
+from spinfilters.models.state_layout import FULL_BLOCKS, StateLayout
+from spinfilters.run.preparation import prepare
+from spinfilters.run.readers import read_dataset
+from spinfilters.settings.run_settings import Settings
+from spinfilters.simulation.lidar_scanner import LidarSettings, Scanner
+from spinfilters.simulation.lidar_sequence import (
     Initial,
     scan_sequence,
     scan_times,
@@ -25,11 +29,6 @@ from spinfilters.lidar.sequence import (
     tumble_of,
     write_sequence,
 )
-from spinfilters.pipeline.preparation import prepare
-from spinfilters.pipeline.readers import read_dataset
-from spinfilters.sensors.sensor_registry import sensor_of
-from spinfilters.settings.run_settings import Settings
-from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 
 BOX = box((1.0, 1.3, 0.8))
 

@@ -8,18 +8,24 @@ import pytest
 from plain_comparison import plain_comparison
 from scipy.spatial.transform import Rotation
 
-from spinfilters.attitude.conversions import angle_between
-from spinfilters.data.dataset import Dataset
-from spinfilters.errors import InputError
+from spinfilters.core.attitude_conversions import angle_between
+from spinfilters.core.errors import InputError
+from spinfilters.io.dataset import Dataset
 from spinfilters.lidar.mesh import box
-from spinfilters.lidar.ray_pattern import RayPattern
-from spinfilters.lidar.scan_errors import rvs_noise
+from spinfilters.lidar.scan import RayPattern, rvs_noise
 from spinfilters.lidar.scan_streams import in_frame_of
-from spinfilters.lidar.scanner import LidarSettings, Scanner
-from spinfilters.lidar.sequence import Initial, scan_sequence, scan_times, truth_of, tumble_of, write_sequence
-from spinfilters.pipeline.readers import read_dataset
+from spinfilters.models.status import Verdict
+from spinfilters.run.readers import read_dataset
 from spinfilters.settings.run_settings import Settings
-from spinfilters.state.status import Verdict
+from spinfilters.simulation.lidar_scanner import LidarSettings, Scanner
+from spinfilters.simulation.lidar_sequence import (
+    Initial,
+    scan_sequence,
+    scan_times,
+    truth_of,
+    tumble_of,
+    write_sequence,
+)
 
 
 @pytest.fixture(scope="module")

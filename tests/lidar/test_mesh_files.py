@@ -6,10 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spinfilters.errors import InputError
-from spinfilters.lidar.mass_properties import mass_properties
-from spinfilters.lidar.mesh import TriangleMesh, box
-from spinfilters.lidar.mesh_files import read_mesh
+from spinfilters.core.errors import InputError
+from spinfilters.lidar.mesh import TriangleMesh, box, mass_properties, read_mesh
 
 SHAPES = Path(__file__).parents[3] / "shared" / "data" / "asteroid_shapes"
 

@@ -5,8 +5,13 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from spinfilters.lidar.pose_prediction import interpolated_rotation, predicted_pose
-from spinfilters.lidar.scan_pose import ScanPose, rotation_matrix, rotation_vector
+from spinfilters.lidar.scan_pose import (
+    ScanPose,
+    interpolated_rotation,
+    predicted_pose,
+    rotation_matrix,
+    rotation_vector,
+)
 
 RATE, VELOCITY, PLACE = np.array([0.1, 0.2, -0.15]), np.array([0.0, 0.01, 0.02]), np.array([30.0, 0.0, 0.0])
 CENTRE, SIZE = np.array([0.4, -0.2, 0.3]), 1.5

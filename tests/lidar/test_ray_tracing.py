@@ -6,14 +6,19 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
-from spinfilters.geometry.ray_angles import unit_vectors
-from spinfilters.lidar.body_motion import Still, thesis_rotation
+from spinfilters.core.ray_angles import unit_vectors
 from spinfilters.lidar.mesh import TriangleMesh, box
-from spinfilters.lidar.native import ray_tracer
-from spinfilters.lidar.presets import spacecraft
-from spinfilters.lidar.ray_pattern import RayPattern
-from spinfilters.lidar.ray_tracing import BruteForceTracer, RayTracer
-from spinfilters.lidar.scanner import LidarSettings, Scanner
+from spinfilters.lidar.scan import RayPattern
+from spinfilters.simulation.lidar_scanner import (
+    BruteForceTracer,
+    LidarSettings,
+    RayTracer,
+    Scanner,
+    Still,
+    ray_tracer,
+    thesis_rotation,
+)
+from spinfilters.simulation.lidar_sequence import spacecraft
 
 TracerOf = Callable[[TriangleMesh], RayTracer]
 

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from spinfilters.lidar.scan_accuracy import attitude_stds, scans_needed
-from spinfilters.lidar.scan_pose import ScanPose
+from spinfilters.lidar.scan_pose import ScanPose, attitude_stds, scans_needed
 
 
 def poses(*stds: tuple[float, float, float]) -> list[ScanPose]:

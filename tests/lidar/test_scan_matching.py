@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from spinfilters.lidar.scan_files import read_scan
-from spinfilters.lidar.scan_matching import match_scans
+from spinfilters.lidar.scan import read_scan
+from spinfilters.lidar.scan_adjustment import match_scans
 
 FOLDER = Path(__file__).parents[3] / "shared" / "data" / "stanford_bunny_scans"
 NAMES = ("bun000", "bun045", "bun090")

@@ -8,19 +8,23 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from experiments.lidar_thesis.sequences import SEQUENCES
-from spinfilters.errors import InputError
-from spinfilters.lidar.body_motion import Still, thesis_rotation
+from spinfilters.core.errors import InputError
 from spinfilters.lidar.mesh import TriangleMesh, box
-from spinfilters.lidar.planes import extract_planes
-from spinfilters.lidar.point_noise import PointNoise, identified_noise
-from spinfilters.lidar.ray_pattern import RayPattern
-from spinfilters.lidar.scan import Scan, scan_of_points, without_isolated
+from spinfilters.lidar.planes import PointNoise, extract_planes, identified_noise
+from spinfilters.lidar.scan import (
+    LidarNoise,
+    Losses,
+    RayPattern,
+    Scan,
+    rvs_noise,
+    scan_of_points,
+    without_isolated,
+)
 from spinfilters.lidar.scan_adjustment import AdjustedScans
-from spinfilters.lidar.scan_errors import LidarNoise, Losses, rvs_noise
 from spinfilters.lidar.scan_pose import ScanPose, nearest_rotation, rotation_vector
 from spinfilters.lidar.scan_poses import ScanPoses, scan_poses
-from spinfilters.lidar.scanner import LidarSettings, Scanner
-from spinfilters.lidar.sequence import Initial, scan_sequence, scan_times, tumble_of
+from spinfilters.simulation.lidar_scanner import LidarSettings, Scanner, Still, thesis_rotation
+from spinfilters.simulation.lidar_sequence import Initial, scan_sequence, scan_times, tumble_of
 
 
 def snapshots(distance: float, field: float, rays: int, noise: LidarNoise) -> tuple[list[Scan], np.ndarray]:

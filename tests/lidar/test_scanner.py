@@ -6,16 +6,26 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spinfilters.errors import InputError
-from spinfilters.geometry.ray_angles import unit_vectors
-from spinfilters.lidar.body_motion import Still
+from spinfilters.core.errors import InputError
+from spinfilters.core.ray_angles import unit_vectors
 from spinfilters.lidar.mesh import box
-from spinfilters.lidar.ray_pattern import HighResolutionWindow, RayPattern
-from spinfilters.lidar.scan import Scan
-from spinfilters.lidar.scan_errors import DUST, MISS, RETURN, SATURATED, WEAK, LidarNoise, Losses, rvs_noise
-from spinfilters.lidar.scan_files import read_scan, write_scan
-from spinfilters.lidar.scanner import LidarSettings, Scanner
-from spinfilters.lidar.sequence import Initial, scan_times, tumble_of
+from spinfilters.lidar.scan import (
+    DUST,
+    MISS,
+    RETURN,
+    SATURATED,
+    WEAK,
+    HighResolutionWindow,
+    LidarNoise,
+    Losses,
+    RayPattern,
+    Scan,
+    read_scan,
+    rvs_noise,
+    write_scan,
+)
+from spinfilters.simulation.lidar_scanner import LidarSettings, Scanner, Still
+from spinfilters.simulation.lidar_sequence import Initial, scan_times, tumble_of
 
 WALL = Still(np.eye(3), np.array([100.0, 0.0, 0.0]))
 NARROW = RayPattern((0.4, 0.4), (60, 60))

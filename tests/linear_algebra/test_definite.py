@@ -5,11 +5,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from spinfilters.attitude.conversions import matrix_from_quaternion
-from spinfilters.dynamics.mass_distribution import from_inertia
-from spinfilters.errors import InputError
-from spinfilters.linear_algebra.definite import correlation_root, is_definite, which_definite
-from spinfilters.linear_algebra.signs import with_largest_positive
+from spinfilters.core.attitude_conversions import matrix_from_quaternion
+from spinfilters.core.errors import InputError
+from spinfilters.core.linear_algebra import (
+    correlation_root,
+    is_definite,
+    which_definite,
+    with_largest_positive,
+)
+from spinfilters.core.mass_distribution import from_inertia
 
 SEEDS = st.integers(0, 1 << 32)
 

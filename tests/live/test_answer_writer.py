@@ -5,7 +5,7 @@ import os
 from contextlib import suppress
 
 from spinfilters.live.answer import MOST_WAITING, Answer, AnswerWriter
-from spinfilters.state.status import EstimatorStatus
+from spinfilters.models.status import EstimatorStatus
 from tests.live.test_executive import started
 
 

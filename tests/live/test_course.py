@@ -2,12 +2,10 @@
 
 import numpy as np
 
-from spinfilters.live.answer import Answer
-from spinfilters.live.course import MOST_KEPT, CourseRecorder
-from spinfilters.live.live_summary import LiveSummary
+from spinfilters.live.answer import MOST_KEPT, Answer, CourseRecorder, LiveSummary
 from spinfilters.live.terminal_view import answer_table
+from spinfilters.models.status import EstimatorStatus
 from spinfilters.plots.live_course import live_figure
-from spinfilters.state.status import EstimatorStatus
 from tests.live.test_executive import LAYOUT, started
 
 

@@ -9,21 +9,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from spinfilters.data.measurement_log import MeasurementStream
-from spinfilters.estimators.estimator import Measurement
-from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
+from spinfilters.filters.ekf import MultiplicativeEkf
+from spinfilters.filters.estimator import Measurement
+from spinfilters.io.measurement_log import MeasurementStream
 from spinfilters.live.answer import Answer, json_line, tum_line
 from spinfilters.live.executive import Executive
-from spinfilters.live.filter_track import FilterTrack
-from spinfilters.live.line_format import ArrivedEpoch
+from spinfilters.live.filter_track import FilterTrack, HandOver
 from spinfilters.live.live_options import LiveOptions, LiveSetup
-from spinfilters.live.rebase import HandOver
-from spinfilters.live.supervisor import SupervisionOptions
+from spinfilters.live.smoother_process import SupervisionOptions
+from spinfilters.live.sources import ArrivedEpoch
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.models.sensor_models.gyro_model import Gyro, gyro_parameters
-from spinfilters.state.gaussian import Gaussian
-from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
-from spinfilters.state.status import Verdict
+from spinfilters.models.sensors.gyro import Gyro, gyro_parameters
+from spinfilters.models.state_layout import ROTATION_BLOCKS, Gaussian, StateLayout
+from spinfilters.models.status import Verdict
 
 LAYOUT = StateLayout(ROTATION_BLOCKS)
 PROCESS = TorqueFreeProcess(LAYOUT, ProcessNoise(1e-6, 1e-6))

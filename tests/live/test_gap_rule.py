@@ -1,7 +1,7 @@
 """Times far ahead: one is not believed, two are."""
 
-from spinfilters.live.gap_rule import GapRule
-from spinfilters.live.line_format import ArrivedEpoch
+from spinfilters.live.executive import GapRule
+from spinfilters.live.sources import ArrivedEpoch
 
 
 def used_rule(interval: float = 0.1) -> GapRule:

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from spinfilters.data.measurement_log import MeasurementStream
-from spinfilters.live.line_format import ArrivedEpoch, LineReader, lines_of
+from spinfilters.io.measurement_log import MeasurementStream
+from spinfilters.live.sources import ArrivedEpoch, LineReader, lines_of
 
 
 def fed(reader: LineReader, *lines: str) -> list[ArrivedEpoch]:

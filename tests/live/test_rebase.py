@@ -3,15 +3,14 @@
 import numpy as np
 import pytest
 
-from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
-from spinfilters.estimators.landmarks.belief import LandmarkBelief
-from spinfilters.estimators.landmarks.landmark_options import LandmarkOptions
-from spinfilters.live.rebase import HandOver, distance
-from spinfilters.live.smoother_worker import MAP, hand_over_of
+from spinfilters.filters.ekf import MultiplicativeEkf
+from spinfilters.filters.estimator import LandmarkBelief
+from spinfilters.filters.shared_modes import LandmarkOptions
+from spinfilters.live.filter_track import HandOver, distance
+from spinfilters.live.smoother_process import MAP, hand_over_of
 from spinfilters.models.gauge import GAUGE_DIM
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.state.gaussian import Gaussian
-from spinfilters.state.layout import FULL_BLOCKS, StateLayout
+from spinfilters.models.state_layout import FULL_BLOCKS, Gaussian, StateLayout
 
 LAYOUT = StateLayout(FULL_BLOCKS)
 PROCESS = TorqueFreeProcess(LAYOUT, ProcessNoise(1e-6, 1e-6))

@@ -6,16 +6,16 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from spinfilters.estimators.estimator import MapChange, Measurement, UpdateReport
-from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
 from spinfilters.evaluation.noise_tests import FilterEpoch, NoiseTest, summed_tests
+from spinfilters.filters.ekf import MultiplicativeEkf
+from spinfilters.filters.estimator import MapChange, Measurement, UpdateReport
 from spinfilters.live.executive import Executive
-from spinfilters.live.line_format import ArrivedEpoch
-from spinfilters.live.rebase import HandOver
+from spinfilters.live.filter_track import HandOver
 from spinfilters.live.running_verdict import FALSE_ALARM, WINDOW, RunningVerdict, chance
+from spinfilters.live.sources import ArrivedEpoch
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.models.sensor_models.gyro_model import gyro_parameters
-from spinfilters.state.gaussian import Gaussian
+from spinfilters.models.sensors.gyro import gyro_parameters
+from spinfilters.models.state_layout import Gaussian
 from tests.hostile.smoother_faults import INTERVAL, PSD, RATE_STD, motion
 from tests.live.test_executive import LAYOUT, MODEL, STD, executive, truth
 

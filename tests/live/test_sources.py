@@ -9,9 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from spinfilters.errors import InputError
-from spinfilters.live.line_format import ArrivedEpoch
-from spinfilters.live.sources import Lines, open_lines
+from spinfilters.core.errors import InputError
+from spinfilters.live.sources import ArrivedEpoch, Lines, open_lines
 
 LINE = b"gyro,%d,0.1,0.2,0.3\n"
 SENSORS = ("gyro",)

@@ -3,10 +3,10 @@
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.dynamics.mass_distribution import from_inertia
+from spinfilters.core.mass_distribution import from_inertia
 from spinfilters.models.process import TorqueFreeProcess
-from spinfilters.state.block_table import BLOCKS
-from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
+from spinfilters.models.state_blocks import BLOCKS
+from spinfilters.models.state_layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
 
 LAYOUTS = tuple(
     StateLayout(blocks)

@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 from sensor_contract import check_sensor_contract
 
-from spinfilters.geometry.cameras import NEAREST_DEPTH
-from spinfilters.models.sensor_models.attitude_model import Attitude, attitude_parameters
-from spinfilters.models.sensor_models.camera_landmark import camera_parameters
-from spinfilters.models.sensor_models.monocular_landmark import MonocularLandmark
-from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark
-from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
+from spinfilters.core.cameras import NEAREST_DEPTH
+from spinfilters.models.camera_landmarks import MonocularLandmark, StereoLandmark, camera_parameters
+from spinfilters.models.sensors.attitude import Attitude, attitude_parameters
+from spinfilters.models.state_layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
 
 FULL, POSE_ONLY = StateLayout(FULL_BLOCKS), StateLayout(("t", "a"))
 CALIBRATION = np.array([466.7, 470.0, 320.0, 240.0])

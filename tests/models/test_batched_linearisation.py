@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 from process_samples import LAYOUTS, random_point
 
-from spinfilters.errors import InputError, ShapeError
+from spinfilters.core import c_library
+from spinfilters.core.errors import InputError, ShapeError
+from spinfilters.models.camera_landmarks import StereoLandmark, camera_parameters
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.models.sensor_models.camera_landmark import camera_parameters
-from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark
-from spinfilters.state.layout import FULL_BLOCKS, StateLayout
-from spinfilters.symbolic import c_library
+from spinfilters.models.state_layout import FULL_BLOCKS, StateLayout
 
 NAMES = ["-".join(layout.blocks) for layout in LAYOUTS]
 PROCESSES = {

@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 
+from spinfilters.models.camera_landmarks import StereoLandmark, camera_parameters
 from spinfilters.models.gauge import gauge_directions, gauge_of_points
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.models.sensor_models.camera_landmark import camera_parameters
-from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark
-from spinfilters.state.block_table import BLOCKS
-from spinfilters.state.layout import FULL_BLOCKS, StateLayout
+from spinfilters.models.state_blocks import BLOCKS
+from spinfilters.models.state_layout import FULL_BLOCKS, StateLayout
 
 LAYOUT = StateLayout(FULL_BLOCKS)
 CALIBRATION = np.array([466.7, 466.7, 320.0, 240.0, 0.09])

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from process_samples import random_point
 
-from spinfilters.errors import InputError
+from spinfilters.core.errors import InputError
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.models.rotation_integrator import IntegrationError
-from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
+from spinfilters.models.state_layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
 
 PROCESS = TorqueFreeProcess(StateLayout(FULL_BLOCKS), ProcessNoise(), tolerance=1e-8)
 POINT = random_point(PROCESS.layout, 1.2, np.random.default_rng(1))

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from spinfilters.models.sensor_models.camera_landmark import camera_parameters
-from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark
-from spinfilters.state.layout import StateLayout
+from spinfilters.models.camera_landmarks import StereoLandmark, camera_parameters
+from spinfilters.models.state_layout import StateLayout
 
 LAYOUT = StateLayout(("t", "a"))
 SENSOR = StereoLandmark(LAYOUT)

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from sensor_contract import check_sensor_contract
 
-from spinfilters.models.sensor_models.lidar_landmark import NEAREST_RANGE, LidarLandmark
-from spinfilters.state.layout import FULL_BLOCKS, StateLayout
+from spinfilters.models.sensors.lidar import NEAREST_RANGE, LidarLandmark
+from spinfilters.models.state_layout import FULL_BLOCKS, StateLayout
 
 FULL, POSE_ONLY = StateLayout(FULL_BLOCKS), StateLayout(("t", "a"))
 RANGE_STD, ANGLE_STD = 0.01, 0.002

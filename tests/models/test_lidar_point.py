@@ -3,18 +3,14 @@
 import numpy as np
 import pytest
 
-from spinfilters.attitude.conversions import quaternion_from_matrix
-from spinfilters.dynamics.mass_distribution import from_inertia
-from spinfilters.lidar.body_motion import TorqueFreeTumble
-from spinfilters.lidar.mass_properties import mass_properties
-from spinfilters.lidar.mesh import box
-from spinfilters.lidar.ray_pattern import RayPattern
-from spinfilters.lidar.scan import Scan
-from spinfilters.lidar.scan_errors import LidarNoise
-from spinfilters.lidar.scanner import LidarSettings, Scanner
-from spinfilters.lidar.sequence import Initial, tumble_of
-from spinfilters.models.sensor_models.lidar_point import LidarPoint, lidar_point_parameters
-from spinfilters.state.layout import FULL_BLOCKS, StateLayout
+from spinfilters.core.attitude_conversions import quaternion_from_matrix
+from spinfilters.core.mass_distribution import from_inertia
+from spinfilters.lidar.mesh import box, mass_properties
+from spinfilters.lidar.scan import LidarNoise, RayPattern, Scan
+from spinfilters.models.sensors.lidar_points import LidarPoint, lidar_point_parameters
+from spinfilters.models.state_layout import FULL_BLOCKS, StateLayout
+from spinfilters.simulation.lidar_scanner import LidarSettings, Scanner, TorqueFreeTumble
+from spinfilters.simulation.lidar_sequence import Initial, tumble_of
 
 LAYOUT = StateLayout(FULL_BLOCKS)
 MESH = box((1.0, 1.3, 0.8))

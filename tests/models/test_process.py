@@ -3,19 +3,19 @@
 import numpy as np
 import pytest
 from process_samples import LAYOUTS, difference_transition, random_point
+from spinfilters.symbolic import Compiled
 
-from spinfilters.attitude.conversions import (
+from spinfilters.core.attitude_conversions import (
     angle_between,
     matrix_from_quaternion,
     multiply,
     quaternion_from_matrix,
 )
-from spinfilters.dynamics.mass_distribution import from_inertia, inertia_matrix
-from spinfilters.dynamics.torque_free import torque_free_motion
-from spinfilters.errors import InputError
+from spinfilters.core.errors import InputError
+from spinfilters.core.mass_distribution import from_inertia, inertia_matrix
+from spinfilters.core.torque_free import torque_free_motion
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
-from spinfilters.symbolic import Compiled
+from spinfilters.models.state_layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
 
 ROTATION, FULL = StateLayout(ROTATION_BLOCKS), StateLayout(FULL_BLOCKS)
 DRAGGED = StateLayout((*ROTATION_BLOCKS, "d"))

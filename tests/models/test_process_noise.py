@@ -9,11 +9,11 @@ from jaxtyping import Float
 from process_samples import EMBEDDED_MOMENTS, LAYOUTS, embedded_point, random_point
 from scipy.linalg import expm, solve_triangular
 
-from spinfilters.attitude.conversions import matrix_from_quaternion
-from spinfilters.conventions import RPM
+from spinfilters.core.attitude_conversions import matrix_from_quaternion
+from spinfilters.core.conventions import RPM
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.simulation.motion import simulate_motion
-from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
+from spinfilters.models.state_layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
+from spinfilters.simulation.scenario import simulate_motion
 
 ROTATION, FULL = StateLayout(ROTATION_BLOCKS), StateLayout(FULL_BLOCKS)
 NOISE = ProcessNoise()

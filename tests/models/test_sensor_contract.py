@@ -6,16 +6,15 @@ import pytest
 from jaxtyping import Float
 from sensor_contract import check_sensor_contract
 
-from spinfilters.attitude.expressions import Expression
-from spinfilters.geometry.cameras import NEAREST_DEPTH
+from spinfilters.core.attitude_expressions import Expression
+from spinfilters.core.cameras import NEAREST_DEPTH
+from spinfilters.models.camera_landmarks import StereoLandmark, camera_parameters
 from spinfilters.models.measurement import MeasurementModel
-from spinfilters.models.sensor_models.camera_landmark import camera_parameters
-from spinfilters.models.sensor_models.gyro_model import Gyro, gyro_parameters
-from spinfilters.models.sensor_models.pose_model import Pose, pose_parameters
-from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark
 from spinfilters.models.sensor_noise import CorrelatedNoise, IsotropicNoise, NoiseLevel, SensorNoiseModel
-from spinfilters.state.blocks.gyro_bias import GYRO_BIAS
-from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
+from spinfilters.models.sensors.gyro import Gyro, gyro_parameters
+from spinfilters.models.sensors.pose import Pose, pose_parameters
+from spinfilters.models.state_blocks import GYRO_BIAS
+from spinfilters.models.state_layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
 
 FULL = StateLayout(FULL_BLOCKS)
 WITH_DRAG = StateLayout((*FULL_BLOCKS, "d"))

@@ -1,11 +1,8 @@
 """Systems that several tests look at."""
 
-from observability import sensors
+from observability import system as sensors
 from observability.canonical_motions import CANONICAL_MOTIONS, CanonicalMotion, landmarks
-from observability.charts.chart import Chart
-from observability.charts.filter_state import FilterChart
-from observability.charts.principal import MOMENTS, RATIOS, PrincipalChart
-from observability.charts.tensor import TensorChart
+from observability.coordinates import MOMENTS, RATIOS, Chart, FilterChart, PrincipalChart, TensorChart
 from observability.system import System
 
 CHARTS: tuple[Chart, ...] = (PrincipalChart(), TensorChart(), FilterChart())

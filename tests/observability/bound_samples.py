@@ -2,14 +2,13 @@
 
 import numpy as np
 
-from observability.bounds.reference_trajectory import ReferenceTrajectory, SensorSchedule, free_reference
 from observability.canonical_motions import CanonicalMotion, landmarks, point_of
-from observability.charts.filter_state import FilterChart
-from observability.rational import as_floats
+from observability.coordinates import FilterChart
+from observability.exact_numbers import as_floats
+from observability.reference_trajectory import ReferenceTrajectory, SensorSchedule, free_reference
+from spinfilters.models.camera_landmarks import StereoLandmark, camera_parameters
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.models.sensor_models.camera_landmark import camera_parameters
-from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark
-from spinfilters.state.layout import FULL_BLOCKS, StateLayout
+from spinfilters.models.state_layout import FULL_BLOCKS, StateLayout
 
 LAYOUT = StateLayout(FULL_BLOCKS)
 CALIBRATION = np.array([466.7, 470.0, 320.0, 240.0, 0.09])

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from observability.arithmetic import Reals
 from observability.codistribution import InputSeries, SensorCodistribution, codistribution
-from observability.rational import Rationals
+from observability.exact_numbers import Rationals, Reals
 from observability.system import System
 
 TOLERANCE = 1e-9

@@ -7,19 +7,17 @@ import numpy as np
 import pytest
 from analyser_samples import EULER, LOG_RATIOS, TUMBLE
 
-from observability import sensors
-from observability.branch_decisions import branch_decisions
+from observability import system as sensors
 from observability.canonical_motions import landmarks, motion, point_of
 from observability.certificate import certify
-from observability.charts.principal import PrincipalChart
-from observability.codistribution import codistribution
-from observability.elimination import FIELD
-from observability.rational import rational, rationals, unit_quaternion
+from observability.codistribution import FIELD, codistribution
+from observability.coordinates import PrincipalChart
+from observability.exact_numbers import rational, rationals, unit_quaternion
 from observability.system import Input, System, SystemSensor
-from observability.tape import tape_of
-from spinfilters.attitude.expressions import Expression
-from spinfilters.errors import InputError, ShapeError
-from spinfilters.models.sensor_models.gyro_model import Gyro
+from observability.tape import branch_decisions, tape_of
+from spinfilters.core.attitude_expressions import Expression
+from spinfilters.core.errors import InputError, ShapeError
+from spinfilters.models.sensors.gyro import Gyro
 
 PRINCIPAL = PrincipalChart()
 

@@ -5,17 +5,21 @@ import pytest
 from analyser_samples import MOTIONS, TUMBLE
 from bound_samples import LAYOUT, flight_of, stereo_watch
 
-from observability import sensors
-from observability.bounds.cramer_rao import cramer_rao_bound
-from observability.bounds.quantities import PLACE, bounded_quantities, ratio_jacobian, weak_direction_in_words
+from observability import system as sensors
 from observability.canonical_motions import landmarks, point_of
 from observability.cases import Case
-from observability.certificate import certify
-from observability.charts.principal import PrincipalChart
-from observability.report_text import document, sentences
+from observability.certificate import certify, document, sentences
+from observability.coordinates import PrincipalChart
+from observability.cramer_rao import (
+    PLACE,
+    bounded_quantities,
+    cramer_rao_bound,
+    ratio_jacobian,
+    weak_direction_in_words,
+)
 from observability.system import System
-from spinfilters.attitude.conversions import matrix_from_quaternion
-from spinfilters.dynamics.mass_distribution import from_inertia, inertia_matrix
+from spinfilters.core.attitude_conversions import matrix_from_quaternion
+from spinfilters.core.mass_distribution import from_inertia, inertia_matrix
 from spinfilters.models.process import ProcessNoise
 
 STEP = 1e-5

@@ -15,9 +15,9 @@ from observability.conditioning import (
     suggest_scaling,
     whitening_matrix,
 )
-from spinfilters.errors import InputError, ShapeError
+from spinfilters.core.errors import InputError, ShapeError
 from spinfilters.models.process import ProcessNoise
-from spinfilters.plots.noise_conditioning import conditioning_figure
+from spinfilters.plots.observability_figures import conditioning_figure
 
 STEPS = [10.0**k for k in range(-8, 9)]
 TUMBLE = np.array([0.05, 1.05, 0.05])

@@ -7,15 +7,14 @@ import pytest
 from analyser_samples import MOTIONS, TUMBLE, Z_SPIN
 from bound_samples import CALIBRATION, LAYOUT, MODEL, flight_of, stereo_watch
 
-from observability.bounds.cramer_rao import cramer_rao_bound, observability_gramian, prior_deviations
-from observability.bounds.reference_trajectory import ReferenceTrajectory, SensorSchedule, rows_at
-from observability.sensors import analysed
-from spinfilters.errors import InputError, ShapeError
+from observability.cramer_rao import cramer_rao_bound, observability_gramian, prior_deviations
+from observability.reference_trajectory import ReferenceTrajectory, SensorSchedule, rows_at
+from observability.system import analysed
+from spinfilters.core.errors import InputError, ShapeError
+from spinfilters.models.camera_landmarks import MonocularLandmark, camera_parameters
 from spinfilters.models.process import ProcessNoise
-from spinfilters.models.sensor_models.camera_landmark import camera_parameters
-from spinfilters.models.sensor_models.gyro_model import Gyro, gyro_parameters
-from spinfilters.models.sensor_models.monocular_landmark import MonocularLandmark
-from spinfilters.models.sensor_models.pose_model import Pose, pose_parameters
+from spinfilters.models.sensors.gyro import Gyro, gyro_parameters
+from spinfilters.models.sensors.pose import Pose, pose_parameters
 
 QUIET = ProcessNoise(0.0, 0.0)
 WIDE = {"t": 0.1, "a": 0.1, "v": 0.1, "w": 0.1, "c": 0.1, "s": 0.3}

@@ -5,12 +5,12 @@ from analyser_samples import MOTIONS
 
 from observability.canonical_motions import point_of
 from observability.certificate import certify
-from observability.charts.filter_state import FilterChart
-from observability.rational import rationals
+from observability.coordinates import FilterChart
+from observability.exact_numbers import rationals
 from observability.system import System, SystemSensor
-from spinfilters.models.sensor_models.gyro_model import Gyro
-from spinfilters.state.blocks.gyro_bias import GYRO_BIAS
-from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
+from spinfilters.models.sensors.gyro import Gyro
+from spinfilters.models.state_blocks import GYRO_BIAS
+from spinfilters.models.state_layout import ROTATION_BLOCKS, StateLayout
 
 ROTATION = StateLayout(ROTATION_BLOCKS)
 

@@ -4,19 +4,17 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from observability.bounds.cramer_rao import cramer_rao_bound
-from observability.bounds.known_inputs import DrivenMotion, KnownInput
-from observability.bounds.quantities import EACH_MOMENT, bounded_quantities
-from observability.bounds.reference_trajectory import SensorSchedule, driven_reference
 from observability.canonical_motions import motion
 from observability.cases import Case, InputSizes
+from observability.cramer_rao import EACH_MOMENT, bounded_quantities, cramer_rao_bound
+from observability.reference_trajectory import DrivenMotion, KnownInput, SensorSchedule, driven_reference
 from observability.system import Input
-from spinfilters.attitude.conversions import matrix_from_quaternion
-from spinfilters.dynamics.mass_distribution import from_inertia
-from spinfilters.errors import InputError
+from spinfilters.core.attitude_conversions import matrix_from_quaternion
+from spinfilters.core.errors import InputError
+from spinfilters.core.mass_distribution import from_inertia
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.models.sensor_models.gyro_model import Gyro, gyro_parameters
-from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
+from spinfilters.models.sensors.gyro import Gyro, gyro_parameters
+from spinfilters.models.state_layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
 
 FULL, ROTATION = StateLayout(FULL_BLOCKS), StateLayout(ROTATION_BLOCKS)
 MOMENTS = np.array([2.4, 2.0, 1.7])

@@ -5,17 +5,15 @@ import pytest
 from bound_samples import CALIBRATION, LAYOUT, flight_of
 from jaxtyping import Float
 
-from observability.bounds.cramer_rao import cramer_rao_bound, observability_gramian
-from observability.bounds.reference_trajectory import ReferenceTrajectory, SensorSchedule
 from observability.canonical_motions import CANONICAL_MOTIONS, landmarks
-from observability.rational import as_floats
-from spinfilters.errors import ShapeError
-from spinfilters.geometry.cameras import monocular_camera, stereo_pair
+from observability.cramer_rao import cramer_rao_bound, observability_gramian
+from observability.exact_numbers import as_floats
+from observability.reference_trajectory import ReferenceTrajectory, SensorSchedule
+from spinfilters.core.cameras import monocular_camera, stereo_pair
+from spinfilters.core.errors import ShapeError
+from spinfilters.models.camera_landmarks import MOVING, MonocularLandmark, StereoLandmark, camera_parameters
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.process import ProcessNoise
-from spinfilters.models.sensor_models.camera_landmark import MOVING, camera_parameters
-from spinfilters.models.sensor_models.monocular_landmark import MonocularLandmark
-from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark
 from spinfilters.models.sensor_noise import IsotropicNoise
 from spinfilters.simulation.inspector import circling
 

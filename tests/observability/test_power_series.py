@@ -9,18 +9,15 @@ import pytest
 from analyser_samples import CHARTS, TUMBLE, stereo_system
 
 from experiments.benchmarks.symbolic_series import lie_derivatives
-from observability import sensors
-from observability.arithmetic import Reals
-from observability.branch_decisions import branch_decisions
+from observability import system as sensors
 from observability.canonical_motions import landmarks, point_of
-from observability.charts.chart import Chart
 from observability.codistribution import codistribution
-from observability.prime_field import PrimeField
-from observability.rational import Rationals, as_floats, rationals
-from observability.series import Series
+from observability.coordinates import Chart
+from observability.exact_numbers import PrimeField, Rationals, Reals, as_floats, rationals
+from observability.power_series import Series
 from observability.system import Input, System
-from observability.tape import tape_of
-from spinfilters.errors import InputError
+from observability.tape import branch_decisions, tape_of
+from spinfilters.core.errors import InputError
 
 ORDERS = 6
 POINT = rationals((0.7, -1.3, 0.4))

@@ -7,10 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from observability.arithmetic import NotRegularError
-from observability.codistribution import SensorCodistribution
-from observability.elimination import eliminate, product_of, rank_of, reduce_columns
-from observability.prime_field import ORDER, PRIME, PrimeField, residue
+from observability.codistribution import SensorCodistribution, eliminate, product_of, rank_of, reduce_columns
+from observability.exact_numbers import ORDER, PRIME, NotRegularError, PrimeField, residue
 
 FIELD = PrimeField()
 FRACTIONS = st.fractions(min_value=-1000, max_value=1000, max_denominator=10**6)

@@ -3,8 +3,11 @@
 import numpy as np
 import pytest
 
-from observability.bounds.cramer_rao import observability_gramian, prior_share
-from observability.bounds.prior_dependence import (
+from observability.canonical_motions import CANONICAL_MOTIONS, motion
+from observability.cases import Case
+from observability.cramer_rao import MOMENTS, PLACE, observability_gramian, prior_share
+from observability.exact_numbers import as_floats
+from observability.prior_dependence import (
     HALVED,
     PRIOR_ONLY,
     QuantityBound,
@@ -12,11 +15,7 @@ from observability.bounds.prior_dependence import (
     quantity_bounds,
     undetermined_directions,
 )
-from observability.bounds.quantities import MOMENTS, PLACE
-from observability.bounds.reference_trajectory import SensorSchedule
-from observability.canonical_motions import CANONICAL_MOTIONS, motion
-from observability.cases import Case
-from observability.rational import as_floats
+from observability.reference_trajectory import SensorSchedule
 from observability.system import Input
 from spinfilters.models.process import ProcessNoise
 

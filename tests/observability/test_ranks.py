@@ -5,13 +5,11 @@ import pytest
 from analyser_samples import CHARTS, EULER, LOG_RATIOS, MOTIONS, TUMBLE, Z_SPIN, stereo_system
 from float_rank import float_rank
 
-from observability import sensors
+from observability import system as sensors
 from observability.canonical_motions import landmarks, motion, point_of
 from observability.certificate import Certificate, certify
-from observability.charts.chart import Chart
-from observability.charts.principal import RATIOS, PrincipalChart
-from observability.charts.tensor import TensorChart
-from observability.rational import rationals
+from observability.coordinates import RATIOS, Chart, PrincipalChart, TensorChart
+from observability.exact_numbers import rationals
 from observability.system import Input, System, SystemSensor
 
 GYRO, PRINCIPAL, TENSOR = sensors.watching("gyro"), PrincipalChart(), TensorChart()

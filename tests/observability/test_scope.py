@@ -4,12 +4,10 @@ import itertools
 
 import pytest
 
-from observability.analysis_report import analyse
+from observability.analysis_report import analyse, axes_in_words, close_moments, scope
 from observability.canonical_motions import CANONICAL_MOTIONS, motion
 from observability.cases import Case
-from observability.scope import axes_in_words, close_moments, scope
-from observability.sensors import analysed_sensors
-from observability.system import Input
+from observability.system import Input, analysed_sensors
 
 MOTIONS = {each.name: each for each in CANONICAL_MOTIONS}
 

@@ -6,19 +6,16 @@ import pytest
 from analyser_samples import CHARTS, EULER, MOTIONS, TUMBLE, Z_SPIN, stereo_system
 from float_rank import float_rank
 
-from observability import sensors
+from observability import system as sensors
 from observability.canonical_motions import CANONICAL_MOTIONS, landmarks, point_of
 from observability.certificate import Proof, certify
-from observability.charts.filter_state import FilterChart
-from observability.charts.principal import PrincipalChart
-from observability.codistribution import codistribution
-from observability.elimination import FIELD
-from observability.explanation import explained, tangent_symmetries
-from observability.rational import as_floats, rationals
-from observability.symmetries.candidates import candidates
-from observability.symmetries.symmetry import State, Symmetry
+from observability.codistribution import FIELD, codistribution
+from observability.coordinates import FilterChart, PrincipalChart
+from observability.exact_numbers import as_floats, rationals
+from observability.explanation import Trajectories, explained, simulate, tangent_symmetries
+from observability.named_symmetries import candidates
+from observability.symmetry import State, Symmetry
 from observability.system import Input, System
-from observability.taylor_outputs import Trajectories, simulate
 from spinfilters.models.gauge import gauge_directions
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 

@@ -5,8 +5,16 @@ from pathlib import Path
 
 import numpy as np
 
-from spinfilters.pages.model_view import ShownModel, ShownMotion, model_script, model_view
-from spinfilters.pages.page import details, facts, page, table
+from spinfilters.plots.page import (
+    ShownModel,
+    ShownMotion,
+    details,
+    facts,
+    model_script,
+    model_view,
+    page,
+    table,
+)
 from tests.pages.chromium import document_after_scripts, pixels_drawn
 
 STILL = ShownMotion(np.arange(3.0), np.tile(np.eye(3), (3, 1, 1)), np.zeros((3, 3)))

@@ -8,17 +8,16 @@ from types import ModuleType
 
 import casadi as ca
 
-from spinfilters.data.dataset import Dataset
-from spinfilters.estimators import run
-from spinfilters.pipeline import smoother_run
-from spinfilters.pipeline.estimation import compare_estimators
-from spinfilters.pipeline.preparation import prepare
-from spinfilters.settings.estimator_names import estimator_names
-from spinfilters.settings.run_settings import Settings
+from spinfilters.core import c_library
+from spinfilters.core.c_library import load_loop
+from spinfilters.core.compiled import Compiled, Loader
+from spinfilters.filters import timeline as run
+from spinfilters.inference import smoother_run
+from spinfilters.io.dataset import Dataset
+from spinfilters.run.estimation import compare_estimators
+from spinfilters.run.preparation import prepare
+from spinfilters.settings.run_settings import Settings, estimator_names
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
-from spinfilters.symbolic import c_library
-from spinfilters.symbolic.c_library import load_loop
-from spinfilters.symbolic.compiled import Compiled, Loader
 
 running: set[str] = set()
 """Modules whose clock has been looked at once, and not yet again."""

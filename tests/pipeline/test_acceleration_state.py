@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 
 from experiments.honest_cases import RecordingCase, recordings
-from spinfilters.data.dataset import Dataset
-from spinfilters.estimators.initialisation import initialiser
-from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
-from spinfilters.pipeline import acceleration_state
-from spinfilters.pipeline.log_evidence import minus_twice_log_evidence
-from spinfilters.pipeline.preparation import prepare
-from spinfilters.pipeline.setup import Setup
+from spinfilters.inference import initialisation as initialiser
+from spinfilters.inference.initial_estimate import InitialEstimate
+from spinfilters.inference.setup import Setup
+from spinfilters.io.dataset import Dataset
+from spinfilters.models.state_blocks import ACCELERATION
+from spinfilters.run import preparation as acceleration_state
+from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import without_noise
-from spinfilters.state.blocks.acceleration import ACCELERATION
+from spinfilters.verdict.model_tests import minus_twice_log_evidence
 
 MOST_SOLUTIONS = 30
 """Of a steady spin of poses with nothing stated."""

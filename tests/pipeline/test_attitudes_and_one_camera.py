@@ -7,23 +7,23 @@ import numpy as np
 import pytest
 from plain_comparison import plain_comparison
 
-from spinfilters.attitude.conversions import inverse, multiply, rotation_vector_from_quaternion
 from spinfilters.cli.main import main
-from spinfilters.data.dataset import Dataset
-from spinfilters.data.measurement_log import MeasurementLog
-from spinfilters.data.sensor_format import SensorNoise
-from spinfilters.errors import InputError
+from spinfilters.core.attitude_conversions import inverse, multiply, rotation_vector_from_quaternion
+from spinfilters.core.errors import InputError
 from spinfilters.evaluation.consistency import chi_square_band
 from spinfilters.evaluation.estimator_evaluation import Evaluation
-from spinfilters.pipeline.preparation import prepare
-from spinfilters.pipeline.readers import read_dataset
-from spinfilters.sensors.sensor import CameraView
-from spinfilters.sensors.sensor_registry import sensor_of
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.measurement_log import MeasurementLog
+from spinfilters.io.sensor_format import SensorNoise
+from spinfilters.models.sensor import CameraView
+from spinfilters.models.sensor_registry import sensor_of
+from spinfilters.models.state_layout import ROTATION_BLOCKS
+from spinfilters.models.status import Verdict
+from spinfilters.run.preparation import prepare
+from spinfilters.run.readers import read_dataset
 from spinfilters.settings.run_settings import Settings
-from spinfilters.simulation.faults import Outliers, WrongAssociations, with_faults
+from spinfilters.simulation.measurement_faults import Outliers, WrongAssociations, with_faults
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
-from spinfilters.state.layout import ROTATION_BLOCKS
-from spinfilters.state.status import Verdict
 
 ATTITUDES = Scenario.simplified(kind="attitude", rate_rpm=RICH_RPM, epochs=80)
 TRACKS = Scenario.simplified(kind="mono-tracks", rate_rpm=RICH_RPM, epochs=40, landmarks=200, pixel_std=0.5)

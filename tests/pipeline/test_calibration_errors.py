@@ -7,29 +7,28 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spinfilters.attitude.conversions import matrix_from_quaternion
-from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_options import DatasetOptions
-from spinfilters.data.measurement_log import MeasurementLog
-from spinfilters.errors import InputError
-from spinfilters.estimators.history import EPOCH_ARRAYS
-from spinfilters.evaluation.comparison import comparison_cells
+from spinfilters.core.attitude_conversions import matrix_from_quaternion
+from spinfilters.core.errors import InputError
+from spinfilters.evaluation.comparison_table import comparison_cells
 from spinfilters.evaluation.estimator_evaluation import Evaluation
+from spinfilters.filters.history import EPOCH_ARRAYS
+from spinfilters.inference.stated_noise import considered_deviations
+from spinfilters.io.dataset import Dataset, DatasetOptions
+from spinfilters.io.measurement_log import MeasurementLog
 from spinfilters.models.process import ProcessNoise
-from spinfilters.pipeline.calibration_errors import UNKNOWN, CalibrationErrors
-from spinfilters.pipeline.comparison_run import compare_dataset
-from spinfilters.pipeline.conditions import conditions_of
-from spinfilters.pipeline.considered_calibration import considered_deviations
-from spinfilters.pipeline.estimation import Comparison
-from spinfilters.pipeline.estimator_table import estimator_entries
-from spinfilters.pipeline.preparation import prepare
-from spinfilters.runs.history_file import read_history, write_history
-from spinfilters.runs.run_summary import summary
+from spinfilters.models.state_blocks import GYRO_SCALE
+from spinfilters.models.state_layout import ROTATION_BLOCKS, StateLayout
+from spinfilters.models.status import Verdict
+from spinfilters.run.array_files import read_history, write_history
+from spinfilters.run.comparison_run import compare_dataset
+from spinfilters.run.conditions import conditions_of
+from spinfilters.run.estimation import Comparison
+from spinfilters.run.estimators import estimator_entries
+from spinfilters.run.preparation import prepare
+from spinfilters.run.run_summary import summary
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import Scenario, simulate, without_map
-from spinfilters.state.blocks.gyro_scale import GYRO_SCALE
-from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
-from spinfilters.state.status import Verdict
+from spinfilters.verdict.calibration_errors import UNKNOWN, CalibrationErrors
 
 CLOCK = 0.01
 
@@ -77,7 +76,7 @@ def test_a_smoother_too_long_for_memory_says_the_same(monkeypatch: pytest.Monkey
     chosen = settings("smoother", clock_scale_std=CLOCK)
     errors = CalibrationErrors(prepare(poses(), chosen), chosen, estimator_entries()["mekf"])
     at_once = by_name("smoother").history
-    monkeypatch.setattr("spinfilters.pipeline.calibration_errors.STRETCH", 10)
+    monkeypatch.setattr("spinfilters.verdict.calibration_errors.STRETCH", 10)
     again = errors.counted(replace(at_once, factor=at_once.random_factor()), estimator_entries()["smoother"])
     assert at_once.calibration is not None
     assert again.calibration is not None
@@ -92,7 +91,7 @@ def test_a_smoother_that_lets_go_of_epochs_scales_with_the_baseline(monkeypatch:
         settings("smoother", baseline_std=0.01),
     )
     setup = prepare(without_map(simulate(scenario)), chosen)
-    monkeypatch.setattr("spinfilters.pipeline.calibration_errors.MOST_EPOCHS_WITH_MAP", 10)
+    monkeypatch.setattr("spinfilters.verdict.calibration_errors.MOST_EPOCHS_WITH_MAP", 10)
     whole = by_name("smoother").history
     first = {name: getattr(whole, name)[: scenario.epochs] for name in EPOCH_ARRAYS}
     history = replace(whole, calibration=None, observations=None, **first)

@@ -5,10 +5,10 @@ from functools import cache
 
 import pytest
 
-from spinfilters.errors import InputError
+from spinfilters.core.errors import InputError
 from spinfilters.models.process import THESIS_NOISE, ProcessNoise
-from spinfilters.pipeline.conditions import Conditions, conditions_of, told_sentences
-from spinfilters.pipeline.preparation import prepare
+from spinfilters.run.conditions import Conditions, conditions_of, told_sentences
+from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import ProcessSettings, Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
 

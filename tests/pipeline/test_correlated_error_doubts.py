@@ -5,17 +5,18 @@ from functools import cache
 import numpy as np
 import pytest
 
-from spinfilters.campaigns.metric_columns import metrics
-from spinfilters.estimators.model_errors.correlated_errors import CorrelatedErrors
+from spinfilters.campaigns.row_columns import metrics
 from spinfilters.models.process import ProcessNoise
-from spinfilters.pipeline import correlation_verdict, model_errors
-from spinfilters.pipeline.correlation_verdict import PossibleCorrelation, possible_correlation
-from spinfilters.pipeline.estimation import Comparison, compare_estimators
-from spinfilters.pipeline.preparation import prepare
+from spinfilters.models.status import Finding, Verdict
+from spinfilters.run.estimation import Comparison, compare_estimators
+from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
-from spinfilters.simulation.gauss_markov import with_gauss_markov_errors
+from spinfilters.simulation.measurement_faults import with_gauss_markov_errors
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_noise
-from spinfilters.state.status import Finding, Verdict
+from spinfilters.verdict import model_tests as model_errors
+from spinfilters.verdict import tested_models as correlation_verdict
+from spinfilters.verdict.model_errors.correlated_errors import CorrelatedErrors
+from spinfilters.verdict.tested_models import PossibleCorrelation, possible_correlation
 
 SMOOTHER = Settings(estimators=("smoother",), process={"gravity": False})  # pyright: ignore[reportArgumentType]
 

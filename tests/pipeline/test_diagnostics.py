@@ -8,15 +8,15 @@ import pytest
 from jaxtyping import Bool
 from plain_comparison import plain_comparison
 
-from spinfilters.estimators.history import EstimateHistory
-from spinfilters.estimators.robust.gate_weights import RobustOptions
 from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate
-from spinfilters.pipeline.doubts import measurement_findings
+from spinfilters.filters.history import EstimateHistory
+from spinfilters.filters.outlier_rejection import RobustOptions
+from spinfilters.models.state_layout import ROTATION_BLOCKS, StateLayout
+from spinfilters.models.status import EstimatorStatus, Verdict
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
-from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
-from spinfilters.state.status import EstimatorStatus, Verdict
-from spinfilters.verdict.evidence import Evidence
+from spinfilters.verdict.check import Evidence
+from spinfilters.verdict.doubts import measurement_findings
 from spinfilters.verdict.judge import judge
 
 LAYOUT = StateLayout(ROTATION_BLOCKS)

@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spinfilters.data.camera import StereoRig
-from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_writing import write_dataset
-from spinfilters.data.measurement_log import MeasurementLog
+from spinfilters.core.cameras import monocular_camera, stereo_pair
 from spinfilters.evaluation.estimator_evaluation import Evaluation
-from spinfilters.geometry.cameras import monocular_camera, stereo_pair
-from spinfilters.pipeline.comparison_run import compare_dataset
-from spinfilters.pipeline.readers import read_dataset
+from spinfilters.io.camera import StereoRig
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.dataset_folder import write_dataset
+from spinfilters.io.measurement_log import MeasurementLog
+from spinfilters.run.comparison_run import compare_dataset
+from spinfilters.run.readers import read_dataset
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
 

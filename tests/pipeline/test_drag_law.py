@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from spinfilters.pipeline.preparation import prepare
-from spinfilters.pipeline.readers import read_whole
+from spinfilters.models.state_blocks import DRAG, LINEAR_DRAG
+from spinfilters.run.preparation import prepare
+from spinfilters.run.readers import read_whole
 from spinfilters.settings.run_settings import ProcessSettings, Settings
-from spinfilters.state.blocks.drag import DRAG
-from spinfilters.state.blocks.linear_drag import LINEAR_DRAG
 
 J = np.array([0.4, 0.75, 1.0])
 LINEAR, QUADRATIC = 0.08, 0.04

@@ -7,19 +7,20 @@ import numpy as np
 import pytest
 
 from experiments.honest_cases import RecordingCase, recordings
-from spinfilters.pipeline import estimate_diagnostics
-from spinfilters.pipeline.estimate_diagnostics import (
+from spinfilters.models.status import Finding
+from spinfilters.run.estimation import Comparison, compare_estimators
+from spinfilters.run.preparation import prepare
+from spinfilters.settings.run_settings import ProcessSettings, Settings
+from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
+from spinfilters.verdict import agreement_tests as estimate_diagnostics
+from spinfilters.verdict.agreement_tests import (
     LEAST_EVIDENCE,
+    InertiaEvidence,
     agreement_diagnostics,
+    inertia_evidence,
     motion_diagnostics,
     reference_smoother,
 )
-from spinfilters.pipeline.estimation import Comparison, compare_estimators
-from spinfilters.pipeline.inertia_evidence import InertiaEvidence, inertia_evidence
-from spinfilters.pipeline.preparation import prepare
-from spinfilters.settings.run_settings import ProcessSettings, Settings
-from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
-from spinfilters.state.status import Finding
 
 SETTINGS = Settings(estimators=("mekf", "smoother"))
 STEADY = RecordingCase(

@@ -8,12 +8,11 @@ from pathlib import Path
 import pytest
 
 from spinfilters.cli.main import main
-from spinfilters.errors import InputError
-from spinfilters.pipeline.estimator_table import estimator_entries
-from spinfilters.plugins import installed_plugins
-from spinfilters.runs.run_summary import read_summary
-from spinfilters.settings.estimator_names import DEFAULT_ESTIMATORS, estimator_names
-from spinfilters.settings.run_settings import Settings
+from spinfilters.core.errors import InputError
+from spinfilters.core.plugins import installed_plugins
+from spinfilters.run.estimators import estimator_entries
+from spinfilters.run.run_summary import read_summary
+from spinfilters.settings.run_settings import DEFAULT_ESTIMATORS, Settings, estimator_names
 
 HOW_TO = Path(__file__).parents[2] / "docs" / "how-to" / "add-an-estimator.md"
 PROGRAM = re.findall(r"^```python\n(.*?)^```", HOW_TO.read_text(), re.MULTILINE | re.DOTALL)[0]

@@ -8,9 +8,9 @@ import pytest
 from contracts.plugin import installed_plugin, program_of
 
 import spinfilters
-from spinfilters.api.recording_comparison import Run
-from spinfilters.errors import InputError
-from spinfilters.pipeline.figures import FigureData, draw_run, figure_entries, picture_files
+from spinfilters.api.comparison import Run
+from spinfilters.core.errors import InputError
+from spinfilters.plots.figures import FigureData, draw_run, figure_entries, picture_files
 
 DOCS = Path(__file__).parents[2] / "docs"
 PROGRAM = program_of(DOCS / "how-to" / "add-a-figure.md")

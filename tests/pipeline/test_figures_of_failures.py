@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spinfilters.errors import InputError
-from spinfilters.pipeline.estimation import Comparison, compare_estimators
-from spinfilters.pipeline.figures import draw_run, picture_files
-from spinfilters.pipeline.preparation import prepare
+from spinfilters.core.errors import InputError
 from spinfilters.plots import style
-from spinfilters.runs.run_folder import figure_data_of
+from spinfilters.plots.figures import draw_run, picture_files
+from spinfilters.run.estimation import Comparison, compare_estimators
+from spinfilters.run.preparation import prepare
+from spinfilters.run.run_folder import figure_data_of
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import Scenario, simulate
 
@@ -102,7 +102,7 @@ def test_a_picture_that_raises_is_replaced_by_a_note_and_the_others_are_drawn(
         raise InputError("principal_moments: Jxx = -1e-17 kg m^2 is not positive; give three that are")
 
     monkeypatch.setattr("spinfilters.plots.summary.summary_figure", singular)
-    monkeypatch.setattr("spinfilters.plots.consistency_bands.consistency_figure", impossible)
+    monkeypatch.setattr("spinfilters.plots.time_courses.consistency_figure", impossible)
     replaced = notes(monkeypatch)
     drawn(comparisons["gyro"], tmp_path / "run", lambda history: history)
     assert [text.partition(":")[0] for text in replaced] == [

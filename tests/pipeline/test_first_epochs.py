@@ -6,18 +6,17 @@ from functools import cache
 import numpy as np
 import pytest
 
-from spinfilters.data.dataset import Dataset
-from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
-from spinfilters.estimators.initialisation.options import InitialisationOptions
-from spinfilters.estimators.timeline import SensorNoise, build_timeline
-from spinfilters.evaluation.body import body_estimate
+from spinfilters.filters.timeline import SensorNoise, build_timeline
+from spinfilters.inference import first_epochs
+from spinfilters.inference.first_epochs import LARGEST_SHARE, FirstEpochs
+from spinfilters.inference.initial_estimate import InitialEstimate
+from spinfilters.inference.setup import camera_view
+from spinfilters.io.dataset import Dataset
+from spinfilters.models.body import body_estimate
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.pipeline import first_epochs
-from spinfilters.pipeline.first_epochs import FirstEpochs
-from spinfilters.pipeline.initialisation_length import LARGEST_SHARE
-from spinfilters.pipeline.setup import camera_view
+from spinfilters.models.state_layout import FULL_BLOCKS, StateLayout
+from spinfilters.settings.run_settings import InitialisationOptions
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
-from spinfilters.state.layout import FULL_BLOCKS, StateLayout
 
 PROCESS = TorqueFreeProcess(StateLayout(FULL_BLOCKS), ProcessNoise(1e-6, 1e-6))
 OPTIONS = InitialisationOptions(epochs=32, share=LARGEST_SHARE)

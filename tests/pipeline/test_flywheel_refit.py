@@ -6,21 +6,20 @@ from functools import cache
 import numpy as np
 from plain_comparison import plain_comparison
 
-from spinfilters.attitude.conversions import matrix_from_quaternion
-from spinfilters.dynamics.mass_distribution import inertia_matrix
-from spinfilters.estimators.model_errors.hypotheses import solved_near
-from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
-from spinfilters.estimators.timeline import times_of
+from spinfilters.core.attitude_conversions import matrix_from_quaternion
+from spinfilters.core.mass_distribution import inertia_matrix
+from spinfilters.filters.timeline import times_of
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.pipeline.estimation import Comparison
-from spinfilters.pipeline.model_errors import landmarks_placed, linear_problem
-from spinfilters.pipeline.model_findings import model_findings
+from spinfilters.models.state_blocks import ROTOR
+from spinfilters.models.state_layout import ROTATION_BLOCKS, StateLayout
+from spinfilters.run.estimation import Comparison
 from spinfilters.settings.run_settings import ProcessSettings, Settings
-from spinfilters.simulation.model_faults.faulty_recording import faulty_recording, model_faults
-from spinfilters.simulation.model_faults.model_fault import AXIS
+from spinfilters.simulation.model_faults import AXIS, faulty_recording, model_faults
 from spinfilters.simulation.scenario import RICH_RPM, Scenario
-from spinfilters.state.blocks.rotor import ROTOR
-from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
+from spinfilters.verdict.model_errors.hypotheses import solved_near
+from spinfilters.verdict.model_errors.smoothed_motion import SmoothedMotion
+from spinfilters.verdict.model_tests import landmarks_placed, linear_problem
+from spinfilters.verdict.tested_models import model_findings
 
 SETTINGS = Settings(estimators=("smoother",), process={"gravity": False})  # pyright: ignore[reportArgumentType]
 SCENARIO = Scenario.simplified(

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from plain_comparison import plain_comparison
 
-from spinfilters.attitude.conversions import multiply, quaternion_from_rotation_vector
+from spinfilters.core.attitude_conversions import multiply, quaternion_from_rotation_vector
 from spinfilters.models.process import ProcessNoise
-from spinfilters.pipeline import front_end_slips as slips
-from spinfilters.pipeline.estimation import Comparison
-from spinfilters.pipeline.front_end_slips import front_end_slips, slipped_steps
+from spinfilters.run.estimation import Comparison
 from spinfilters.settings.run_settings import Settings
-from spinfilters.simulation.model_faults.faulty_recording import faulty_recording, model_faults
+from spinfilters.simulation.model_faults import faulty_recording, model_faults
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
+from spinfilters.verdict import recording_tests as slips
+from spinfilters.verdict.recording_tests import front_end_slips, slipped_steps
 
 COUNT = 40
 TIME = 0.4 * np.arange(COUNT)

@@ -11,22 +11,21 @@ from jaxtyping import Float
 from plain_comparison import plain_comparison, plainly_compared
 from rich.console import Console
 
-from spinfilters.attitude.conversions import inverse, rotate
-from spinfilters.data.consider_parameter import exact_calibration
-from spinfilters.data.dataset import Dataset
-from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
-from spinfilters.estimators.history import EstimateHistory
-from spinfilters.estimators.initialisation.options import InitialisationOptions
-from spinfilters.evaluation.comparison import comparison_table
+from spinfilters.core.attitude_conversions import inverse, rotate
+from spinfilters.core.linear_algebra import normalised_square
+from spinfilters.evaluation.comparison_table import comparison_table
 from spinfilters.evaluation.consistency import chi_square_band, normalised_errors, true_states
-from spinfilters.linear_algebra.normalised_square import normalised_square
+from spinfilters.filters.history import EstimateHistory
+from spinfilters.io.consider_parameter import exact_calibration
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.models.process import ProcessNoise
-from spinfilters.pipeline.preparation import prepare
-from spinfilters.runs.run_summary import summary
-from spinfilters.settings.run_settings import Settings
+from spinfilters.models.state_blocks import BLOCKS
+from spinfilters.models.state_layout import StateLayout
+from spinfilters.run.preparation import prepare
+from spinfilters.run.run_summary import summary
+from spinfilters.settings.run_settings import InitialisationOptions, Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
-from spinfilters.state.block_table import BLOCKS
-from spinfilters.state.layout import StateLayout
 
 SEEDS, BIAS_STD, WIDE_STD, GYRO_STD = 12, 0.003, 0.02, 0.002
 WITH_BIAS = Settings(initialisation=InitialisationOptions(gyro_bias_std=BIAS_STD))

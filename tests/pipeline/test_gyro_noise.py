@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from jaxtyping import Float
 
-from spinfilters.data.measurement_log import MeasurementStream
-from spinfilters.pipeline.gyro_noise import GyroNoise, identify_gyro_noise
+from spinfilters.inference.identified_noise import GyroNoise, identify_gyro_noise
+from spinfilters.io.measurement_log import MeasurementStream
 
 COUNT = 4000
 

@@ -8,15 +8,14 @@ import numpy as np
 import pytest
 from plain_comparison import plain_comparison
 
-from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_options import DatasetOptions
-from spinfilters.data.dataset_writing import write_dataset
-from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
-from spinfilters.errors import InputError
-from spinfilters.pipeline.readers import read_dataset
+from spinfilters.core.errors import InputError
+from spinfilters.io.dataset import Dataset, DatasetOptions
+from spinfilters.io.dataset_folder import write_dataset
+from spinfilters.io.measurement_log import MeasurementLog, MeasurementStream
+from spinfilters.models.status import EstimatorStatus
+from spinfilters.run.readers import read_dataset
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
-from spinfilters.state.status import EstimatorStatus
 
 STD_PX = 0.2
 INFLATION = 2.5

@@ -8,22 +8,20 @@ from plain_comparison import plainly_compared
 
 from experiments.honest_cases import CASES, recordings
 from experiments.honest_verdicts import outcome_of
-from spinfilters.estimators.initialisation.initial_estimate import InitialEstimate
-from spinfilters.estimators.initialisation.options import InitialisationOptions
-from spinfilters.pipeline import initialisation_length
-from spinfilters.pipeline.diagnostics import filter_diagnostics
-from spinfilters.pipeline.initialisation_length import (
+from spinfilters.inference import first_epochs as initialisation_length
+from spinfilters.inference.first_epochs import (
     LARGEST_DEPARTURE,
     beyond_share,
     departure_of,
     long_enough_initialisation,
 )
-from spinfilters.pipeline.preparation import prepare
-from spinfilters.settings.run_settings import Settings
-from spinfilters.simulation.faults import with_faults
-from spinfilters.simulation.gross_error import GrossError
+from spinfilters.inference.initial_estimate import InitialEstimate
+from spinfilters.models.status import Verdict
+from spinfilters.run.preparation import prepare
+from spinfilters.settings.run_settings import InitialisationOptions, Settings
+from spinfilters.simulation.measurement_faults import GrossError, with_faults
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
-from spinfilters.state.status import Verdict
+from spinfilters.verdict.doubts import filter_diagnostics
 
 BY_NAME = {case.name: case for case in CASES}
 FILTERS = Settings(estimators=("mekf", "ukf"))

@@ -10,10 +10,12 @@ import pytest
 
 import spinfilters
 from spinfilters.cli.main import main
-from spinfilters.data.dataset_writing import write_dataset
-from spinfilters.estimators import run as loop
-from spinfilters.pipeline import calibration_errors, inertia_evidence, initialisation_length
+from spinfilters.filters import timeline as loop
+from spinfilters.inference import first_epochs as initialisation_length
+from spinfilters.io.dataset_folder import write_dataset
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
+from spinfilters.verdict import agreement_tests as inertia_evidence
+from spinfilters.verdict import calibration_errors
 
 EPOCHS = (1, 4)
 """Of a filter at which Ctrl-C comes: before there is any estimate, and in the middle."""

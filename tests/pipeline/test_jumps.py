@@ -8,30 +8,36 @@ import numpy as np
 import pytest
 from plain_comparison import plain_comparison
 
-from spinfilters.attitude.conversions import multiply
-from spinfilters.data.dataset import Dataset
-from spinfilters.data.measurement_log import MeasurementLog
-from spinfilters.estimators.model_errors.hypotheses import solved_near
-from spinfilters.estimators.model_errors.jumps import KINDS, interval_of_jump, jumps, step_statistics
-from spinfilters.estimators.model_errors.smoothed_motion import SmoothedMotion
-from spinfilters.estimators.timeline import times_of
+from spinfilters.core.attitude_conversions import multiply
+from spinfilters.filters.timeline import times_of
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.measurement_log import MeasurementLog
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.pipeline import model_errors
-from spinfilters.pipeline.estimation import Comparison
-from spinfilters.pipeline.preparation import prepare
+from spinfilters.models.state_layout import FULL_BLOCKS, StateLayout
+from spinfilters.run.estimation import Comparison
+from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
-from spinfilters.simulation.model_faults.faulty_recording import faulty_recording, model_faults
-from spinfilters.simulation.motion import Motion, simulate_motion
+from spinfilters.simulation.model_faults import faulty_recording, model_faults
 from spinfilters.simulation.scenario import (
     RICH_RPM,
+    Motion,
     Scenario,
     first_state,
     measured,
     simulate,
+    simulate_motion,
     without_map,
     without_noise,
 )
-from spinfilters.state.layout import FULL_BLOCKS, StateLayout
+from spinfilters.verdict import model_tests as model_errors
+from spinfilters.verdict.model_errors.hypotheses import solved_near
+from spinfilters.verdict.model_errors.motion_alternatives import (
+    KINDS,
+    interval_of_jump,
+    jumps,
+    step_statistics,
+)
+from spinfilters.verdict.model_errors.smoothed_motion import SmoothedMotion
 
 SMOOTHER = Settings(estimators=("smoother",))
 WHOLE = Settings(process={"gravity": False}, initialisation={"share": 1.0})  # pyright: ignore[reportArgumentType]

@@ -8,40 +8,39 @@ import numpy as np
 import pytest
 from matplotlib.text import Text
 
-from spinfilters.attitude.conversions import multiply, quaternion_from_rotation_vector, rotate
-from spinfilters.campaigns.stated_errors import stated_errors
+from spinfilters.campaigns.row_columns import stated_errors
 from spinfilters.cli.main import main
-from spinfilters.data.consider_parameter import exact_calibration
-from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_writing import write_dataset
-from spinfilters.data.measurement_log import MeasurementStream
-from spinfilters.errors import InputError
-from spinfilters.estimators.filters.multiplicative_ekf import MultiplicativeEkf
-from spinfilters.estimators.filters.multiplicative_filter import MultiplicativeFilter
-from spinfilters.estimators.filters.multiplicative_ukf import MultiplicativeUkf
-from spinfilters.estimators.initialisation.initial_smoothing import SmoothingOptions, smooth_first_epochs
-from spinfilters.estimators.smoothing.problem.least_squares import InitialGuess
-from spinfilters.estimators.smoothing.state_prior import FirstStatePrior
-from spinfilters.estimators.timeline import SensorNoise, Timeline, build_timeline
+from spinfilters.core.attitude_conversions import multiply, quaternion_from_rotation_vector, rotate
+from spinfilters.core.camera_trajectory import CameraTrajectory
+from spinfilters.core.errors import InputError
 from spinfilters.evaluation.consistency import true_states
 from spinfilters.evaluation.estimator_evaluation import Evaluation
-from spinfilters.geometry.camera_trajectory import CameraTrajectory
+from spinfilters.filters.ekf import MultiplicativeEkf
+from spinfilters.filters.filter import MultiplicativeFilter
+from spinfilters.filters.timeline import SensorNoise, Timeline, build_timeline
+from spinfilters.filters.ukf import MultiplicativeUkf
+from spinfilters.inference.first_epochs import initial_samples
+from spinfilters.inference.initial_estimate import SmoothingOptions, smooth_first_epochs
+from spinfilters.inference.setup import camera_view
+from spinfilters.io.consider_parameter import exact_calibration
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.dataset_folder import write_dataset
+from spinfilters.io.measurement_log import MeasurementStream
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.pipeline.comparison_run import compare_dataset
-from spinfilters.pipeline.estimation import Comparison
-from spinfilters.pipeline.figures import drawn_figure
-from spinfilters.pipeline.first_epochs import initial_samples
-from spinfilters.pipeline.inspector_poses import repeats, sparse_poses
-from spinfilters.pipeline.preparation import prepare
-from spinfilters.pipeline.readers import read_dataset
-from spinfilters.pipeline.setup import camera_view
-from spinfilters.runs.run_folder import DECISIVE, figure_data_of
+from spinfilters.models.state_layout import FULL_BLOCKS, Gaussian, StateLayout
+from spinfilters.models.status import Verdict
+from spinfilters.plots.figures import drawn_figure
+from spinfilters.run.comparison_run import compare_dataset
+from spinfilters.run.estimation import Comparison
+from spinfilters.run.preparation import prepare
+from spinfilters.run.readers import read_dataset
+from spinfilters.run.run_folder import DECISIVE, figure_data_of
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.inspector import CIRCLE_PERIOD
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
-from spinfilters.state.gaussian import Gaussian
-from spinfilters.state.layout import FULL_BLOCKS, StateLayout
-from spinfilters.state.status import Verdict
+from spinfilters.smoother.priors import FirstStatePrior
+from spinfilters.smoother.problem import InitialGuess
+from spinfilters.verdict.recording_tests import repeats, sparse_poses
 
 LAYOUT = StateLayout(FULL_BLOCKS)
 QUIET = TorqueFreeProcess(LAYOUT, ProcessNoise(0.0, 0.0), tolerance=1e-12)

@@ -8,24 +8,29 @@ import numpy as np
 import pytest
 from plain_comparison import plain_comparison
 
-from spinfilters.data.dataset import Dataset
-from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
-from spinfilters.errors import InputError
+from spinfilters.core.errors import InputError
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.pipeline import model_errors
-from spinfilters.pipeline.conditions import conditions_of
-from spinfilters.pipeline.estimation import Comparison
-from spinfilters.pipeline.explanations import explanations
-from spinfilters.pipeline.model_findings import model_findings
-from spinfilters.pipeline.preparation import prepare
+from spinfilters.models.state_blocks import ACCELERATION, TORQUE, StateBlock
+from spinfilters.models.state_layout import FULL_BLOCKS, StateLayout
+from spinfilters.run.conditions import conditions_of
+from spinfilters.run.estimation import Comparison
+from spinfilters.run.optional_outputs import explanations
+from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
-from spinfilters.simulation.model_faults.faulty_recording import faulty_recording, model_faults
-from spinfilters.simulation.motion import Motion, simulate_motion
-from spinfilters.simulation.scenario import RICH_RPM, Scenario, first_state, measured, without_noise
-from spinfilters.state.block import StateBlock
-from spinfilters.state.blocks.acceleration import ACCELERATION
-from spinfilters.state.blocks.torque import TORQUE
-from spinfilters.state.layout import FULL_BLOCKS, StateLayout
+from spinfilters.simulation.model_faults import faulty_recording, model_faults
+from spinfilters.simulation.scenario import (
+    RICH_RPM,
+    Motion,
+    Scenario,
+    first_state,
+    measured,
+    simulate_motion,
+    without_noise,
+)
+from spinfilters.verdict import model_tests as model_errors
+from spinfilters.verdict.tested_models import model_findings
 
 GRAVITY = np.array([0.0, 9.81, 0.0])
 SMOOTHER = Settings(estimators=("smoother",))

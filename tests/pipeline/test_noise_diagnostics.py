@@ -10,23 +10,25 @@ import pytest
 from plain_comparison import plainly_compared
 
 from experiments.honest_cases import RecordingCase, recordings
-from spinfilters.data.measurement_log import MeasurementLog
 from spinfilters.evaluation.noise_tests import MEASUREMENTS, FilterTests, NoiseTest, filter_tests
+from spinfilters.io.measurement_log import MeasurementLog
 from spinfilters.models.process import ProcessNoise
-from spinfilters.pipeline import model_errors, noise_diagnostics, stated_levels
-from spinfilters.pipeline.correlation_verdict import NO_CORRELATION
-from spinfilters.pipeline.estimation import Comparison
-from spinfilters.pipeline.noise_diagnostics import (
+from spinfilters.models.status import Finding
+from spinfilters.run.estimation import Comparison
+from spinfilters.run.preparation import prepare
+from spinfilters.settings.run_settings import Settings
+from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_noise
+from spinfilters.verdict import model_tests as model_errors
+from spinfilters.verdict import noise_diagnostics
+from spinfilters.verdict import noise_diagnostics as stated_levels
+from spinfilters.verdict.noise_diagnostics import (
     LARGEST_RATIO,
     LARGEST_SCORE,
     filter_noise_diagnostics,
     noise_doubts,
+    stated_level_diagnostics,
 )
-from spinfilters.pipeline.preparation import prepare
-from spinfilters.pipeline.stated_levels import stated_level_diagnostics
-from spinfilters.settings.run_settings import Settings
-from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_noise
-from spinfilters.state.status import Finding
+from spinfilters.verdict.tested_models import NO_CORRELATION
 
 SETTINGS = Settings(estimators=("mekf", "smoother"))
 FILTER = Settings(estimators=("mekf",))

@@ -7,12 +7,12 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from spinfilters.evaluation.body import body_estimate
-from spinfilters.pipeline.conditions import conditions_of
-from spinfilters.pipeline.identified_noise import smallest_level
-from spinfilters.pipeline.preparation import prepare
-from spinfilters.pipeline.readers import read_whole
-from spinfilters.pipeline.setup import Setup
+from spinfilters.inference.identified_noise import smallest_level
+from spinfilters.inference.setup import Setup
+from spinfilters.models.body import body_estimate
+from spinfilters.run.conditions import conditions_of
+from spinfilters.run.preparation import prepare
+from spinfilters.run.readers import read_whole
 from spinfilters.settings.run_settings import Settings
 
 J = np.array([0.263281, 0.863281, 1.0])

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spinfilters.pipeline.pooled_acceleration import pooled_acceleration, strength_of
+from spinfilters.run.segment_runs import pooled_acceleration, strength_of
 
 GRAVITY = 9.81
 

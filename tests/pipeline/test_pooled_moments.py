@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spinfilters.pipeline.pooled_moments import pooled_moments
+from spinfilters.run.segment_runs import pooled_moments
 
 TRUE = np.array([0.2, 0.8])
 STD = np.array([0.003, 0.004])

@@ -9,11 +9,11 @@ import pytest
 from jaxtyping import Float
 from plain_comparison import plain_comparison
 
-from spinfilters.data.dataset import Dataset
 from spinfilters.evaluation.estimator_evaluation import Evaluation
-from spinfilters.pipeline.estimation import Comparison
-from spinfilters.pipeline.preparation import prepare
-from spinfilters.pipeline.readers import read_dataset
+from spinfilters.io.dataset import Dataset
+from spinfilters.run.estimation import Comparison
+from spinfilters.run.preparation import prepare
+from spinfilters.run.readers import read_dataset
 from spinfilters.settings.run_settings import ProcessSettings, Settings
 
 FILTERS = Settings(estimators=("mekf", "ukf"))

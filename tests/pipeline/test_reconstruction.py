@@ -9,11 +9,11 @@ from pictures import unrendered_pictures
 
 from spinfilters.api.image_recordings import ImageScenario, render
 from spinfilters.cli.main import main
-from spinfilters.lidar.ply_files import read_ply
-from spinfilters.pipeline.comparison_run import RunOutput, compare_into
-from spinfilters.runs.run_folder import mark_run_folder
+from spinfilters.io.ply_files import read_ply
+from spinfilters.run.comparison_run import RunOutput, compare_into
+from spinfilters.run.run_folder import mark_run_folder
 from spinfilters.settings.run_settings import ProcessSettings, Settings
-from spinfilters.vision.rendering.imaging import Imaging
+from spinfilters.simulation.image_sequence import Imaging
 from spinfilters.vision.track_images import track_images
 from tests.pages.chromium import document_after_scripts, pixels_drawn
 

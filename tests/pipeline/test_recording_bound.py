@@ -12,20 +12,20 @@ from rich.console import Console
 from swapped_ids import swapped
 
 from experiments.bound_monte_carlo import bound_at_truth, recorded
-from observability.bounds.cramer_rao import cramer_rao_bound as recursive_bound
-from observability.bounds.reference_trajectory import ReferenceTrajectory, SensorSchedule
-from spinfilters.data.dataset import Dataset
-from spinfilters.data.measurement_log import MeasurementLog
-from spinfilters.data.truth import Truth
-from spinfilters.estimators.history import EstimateHistory
-from spinfilters.evaluation.comparison import BOUND_CAPTION, comparison_table
+from observability.cramer_rao import cramer_rao_bound as recursive_bound
+from observability.reference_trajectory import ReferenceTrajectory, SensorSchedule
+from spinfilters.evaluation import recording_bound
+from spinfilters.evaluation.comparison_table import BOUND_CAPTION, comparison_table
 from spinfilters.evaluation.consistency import true_states
+from spinfilters.evaluation.recording_bound import cramer_rao_bound, with_bounds
+from spinfilters.filters.history import EstimateHistory
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.measurement_log import MeasurementLog
+from spinfilters.io.truth import Truth
 from spinfilters.models.process import ProcessNoise
-from spinfilters.pipeline import recording_bound
-from spinfilters.pipeline.estimation import Comparison, compare_estimators
-from spinfilters.pipeline.preparation import prepare
-from spinfilters.pipeline.recording_bound import cramer_rao_bound, with_bounds
-from spinfilters.runs.run_folder import write_run
+from spinfilters.run.estimation import Comparison, compare_estimators
+from spinfilters.run.preparation import prepare
+from spinfilters.run.run_folder import write_run
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_noise
 

@@ -5,16 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from spinfilters.data.dataset import Dataset
-from spinfilters.estimators.model_errors.hypotheses import among_inliers, solved_near
-from spinfilters.pipeline.estimation import Comparison, compare_estimators
-from spinfilters.pipeline.model_errors import linear_problem
-from spinfilters.pipeline.preparation import prepare
+from spinfilters.io.dataset import Dataset
+from spinfilters.run.estimation import Comparison, compare_estimators
+from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
-from spinfilters.simulation.faults import with_faults
-from spinfilters.simulation.gross_error import GrossError
-from spinfilters.simulation.model_faults.faulty_recording import faulty_recording, model_faults
+from spinfilters.simulation.measurement_faults import GrossError, with_faults
+from spinfilters.simulation.model_faults import faulty_recording, model_faults
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
+from spinfilters.verdict.model_errors.hypotheses import among_inliers, solved_near
+from spinfilters.verdict.model_tests import linear_problem
 
 SETTINGS = Settings(estimators=("smoother",), process={"gravity": False})  # pyright: ignore[reportArgumentType]
 SCENARIO = Scenario.simplified(

@@ -8,16 +8,15 @@ import pytest
 from jaxtyping import Float
 from plain_comparison import plain_comparison
 
-from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_options import DatasetOptions
-from spinfilters.data.dataset_writing import write_dataset
-from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
+from spinfilters.core.linear_algebra import normalised_square
 from spinfilters.evaluation.consistency import chi_square_band
 from spinfilters.evaluation.estimated_motion import true_rates
 from spinfilters.evaluation.estimator_evaluation import Evaluation
-from spinfilters.linear_algebra.normalised_square import normalised_square
-from spinfilters.pipeline.preparation import prepare
-from spinfilters.pipeline.readers import read_dataset
+from spinfilters.io.dataset import Dataset, DatasetOptions
+from spinfilters.io.dataset_folder import write_dataset
+from spinfilters.io.measurement_log import MeasurementLog, MeasurementStream
+from spinfilters.run.preparation import prepare
+from spinfilters.run.readers import read_dataset
 from spinfilters.settings.run_settings import SensorSettings, Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
 

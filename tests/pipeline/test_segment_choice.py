@@ -8,9 +8,9 @@ import pytest
 from flight.throws import FLIGHTS, carried
 
 import spinfilters
-from spinfilters.errors import InputError
-from spinfilters.flight.free_flight import find_flights, flights_within
-from spinfilters.pipeline.segment_choice import read_several, segment_choice
+from spinfilters.core.errors import InputError
+from spinfilters.run.free_flight import find_flights, flights_within
+from spinfilters.run.segment_choice import read_several, segment_choice
 
 PHONE = "data/round1/Gyroscope rotation rate 2025-01-16 17-10-11"
 

@@ -4,16 +4,15 @@ import numpy as np
 import pytest
 from jaxtyping import Float
 
-from spinfilters.data.consider_parameter import exact_calibration
-from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_options import DatasetOptions
-from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
-from spinfilters.pipeline import model_errors, tested_models
-from spinfilters.pipeline.correlation_verdict import NO_CORRELATION
-from spinfilters.pipeline.estimation import compare_estimators
-from spinfilters.pipeline.model_findings import model_findings
-from spinfilters.pipeline.preparation import prepare
+from spinfilters.io.consider_parameter import exact_calibration
+from spinfilters.io.dataset import Dataset, DatasetOptions
+from spinfilters.io.measurement_log import MeasurementLog, MeasurementStream
+from spinfilters.run.estimation import compare_estimators
+from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
+from spinfilters.verdict import model_tests as model_errors
+from spinfilters.verdict import tested_models
+from spinfilters.verdict.tested_models import NO_CORRELATION, model_findings
 
 SAMPLES, NOISE = 120, 1e-3
 AXIS = np.array([0.2, -0.97, 0.1])

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from spinfilters.estimators.model_errors.alternative_table import table
-from spinfilters.estimators.model_errors.score_test import ScoreTest
-from spinfilters.pipeline import tested_models
-from spinfilters.pipeline.front_end_slips import Slip
-from spinfilters.pipeline.model_findings import model_findings
+from spinfilters.verdict import tested_models
+from spinfilters.verdict.model_errors.alternatives import table
+from spinfilters.verdict.model_errors.score_tests import ScoreTest
+from spinfilters.verdict.recording_tests import Slip
+from spinfilters.verdict.tested_models import model_findings
 
 
 def reasons(models: tested_models.TestedModels) -> list[str]:

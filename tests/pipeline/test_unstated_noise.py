@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from plain_comparison import plain_comparison
 
-from spinfilters.data.dataset import Dataset
-from spinfilters.data.measurement_log import MeasurementLog
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.measurement_log import MeasurementLog
 from spinfilters.models.process import ProcessNoise
-from spinfilters.pipeline.estimation import Comparison
-from spinfilters.pipeline.preparation import prepare
-from spinfilters.pipeline.readers import read_dataset
-from spinfilters.runs.run_summary import summary
+from spinfilters.run.estimation import Comparison
+from spinfilters.run.preparation import prepare
+from spinfilters.run.readers import read_dataset
+from spinfilters.run.run_summary import summary
 from spinfilters.settings.run_settings import SensorSettings, Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_noise
 

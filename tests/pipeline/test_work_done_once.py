@@ -6,11 +6,13 @@ from typing import Any
 
 import pytest
 
-from spinfilters.pipeline import comparison_run, doubts, predictions, run_report
-from spinfilters.pipeline.comparison_run import RunOutput, compare_into
-from spinfilters.pipeline.optional_outputs import OptionalOutputs
+from spinfilters.run import comparison_run, run_report
+from spinfilters.run import optional_outputs as predictions
+from spinfilters.run.comparison_run import RunOutput, compare_into
+from spinfilters.run.optional_outputs import OptionalOutputs
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
+from spinfilters.verdict import doubts
 
 
 def counted(monkeypatch: pytest.MonkeyPatch, module: Any, name: str, result: object) -> list[str]:

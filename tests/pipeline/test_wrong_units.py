@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spinfilters.data.dataset import Dataset
-from spinfilters.data.measurement_log import MeasurementLog
-from spinfilters.pipeline.readers import read_dataset
-from spinfilters.simulation.model_faults.faulty_recording import faulty_recording, model_faults
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.measurement_log import MeasurementLog
+from spinfilters.run.readers import read_dataset
+from spinfilters.simulation.model_faults import faulty_recording, model_faults
 from spinfilters.simulation.scenario import RICH_RPM, THESIS_RPM, Scenario, simulate
-from spinfilters.verdict.wrong_units import wrong_units
+from spinfilters.verdict.recording_tests import wrong_units
 
 KINDS = ("pose", "gyro", "stereo-tracks")
 

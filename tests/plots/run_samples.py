@@ -4,15 +4,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from spinfilters.attitude.conversions import integrate_gyro, rotate
-from spinfilters.data.truth import Truth
-from spinfilters.dynamics.mass_distribution import from_inertia
-from spinfilters.dynamics.torque_free import torque_free_motion
-from spinfilters.estimators.history import EstimateHistory
+from spinfilters.core.attitude_conversions import integrate_gyro, rotate
+from spinfilters.core.mass_distribution import from_inertia
+from spinfilters.core.torque_free import torque_free_motion
 from spinfilters.evaluation.consistency import true_states
 from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate
-from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
-from spinfilters.state.status import EstimatorStatus
+from spinfilters.filters.history import EstimateHistory
+from spinfilters.io.truth import Truth
+from spinfilters.models.state_layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
+from spinfilters.models.status import EstimatorStatus
 
 MOMENTS = np.array([0.6, 0.85, 1.0])
 FRAMES, INITIALISATION_EPOCHS = 60, 20

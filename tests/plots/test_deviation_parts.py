@@ -6,8 +6,8 @@ from matplotlib.figure import Figure
 from run_samples import full_runs
 
 from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate
-from spinfilters.plots.error_bands import error_bands_figure
-from spinfilters.plots.inertia import inertia_figure
+from spinfilters.plots.summary import inertia_figure
+from spinfilters.plots.time_courses import error_bands_figure
 
 RUNS = full_runs()
 

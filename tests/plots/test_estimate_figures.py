@@ -24,19 +24,15 @@ from run_samples import (
     rotation_runs,
 )
 
-from spinfilters.data.camera import PinholeCamera, StereoRig
-from spinfilters.errors import InputError
+from spinfilters.core.errors import InputError
 from spinfilters.evaluation.estimated_motion import BodyRates, count_flips, estimated_rates, true_rates
 from spinfilters.evaluation.estimator_evaluation import evaluate
+from spinfilters.io.camera import PinholeCamera, StereoRig
 from spinfilters.plots import summary
-from spinfilters.plots.body_rates import rates_figure
-from spinfilters.plots.consistency_bands import consistency_figure
-from spinfilters.plots.error_bands import error_bands_figure
-from spinfilters.plots.inertia import inertia_figure
-from spinfilters.plots.polhode_on_ellipsoids import estimated_polhode_figure
-from spinfilters.plots.scene import DrawnCamera, scene_figure
+from spinfilters.plots.scene import DrawnCamera, estimated_polhode_figure, scene_figure
 from spinfilters.plots.style import estimator_lines, save_figure
-from spinfilters.plots.summary import headline, summary_figure
+from spinfilters.plots.summary import headline, inertia_figure, summary_figure
+from spinfilters.plots.time_courses import consistency_figure, error_bands_figure, rates_figure
 from spinfilters.simulation.inspector import circling
 
 FULL, ROTATIONS = full_runs(), rotation_runs()

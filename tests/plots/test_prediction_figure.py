@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from run_samples import SampleRuns, full_runs, rotation_runs
 
 from spinfilters.evaluation.estimated_motion import BodyRates, Trajectory, estimated_rates
-from spinfilters.plots.prediction import PredictionCurves, prediction_figure
+from spinfilters.plots.time_courses import PredictionCurves, prediction_figure
 
 LAST = 40
 

@@ -7,22 +7,20 @@ from pathlib import Path
 
 import numpy as np
 
-from spinfilters.estimators.estimator import Estimator
-from spinfilters.estimators.initialisation.options import InitialisationOptions
-from spinfilters.pipeline.estimation import (
+from spinfilters.evaluation.recording_bound import without_bounds
+from spinfilters.filters.estimator import Estimator
+from spinfilters.inference.setup import Setup
+from spinfilters.run.checkpoints import CheckpointInterval, RunFingerprint, checkpoint_stores, fingerprint_of
+from spinfilters.run.estimation import (
     Comparison,
     ComparisonExtent,
     Progress,
     build_estimator,
     compare_estimators,
 )
-from spinfilters.pipeline.preparation import prepare
-from spinfilters.pipeline.recording_bound import without_bounds
-from spinfilters.pipeline.setup import Setup
-from spinfilters.runs.checkpoint_store import CheckpointInterval, checkpoint_stores
-from spinfilters.runs.fingerprint import RunFingerprint, fingerprint_of
-from spinfilters.runs.run_folder import mark_run_folder, write_run
-from spinfilters.settings.run_settings import Settings
+from spinfilters.run.preparation import prepare
+from spinfilters.run.run_folder import mark_run_folder, write_run
+from spinfilters.settings.run_settings import InitialisationOptions, Settings
 from spinfilters.simulation.scenario import Scenario, simulate
 
 NAMES = ("mekf", "ukf")

@@ -24,16 +24,22 @@ from checkpoint_samples import (
 )
 from forked import kill_at, killed
 
-from spinfilters.estimators.history import EstimateHistory, GrowingHistory
-from spinfilters.estimators.run import run
-from spinfilters.pipeline.estimation import compare_estimators
-from spinfilters.pipeline.setup import Setup
-from spinfilters.runs import checkpoint_store
-from spinfilters.runs.checkpoint import load_checkpoint, save_checkpoint, save_ended
-from spinfilters.runs.checkpoint_store import CheckpointInterval, checkpoint_stores, remove_checkpoints
-from spinfilters.runs.fingerprint import fingerprint_of
-from spinfilters.runs.run_folder import finished_run, write_run
-from spinfilters.state.status import EstimatorStatus, Finding, Verdict
+from spinfilters.filters.history import EstimateHistory, GrowingHistory
+from spinfilters.filters.timeline import run
+from spinfilters.inference.setup import Setup
+from spinfilters.models.status import EstimatorStatus, Finding, Verdict
+from spinfilters.run import checkpoints as checkpoint_store
+from spinfilters.run.checkpoints import (
+    CheckpointInterval,
+    checkpoint_stores,
+    fingerprint_of,
+    load_checkpoint,
+    remove_checkpoints,
+    save_checkpoint,
+    save_ended,
+)
+from spinfilters.run.estimation import compare_estimators
+from spinfilters.run.run_folder import finished_run, write_run
 
 KILLS = [(NAMES[k % 2], int(f)) for k, f in enumerate(np.random.default_rng(7).integers(1, 29, 10))]
 
@@ -74,7 +80,7 @@ def test_a_run_that_is_killed_while_it_is_written_is_written_again(
     place: str, uninterrupted: dict[str, object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as patch:
-        patch.setattr(f"spinfilters.runs.run_folder.{place}", lambda *_: os.kill(os.getpid(), signal.SIGKILL))
+        patch.setattr(f"spinfilters.run.run_folder.{place}", lambda *_: os.kill(os.getpid(), signal.SIGKILL))
         assert killed(lambda: make_run(tmp_path / "run"))
     done: list[tuple[str, int]] = []
     make_run(tmp_path / "run", lambda *report: done.append(report[:2]))

@@ -14,9 +14,9 @@ from pathlib import Path
 
 import pytest
 
-from spinfilters.pipeline.estimation import compare_estimators
-from spinfilters.pipeline.preparation import prepare
-from spinfilters.runs.run_folder import write_run
+from spinfilters.run.estimation import compare_estimators
+from spinfilters.run.preparation import prepare
+from spinfilters.run.run_folder import write_run
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import Scenario, simulate
 

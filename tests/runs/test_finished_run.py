@@ -12,13 +12,13 @@ from forked import killed
 from plain_comparison import plain_comparison
 from swapped_ids import swapped
 
-from spinfilters.data.camera import StereoRig
-from spinfilters.data.dataset import Dataset
-from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
-from spinfilters.pipeline.estimation import Comparison
-from spinfilters.pipeline.segment_runs import run_segments
-from spinfilters.runs import run_folder
-from spinfilters.runs.run_folder import finished_run, write_run
+from spinfilters.io.camera import StereoRig
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.measurement_log import MeasurementLog, MeasurementStream
+from spinfilters.run import run_folder
+from spinfilters.run.estimation import Comparison
+from spinfilters.run.run_folder import finished_run, write_run
+from spinfilters.run.segment_runs import run_segments
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 

@@ -12,14 +12,13 @@ import numpy as np
 import pytest
 from checkpoint_samples import SETTINGS, epochs_to_do, fingerprint, fresh, sample, silent
 
-from spinfilters.errors import InputError
-from spinfilters.estimators.history import GrowingHistory
-from spinfilters.estimators.run import run
-from spinfilters.pipeline.estimation import compare_estimators
-from spinfilters.pipeline.preparation import prepare
-from spinfilters.runs.checkpoint import load_checkpoint, save_checkpoint
-from spinfilters.runs.checkpoint_store import CHECKPOINT_FILE, checkpoint_stores
-from spinfilters.runs.npz_file import read_arrays, write_arrays
+from spinfilters.core.errors import InputError
+from spinfilters.filters.history import GrowingHistory
+from spinfilters.filters.timeline import run
+from spinfilters.run.array_files import read_arrays, write_arrays
+from spinfilters.run.checkpoints import CHECKPOINT_FILE, checkpoint_stores, load_checkpoint, save_checkpoint
+from spinfilters.run.estimation import compare_estimators
+from spinfilters.run.preparation import prepare
 from spinfilters.simulation.scenario import Scenario, simulate
 
 

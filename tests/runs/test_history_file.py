@@ -7,20 +7,20 @@ from zipfile import ZIP_DEFLATED
 import numpy as np
 import pytest
 
-from spinfilters.errors import InputError
-from spinfilters.estimators.history import EstimateHistory, GrowingHistory
-from spinfilters.runs.history_file import (
+from spinfilters.core.errors import InputError
+from spinfilters.filters.history import EstimateHistory, GrowingHistory
+from spinfilters.models.state_layout import ROTATION_BLOCKS, Gaussian, StateLayout
+from spinfilters.models.status import OWN_STATUS, EstimatorStatus, Finding, Holds, Verdict
+from spinfilters.run.array_files import (
     FINDINGS,
     HOLDS,
     INITIALISATION,
     OBSERVATIONS,
+    read_arrays,
     read_history,
+    write_arrays,
     write_history,
 )
-from spinfilters.runs.npz_file import read_arrays, write_arrays
-from spinfilters.state.gaussian import Gaussian
-from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
-from spinfilters.state.status import OWN_STATUS, EstimatorStatus, Finding, Holds, Verdict
 
 LAYOUT, EPOCHS = StateLayout(ROTATION_BLOCKS), 5
 

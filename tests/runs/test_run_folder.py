@@ -9,24 +9,24 @@ import pytest
 from pictures import unrendered_pictures
 
 from spinfilters.cli.main import main
-from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_writing import write_dataset
-from spinfilters.data.pose_files import read_tum
-from spinfilters.data.table_files import read_csv
-from spinfilters.data.truth import TRUTH_COLUMNS
-from spinfilters.errors import InputError
+from spinfilters.core.errors import InputError
 from spinfilters.evaluation.estimated_motion import STD_COLUMNS, read_map_ply
-from spinfilters.pipeline import figures
-from spinfilters.pipeline.estimation import Comparison, compare_estimators
-from spinfilters.pipeline.figures import draw_run, picture_files
-from spinfilters.pipeline.preparation import prepare
-from spinfilters.pipeline.readers import read_dataset
-from spinfilters.pipeline.segment_runs import run_segments
-from spinfilters.runs.history_file import read_history, write_history
-from spinfilters.runs.run_folder import figure_data_of, read_figure_data, write_run
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.dataset_folder import write_dataset
+from spinfilters.io.sensor_tables import read_tum
+from spinfilters.io.text_table import read_csv
+from spinfilters.io.truth import TRUTH_COLUMNS
+from spinfilters.models.status import Verdict
+from spinfilters.plots import figures
+from spinfilters.plots.figures import draw_run, picture_files
+from spinfilters.run.array_files import read_history, write_history
+from spinfilters.run.estimation import Comparison, compare_estimators
+from spinfilters.run.preparation import prepare
+from spinfilters.run.readers import read_dataset
+from spinfilters.run.run_folder import figure_data_of, read_figure_data, write_run
+from spinfilters.run.segment_runs import run_segments
 from spinfilters.settings.run_settings import Settings, read_settings
 from spinfilters.simulation.scenario import Scenario, simulate
-from spinfilters.state.status import Verdict
 
 NAMES = ("mekf", "ukf")
 
@@ -216,7 +216,7 @@ def test_an_interrupt_between_estimators_keeps_the_finished_ones(monkeypatch: py
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("spinfilters.pipeline.estimator_entries.ukf.MultiplicativeUkf", interrupted)
+    monkeypatch.setattr("spinfilters.run.estimators.MultiplicativeUkf", interrupted)
     comparison = compare_estimators(setup, settings, silent)
     assert comparison.interrupted
     assert [evaluation.name for evaluation in comparison.evaluations] == ["mekf"]

@@ -11,14 +11,14 @@ import pytest
 from contracts.sensor import check_sensor
 
 from spinfilters.cli.main import main
-from spinfilters.data.dataset_writing import write_dataset
-from spinfilters.data.measurement_log import MeasurementLog
-from spinfilters.data.sensor_format import SensorNoise, dataset_kinds, noise_options
-from spinfilters.errors import InputError
-from spinfilters.plugins import installed_plugins
-from spinfilters.runs.run_summary import read_summary
-from spinfilters.sensors.sensor import Sensor
-from spinfilters.sensors.sensor_registry import all_sensors, sensor_of
+from spinfilters.core.errors import InputError
+from spinfilters.core.plugins import installed_plugins
+from spinfilters.io.dataset_folder import write_dataset
+from spinfilters.io.measurement_log import MeasurementLog
+from spinfilters.io.sensor_format import SensorNoise, dataset_kinds, noise_options
+from spinfilters.models.sensor import Sensor
+from spinfilters.models.sensor_registry import all_sensors, sensor_of
+from spinfilters.run.run_summary import read_summary
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 
 HOW_TO = Path(__file__).parents[2] / "docs" / "how-to" / "add-a-sensor.md"
@@ -101,7 +101,7 @@ def test_a_sensor_that_tells_no_motion_is_refused_alone(
         ("", "range = no_such_module:SENSOR", "cannot be loaded: ModuleNotFoundError"),
         ("SENSOR = 3", "range = range_sensor:SENSOR", "is int, not a StoredSensor"),
         (
-            "from spinfilters.sensors.gyro import GyroSensor\nSENSOR = GyroSensor()",
+            "from spinfilters.models.sensors.gyro import GyroSensor\nSENSOR = GyroSensor()",
             "range = range_sensor:SENSOR",
             "sensor 'gyro' is registered twice",
         ),
@@ -121,9 +121,7 @@ def test_a_plug_in_that_cannot_be_used_is_named_in_one_line(
 
 def test_a_plug_in_with_a_format_alone_is_no_sensor(distribution: Path) -> None:
     """The data layer can store its rows; nobody can estimate from them."""
-    installed(
-        distribution, "from spinfilters.data.sensor_format import StoredSensor\nSENSOR = StoredSensor()"
-    )
+    installed(distribution, "from spinfilters.io.sensor_format import StoredSensor\nSENSOR = StoredSensor()")
     with pytest.raises(InputError, match="the registered StoredSensor is no Sensor; mend or uninstall it"):
         all_sensors()
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from spinfilters.attitude.conversions import matrix_from_quaternion
-from spinfilters.sensors import visibility
-from spinfilters.sensors.visibility import NEAREST_M, Surface, facing, recognised
+from spinfilters.core.attitude_conversions import matrix_from_quaternion
+from spinfilters.models import feature_tracks as visibility
+from spinfilters.models.feature_tracks import NEAREST_M, Surface, facing, recognised
 
 
 def sample(depth: float) -> tuple[Surface, np.ndarray, np.ndarray]:

@@ -2,7 +2,7 @@
 
 import pytest
 
-from spinfilters.errors import InputError
+from spinfilters.core.errors import InputError
 from spinfilters.settings.run_settings import settings_from
 
 

@@ -7,12 +7,12 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 import numpy as np
 import pytest
 
-from spinfilters.data.atomic_write import write_toml
-from spinfilters.data.consider_parameter import consider_parameters
-from spinfilters.data.stated_values import NumberRange
-from spinfilters.errors import InputError
-from spinfilters.estimators.initialisation.options import InitialisationOptions
+from spinfilters.core.errors import InputError
+from spinfilters.io.consider_parameter import consider_parameters
+from spinfilters.io.output_files import write_toml
+from spinfilters.io.stated_values import NumberRange
 from spinfilters.settings.run_settings import (
+    InitialisationOptions,
     ProcessSettings,
     SensorSettings,
     Settings,

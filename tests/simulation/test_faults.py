@@ -6,16 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_writing import write_dataset
-from spinfilters.data.measurement_log import MeasurementLog, MeasurementStream
-from spinfilters.data.sensor_format import dataset_kinds
-from spinfilters.errors import InputError
-from spinfilters.pipeline.readers import read_dataset
-from spinfilters.sensors.feature_tracks import RIG
-from spinfilters.sensors.gyro import GYRO_FULL_SCALE
-from spinfilters.sensors.pose import POSE_REACH_M
-from spinfilters.simulation.faults import (
+from spinfilters.core.errors import InputError
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.dataset_folder import write_dataset
+from spinfilters.io.measurement_log import MeasurementLog, MeasurementStream
+from spinfilters.io.sensor_format import dataset_kinds
+from spinfilters.models.feature_tracks import RIG
+from spinfilters.models.sensors.gyro import GYRO_FULL_SCALE
+from spinfilters.models.sensors.pose import POSE_REACH_M
+from spinfilters.run.readers import read_dataset
+from spinfilters.simulation.measurement_faults import (
     Dropout,
     Fault,
     FrozenFrames,

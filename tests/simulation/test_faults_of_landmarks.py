@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from spinfilters.data.dataset import Dataset
-from spinfilters.errors import InputError
-from spinfilters.simulation.faults import with_faults
-from spinfilters.simulation.landmark_faults import FewAtFirst, NewIds
+from spinfilters.core.errors import InputError
+from spinfilters.io.dataset import Dataset
+from spinfilters.simulation.measurement_faults import FewAtFirst, NewIds, with_faults
 from spinfilters.simulation.scenario import Scenario, simulate
 
 RECORDING = simulate(Scenario.simplified(epochs=20, landmarks=100))

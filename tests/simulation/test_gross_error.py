@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from spinfilters.data.dataset import Dataset
-from spinfilters.errors import InputError
-from spinfilters.simulation.faults import with_faults
-from spinfilters.simulation.gross_error import GrossError
+from spinfilters.core.errors import InputError
+from spinfilters.io.dataset import Dataset
+from spinfilters.simulation.measurement_faults import GrossError, with_faults
 from spinfilters.simulation.scenario import Scenario, simulate
 
 DATASETS = {

@@ -5,11 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from spinfilters.attitude.conversions import angle_between, inverse, rotate
-from spinfilters.data.measurement_log import MeasurementStream
-from spinfilters.errors import InputError
-from spinfilters.simulation.inspector import BAND, INSPECTORS, STATIC
-from spinfilters.simulation.inspector_errors import AXIS, told_trajectory
+from spinfilters.core.attitude_conversions import angle_between, inverse, rotate
+from spinfilters.core.errors import InputError
+from spinfilters.io.measurement_log import MeasurementStream
+from spinfilters.simulation.inspector import AXIS, BAND, INSPECTORS, STATIC, told_trajectory
 from spinfilters.simulation.scenario import Scenario, inspector_of, simulate
 
 MOVING = tuple(name for name in INSPECTORS if name != STATIC)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from spinfilters.simulation import limit_cycle
+from spinfilters.simulation import inspector as limit_cycle
 
 BAND, PULSE, PUSH = 0.01, 0.002, 1e-4
 

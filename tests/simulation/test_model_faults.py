@@ -6,19 +6,21 @@ from functools import cache
 import numpy as np
 import pytest
 
-from spinfilters.data.dataset import Dataset
-from spinfilters.data.measurement_log import MeasurementStream
-from spinfilters.dynamics.mass_distribution import inertia_matrix
-from spinfilters.estimators.model_errors.alternative_table import table
+from spinfilters.core.mass_distribution import inertia_matrix
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.measurement_log import MeasurementStream
 from spinfilters.models.process import ProcessNoise
-from spinfilters.simulation.model_faults.faulty_recording import (
+from spinfilters.simulation.model_faults import (
+    GYRO,
+    POSE,
+    TRACKS,
     Physics,
     faulty_motion,
     faulty_recording,
     model_faults,
 )
-from spinfilters.simulation.model_faults.model_fault import GYRO, POSE, TRACKS
 from spinfilters.simulation.scenario import RICH_RPM, Scenario
+from spinfilters.verdict.model_errors.alternatives import table
 
 SCENARIO = Scenario.simplified(
     kind=POSE, principal_moments=(1.0, 0.8, 0.55), rate_rpm=RICH_RPM, epochs=8, interval=0.4, landmarks=30

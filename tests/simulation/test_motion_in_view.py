@@ -4,13 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from spinfilters.attitude.conversions import matrix_from_quaternion
+from spinfilters.core.attitude_conversions import matrix_from_quaternion
+from spinfilters.models.feature_tracks import could_stay_in_view, stays_in_view
 from spinfilters.models.process import THESIS_NOISE, TorqueFreeProcess
-from spinfilters.sensors.feature_tracks import could_stay_in_view, stays_in_view
-from spinfilters.simulation.motion import Motion, simulate_motion
-from spinfilters.simulation.motion_in_view import _path, motion_in_view
-from spinfilters.simulation.scenario import Scenario, first_state
-from spinfilters.state.layout import FULL_BLOCKS, StateLayout
+from spinfilters.models.state_layout import FULL_BLOCKS, StateLayout
+from spinfilters.simulation.scenario import (
+    Motion,
+    Scenario,
+    _path,
+    first_state,
+    motion_in_view,
+    simulate_motion,
+)
 
 LAYOUT = StateLayout(FULL_BLOCKS)
 SCENARIO = replace(Scenario.common_workload(), epochs=60)
@@ -65,7 +70,7 @@ def test_no_motion_that_stays_in_view_is_skipped() -> None:
 
 def test_tracks_have_every_landmark_that_is_in_view_one_by_one() -> None:
     """The ball test that spares the projection of all landmarks gives what projecting them gives."""
-    from spinfilters.sensors import feature_tracks as tracks
+    from spinfilters.models import feature_tracks as tracks
     from spinfilters.simulation.scenario import measured
 
     motion = motion_in_view(SCENARIO, np.random.default_rng(3))

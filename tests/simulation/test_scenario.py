@@ -5,19 +5,25 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from spinfilters.attitude.conversions import matrix_from_quaternion
-from spinfilters.data.dataset import Dataset
-from spinfilters.data.sensor_format import dataset_kinds
-from spinfilters.dynamics.mass_distribution import inertia_matrix
-from spinfilters.errors import InputError
+from spinfilters.core.attitude_conversions import matrix_from_quaternion
+from spinfilters.core.errors import InputError
+from spinfilters.core.mass_distribution import inertia_matrix
 from spinfilters.evaluation.consistency import true_states
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.sensor_format import dataset_kinds
+from spinfilters.models.camera_landmarks import StereoLandmark, camera_parameters
+from spinfilters.models.feature_tracks import RIG, EveryAppearance, SomeAppearances, stays_in_view
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.models.sensor_models.camera_landmark import camera_parameters
-from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark
-from spinfilters.sensors.feature_tracks import RIG, EveryAppearance, SomeAppearances, stays_in_view
-from spinfilters.simulation.motion import Motion, simulate_motion
-from spinfilters.simulation.scenario import RICH_RPM, THESIS_RPM, Scenario, simulate, without_map
-from spinfilters.state.layout import FULL_BLOCKS, StateLayout
+from spinfilters.models.state_layout import FULL_BLOCKS, StateLayout
+from spinfilters.simulation.scenario import (
+    RICH_RPM,
+    THESIS_RPM,
+    Motion,
+    Scenario,
+    simulate,
+    simulate_motion,
+    without_map,
+)
 
 FULL = StateLayout(FULL_BLOCKS)
 SHORT = Scenario.simplified(epochs=20)

@@ -5,7 +5,7 @@ from dataclasses import fields
 
 import pytest
 
-from observability.scope import assumptions
+from observability.analysis_report import assumptions
 from spinfilters.api.analysis import observe
 from spinfilters.api.image_recordings import ImageScenario
 from spinfilters.api.recordings import simulate

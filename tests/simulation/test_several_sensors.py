@@ -8,12 +8,12 @@ from plain_comparison import plainly_compared
 
 from spinfilters.api.recordings import simulate
 from spinfilters.cli.main import main
-from spinfilters.data.dataset import Dataset
-from spinfilters.data.dataset_writing import write_dataset
-from spinfilters.errors import InputError
-from spinfilters.pipeline.first_epochs import LEADING_EPOCHS
-from spinfilters.pipeline.preparation import prepare
-from spinfilters.pipeline.readers import read_dataset
+from spinfilters.core.errors import InputError
+from spinfilters.inference.first_epochs import LEADING_EPOCHS
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.dataset_folder import write_dataset
+from spinfilters.run.preparation import prepare
+from spinfilters.run.readers import read_dataset
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario
 from spinfilters.simulation.scenario import simulate as simulate_scenario

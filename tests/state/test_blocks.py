@@ -9,12 +9,9 @@ import numpy as np
 import pytest
 
 import spinfilters
-from spinfilters.errors import InputError
-from spinfilters.state.block import ErrorChart, StateBlock
-from spinfilters.state.block_table import BLOCKS, table
-from spinfilters.state.blocks.drag import DRAG
-from spinfilters.state.blocks.gyro_bias import GYRO_BIAS
-from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
+from spinfilters.core.errors import InputError
+from spinfilters.models.state_blocks import BLOCKS, DRAG, GYRO_BIAS, ErrorChart, StateBlock, table
+from spinfilters.models.state_layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
 
 PACKAGE = Path(spinfilters.__file__).parent
 BY_LETTER = re.compile(r"""["'][a-z]{1,2}["'] (not )?in [\w.]*(blocks|layout)\b|\bblock (==|in [({]) ?["']""")

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from spinfilters.errors import InputError, ShapeError
-from spinfilters.state.gaussian import Gaussian
-from spinfilters.state.layout import ROTATION_BLOCKS, StateLayout
+from spinfilters.core.errors import InputError, ShapeError
+from spinfilters.models.state_layout import ROTATION_BLOCKS, Gaussian, StateLayout
 
 LAYOUT = StateLayout(ROTATION_BLOCKS)
 MEAN = LAYOUT.origin()

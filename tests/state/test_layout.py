@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from spinfilters.attitude.conversions import angle_between, quaternion_from_mrp
-from spinfilters.dynamics.mass_distribution import from_inertia, inertia_matrix
-from spinfilters.errors import InputError, ShapeError
-from spinfilters.state.block_table import BLOCKS
-from spinfilters.state.layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
+from spinfilters.core.attitude_conversions import angle_between, quaternion_from_mrp
+from spinfilters.core.errors import InputError, ShapeError
+from spinfilters.core.mass_distribution import from_inertia, inertia_matrix
+from spinfilters.models.state_blocks import BLOCKS
+from spinfilters.models.state_layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
 
 ROTATION, FULL = StateLayout(ROTATION_BLOCKS), StateLayout(FULL_BLOCKS)
 WITH_DRAG = StateLayout((*FULL_BLOCKS, "d"))

@@ -1,6 +1,6 @@
 """Verdicts and the sentences that tell of them."""
 
-from spinfilters.state.status import EstimatorStatus, verdict_sentences
+from spinfilters.models.status import EstimatorStatus, verdict_sentences
 
 
 def test_estimators_share_the_sentence_of_a_reason_that_they_share():

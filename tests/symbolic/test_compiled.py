@@ -10,10 +10,10 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from spinfilters.attitude import expressions
-from spinfilters.errors import ShapeError
-from spinfilters.symbolic import c_library
-from spinfilters.symbolic.compiled import Compiled
+from spinfilters.core import attitude_expressions as expressions
+from spinfilters.core import c_library
+from spinfilters.core.compiled import Compiled
+from spinfilters.core.errors import ShapeError
 
 
 @pytest.fixture

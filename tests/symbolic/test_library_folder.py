@@ -13,8 +13,9 @@ import platformdirs
 import pytest
 
 from spinfilters.cli.installation_checks import CHECKS
-from spinfilters.symbolic import c_library, library_folder
-from spinfilters.symbolic.compiled import Compiled
+from spinfilters.core import c_library
+from spinfilters.core import c_library as library_folder
+from spinfilters.core.compiled import Compiled
 
 NOBODY = 65534
 

@@ -8,9 +8,9 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from spinfilters.estimators.smoothing.linear.buffer_pool import LARGE, pooled_array
-from spinfilters.symbolic.compiled import Compiled
-from spinfilters.symbolic.working_time import building, built_property
+from spinfilters.core.compiled import Compiled
+from spinfilters.core.working_time import building, built_property
+from spinfilters.smoother.elimination import LARGE, pooled_array
 
 THREADS, CALLS = 4, 200
 

@@ -8,11 +8,10 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from spinfilters.errors import ShapeError
-from spinfilters.symbolic import c_library
-from spinfilters.symbolic.compiled import Compiled
-from spinfilters.symbolic.simd_code import simd_text
-from spinfilters.symbolic.vectorised import Vectorised, VectorisedScan
+from spinfilters.core import c_library
+from spinfilters.core.compiled import Compiled
+from spinfilters.core.errors import ShapeError
+from spinfilters.core.vectorised import Vectorised, VectorisedScan, simd_text
 
 
 @pytest.fixture

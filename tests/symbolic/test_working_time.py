@@ -6,10 +6,10 @@ from pathlib import Path
 import casadi as ca
 import pytest
 
-from spinfilters.state.layout import FULL_BLOCKS, StateLayout
-from spinfilters.symbolic import c_library, working_time
-from spinfilters.symbolic.compiled import Compiled, Loader
-from spinfilters.symbolic.working_time import building, working_seconds
+from spinfilters.core import c_library, working_time
+from spinfilters.core.compiled import Compiled, Loader
+from spinfilters.core.working_time import building, working_seconds
+from spinfilters.models.state_layout import FULL_BLOCKS, StateLayout
 
 
 @pytest.fixture

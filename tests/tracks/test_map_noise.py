@@ -2,12 +2,11 @@
 
 import numpy as np
 
-from spinfilters.attitude.conversions import matrix_from_quaternion
-from spinfilters.models.sensor_models.camera_landmark import camera_parameters
-from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark
-from spinfilters.sensors.feature_tracks import RIG
-from spinfilters.state.layout import POSE_BLOCKS, StateLayout
-from spinfilters.tracks.map_noise import UncertainMatches
+from spinfilters.core.attitude_conversions import matrix_from_quaternion
+from spinfilters.models.camera_landmarks import StereoLandmark, camera_parameters
+from spinfilters.models.feature_tracks import RIG
+from spinfilters.models.state_layout import POSE_BLOCKS, StateLayout
+from spinfilters.models.tracks.track_poses import UncertainMatches
 
 MODEL = StereoLandmark(StateLayout(POSE_BLOCKS))
 

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from jaxtyping import Float
 
-from spinfilters.models.sensor_models.camera_landmark import camera_parameters
-from spinfilters.models.sensor_models.monocular_landmark import MonocularLandmark
-from spinfilters.state.layout import StateLayout
-from spinfilters.tracks.perspective_poses import perspective_pose
+from spinfilters.models.camera_landmarks import MonocularLandmark, camera_parameters
+from spinfilters.models.state_layout import StateLayout
+from spinfilters.models.tracks.perspective_poses import perspective_pose
 
 LAYOUT = StateLayout(("t", "a"))
 CAMERA = MonocularLandmark(LAYOUT)

@@ -5,19 +5,18 @@ import pytest
 from jaxtyping import Float
 from swapped_ids import swapped
 
-from spinfilters.attitude.conversions import (
+from spinfilters.core.attitude_conversions import (
     angle_between,
     inverse,
     multiply,
     quaternion_from_rotation_vector,
     rotation_vector_from_quaternion,
 )
-from spinfilters.data.measurement_log import MeasurementStream
-from spinfilters.models.sensor_models.camera_landmark import camera_parameters
-from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark
-from spinfilters.sensors.feature_tracks import RIG
-from spinfilters.state.layout import StateLayout
-from spinfilters.tracks.map_building import poses_without_map
+from spinfilters.io.measurement_log import MeasurementStream
+from spinfilters.models.camera_landmarks import StereoLandmark, camera_parameters
+from spinfilters.models.feature_tracks import RIG
+from spinfilters.models.state_layout import StateLayout
+from spinfilters.models.tracks.map_building import poses_without_map
 
 CAMERA = StereoLandmark(StateLayout(("t", "a")))
 ROTATION = np.array([0.3, 0.35, -0.2])

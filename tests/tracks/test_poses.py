@@ -5,7 +5,8 @@ import pytest
 from jaxtyping import Float
 from scipy.special import chdtri
 
-from spinfilters.attitude.conversions import (
+from spinfilters.core.absolute_orientation import absolute_orientation, rigid_motions
+from spinfilters.core.attitude_conversions import (
     angle_between,
     inverse,
     matrix_from_quaternion,
@@ -13,20 +14,17 @@ from spinfilters.attitude.conversions import (
     quaternion_from_rotation_vector,
     rotate,
 )
-from spinfilters.data.dataset import Dataset
-from spinfilters.data.known_map import KnownMap
-from spinfilters.errors import InputError
-from spinfilters.geometry.absolute_orientation import absolute_orientation, rigid_motions
-from spinfilters.geometry.cameras import StereoPair
-from spinfilters.models.sensor_models.camera_landmark import camera_parameters
-from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark
-from spinfilters.sensors.feature_tracks import RIG
+from spinfilters.core.cameras import StereoPair
+from spinfilters.core.errors import InputError
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.sensor_tables import KnownMap
+from spinfilters.models.camera_landmarks import StereoLandmark, camera_parameters
+from spinfilters.models.feature_tracks import RIG
+from spinfilters.models.state_layout import StateLayout
+from spinfilters.models.tracks.map_building import poses_without_map
+from spinfilters.models.tracks.pose_consensus import Matches
+from spinfilters.models.tracks.track_poses import fit_pose, fit_poses, poses_with_map
 from spinfilters.simulation.scenario import Scenario, simulate
-from spinfilters.state.layout import StateLayout
-from spinfilters.tracks.map_building import poses_without_map
-from spinfilters.tracks.matches import Matches
-from spinfilters.tracks.pose_fit import fit_pose, fit_poses
-from spinfilters.tracks.track_poses import poses_with_map
 
 POSE = StateLayout(("t", "a"))
 CAMERA = StereoLandmark(POSE)
@@ -149,7 +147,7 @@ def _unlike_frames(with_map_noise: bool) -> list[Matches]:
 def test_epochs_fitted_together_are_those_fitted_alone(
     with_map_noise: bool, at_once: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("spinfilters.tracks.pose_fit.EPOCHS_AT_ONCE", at_once)
+    monkeypatch.setattr("spinfilters.models.tracks.track_poses.EPOCHS_AT_ONCE", at_once)
     epochs = _unlike_frames(with_map_noise)
     together = fit_poses(epochs, RIG.calibration)
     assert [fitted is not None for fitted in together] == [True, True, True, False, False, True, False, True]

@@ -5,7 +5,7 @@ import pytest
 from jaxtyping import Float
 from swapped_ids import swapped
 
-from spinfilters.attitude.conversions import (
+from spinfilters.core.attitude_conversions import (
     angle_between,
     inverse,
     matrix_from_quaternion,
@@ -13,18 +13,16 @@ from spinfilters.attitude.conversions import (
     quaternion_from_rotation_vector,
     rotate,
 )
-from spinfilters.data.dataset import Dataset
-from spinfilters.data.measurement_log import MeasurementStream
-from spinfilters.geometry.cameras import StereoPair
-from spinfilters.models.sensor_models.camera_landmark import camera_parameters
-from spinfilters.models.sensor_models.stereo_landmark import StereoLandmark
-from spinfilters.sensors.feature_tracks import RIG
+from spinfilters.core.cameras import StereoPair
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.measurement_log import MeasurementStream
+from spinfilters.models.camera_landmarks import StereoLandmark, camera_parameters
+from spinfilters.models.feature_tracks import RIG
+from spinfilters.models.state_layout import StateLayout
+from spinfilters.models.tracks.map_building import MapInProgress, poses_without_map
+from spinfilters.models.tracks.pose_consensus import Consensus, Matches, MatchTable, consensus_poses
+from spinfilters.models.tracks.track_poses import fit_pose
 from spinfilters.simulation.scenario import Scenario, simulate
-from spinfilters.state.layout import StateLayout
-from spinfilters.tracks.map_building import MapInProgress, poses_without_map
-from spinfilters.tracks.matches import Matches, MatchTable
-from spinfilters.tracks.pose_consensus import Consensus, consensus_poses
-from spinfilters.tracks.pose_fit import fit_pose
 
 CAMERA = StereoLandmark(StateLayout(("t", "a")))
 POSE = np.concatenate([[0.03, -0.02, 0.6], quaternion_from_rotation_vector(np.array([0.5, -1.0, 0.7]))])

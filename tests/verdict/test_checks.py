@@ -5,8 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from spinfilters.state.quantities import ALL
-from spinfilters.state.status import OWN_STATUS, Finding
+from spinfilters.models.status import ALL, OWN_STATUS, Finding
 from spinfilters.verdict.check import Check
 from spinfilters.verdict.checks import BY_NAME, CHECKS, check_of, finding
 from spinfilters.verdict.checks_page import main, page

@@ -7,21 +7,28 @@ import numpy as np
 import pytest
 
 from experiments.honest_cases import RecordingCase, recordings
-from spinfilters.estimators.model_errors.alternative_table import table
-from spinfilters.estimators.model_errors.score_test import ScoreTest
-from spinfilters.evaluation.held_quantities import held_text
-from spinfilters.pipeline.estimation import Comparison, compare_estimators
-from spinfilters.pipeline.preparation import prepare
+from spinfilters.evaluation.metrics import held_text
+from spinfilters.models.status import (
+    ALL,
+    MOMENTS,
+    NOTHING,
+    QUANTITIES,
+    TRANSLATION,
+    EstimatorStatus,
+    Finding,
+    Holds,
+    Verdict,
+)
+from spinfilters.run.estimation import Comparison, compare_estimators
+from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM
-from spinfilters.state.quantities import ALL, MOMENTS, NOTHING, QUANTITIES, TRANSLATION
-from spinfilters.state.status import EstimatorStatus, Finding, Holds, Verdict
 from spinfilters.verdict.agreement_tests import over_confident_quantities
-from spinfilters.verdict.check import Needs
+from spinfilters.verdict.check import Evidence, Needs
 from spinfilters.verdict.checks import CHECKS, finding
-from spinfilters.verdict.evidence import Evidence
-from spinfilters.verdict.judge import judge
-from spinfilters.verdict.moved_quantities import moved_quantities, unmoved_quantities
+from spinfilters.verdict.judge import judge, moved_quantities, unmoved_quantities
+from spinfilters.verdict.model_errors.alternatives import table
+from spinfilters.verdict.model_errors.score_tests import ScoreTest
 
 SETTINGS = Settings(estimators=("mekf",))
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from spinfilters.verdict.quantity_differences import QuantityDifference
+from spinfilters.verdict.judge import QuantityDifference
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from spinfilters.vision.calibration_images import Board, BoardView
-from spinfilters.vision.raw_rig import RawCamera, RawRig
+from spinfilters.vision.rectification import RawCamera, RawRig
 
 BoardPose = tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, " 3"]]
 MARGIN_PX = 8

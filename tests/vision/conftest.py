@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from spinfilters.api.image_recordings import ImageScenario, render
-from spinfilters.vision.rendering.imaging import Imaging
+from spinfilters.simulation.image_sequence import Imaging
 
 
 @pytest.fixture(scope="session")

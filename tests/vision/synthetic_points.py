@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from spinfilters.data.camera import PinholeCamera, StereoRig
-from spinfilters.vision.features import Features
-from spinfilters.vision.stereo_matching import StereoFeatures
+from spinfilters.io.camera import PinholeCamera, StereoRig
+from spinfilters.vision.stereo_matching import Features, StereoFeatures
 
 RIG = StereoRig(PinholeCamera(466.7, 466.7, 320.0, 240.0, 640, 480), 0.09)
 SIZE, RESIDUAL = 3.0, 0.1

@@ -5,9 +5,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 from synthetic_points import RIG, Ball
 
-from spinfilters.attitude.conversions import matrix_from_quaternion
+from spinfilters.core.attitude_conversions import matrix_from_quaternion
 from spinfilters.vision.association import EPOCHS, Tracker
-from spinfilters.vision.loss_count import LossCount
+from spinfilters.vision.image_folder import LossCount
 from spinfilters.vision.stereo_matching import StereoFeatures
 from spinfilters.vision.track_noise import TrackNoise
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from synthetic_points import RIG, Ball
 
-from spinfilters.vision.bundle_adjustment import Observations, adjust
+from spinfilters.vision.batch_tracks import Observations, adjust
 from spinfilters.vision.track_noise import TrackNoise, identified
 
 NOISE = TrackNoise((0.01, 0.004), (0.004, 0.5))

@@ -14,15 +14,13 @@ from scipy.spatial.transform import Rotation
 from spinfilters.api.image_recordings import example_rig
 from spinfilters.cli.calibrate_pair import stated_deviations
 from spinfilters.cli.main import main
-from spinfilters.data.camera import told_deviations
-from spinfilters.data.sensor_yaml import read_sensor_file
-from spinfilters.errors import InputError
-from spinfilters.vision.calibration_check import checks, measured_board
+from spinfilters.core.errors import InputError
+from spinfilters.io.camera import read_sensor_file, told_deviations
 from spinfilters.vision.calibration_images import Board, BoardView, board_views, image_pairs
-from spinfilters.vision.disparity import disparity_map
-from spinfilters.vision.loss_count import LossCount
-from spinfilters.vision.raw_rig import RawRig, camera_text, raw_camera, read_raw_rig, write_raw_rig
-from spinfilters.vision.stereo_calibration import StereoCalibration, calibrate_stereo
+from spinfilters.vision.depth_map import disparity_map
+from spinfilters.vision.image_folder import LossCount
+from spinfilters.vision.rectification import RawRig, camera_text, raw_camera, read_raw_rig, write_raw_rig
+from spinfilters.vision.stereo_calibration import StereoCalibration, calibrate_stereo, checks, measured_board
 
 BOARD, SIZE = Board(7, 5, 0.03), (640, 480)
 

@@ -10,13 +10,11 @@ from board_images import drawn_poses, drawn_views, write_board_images
 
 from spinfilters.api.image_recordings import example_rig
 from spinfilters.cli.main import main
-from spinfilters.data.camera import told_deviations
-from spinfilters.errors import InputError
-from spinfilters.vision.calibration_check import determination
-from spinfilters.vision.calibration_images import Board, board_views, image_pairs
-from spinfilters.vision.distinct_views import distinct_views
-from spinfilters.vision.loss_count import LossCount
-from spinfilters.vision.stereo_calibration import StereoCalibration, calibrate_stereo
+from spinfilters.core.errors import InputError
+from spinfilters.io.camera import told_deviations
+from spinfilters.vision.calibration_images import Board, board_views, distinct_views, image_pairs
+from spinfilters.vision.image_folder import LossCount
+from spinfilters.vision.stereo_calibration import StereoCalibration, calibrate_stereo, determination
 
 BOARD, SIZE = Board(7, 5, 0.03), (640, 480)
 RIG = example_rig(SIZE)

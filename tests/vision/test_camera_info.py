@@ -9,8 +9,8 @@ import pytest
 import yaml
 
 from spinfilters.api.image_recordings import example_rig
-from spinfilters.errors import InputError
-from spinfilters.vision.raw_rig import RawRig, read_raw_rig
+from spinfilters.core.errors import InputError
+from spinfilters.vision.rectification import RawRig, read_raw_rig
 
 
 def _matrix(values: np.ndarray) -> dict[str, Any]:

@@ -5,10 +5,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 from synthetic_points import RIG
 
-from spinfilters.vision.bundle_adjustment import PLACE_AND_DISPARITY
-from spinfilters.vision.error_correlation import ANGLES_DEG, LandmarkResiduals, error_correlation
+from spinfilters.vision.batch_tracks import PLACE_AND_DISPARITY
 from spinfilters.vision.stereo_geometry import pixels_by_point
-from spinfilters.vision.track_noise import TrackNoise
+from spinfilters.vision.track_noise import ANGLES_DEG, LandmarkResiduals, TrackNoise, error_correlation
 
 LANDMARKS, DIRECTIONS, REVOLUTIONS = 150, 4, 3
 STD_PX = 0.2

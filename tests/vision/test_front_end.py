@@ -8,16 +8,22 @@ import cv2
 import numpy as np
 import pytest
 
-from spinfilters.attitude.conversions import matrix_from_quaternion
 from spinfilters.cli.main import main
-from spinfilters.data.dataset import Dataset
-from spinfilters.errors import InputError
-from spinfilters.geometry.cameras import stereo_pair
-from spinfilters.pipeline.readers import read_dataset
-from spinfilters.vision.features import DETECTORS
+from spinfilters.core.attitude_conversions import matrix_from_quaternion
+from spinfilters.core.cameras import stereo_pair
+from spinfilters.core.errors import InputError
+from spinfilters.io.dataset import Dataset
+from spinfilters.run.readers import read_dataset
 from spinfilters.vision.front_end import FrontEndOptions
-from spinfilters.vision.image_folder import STAGE, PairReader, StampedPair, read_pairs, stamped_pairs
-from spinfilters.vision.loss_count import LossCount
+from spinfilters.vision.image_folder import (
+    STAGE,
+    LossCount,
+    PairReader,
+    StampedPair,
+    read_pairs,
+    stamped_pairs,
+)
+from spinfilters.vision.stereo_matching import DETECTORS
 from spinfilters.vision.track_images import TrackedImages, track_images, track_images_online
 
 

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from spinfilters.vision.image_decoder import decode_grey
+from spinfilters.vision.image_folder import decode_grey
 
 PICTURE = np.random.default_rng(0).integers(0, 255, (120, 160)).astype(np.uint8)
 JPEG = cv2.imencode(".jpg", PICTURE)[1].tobytes()

@@ -8,8 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from spinfilters.vision.image_folder import read_image
-from spinfilters.vision.image_header import claimed_size
+from spinfilters.vision.image_folder import claimed_size, read_image
 
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg", ".bmp", ".pgm", ".tiff"])

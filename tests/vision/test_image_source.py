@@ -6,16 +6,14 @@ import numpy as np
 import pytest
 
 from spinfilters.api.image_recordings import example_rig
-from spinfilters.attitude.conversions import matrix_from_quaternion
-from spinfilters.data.measurement_log import MeasurementStream
-from spinfilters.data.pose_files import write_tum
-from spinfilters.data.truth import Truth, write_truth
-from spinfilters.errors import InputError
-from spinfilters.vision.image_folder import StampedPair
-from spinfilters.vision.image_source import read_image_source, rectified_camera_poses
-from spinfilters.vision.loss_count import LossCount
-from spinfilters.vision.raw_rig import write_raw_rig
-from spinfilters.vision.rectification import Rectification
+from spinfilters.core.attitude_conversions import matrix_from_quaternion
+from spinfilters.core.errors import InputError
+from spinfilters.io.measurement_log import MeasurementStream
+from spinfilters.io.sensor_tables import write_tum
+from spinfilters.io.truth import Truth, write_truth
+from spinfilters.vision.image_folder import LossCount, StampedPair
+from spinfilters.vision.rectification import Rectification, write_raw_rig
+from spinfilters.vision.track_images import read_image_source, rectified_camera_poses
 
 STAMP = 1_403_636_579_000_000_000
 RECTIFICATION = Rectification(example_rig((320, 240)))

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from jaxtyping import Float, UInt8
 
-from spinfilters.vision.outline import MARGIN_PX, background_distance, clear_of_outline
+from spinfilters.vision.front_end import MARGIN_PX, background_distance, clear_of_outline
 
 SIZE, CENTRE, RADIUS = (160, 200), (100, 80), 50
 

@@ -5,9 +5,8 @@ import pytest
 from jaxtyping import Float
 
 from spinfilters.api.image_recordings import example_rig
-from spinfilters.vision.patch_alignment import aligned_patches
-from spinfilters.vision.raw_rig import RawCamera
-from spinfilters.vision.rectification import Rectification
+from spinfilters.vision.front_end import aligned_patches
+from spinfilters.vision.rectification import RawCamera, Rectification
 
 RECTIFICATION = Rectification(example_rig((320, 240)))
 DEPTH = 0.6

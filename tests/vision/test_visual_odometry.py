@@ -8,11 +8,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 from synthetic_points import RIG, Ball
 
-from spinfilters.attitude.conversions import matrix_from_quaternion
+from spinfilters.core.attitude_conversions import matrix_from_quaternion
 from spinfilters.vision.association import Tracker
 from spinfilters.vision.batch_tracks import found_epochs
 from spinfilters.vision.front_end import FrontEndOptions
-from spinfilters.vision.loss_count import LossCount
+from spinfilters.vision.image_folder import LossCount
 from spinfilters.vision.stereo_matching import StereoFeatures
 from spinfilters.vision.track_noise import TrackNoise
 

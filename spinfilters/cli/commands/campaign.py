@@ -3,8 +3,7 @@
 import argparse
 
 from spinfilters.api.argument_ranges import WORKERS
-from spinfilters.cli.arguments import number
-from spinfilters.cli.command import Command, Subparsers
+from spinfilters.cli.command import Command, Subparsers, number
 
 
 def add_campaign(commands: Subparsers) -> argparse.ArgumentParser:

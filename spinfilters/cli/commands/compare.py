@@ -3,8 +3,7 @@
 import argparse
 
 from spinfilters.api.argument_ranges import SECONDS_AHEAD, SEED
-from spinfilters.cli.arguments import add_reading, number
-from spinfilters.cli.command import Command, Subparsers
+from spinfilters.cli.command import Command, Subparsers, add_reading, number
 
 
 def add_compare(commands: Subparsers) -> argparse.ArgumentParser:

@@ -3,9 +3,8 @@
 import argparse
 
 from spinfilters.api.argument_ranges import RATE_RPM
-from spinfilters.cli.arguments import number
-from spinfilters.cli.command import Command, Subparsers
-from spinfilters.data.stated_values import NumberRange
+from spinfilters.cli.command import Command, Subparsers, number
+from spinfilters.io.stated_values import NumberRange
 
 
 def add_condition(commands: Subparsers) -> argparse.ArgumentParser:

@@ -3,9 +3,8 @@
 import argparse
 from pathlib import Path
 
-from spinfilters.cli.arguments import number
-from spinfilters.cli.command import Command, Subparsers
-from spinfilters.data.stated_values import NumberRange
+from spinfilters.cli.command import Command, Subparsers, number
+from spinfilters.io.stated_values import NumberRange
 
 COMMAND, LARGEST_MAP = "embed", 65_535
 
@@ -43,9 +42,9 @@ def add_embed(commands: Subparsers) -> argparse.ArgumentParser:
 def embed(options: argparse.Namespace) -> int:
     """Write the C library."""
     from spinfilters.cli.console import wide_console
-    from spinfilters.data.output_folder import output_folder, refuse_foreign
     from spinfilters.embedded.embedded_options import EmbedOptions
     from spinfilters.embedded.folder import write_library
+    from spinfilters.io.output_files import output_folder, refuse_foreign
 
     folder = Path(options.output)
     refuse_foreign(folder, COMMAND)

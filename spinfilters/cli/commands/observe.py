@@ -3,9 +3,8 @@
 import argparse
 
 from spinfilters.api.argument_ranges import LANDMARKS
-from spinfilters.cli.arguments import add_motion, number
-from spinfilters.cli.command import Command, Subparsers
-from spinfilters.data.stated_values import NumberRange
+from spinfilters.cli.command import Command, Subparsers, add_motion, number
+from spinfilters.io.stated_values import NumberRange
 
 
 def add_observe(commands: Subparsers) -> argparse.ArgumentParser:

@@ -16,11 +16,11 @@ def add_plot(commands: Subparsers) -> argparse.ArgumentParser:
 def draw_again(options: argparse.Namespace) -> int:
     """Draw the figures of a run folder again, and write its report."""
     from spinfilters.cli.console import progress_bars, wide_console
-    from spinfilters.pipeline.figures import draw_run
-    from spinfilters.pipeline.optional_outputs import draw_optional_outputs
-    from spinfilters.pipeline.run_report import write_run_report
-    from spinfilters.runs.run_folder import read_figure_data
-    from spinfilters.runs.run_lock import locked_run
+    from spinfilters.plots.figures import draw_run
+    from spinfilters.run.optional_outputs import draw_optional_outputs
+    from spinfilters.run.run_folder import read_figure_data
+    from spinfilters.run.run_lock import locked_run
+    from spinfilters.run.run_report import write_run_report
 
     folder = Path(options.run)
     figure_data = read_figure_data(folder)

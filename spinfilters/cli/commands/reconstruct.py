@@ -4,12 +4,12 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from spinfilters.cli.arguments import number
-from spinfilters.cli.command import Command, Subparsers
-from spinfilters.data.stated_values import NumberRange
+from spinfilters.cli.command import Command, Subparsers, number
+from spinfilters.io.stated_values import NumberRange
 
 if TYPE_CHECKING:
-    from spinfilters.pipeline.run_reconstruction import Reconstruction
+    from spinfilters.run.reconstruction import Reconstruction
+
 
 VOXELS = NumberRange(16, 256, whole=True)
 
@@ -42,11 +42,11 @@ def add_reconstruct(commands: Subparsers) -> argparse.ArgumentParser:
 def reconstruct(options: argparse.Namespace) -> int:
     """Write the dense model of a run folder, and its report."""
     from spinfilters.cli.console import progress_bars
-    from spinfilters.pipeline.run_reconstruction import reconstruct as reconstruct_run
-    from spinfilters.pipeline.run_report import write_run_report
-    from spinfilters.runs.run_folder import read_figure_data, refuse_foreign_run
-    from spinfilters.runs.run_lock import locked_run
-    from spinfilters.runs.run_summary import read_summary
+    from spinfilters.run.reconstruction import reconstruct as reconstruct_run
+    from spinfilters.run.run_folder import read_figure_data, refuse_foreign_run
+    from spinfilters.run.run_lock import locked_run
+    from spinfilters.run.run_report import write_run_report
+    from spinfilters.run.run_summary import read_summary
 
     folder = Path(options.run)
     images = None if options.images is None else Path(options.images)
@@ -61,7 +61,7 @@ def reconstruct(options: argparse.Namespace) -> int:
 
 def _print(made: "Reconstruction", folder: Path) -> None:
     from spinfilters.cli.console import wide_console
-    from spinfilters.runs.run_folder import REPORT_FILE
+    from spinfilters.run.run_folder import REPORT_FILE
 
     dimensions = made.model.dimensions
     sizes = zip("xyz", 1e3 * dimensions.extents, 1e3 * dimensions.std, strict=True)

@@ -2,10 +2,9 @@
 
 import argparse
 
-from spinfilters.cli.arguments import number
-from spinfilters.cli.command import Command, Subparsers
-from spinfilters.data.stated_values import NumberRange
-from spinfilters.errors import InputError
+from spinfilters.cli.command import Command, Subparsers, number
+from spinfilters.core.errors import InputError
+from spinfilters.io.stated_values import NumberRange
 
 FOCAL, BASELINE, DISTANCE = (
     NumberRange(1, 1e6, "px"),
@@ -43,8 +42,8 @@ def add_rig(commands: Subparsers) -> argparse.ArgumentParser:
 def print_rig(options: argparse.Namespace) -> int:
     """Print how well a rig measures at a distance."""
     from spinfilters.cli.console import wide_console
-    from spinfilters.data.camera import PinholeCamera, StereoRig
-    from spinfilters.vision.rig_accuracy import rig_accuracy
+    from spinfilters.io.camera import PinholeCamera, StereoRig
+    from spinfilters.vision.stereo_geometry import rig_accuracy
 
     focal, width, height = options.focal, options.width, options.height
     camera = PinholeCamera(focal, focal, (width - 1) / 2, (height - 1) / 2, width, height)

@@ -4,9 +4,8 @@ import argparse
 from typing import Final
 
 from spinfilters.api.argument_ranges import FRAMES, INTERVAL, RATE_RPM, SEED
-from spinfilters.cli.arguments import number
-from spinfilters.cli.command import Command, Subparsers
-from spinfilters.data.stated_values import LENGTH, NumberRange
+from spinfilters.cli.command import Command, Subparsers, number
+from spinfilters.io.stated_values import LENGTH, NumberRange
 
 ANGLE: Final = NumberRange(-3600.0, 3600.0, "deg")
 FIELD: Final = NumberRange(1e-6, 179.0, "deg")
@@ -214,7 +213,7 @@ def _triple(
 
 def run_lidar(options: argparse.Namespace) -> int:
     """Simulate scans, or say how many are needed."""
-    from spinfilters.cli.lidar_command import lidar
+    from spinfilters.cli.lidar_actions import lidar
 
     return lidar(options)
 

@@ -2,8 +2,7 @@
 
 import argparse
 
-from spinfilters.cli.arguments import add_reading, reading_options
-from spinfilters.cli.command import Command, Subparsers
+from spinfilters.cli.command import Command, Subparsers, add_reading, reading_options
 
 
 def add_segments(commands: Subparsers) -> argparse.ArgumentParser:
@@ -26,9 +25,9 @@ def list_segments(options: argparse.Namespace) -> int:
     from rich.table import Table
 
     from spinfilters.cli.console import wide_console
-    from spinfilters.flight.free_flight import find_flights
-    from spinfilters.pipeline.readers import read_whole
-    from spinfilters.pipeline.segment_choice import has_marks, no_flight
+    from spinfilters.run.free_flight import find_flights
+    from spinfilters.run.readers import read_whole
+    from spinfilters.run.segment_choice import has_marks, no_flight
 
     whole = read_whole(options.dataset, reading_options(options))
     flights = find_flights(whole)

@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from spinfilters.cli.command import Command, Subparsers
-from spinfilters.data.input_file import path_text
-from spinfilters.errors import InputError
+from spinfilters.core.errors import InputError
+from spinfilters.io.input_file import path_text
 
 if TYPE_CHECKING:
     from spinfilters.vision.track_images import TrackedImages
+
 
 COMMAND = "track"
 
@@ -43,12 +44,11 @@ def add_track(commands: Subparsers) -> argparse.ArgumentParser:
 def track(options: argparse.Namespace) -> int:
     """Write the tracks of a folder of stereo images, and counts of losses."""
     from spinfilters.cli.console import progress_bars
-    from spinfilters.data.atomic_write import write_json
-    from spinfilters.data.dataset_reader import has_images
-    from spinfilters.data.dataset_writing import write_dataset
-    from spinfilters.data.output_folder import output_folder, refuse_foreign
-    from spinfilters.vision.features import detector
+    from spinfilters.io.dataset_folder import write_dataset
+    from spinfilters.io.dataset_reader import has_images
+    from spinfilters.io.output_files import output_folder, refuse_foreign, write_json
     from spinfilters.vision.front_end import FrontEndOptions
+    from spinfilters.vision.stereo_matching import detector
     from spinfilters.vision.track_images import track_images, track_images_online
 
     source, folder = Path(options.dataset), Path(options.output)

@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 
-from spinfilters.data.camera import PinholeCamera, StereoRig
-from spinfilters.errors import InputError
-from spinfilters.vision.reconstruction.body_model import body_model
-from spinfilters.vision.reconstruction.depth_map import DepthMap
-from spinfilters.vision.reconstruction.distance_volume import DistanceVolume, Grid
-from spinfilters.vision.reconstruction.reprojection import HEIGHT_PX, animation, beside, reprojection
+from spinfilters.core.errors import InputError
+from spinfilters.io.camera import PinholeCamera, StereoRig
+from spinfilters.vision.body_model import DistanceVolume, Grid, body_model
+from spinfilters.vision.depth_map import DepthMap
+from spinfilters.vision.visible_surface import HEIGHT_PX, animation, beside, reprojection
 
 RIG = StereoRig(PinholeCamera(250.0, 250.0, 59.5, 44.5, 120, 90), 0.1)
 RADIUS, AWAY = 0.08, np.array([0.0, 0.0, 0.5])

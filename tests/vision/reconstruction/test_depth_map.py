@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from spinfilters.data.camera import PinholeCamera, StereoRig
-from spinfilters.vision.reconstruction.depth_map import depth_map, refined_disparity
+from spinfilters.io.camera import PinholeCamera, StereoRig
+from spinfilters.vision.depth_map import depth_map, refined_disparity
 
 RIG = StereoRig(PinholeCamera(300.0, 300.0, 159.5, 119.5, 320, 240), 0.1)
 

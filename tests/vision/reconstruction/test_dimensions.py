@@ -5,8 +5,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from spinfilters.vision.reconstruction.body_model import dimensions_of
-from spinfilters.vision.reconstruction.surface_nets import NetSurface
+from spinfilters.vision.body_model import NetSurface, dimensions_of
 
 _CORNERS = np.array(list(product((-0.1, 0.1), (-0.02, 0.02), (-0.03, 0.03))))
 PLATE = NetSurface(_CORNERS, np.zeros((0, 3), dtype=int), np.zeros(8), _CORNERS, _CORNERS)

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from spinfilters.vision.reconstruction.distance_volume import Field, Grid
-from spinfilters.vision.reconstruction.surface_nets import surface_of
+from spinfilters.vision.body_model import Field, Grid, surface_of
 
 GRID = Grid(0.1, 33)
 

@@ -3,11 +3,17 @@
 import numpy as np
 import pytest
 
-from spinfilters.errors import InputError
+from spinfilters.core.errors import InputError
 from spinfilters.lidar.mesh import TriangleMesh
-from spinfilters.vision.rendering.body_view import Appearance, View, body_image
-from spinfilters.vision.rendering.surface_texture import SurfaceTexture
-from spinfilters.vision.rendering.triangle_mesh import POLYHEDRA, corner_normals, named_mesh
+from spinfilters.simulation.body_view import (
+    POLYHEDRA,
+    Appearance,
+    SurfaceTexture,
+    View,
+    body_image,
+    corner_normals,
+    named_mesh,
+)
 
 K = np.array([[100.0, 0.0, 39.5], [0.0, 100.0, 29.5], [0.0, 0.0, 1.0]])
 VIEW = View(K, (60, 80), np.eye(3), np.zeros(3))

@@ -9,11 +9,17 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from spinfilters.api.image_recordings import ImageScenario, example_rig, render
-from spinfilters.data.pose_files import read_tum
-from spinfilters.data.truth import read_truth
-from spinfilters.vision.raw_rig import read_raw_rig
-from spinfilters.vision.rendering.image_sequence import FramePose, rendered_pairs
-from spinfilters.vision.rendering.imaging import Imaging, add_stars, ideal_matrix, photograph
+from spinfilters.io.sensor_tables import read_tum
+from spinfilters.io.truth import read_truth
+from spinfilters.simulation.image_sequence import (
+    FramePose,
+    Imaging,
+    add_stars,
+    ideal_matrix,
+    photograph,
+    rendered_pairs,
+)
+from spinfilters.vision.rectification import read_raw_rig
 
 SMALL = ImageScenario(shape="box", frames=2, size=(96, 72), imaging=Imaging(oversampling=1, stars=5))
 

@@ -1,1 +1,0 @@
-"""Coordinates that a motion can be analysed in, one file each."""

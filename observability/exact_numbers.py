@@ -1,0 +1,231 @@
+"""Numbers of the analysis: exact fractions, floats, and residues of a prime, in which a rank is a rank.
+
+A number of the analysis lies in the ring that the rationals and exp of rationals generate. By Lindemann and Weierstrass the
+exponentials of different rationals are linearly independent over the rationals, so that ring maps to residues by n/d -> n d^-1 and
+exp(n/d) -> b^(n d^-1) for any b whose order is a prime that divides no d. A map of rings can lose rank and never adds any: a rank
+found here is a lower bound of the true one, whatever the prime, and by Schwartz and Zippel equal to it with a chance of some
+1 - 1e-6.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Sequence
+from fractions import Fraction
+
+import numpy as np
+from jaxtyping import Float, Num
+
+from spinfilters.core.errors import InputError
+
+SIMPLE = 10**6
+"""Denominators up to here are tried first, so that the float of 1/3 is read as 1/3."""
+
+Rationals = tuple[Fraction, ...]
+
+
+def rational(value: float | str | Fraction) -> Fraction:
+    """The simplest fraction that rounds to this float.
+
+    A string such as "1e-12" and a fraction are taken as they are.
+
+    Raises
+    ------
+    InputError: for a number that is not finite.
+    """
+    if not isinstance(value, float | np.floating):
+        return Fraction(value)
+    if not np.isfinite(value):
+        raise InputError(f"{value} cannot be analysed; give finite numbers")
+    number = float(value)
+    for guess in (Fraction(number).limit_denominator(SIMPLE), Fraction(repr(number))):
+        if float(guess) == number:
+            return guess
+    return Fraction(number)
+
+
+def rationals(values: Iterable[float | str | Fraction]) -> Rationals:
+    """`rational` of each."""
+    return tuple(rational(value) for value in values)
+
+
+def unit_quaternion(q: Sequence[float | Fraction] | Float[np.ndarray, " 4"]) -> Rationals:
+    """A quaternion of exactly unit norm near q / |q|.
+
+    Within rounding (scalar last), by stereographic projection.
+
+    Raises
+    ------
+    InputError: when q is no quaternion or its norm is 0.
+    """
+    values = np.array([float(part) for part in q])
+    norm = float(np.linalg.norm(values))
+    if values.shape != (4,) or not np.isfinite(norm) or norm == 0:
+        raise InputError(f"attitude {values.tolist()} is no quaternion; give four numbers that are not all 0")
+    pole = int(np.argmax(np.abs(values)))
+    sign = 1 if values[pole] > 0 else -1
+    others = [rational(float(v)) for v in np.delete(values * sign, pole) / (norm + abs(values[pole]))]
+    square = sum((v * v for v in others), Fraction(0))
+    unit = [sign * 2 * v / (1 + square) for v in others]
+    unit.insert(pole, sign * (1 - square) / (1 + square))
+    return tuple(unit)
+
+
+def as_floats(values: Sequence[Fraction]) -> Float[np.ndarray, " n"]:
+    """The nearest floats."""
+    return np.array([float(value) for value in values], dtype=float)
+
+
+class Arithmetic(ABC):
+    """Arrays of one kind of number. All operations are elementwise on any shape, and broadcast."""
+
+    dtype: np.dtype
+
+    @abstractmethod
+    def numbers(self, values: Sequence[Fraction]) -> Num[np.ndarray, " n"]:
+        """These fractions as numbers."""
+
+    @abstractmethod
+    def reduced(self, a: np.ndarray) -> np.ndarray:
+        """The canonical form of a sum of at most some thousand canonical numbers."""
+
+    @abstractmethod
+    def negative(self, a: np.ndarray) -> np.ndarray:
+        """-a in canonical form."""
+
+    @abstractmethod
+    def product(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """a b in canonical form."""
+
+    @abstractmethod
+    def inverse(self, a: np.ndarray) -> np.ndarray:
+        """1 / a; NotRegularError where a is 0."""
+
+    @abstractmethod
+    def exponential(self, a: np.ndarray, exact: Sequence[Fraction]) -> np.ndarray:
+        """exp(a), with a also given as fractions, in the order of a's elements."""
+
+    @abstractmethod
+    def root(self, a: np.ndarray) -> np.ndarray:
+        """The positive square root.
+
+        NotRegularError where there is no derivative or no number for it.
+        """
+
+    @abstractmethod
+    def logarithm(self, a: np.ndarray) -> np.ndarray:
+        """log(a); NotRegularError where there is no number for it."""
+
+
+class NotRegularError(ArithmeticError):
+    """An expression that has no power series in this arithmetic at this point."""
+
+
+class Reals(Arithmetic):
+    """float64."""
+
+    dtype = np.dtype(np.float64)
+
+    def numbers(self, values: Sequence[Fraction]) -> Num[np.ndarray, " n"]:
+        """Nearest floats."""
+        return np.array([float(value) for value in values], dtype=np.float64)
+
+    def reduced(self, a: np.ndarray) -> np.ndarray:
+        """The same."""
+        return a
+
+    def negative(self, a: np.ndarray) -> np.ndarray:
+        """-a."""
+        return -a
+
+    def product(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """a b."""
+        return a * b
+
+    def inverse(self, a: np.ndarray) -> np.ndarray:
+        """1 / a; NotRegularError where a is 0."""
+        if not np.all(a != 0):
+            raise NotRegularError("division by 0")
+        return 1 / a
+
+    def exponential(self, a: np.ndarray, exact: Sequence[Fraction]) -> np.ndarray:
+        """exp(a)."""
+        return np.exp(a)
+
+    def root(self, a: np.ndarray) -> np.ndarray:
+        """The positive root; NotRegularError where a is not positive."""
+        if not np.all(a > 0):
+            raise NotRegularError("square root of a number that is not positive")
+        return np.sqrt(a)
+
+    def logarithm(self, a: np.ndarray) -> np.ndarray:
+        """log(a); NotRegularError where a is not positive."""
+        if not np.all(a > 0):
+            raise NotRegularError("logarithm of a number that is not positive")
+        return np.log(a)
+
+
+PRIME = 2147483579
+"""The largest prime below 2^31 for which (p - 1)/2 is prime too: products of residues fit into 64 bits."""
+ORDER = (PRIME - 1) // 2
+"""Order of the squares, a prime: exponents live here."""
+_P = np.uint64(PRIME)
+
+
+class PrimeField(Arithmetic):
+    """uint64 residues below `PRIME`.
+
+    Parameters
+    ----------
+    base: stands for e: any residue but -1, 0 and 1; its square generates the squares.
+    """
+
+    dtype = np.dtype(np.uint64)
+
+    def __init__(self, base: int = 314159265) -> None:
+        self._base = pow(base, 2, PRIME)
+
+    def numbers(self, values: Sequence[Fraction]) -> Num[np.ndarray, " n"]:
+        """Residues of the fractions."""
+        return np.array([residue(value, PRIME) for value in values], dtype=np.uint64)
+
+    def reduced(self, a: np.ndarray) -> np.ndarray:
+        """The sum modulo p."""
+        return a - (a // _P) * _P
+
+    def negative(self, a: np.ndarray) -> np.ndarray:
+        """p - a."""
+        return np.where(a == 0, a, _P - a)
+
+    def product(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """a b modulo p."""
+        return self.reduced(a * b)
+
+    def inverse(self, a: np.ndarray) -> np.ndarray:
+        """1 / a modulo p; NotRegularError where a is 0."""
+        if not np.all(a):
+            raise NotRegularError("division by 0")
+        inverses = [pow(int(number), -1, PRIME) for number in a.ravel()]
+        return np.array(inverses, dtype=np.uint64).reshape(a.shape)
+
+    def exponential(self, a: np.ndarray, exact: Sequence[Fraction]) -> np.ndarray:
+        """Powers of a fixed base, which obey the same rules."""
+        powers = [pow(self._base, residue(value, ORDER), PRIME) for value in exact]
+        return np.array(powers, dtype=np.uint64).reshape(a.shape)
+
+    def root(self, a: np.ndarray) -> np.ndarray:
+        """Root of 1 alone; NotRegularError of other numbers."""
+        if not np.all(a == 1):
+            raise NotRegularError("an exact square root is taken of 1 only")
+        return a
+
+    def logarithm(self, a: np.ndarray) -> np.ndarray:
+        """Logarithm of 1 alone; NotRegularError of other numbers."""
+        if not np.all(a == 1):
+            raise NotRegularError("an exact logarithm is taken of 1 only")
+        return np.zeros_like(a)
+
+
+def residue(value: Fraction, prime: int) -> int:
+    """n d^-1 modulo a prime; NotRegularError when it divides d."""
+    if value.denominator % prime == 0:
+        raise NotRegularError(f"the denominator of {value} is a multiple of {prime}")
+    return value.numerator * pow(value.denominator, -1, prime) % prime

@@ -1,1 +1,0 @@
-"""Named changes of a state that no sensor can detect."""

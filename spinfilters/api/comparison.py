@@ -1,0 +1,455 @@
+"""The comparison of estimators from Python: `compare`, `load_run`, and the `Run` that they return."""
+
+import os
+import shutil
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from html import escape
+from importlib import import_module
+from io import StringIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from jaxtyping import Float
+from rich.console import Console, RenderableType
+
+from spinfilters.api.argument_ranges import SECONDS_AHEAD
+from spinfilters.api.blas_threads import on_one_blas_thread
+from spinfilters.api.recordings import load
+from spinfilters.core.errors import InputError
+from spinfilters.evaluation.comparison_table import ComparisonCells, comparison_cells, comparison_table
+from spinfilters.evaluation.estimated_motion import (
+    TRAJECTORY_COLUMNS,
+    Trajectory,
+    read_map_ply,
+    trajectory_columns,
+)
+from spinfilters.evaluation.estimator_evaluation import Evaluation
+from spinfilters.io.argument_checks import (
+    A_RECORDING,
+    ESTIMATORS,
+    called,
+    checked_arguments,
+    names,
+    number,
+    one_of,
+    optional,
+    path,
+    text,
+    truth,
+)
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.input_file import path_text, value_text
+from spinfilters.models.body import BodyEstimate
+from spinfilters.models.status import verdict_sentences
+from spinfilters.run.comparison_run import RunOutput, compare_dataset, compare_into, silent, write_comparison
+from spinfilters.run.conditions import conditions_of
+from spinfilters.run.estimation import Comparison, Progress
+from spinfilters.run.run_folder import CONFIG_FILE, MAP_FILE, SEGMENTS_FOLDER, read_figure_data
+from spinfilters.run.run_summary import SUMMARY_FILE, read_summary, summary
+from spinfilters.settings.run_settings import Settings, names_in, read_settings, settings_from
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from spinfilters.run.optional_outputs import OptionalOutputs
+
+
+@dataclass(frozen=True, eq=False)
+class EstimatorResult:
+    """Result of one estimator.
+
+    Attributes
+    ----------
+    evaluation: everything that was computed of it, `spinfilters.evaluation.estimator_evaluation.Evaluation`.
+    landmarks: (k, 3) m in frame g, the map that it ended with or was given; None without any.
+    """
+
+    evaluation: Evaluation
+    landmarks: Float[np.ndarray, "k 3"] | None = None
+
+    @property
+    def name(self) -> str:
+        """Name of the estimator."""
+        return self.evaluation.name
+
+    @property
+    def status(self) -> str:
+        """Whether it can be trusted: "ok", "degraded" or "failed"."""
+        return str(self.evaluation.history.status.verdict)
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Reasons for a status other than "ok": sentences with their numbers; empty otherwise."""
+        return self.evaluation.history.status.reasons
+
+    @property
+    def holds(self) -> dict[str, str]:
+        """Whether each quantity holds: "ok", "doubtful" or "not determined", whatever the status of the whole.
+
+        Quantities are "position" (of the centre of mass), "attitude", "velocity", "rate", "moments", "axes" and
+        "center_of_mass" (in the body). Empty of runs that older versions made.
+        """
+        return {name: str(state) for name, state in self.evaluation.history.status.holds.items()}
+
+    @property
+    def checks(self) -> tuple[str, ...]:
+        """Names of the checks that failed, as ``docs/reference/checks.md`` lists them."""
+        return tuple(each.check for each in self.evaluation.history.status.findings)
+
+    @property
+    def body(self) -> BodyEstimate:
+        """The body after the last epoch.
+
+        ``principal_moments`` (3,), ascending, largest = 1; ``principal_axes_g`` (3, 3), rows are unit axes in g;
+        ``center_of_mass_g`` (3,) m, None for a gyro alone; standard deviations as ``principal_moments_std`` (3,),
+        ``principal_axes_std`` (3,) rad, ``center_of_mass_std`` (3,) m. NaN where the estimator failed.
+        """
+        return self.evaluation.body
+
+    @cached_property
+    def trajectory(self) -> Trajectory:
+        """Motion after every epoch.
+
+        ``time`` (n,) s, ``position`` (n, 3) of the centre of mass in i, m, ``q_ig`` (n, 4), ``velocity`` (n, 3) in i, m/s,
+        ``rate_i`` (n, 3) in i axes, rad/s; ``std_position``, ``std_attitude`` (rad, g axes), ``std_velocity``, ``std_rate``,
+        each (n, 3).
+        """
+        return self.evaluation.trajectory
+
+    def to_dataframe(self) -> Any:
+        """The trajectory as a pandas.DataFrame over ``time_s``, with the columns of ``trajectory.csv``.
+
+        Raises
+        ------
+        ImportError: pandas is not installed.
+        """
+        columns = dict(zip(TRAJECTORY_COLUMNS, trajectory_columns(self.trajectory), strict=True))
+        return data_frame(columns, TRAJECTORY_COLUMNS[0])
+
+    def __repr__(self) -> str:
+        moments = ", ".join(f"{value:.4f}" for value in self.body.principal_moments)
+        epochs = len(self.evaluation.history.time)
+        return f"<{self.name}: {self.status}, {epochs} epochs, principal moments {moments}>"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Run(Mapping[str, EstimatorResult]):
+    """Results of estimators on one data set, by the estimator's name.
+
+    Printed, and shown in a notebook, it is the table of the command.
+
+    Attributes
+    ----------
+    dataset, settings: that it was made with.   results: by name of the estimator.
+    conditions: sentences on the map, the seed and the noise.   summary: the content of ``summary.json``.
+    comparison: what the estimators left behind, None where the run was read from its folder.
+    folder: that holds the run, None where it was not written.
+    """
+
+    dataset: Dataset
+    settings: Settings
+    results: Mapping[str, EstimatorResult]
+    conditions: tuple[str, ...]
+    summary: Mapping[str, Any]
+    comparison: Comparison | None = None
+    folder: Path | None = None
+
+    @classmethod
+    def from_comparison(cls, comparison: Comparison, settings: Settings, folder: Path | None = None) -> "Run":
+        """Run of a comparison that has just ended."""
+        results = {e.name: EstimatorResult(e, comparison.maps.get(e.name)) for e in comparison.evaluations}
+        setup = comparison.setup
+        conditions = tuple(conditions_of(setup).sentences)
+        return cls(setup.dataset, settings, results, conditions, summary(comparison), comparison, folder)
+
+    @classmethod
+    def from_folder(cls, folder: Path, settings: Settings) -> "Run":
+        """Run of a complete run folder. InputError: a damaged one."""
+        shown_run = read_figure_data(folder)
+        maps = {e.name: folder / e.name / MAP_FILE for e in shown_run.evaluations}
+        landmarks = {name: read_map_ply(path) for name, path in maps.items() if path.exists()}
+        results = {e.name: EstimatorResult(e, landmarks.get(e.name)) for e in shown_run.evaluations}
+        conditions = tuple(shown_run.conditions)
+        return cls(shown_run.dataset, settings, results, conditions, read_summary(folder), None, folder)
+
+    def __getitem__(self, name: str) -> EstimatorResult:
+        if name not in self.results:
+            raise KeyError(f"{value_text(name)} is not in this run; it has {', '.join(self.results)}")
+        return self.results[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.results)
+
+    def __len__(self) -> int:
+        return len(self.results)
+
+    @property
+    def remarks(self) -> list[str]:
+        """A sentence per reason for which estimators are not "ok"."""
+        return verdict_sentences({each.name: each.evaluation.history.status for each in self.values()})
+
+    @checked_arguments(name=text('the name of a figure, such as "summary"'))
+    def figure(self, name: str = "summary") -> "Figure":
+        """One of the run's pictures as a matplotlib figure, which can be shown or saved (`savefig`).
+
+        Parameters
+        ----------
+        name: of the table of figures: "summary", "rates", "inertia", "polhode", "scene", "consistency", "errors-mekf" (or
+            another estimator's), or that of an installed figure.
+
+        Raises
+        ------
+        InputError: no such figure, or one that needs what the run does not have.
+        """
+        from spinfilters.plots.figures import FigureData, drawn_figure
+
+        landmarks = next(iter(self.values())).landmarks
+        return drawn_figure(FigureData(self.dataset, self._evaluations, landmarks, self.conditions), name)
+
+    @checked_arguments(folder=path("a folder"))
+    def save(self, folder: str | os.PathLike[str]) -> Path:
+        """Write the run folder of the command, with its pictures; returns its path.
+
+        Raises
+        ------
+        InputError: the folder holds something else than a run or cannot be written; the run was read from a folder itself.
+        """
+        if self.comparison is None:
+            raise InputError(f"this run was read from {self.folder}; copy that folder")
+        write_comparison(Path(folder), self.comparison, self.settings)
+        return Path(folder)
+
+    def to_dataframe(self) -> Any:
+        """The numbers of ``summary.json`` as a pandas.DataFrame, a row per estimator.
+
+        Tables as ``a.b``, lists as ``a_1``.
+
+        Raises
+        ------
+        ImportError: pandas is not installed.
+        """
+        rows = [{"estimator": name} | dict(flattened(self.summary["estimators"][name], "")) for name in self]
+        names = dict.fromkeys(name for row in rows for name in row)
+        return data_frame({name: [row.get(name) for row in rows] for name in names}, "estimator")
+
+    def __str__(self) -> str:
+        return "\n".join([plain_text(comparison_table(self._evaluations, self.conditions)), *self.remarks])
+
+    __repr__ = __str__
+
+    def _repr_html_(self) -> str:
+        """For a notebook."""
+        return html_table(comparison_cells(self._evaluations, self.conditions), self.remarks)
+
+    @property
+    def _evaluations(self) -> list[Evaluation]:
+        return [each.evaluation for each in self.values()]
+
+
+WIDTH = 150
+"""Characters of a table where the terminal does not tell its own."""
+
+
+def plain_text(table: RenderableType) -> str:
+    """A table without colours, as wide as the terminal, or `WIDTH` where there is none."""
+    width = shutil.get_terminal_size((WIDTH, 24)).columns if sys.stdout.isatty() else WIDTH
+    stream = StringIO()
+    console = Console(file=stream, width=width, markup=False, emoji=False, color_system=None)
+    console.print(table)
+    return stream.getvalue().rstrip("\n")
+
+
+def html_table(cells: ComparisonCells, remarks: list[str]) -> str:
+    """The table for a notebook, its texts escaped; ``remarks`` are sentences below it."""
+    head = "".join(f"<th>{escape(text)}</th>" for text in ("", *cells.headings))
+    bodies = ("".join(_html_row(row) for row in section) for section in cells.sections if section)
+    below = [*cells.captions, *remarks]
+    return (
+        f"<table><caption>{_html_lines(cells.title)}</caption><thead><tr>{head}</tr></thead>"
+        f"{''.join(f'<tbody>{rows}</tbody>' for rows in bodies)}</table>"
+        f"<p>{_html_lines(below)}</p>"
+    )
+
+
+def data_frame(columns: Mapping[str, Any], index: str) -> Any:
+    """pandas.DataFrame of columns of equal length, one of which is its index.
+
+    Raises
+    ------
+    ImportError: pandas is not installed.
+    """
+    try:
+        pandas = import_module("pandas")
+    except ImportError:
+        raise ImportError(
+            "to_dataframe needs pandas, which is not installed; install it with 'pip install pandas'"
+        ) from None
+    return pandas.DataFrame(dict(columns)).set_index(index)
+
+
+def flattened(value: Any, name: str) -> Iterator[tuple[str, Any]]:
+    """Flat names and values of a document's numbers and words.
+
+    ``a.b`` of tables, ``a_1`` of lists; a list of sentences is one text.
+    """
+    if isinstance(value, Mapping):
+        for key, inner in value.items():
+            yield from flattened(inner, f"{name}.{key}" if name else str(key))
+    elif isinstance(value, list) and all(isinstance(each, str) for each in value):
+        yield name, "; ".join(value)
+    elif isinstance(value, list):
+        for number, inner in enumerate(value, start=1):
+            yield from flattened(inner, f"{name}_{number}")
+    else:
+        yield name, value
+
+
+def _html_row(row: tuple[str, ...]) -> str:
+    name, *cells = row
+    indent = "&nbsp;" * (len(name) - len(name.lstrip()))
+    numbers = "".join(f'<td style="text-align:right">{escape(cell)}</td>' for cell in cells)
+    return f'<tr><th style="text-align:left">{indent}{escape(name.strip())}</th>{numbers}</tr>'
+
+
+def _html_lines(lines: list[str] | tuple[str, ...]) -> str:
+    return "<br>".join(map(escape, lines))
+
+
+AnySettings = Settings | Mapping[str, Any] | str | os.PathLike[str]
+"""Settings, the tables of a settings file, or the path of one."""
+
+
+@checked_arguments(
+    data=one_of(Dataset, path_of=A_RECORDING, cure="a path or a data set of spinfilters.load or .simulate"),
+    segment=optional(one_of(int, str, cure='a number, times such as "6.55:7.4", or "auto"')),
+    settings=optional(
+        one_of(Settings, Mapping, path_of="a settings file", cure="Settings, a mapping of tables, or a path")
+    ),
+    output=optional(path("a folder")),
+    resume=truth,
+    predict=optional(number(SECONDS_AHEAD)),
+    convergence=truth,
+    explain=truth,
+    progress=called,
+)
+@on_one_blas_thread
+def compare(
+    data: Dataset | str | os.PathLike[str],
+    estimators: Sequence[str] | str | None = None,
+    settings: AnySettings | None = None,
+    segment: int | str | None = None,
+    output: str | os.PathLike[str] | None = None,
+    *,
+    resume: bool = False,
+    predict: float | None = None,
+    convergence: bool = False,
+    explain: bool = False,
+    progress: Progress = silent,
+) -> Run:
+    """Estimators side by side on one recording, as ``spinfilters compare`` runs them.
+
+    Parameters
+    ----------
+    data: a data set, or the path of one (see `load`).   segment: of a recording, see `load`.
+    estimators: names among "mekf", "ukf", "smoother", "filterpy-ekf", "filterpy-ukf", "embedded", "embedded-double"; one text
+        may list several, with commas. None takes those of the settings, by default the first three.
+    settings: `Settings`, a mapping such as ``{"sensors": {"pixel_std": 0.5}}``, or the path of a settings file.
+    output: folder to write the run into, with checkpoints and pictures; None writes nothing, and `Run.save` can later.
+    resume: go on from what an interrupted run has left in ``output``; a finished run is read from there.
+    predict: s to go on after the last epoch.   convergence: whether to show how the smoother settles.
+    explain: whether to run again with the errors of the models that are found. All three are files of ``output``.
+    progress: called with what is being done, steps done and steps in all.
+
+    Raises
+    ------
+    InputError: what the command refuses with exit code 2; the text is one line that names the value and the cure.
+    KeyboardInterrupt: Ctrl-C; what was estimated is in ``output``, if given, for ``resume`` to go on from.
+    """
+    chosen = _settings(settings, estimators)
+    dataset = _dataset(data, segment)
+    optional_outputs = _additions(predict, convergence, explain)
+    if output is None:
+        if resume or optional_outputs is not None:
+            raise InputError("resume, predict, convergence and explain work in a run folder; give output")
+        return Run.from_comparison(_whole(compare_dataset(dataset, chosen, progress), None), chosen)
+    folder = Path(output)
+    written = compare_into(dataset, chosen, RunOutput(folder, resume, optional_outputs), progress)
+    if written.comparison is None:
+        return Run.from_folder(folder, chosen)
+    return Run.from_comparison(_whole(written.comparison, folder), chosen, folder)
+
+
+@checked_arguments(folder=path("a run's folder"))
+def load_run(folder: str | os.PathLike[str]) -> Run:
+    """Run of a folder that a comparison has written, read without running anything.
+
+    Parameters
+    ----------
+    folder: of ``spinfilters compare -o``, of `compare` with ``output``, or of `Run.save`; of several segments that of one, such as
+        ``runs/mine/segments/001``.
+
+    Raises
+    ------
+    InputError: no folder of a run, an unfinished or a damaged one; the text is one line that names the file and the cure.
+    """
+    place = Path(folder)
+    if not (place / SUMMARY_FILE).exists() and (place / SEGMENTS_FOLDER).is_dir():
+        raise InputError(
+            f"{path_text(place)}: holds runs of several segments; give one of them ({SEGMENTS_FOLDER}/...)"
+        )
+    read_summary(place)  # tells first that a folder holds no finished run
+    return Run.from_folder(place, read_settings(place / CONFIG_FILE))
+
+
+def _whole(comparison: Comparison, folder: Path | None) -> Comparison:
+    """A comparison that Ctrl-C has not cut short."""
+    if comparison.interrupted:
+        raise KeyboardInterrupt(
+            "nothing was written; give output to go on from there next time"
+            if folder is None
+            else f"what was estimated is in {folder}; resume=True goes on from there"
+        )
+    return comparison
+
+
+def _settings(settings: AnySettings | None, estimators: Sequence[str] | str | None) -> Settings:
+    if settings is None:
+        chosen = Settings()
+    elif isinstance(settings, Settings):
+        chosen = settings
+    elif isinstance(settings, Mapping):
+        chosen = settings_from(settings, "settings")
+    else:
+        chosen = read_settings(Path(settings))
+    if estimators is None:
+        return chosen
+    return replace(chosen, estimators=_names(estimators))
+
+
+def _names(estimators: Sequence[str] | str) -> tuple[str, ...]:
+    """Names from a list, or from one text with commas. InputError: no names."""
+    if isinstance(estimators, Settings | Mapping):
+        raise InputError("estimators are settings; give them by name: compare(data, settings=...)")
+    names(ESTIMATORS)("estimators", estimators)
+    return names_in(estimators) if isinstance(estimators, str) else tuple(estimators)
+
+
+def _dataset(data: Dataset | str | os.PathLike[str], segment: int | str | None) -> Dataset:
+    if isinstance(data, Dataset):
+        if segment is not None:
+            raise InputError(f"segment {segment} is of a recording's folder; give its path, not a data set")
+        return data
+    return load(data, segment)
+
+
+def _additions(predict: float | None, convergence: bool, explain: bool) -> "OptionalOutputs | None":
+    """Optional outputs that were asked for, or None."""
+    if predict is None and not convergence and not explain:
+        return None
+    from spinfilters.run.optional_outputs import OptionalOutputs
+
+    return OptionalOutputs(predict, convergence, explain)

@@ -1,1 +1,0 @@
-"""The report of a campaign: statistics of its rows, pictures, one page."""

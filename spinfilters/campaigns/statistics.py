@@ -1,0 +1,232 @@
+"""Statistics over a campaign's rows with their 95 % intervals: by cell, by verdict, over time."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+import pyarrow as pa
+from jaxtyping import Float, Int
+from scipy.special import ndtri
+
+from spinfilters.campaigns.row_columns import BLOCKS, BODY_ERRORS, ERRORS, TIMES
+from spinfilters.campaigns.study import Study
+from spinfilters.evaluation.consistency import chi_square_band
+
+QUANTILE: Final = float(ndtri(0.975))
+
+
+@dataclass(frozen=True)
+class Interval:
+    """Estimate with its 95 % interval; NaN of too few values."""
+
+    value: float
+    low: float
+    high: float
+    count: int
+
+
+NOTHING: Final = Interval(np.nan, np.nan, np.nan, 0)
+
+
+def share(hits: int, count: int) -> Interval:
+    """Interval of a probability by Wilson's score (Wilson 1927), within 0 and 1."""
+    if not count:
+        return NOTHING
+    p, z2 = hits / count, QUANTILE**2
+    centre, width = p + z2 / (2 * count), QUANTILE * np.sqrt(p * (1 - p) / count + z2 / (4 * count**2))
+    low, high = (centre - width) / (1 + z2 / count), (centre + width) / (1 + z2 / count)
+    return Interval(p, float(max(low, 0.0)), float(min(high, 1.0)), count)
+
+
+def mean(values: Float[np.ndarray, " n"]) -> Interval:
+    """Interval of a mean of independent values, by the central limit theorem."""
+    finite = values[np.isfinite(values)]
+    if not len(finite):
+        return NOTHING
+    value = float(finite.mean())
+    if len(finite) < 2:
+        return Interval(value, np.nan, np.nan, len(finite))
+    width = QUANTILE * float(finite.std(ddof=1)) / np.sqrt(len(finite))
+    return Interval(value, value - width, value + width, len(finite))
+
+
+def root_mean_square(values: Float[np.ndarray, " n"]) -> Interval:
+    """Interval of a root mean square, from that of the mean square."""
+    return _root(mean(np.square(values)))
+
+
+def ratio_of_squares(values: Float[np.ndarray, " n"], bounds: Float[np.ndarray, " n"]) -> Interval:
+    """Ratio rms(values) / rms(bounds) of paired runs, with its interval.
+
+    The mean of v^2 - r^2 b^2 is zero, its deviation that of r^2.
+    """
+    paired = np.isfinite(values) & np.isfinite(bounds)
+    v, b = np.square(values[paired]), np.square(bounds[paired])
+    if not len(v) or not b.mean() > 0:
+        return NOTHING
+    ratio = float(v.mean() / b.mean())
+    if len(v) < 2:
+        return Interval(float(np.sqrt(ratio)), np.nan, np.nan, len(v))
+    width = QUANTILE * float((v - ratio * b).std(ddof=1)) / np.sqrt(len(v)) / float(b.mean())
+    return _root(Interval(ratio, ratio - width, ratio + width, len(v)))
+
+
+def _root(square: Interval) -> Interval:
+    low, high = np.sqrt(max(square.low, 0.0)), np.sqrt(square.high)
+    return Interval(float(np.sqrt(square.value)), float(low), float(high), square.count)
+
+
+QUANTITIES: Final = (*ERRORS, *BODY_ERRORS)
+VERDICTS: Final = ("ok", "degraded", "failed")
+FEWEST_SHARE: Final = 0.5
+"""Of a cell's runs that have an epoch, below which it is not drawn: initialisations are of different lengths."""
+
+
+@dataclass(frozen=True)
+class NeesOverTime:
+    """Mean NEES per degree of freedom over runs at ``time_s`` (n,), with its consistency band."""
+
+    time_s: Float[np.ndarray, " n"]
+    mean: Float[np.ndarray, " n"]
+    low: Float[np.ndarray, " n"]
+    high: Float[np.ndarray, " n"]
+
+    @property
+    def inside(self) -> float:
+        """Share of the epochs within the band."""
+        return (
+            float(np.mean((self.mean >= self.low) & (self.mean <= self.high))) if len(self.mean) else np.nan
+        )
+
+
+@dataclass(frozen=True)
+class CellSummary:
+    """Statistics of the runs of one cell.
+
+    Attributes
+    ----------
+    levels: of the factors.   runs: rows.   outcomes: how many of each.   ok, right_of_ok: shares.
+    nees, blocks: mean over runs of a run's mean per degree of freedom.   nees_median: over runs.
+    last, band: mean over runs of the last epoch's, and the band that it lies in with 95 % for a consistent estimator.
+    errors, over_bound: by quantity, root mean square over runs, and over that of the bound.   seconds: of processor time.
+    """
+
+    cell: int
+    levels: Mapping[str, str]
+    runs: int
+    outcomes: Mapping[str, int]
+    verdicts: Mapping[tuple[str, str], int]
+    ok: Interval
+    right_of_ok: Interval
+    nees: Interval
+    nees_median: float
+    blocks: Mapping[str, Interval]
+    last: Interval
+    band: tuple[float, float]
+    errors: Mapping[str, Interval]
+    over_bound: Mapping[str, Interval]
+    seconds: Interval
+    over_time: NeesOverTime
+
+
+def cell_summaries(study: Study, table: pa.Table) -> Iterator[CellSummary]:
+    """Statistics of every cell that has rows, in order."""
+    cells = table["cell"].to_numpy()
+    order = np.argsort(cells, kind="stable")
+    found, begins = np.unique(cells[order], return_index=True)
+    plain = table.drop_columns(["nees_time_s", "nees_over_time"]).to_pandas()
+    series = NeesSeries(table)
+    for cell, rows in zip(found.tolist(), np.split(order, begins[1:]), strict=True):
+        yield _summary(cell, study.cells[cell].levels, plain.iloc[rows], series.over_time(rows))
+
+
+def _summary(cell: int, levels: Mapping[str, str], rows: Any, over_time: NeesOverTime) -> CellSummary:
+    verdicts = confusion(rows)
+    ok, right = (
+        sum(verdicts.get(("ok", was), 0) for was in told) for told in (("right", "wrong"), ("right",))
+    )
+    all_ok = int((rows["verdict"] == "ok").sum())
+    last, dof = mean(_numbers(rows, "nees_last")), _numbers(rows, "dof")
+    return CellSummary(
+        cell,
+        levels,
+        len(rows),
+        rows["outcome"].value_counts().to_dict(),
+        verdicts,
+        share(all_ok, len(rows)),
+        share(right, ok),
+        mean(_numbers(rows, "nees")),
+        float(np.nanmedian(values)) if (values := _finite(rows, "nees")).size else np.nan,
+        {block: mean(_numbers(rows, f"nees_{block}")) for block in BLOCKS},
+        last,
+        _band(int(np.nanmax(dof)) if np.isfinite(dof).any() else 0, last.count),
+        {name: root_mean_square(_numbers(rows, f"error_{name}")) for name in QUANTITIES},
+        {
+            name: ratio_of_squares(_numbers(rows, f"error_{name}"), _numbers(rows, f"bound_{name}"))
+            for name in QUANTITIES
+        },
+        mean(np.sum([_numbers(rows, f"time_{part}_s") for part in TIMES], axis=0)),
+        over_time,
+    )
+
+
+def confusion(rows: Any) -> dict[tuple[str, str], int]:
+    """Counts of rows by verdict and by "right", "wrong" or "unknown"."""
+    said = rows["verdict"].fillna("no result")
+    was = rows["right"].map({True: "right", False: "wrong"}).fillna("unknown")
+    return {(str(a), str(b)): int(n) for (a, b), n in rows.groupby([said, was]).size().items()}
+
+
+class NeesSeries:
+    """NEES over time of every row, as flat arrays."""
+
+    def __init__(self, table: pa.Table) -> None:
+        self._time, self._offsets = _flat(table["nees_time_s"])
+        self._nees, _ = _flat(table["nees_over_time"])
+        dof = table["dof"].to_numpy(zero_copy_only=False).astype(float)
+        self._dof = int(np.nanmax(dof)) if np.isfinite(dof).any() else 1
+
+    def over_time(self, rows: Int[np.ndarray, " k"]) -> NeesOverTime:
+        """Mean NEES over time of some rows."""
+        lengths = np.diff(self._offsets)[rows]
+        begins = np.repeat(self._offsets[rows] - np.concatenate([[0], np.cumsum(lengths)[:-1]]), lengths)
+        at = begins + np.arange(lengths.sum())
+        value = self._nees[at]
+        finite = np.isfinite(value)
+        time, index = np.unique(self._time[at][finite], return_inverse=True)
+        count = np.bincount(index, minlength=len(time))
+        often = count >= FEWEST_SHARE * np.count_nonzero(lengths)
+        sums = np.bincount(index, weights=value[finite], minlength=len(time))
+        n = np.maximum(count[often], 1)
+        low, high = chi_square_band(self._dof * n, 1)
+        return NeesOverTime(time[often], sums[often] / n, low / (self._dof * n), high / (self._dof * n))
+
+
+def _flat(column: pa.ChunkedArray) -> tuple[Float[np.ndarray, " m"], Int[np.ndarray, " n_plus_1"]]:
+    """Concatenated values of a column of lists, and where each row's begin.
+
+    Rows without a list have none.
+    """
+    values = column.combine_chunks()
+    if isinstance(values, pa.ChunkedArray):
+        values = pa.concat_arrays(values.chunks) if values.num_chunks else pa.array([], column.type)
+    lengths = np.nan_to_num(values.value_lengths().to_numpy(zero_copy_only=False).astype(float))
+    flat = values.flatten().to_numpy(zero_copy_only=False).astype(float)
+    return flat, np.concatenate([[0], np.cumsum(lengths.astype(int))])
+
+
+def _band(dof: int, runs: int) -> tuple[float, float]:
+    if not dof or not runs:
+        return np.nan, np.nan
+    low, high = chi_square_band(dof, runs)
+    return float(low) / dof, float(high) / dof
+
+
+def _numbers(rows: Any, column: str) -> Float[np.ndarray, " n"]:
+    return rows[column].to_numpy(dtype=float, na_value=np.nan)
+
+
+def _finite(rows: Any, column: str) -> Float[np.ndarray, " n"]:
+    values = _numbers(rows, column)
+    return values[np.isfinite(values)]

@@ -1,0 +1,1 @@
+"""Mathematics that all else stands on: conventions, attitude, dynamics, geometry, linear algebra, CasADi functions."""

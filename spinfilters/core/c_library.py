@@ -1,0 +1,322 @@
+"""C code compiled to shared libraries, and the folder that keeps them between runs."""
+
+import ctypes
+import hashlib
+import logging
+import os
+import platform
+import shutil
+import stat
+import subprocess
+import tempfile
+import time
+from collections.abc import Mapping
+from functools import cache
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import casadi as ca
+import platformdirs
+
+from spinfilters.core.working_time import building
+
+OWN_FOLDER, OWN_FILE = 0o700, 0o600
+"""Permissions given to what is made here, whatever the umask."""
+OTHERS_WRITE: Final = stat.S_IWGRP | stat.S_IWOTH
+LARGEST_LIBRARY: Final = 1 << 26
+"""Bytes, a hundred times the largest that is built here: a larger file is not read into memory."""
+UNFINISHED: Final = "building-"
+"""How folders of builds in progress begin."""
+ABANDONED: Final = 3600.0
+"""Age from which a build in progress has been killed, s: none is allowed more than a few minutes."""
+
+
+def cache_folder() -> Path | None:
+    """Folder of compiled libraries.
+
+    ``$SPINFILTERS_CACHE`` or the user's cache folder; None for a user without a home.
+    """
+    chosen = os.environ.get("SPINFILTERS_CACHE")
+    if chosen:
+        return Path(os.path.abspath(chosen))
+    try:
+        folder = Path(platformdirs.user_cache_dir("spinfilters"))
+    except RuntimeError:
+        return None
+    return folder if folder.is_absolute() else None
+
+
+def private_folder() -> Path:
+    """The cache folder, made if need be, links above it followed.
+
+    Raises
+    ------
+    OSError: there is none, it cannot be made, or others could write into it or put another in its place; the text says which.
+    """
+    wanted = cache_folder()
+    if wanted is None:
+        raise FileNotFoundError("this user has no home folder")
+    folder = Path(os.path.realpath(wanted.parent)) / wanted.name
+    _require_private(folder)
+    for place in (*reversed(folder.parents), folder):
+        if not place.exists():
+            _make(place)
+    _require_private(folder)
+    return folder
+
+
+def _make(folder: Path) -> None:
+    try:
+        folder.mkdir(mode=OWN_FOLDER)
+    except FileExistsError:  # another process was quicker
+        return
+    folder.chmod(OWN_FOLDER)
+
+
+def is_own_library(path: Path) -> bool:
+    """Whether a file is regular, of one name, and writable by the user only."""
+    found = path.lstat()
+    return (
+        stat.S_ISREG(found.st_mode)
+        and found.st_uid == os.geteuid()
+        and not found.st_mode & OTHERS_WRITE
+        and found.st_nlink == 1
+        and found.st_size <= LARGEST_LIBRARY
+    )
+
+
+def remove_abandoned_builds(folder: Path) -> None:
+    """Delete what builds left behind that were killed."""
+    for scratch in folder.glob(f"{UNFINISHED}*"):
+        if time.time() - scratch.lstat().st_mtime > ABANDONED:
+            shutil.rmtree(scratch, ignore_errors=True)
+
+
+def _require_private(folder: Path) -> None:
+    """Check the parts of the path that are there."""
+    if os.name != "posix":
+        raise PermissionError("who may write into a folder is not known on this system")
+    for place in (folder, *folder.parents):
+        try:
+            found = place.lstat()
+        except FileNotFoundError:
+            continue
+        why = _shared_folder(found) if place == folder else _exchangeable(found)
+        if why is not None:
+            raise PermissionError(f"{place} {why}")
+
+
+def _shared_folder(found: os.stat_result) -> str | None:
+    """Why others could have written into the cache folder, or None."""
+    if not stat.S_ISDIR(found.st_mode):
+        return "is a link" if stat.S_ISLNK(found.st_mode) else "is no folder"
+    if found.st_uid != os.geteuid():
+        return "belongs to another user"
+    return "can be written by others" if found.st_mode & OTHERS_WRITE else None
+
+
+def _exchangeable(found: os.stat_result) -> str | None:
+    """Why others could rename what lies in a folder above the cache folder, or None."""
+    if not stat.S_ISDIR(found.st_mode):
+        return "is no folder"
+    if found.st_uid not in {0, os.geteuid()}:
+        return "belongs to another user"
+    if found.st_mode & stat.S_ISVTX or not found.st_mode & OTHERS_WRITE:
+        return None
+    if found.st_mode & stat.S_IWOTH or not _has_one_member(found.st_gid):
+        return "can be written by others"
+    return None
+
+
+def _has_one_member(group: int) -> bool:
+    """Whether a group is the user's private one.
+
+    Such groups usually come with a umask of 002, and with it folders that their group may write to.
+    """
+    import grp
+    import pwd
+
+    try:
+        user, found = pwd.getpwuid(os.geteuid()), grp.getgrgid(group)
+    except KeyError:
+        return False
+    return user.pw_gid == group and found.gr_name == user.pw_name and set(found.gr_mem) <= {user.pw_name}
+
+
+FLAGS = ("-O2", "-ffp-contract=off", "-shared", "-fPIC")
+"""No contraction into fused multiply-adds, so that compiled code rounds as CasADi's virtual machine does."""
+NATIVE = "-march=native"
+"""Every instruction of this machine: for code that handles many items side by side."""
+KERNEL_FLAGS = (*(flag for flag in FLAGS if "contract" not in flag), "-O3", NATIVE, "-fno-math-errno")
+"""Of loops that are linear algebra and have a NumPy reference: sums may be contracted."""
+
+_LOOP = """
+#include <stdlib.h>
+int spinfilters_loop(long long n, const double* const* base, const long long* stride,
+                     double* const* out, const long long* out_stride) {{
+  const casadi_real* arg[{sz_arg}]; casadi_real* res[{sz_res}]; casadi_int iw[{sz_iw}];
+  casadi_real* w = (casadi_real*) malloc({sz_w} * sizeof(casadi_real));
+  int flag = 0;
+  if (w == 0) return 1;
+  for (long long i = 0; i < n && flag == 0; ++i) {{
+    for (int k = 0; k < {n_in}; ++k) arg[k] = base[k] + i * stride[k];
+    for (int k = 0; k < {n_out}; ++k) res[k] = out[k] + i * out_stride[k];
+    flag = {name}(arg, res, iw, w, 0);
+  }}
+  free(w);
+  return flag;
+}}
+"""
+
+
+@cache
+def compiler() -> str | None:
+    """Path of the C compiler (``$CC``, cc, gcc, clang), or None, as with ``SPINFILTERS_COMPILE=off``."""
+    if os.environ.get("SPINFILTERS_COMPILE", "on").lower() in {"off", "0", "no"}:
+        return None
+    for name in (os.environ.get("CC"), "cc", "gcc", "clang"):
+        if name and (found := shutil.which(name)):
+            return found
+    return None
+
+
+def load_loop(function: ca.Function) -> ctypes.PyDLL | None:
+    """The function's loop over items as a shared library, or None (the caller then interprets)."""
+    with building():
+        return load_text(function.name(), _source(function), FLAGS) if compiler() else None
+
+
+def load_text(name: str, text: str, flags: tuple[str, ...]) -> ctypes.PyDLL | None:
+    """C text as a shared library, or None.
+
+    A file in the cache that is damaged, or that another user could have written, is not loaded but built again. There is no library
+    without a working compiler, nor without a folder that is the user's alone.
+    """
+    cc = compiler()
+    if cc is None:
+        return None
+    with building():
+        version = ca.CasadiMeta.version()
+    machine = (platform.system(), platform.machine(), processor() if NATIVE in flags else "")
+    key = "\0".join((text, cc, " ".join(flags), version, *machine))
+    stem = f"{name}-{_digest(key.encode())}"
+    try:
+        with building():
+            folder = private_folder()
+            library = _undamaged(folder, stem) or _compile((cc, *flags), text, folder / stem)
+            return ctypes.PyDLL(str(library))
+    except (OSError, subprocess.SubprocessError) as error:
+        LOGGER.warning(
+            "not compiled, which makes models several times slower: %s; see 'spinfilters doctor'",
+            reason(error),
+        )
+        return None
+
+
+_TYPES = {"i": ctypes.c_longlong, "d": ctypes.c_double, "p": ctypes.c_void_p}
+
+
+class Signature(NamedTuple):
+    """Arguments of a function of a library, a letter each of `_TYPES`, and what it returns."""
+
+    arguments: str
+    result: type | None
+
+
+def with_signatures(library: ctypes.PyDLL | None, signatures: Mapping[str, Signature]) -> ctypes.PyDLL | None:
+    """A library whose functions know their signatures.
+
+    Arguments: integers i, numbers d and addresses p; and what they return.
+    """
+    if library is not None:
+        for name, (arguments, result) in signatures.items():
+            function = getattr(library, name)
+            function.argtypes, function.restype = [_TYPES[letter] for letter in arguments], result
+    return library
+
+
+def reason(error: OSError | subprocess.SubprocessError) -> str:
+    """Why there is no library, in a few words."""
+    if isinstance(error, subprocess.CalledProcessError):
+        return f"{error.cmd[0]} ends with exit code {error.returncode}"
+    if isinstance(error, OSError) and error.strerror:
+        return f"{error.filename or 'the cache folder'}: {error.strerror}"
+    return str(error)
+
+
+@cache
+def processor() -> str:
+    """Name of this processor, where machines may share the cache folder."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        return platform.processor()
+    return next((line for line in lines if line.startswith(("flags", "Features"))), platform.processor())
+
+
+def has_wide_vectors() -> bool:
+    """Whether this processor has vectors of 512 bits, as far as the system says."""
+    return "avx512f" in processor().split()
+
+
+def no_library(function: ca.Function) -> None:
+    """Loader of functions not worth compiling: no library."""
+
+
+def _undamaged(folder: Path, stem: str) -> Path | None:
+    """Cached library whose bytes have the digest in its name, or None."""
+    for library in folder.glob(f"{stem}-*.so"):
+        if is_own_library(library) and library.stem == f"{stem}-{_digest(library.read_bytes())}":
+            return library
+    return None
+
+
+def _digest(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()[:24]
+
+
+def _source(function: ca.Function) -> str:
+    generator = ca.CodeGenerator(function.name(), {"with_header": False})
+    generator.add(function)
+    loop = _LOOP.format(
+        name=function.name(),
+        n_in=function.n_in(),
+        n_out=function.n_out(),
+        sz_arg=max(1, function.sz_arg()),
+        sz_res=max(1, function.sz_res()),
+        sz_iw=max(1, function.sz_iw()),
+        sz_w=max(1, function.sz_w()),
+    )
+    return generator.dump() + loop
+
+
+class _OneWarning(logging.Filter):
+    """Lets the first warning pass: what keeps one function from being compiled keeps all."""
+
+    given = False
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Whether to pass a record: no second warning."""
+        first = not self.given or record.levelno < logging.WARNING
+        self.given = self.given or record.levelno >= logging.WARNING
+        return first
+
+
+LOGGER = logging.getLogger("spinfilters.compile")
+"""Says, at level INFO, that a library is being built: it takes seconds, and only the first time. Warns, once, if none can be."""
+LOGGER.addFilter(_OneWarning())
+
+
+def _compile(command: tuple[str, ...], text: str, stem: Path) -> Path:
+    """Build a library whose file name is the stem and its digest."""
+    LOGGER.info("compiling %s", stem.name)
+    remove_abandoned_builds(stem.parent)
+    with tempfile.TemporaryDirectory(dir=stem.parent, prefix=UNFINISHED) as scratch:
+        source, built = Path(scratch) / "source.c", Path(scratch) / "built.so"
+        source.write_text(text)
+        whole, found = [*command, "-o", built, source, "-lm"], {"PATH": os.defpath, **os.environ}
+        subprocess.run(whole, check=True, capture_output=True, timeout=120, env=found)
+        built.chmod(OWN_FILE)
+        library = stem.with_name(f"{stem.name}-{_digest(built.read_bytes())}.so")
+        os.replace(built, library)
+    return library

@@ -1,0 +1,139 @@
+"""Linear algebra and statistics of covariances: definiteness, roots, signs, chi-square and F probabilities, LAPACK."""
+
+from collections.abc import Callable
+from typing import Any, Final
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.linalg import get_lapack_funcs
+from scipy.special import chdtrc, fdtrc, gammaincinv
+
+SINGULAR: Final = 1e-12
+"""Smallest eigenvalue, over the largest or over a diagonal of ones, from which down a matrix counts as singular.
+
+Rounding leaves some 1e-15 of a singular one's 0, and numbers that were measured lie far above.
+"""
+
+
+def correlation_root(covariance: Float[np.ndarray, "*batch n n"]) -> Float[np.ndarray, "*batch n n"]:
+    """Lower Cholesky factors of matrices scaled to unit diagonals.
+
+    Symmetric; units have no say.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError: when one is singular or indefinite, or a number of its diagonal not positive and finite.
+    """
+    diagonal = np.diagonal(covariance, axis1=-2, axis2=-1)
+    if not np.all(np.isfinite(diagonal) & (diagonal > 0)):
+        raise np.linalg.LinAlgError("a variance is not positive and finite")
+    scale = np.sqrt(diagonal)
+    scaled = covariance / scale[..., :, np.newaxis] / scale[..., np.newaxis, :]
+    np.linalg.cholesky(scaled - SINGULAR * np.eye(scale.shape[-1]))
+    return np.linalg.cholesky(scaled)
+
+
+def is_definite(covariance: Float[np.ndarray, "*batch n n"]) -> bool:
+    """Whether all symmetric matrices have a `correlation_root`."""
+    try:
+        correlation_root(covariance)
+    except np.linalg.LinAlgError:
+        return False
+    return True
+
+
+def which_definite(covariances: Float[np.ndarray, "k n n"]) -> Bool[np.ndarray, " k"]:
+    """Mask of symmetric matrices that have a `correlation_root`."""
+    if is_definite(covariances):
+        return np.ones(len(covariances), dtype=bool)
+    return np.array([is_definite(covariance) for covariance in covariances])
+
+
+EQUAL: Final = 1e-6
+"""Relative difference below which components are equally large: rounding must not choose between those of (1, -1, 0)."""
+
+
+def with_largest_positive(vectors: Float[np.ndarray, "*batch n"]) -> Float[np.ndarray, "*batch n"]:
+    """Vectors, turned round where the first of their largest components is negative."""
+    size = np.abs(vectors)
+    first = (size >= (1 - EQUAL) * size.max(axis=-1, keepdims=True)).argmax(axis=-1)
+    largest = np.take_along_axis(vectors, first[..., np.newaxis], axis=-1)
+    return np.where(largest < 0, -vectors, vectors)
+
+
+Numbers = np.ndarray | float
+
+
+def chi_square_tail(value: Numbers, dof: Numbers) -> Numbers:
+    """P(chi2_dof > value); 1 of negative values."""
+    return chdtrc(dof, np.maximum(value, 0.0))
+
+
+def chi_square_median(dof: Numbers) -> Numbers:
+    """Median of chi2_dof."""
+    return 2 * gammaincinv(0.5 * dof, 0.5)
+
+
+def fisher_tail(value: float, first: float, second: float) -> float:
+    """P(F > value) of Fisher's distribution; 1 of negative values."""
+    return float(fdtrc(first, second, max(value, 0.0)))
+
+
+NAMES = ("geqrf", "potrf", "pstrf", "tpqrt", "trtri", "trtrs")
+dgeqrf: Any
+dpotrf: Any
+dpstrf: Any
+dtpqrt: Any
+dtrtri: Any
+dtrtrs: Any
+dgeqrf, dpotrf, dpstrf, dtpqrt, dtrtri, dtrtrs = get_lapack_funcs(NAMES, dtype=np.float64)
+
+
+def normalised_square(
+    error: Float[np.ndarray, "n k"], rows: Float[np.ndarray, "n k e"]
+) -> Float[np.ndarray, " n"]:
+    """e' P^-1 e for P = rows rows', infinite where P is singular.
+
+    ``rows`` are those rows of a covariance factor that belong to the error.
+    """
+    return normalised_trace(error[..., np.newaxis], rows)
+
+
+def normalised_trace(
+    columns: Float[np.ndarray, "n k c"], rows: Float[np.ndarray, "n k e"]
+) -> Float[np.ndarray, " n"]:
+    """tr(P^-1 C C') of columns C for P = rows rows', infinite where P is singular.
+
+    By a triangular factor of P and a solve.
+    """
+    upper = np.asarray(np.linalg.qr(np.swapaxes(rows, 1, 2), mode="r"))
+    regular = regular_factors(upper)
+    result = np.full(len(columns), np.inf)
+    whitened = np.linalg.solve(np.swapaxes(upper[regular], 1, 2), columns[regular])
+    result[regular] = np.square(whitened).sum(axis=(1, 2))
+    return result
+
+
+def regular_factors(upper: np.ndarray) -> Bool[np.ndarray, " n"]:
+    """Mask of numerically non-singular triangular factors.
+
+    No diagonal element is zero, not even next to its own row of P.
+    """
+    scale = np.linalg.norm(upper, axis=1)
+    return (np.abs(np.einsum("nii->ni", upper)) > np.finfo(float).eps * scale).all(axis=1)
+
+
+STRETCH = 1024
+"""Epochs whose derivatives are in memory together: they take ten times the room of what follows from them."""
+
+
+def by_stretches(epochs: int, derive: Callable[[slice], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    """Named arrays over so many epochs, at least one, from those of stretches of the epochs."""
+    whole: dict[str, np.ndarray] = {}
+    for start in range(0, epochs, STRETCH):
+        rows = slice(start, min(start + STRETCH, epochs))
+        for name, part in derive(rows).items():
+            if name not in whole:
+                whole[name] = np.empty((epochs, *part.shape[1:]), part.dtype)
+            whole[name][rows] = part
+    return whole

@@ -1,1 +1,0 @@
-"""Measurement logs, data sets and truths; their files."""

@@ -1,1 +1,0 @@
-"""Rotational dynamics of a rigid body and its mass distribution."""

@@ -1,1 +1,0 @@
-"""Filters, smoothers, their initialisation, and the one loop over time."""

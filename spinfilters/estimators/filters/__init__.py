@@ -1,1 +1,0 @@
-"""Recursive filters in square-root form."""

@@ -1,1 +1,0 @@
-"""Noise identified from the data: variance components of the smoothing problem by maximum marginal likelihood."""

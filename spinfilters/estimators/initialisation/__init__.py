@@ -1,1 +1,0 @@
-"""Initial estimates from the first epochs of a recording."""

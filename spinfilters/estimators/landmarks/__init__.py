@@ -1,1 +1,0 @@
-"""Landmarks of unknown position in a filter: shared error modes and own errors."""

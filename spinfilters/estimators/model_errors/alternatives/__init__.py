@@ -1,1 +1,0 @@
-"""Model errors, a file each."""

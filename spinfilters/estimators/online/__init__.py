@@ -1,1 +1,0 @@
-"""Estimation while measurements arrive."""

@@ -1,1 +1,0 @@
-"""Robust losses and rejection of outliers."""

@@ -1,1 +1,0 @@
-"""Smoothing on the filters' own models, in batch or over a sliding window."""

@@ -1,1 +1,0 @@
-"""Terms of the cost: dynamics, sensors, landmark observations, priors."""

@@ -1,1 +1,0 @@
-"""Elimination, solution and marginals of the linear problem."""

@@ -1,1 +1,0 @@
-"""The nonlinear least-squares problem."""

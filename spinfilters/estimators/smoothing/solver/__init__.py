@@ -1,1 +1,0 @@
-"""Iterations to the minimum: schedules and step rules."""

@@ -1,1 +1,0 @@
-"""Incremental smoothing over a sliding window."""

@@ -1,0 +1,1 @@
+"""Recursive estimators: EKF and UKF in square-root form, with landmarks, outliers, late measurements."""

@@ -1,0 +1,365 @@
+"""Prediction, update and steps of the landmarks in compiled C: `correction.c`, `update.c`, `epoch.c`.
+
+Compiled once for every size of state, of a sensor's columns, and of the modes that landmarks share. Without a compiler NumPy
+does the same.
+"""
+
+import ctypes
+from collections.abc import Sequence
+from functools import cache, lru_cache
+from importlib.resources import files
+from operator import is_
+from typing import Final, NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from spinfilters.core.c_library import KERNEL_FLAGS, Signature, has_wide_vectors, load_text, with_signatures
+from spinfilters.core.compiled import address
+from spinfilters.filters.estimator import Measurement
+from spinfilters.filters.landmark_steps import (
+    NEW_LANDMARK_SHARE,
+    AddedLandmarks,
+    Closing,
+    LandmarkArrays,
+    LinearisedObservations,
+    MapObservations,
+    NewModes,
+    NumpySteps,
+    PoseSpread,
+    WhitenedLandmarks,
+)
+from spinfilters.filters.measurement_prediction import SigmaPoints
+from spinfilters.filters.square_root import LOG_2_PI, Correction
+from spinfilters.models.measurement import MeasurementModel
+
+LOOSE_SUMS: Final = ("-fassociative-math", "-fno-signed-zeros", "-fno-trapping-math")
+FLAGS: Final = (*KERNEL_FLAGS, *LOOSE_SUMS, "-fno-strict-aliasing", "-Wno-psabi")
+"""Sums may be taken in any order, so that they are vectorised; what is not finite stays so."""
+LANES: Final = 8 if has_wide_vectors() else 4
+"""Numbers side by side: one vector. GCC takes a vector wider than the machine's apart, in 2 to 9 times the time."""
+LARGEST_STATE: Final = 64
+"""Errors of a state; larger ones go through NumPy."""
+MOST_DIM: Final = 8
+"""Components of an innovation."""
+MOST_NOISE: Final = 24
+"""Columns of the noise that a prediction takes in."""
+_SIGNATURES: Final = {
+    "update": Signature("pipppddppp", ctypes.c_longlong),
+    "propagate": Signature("pppip", None),
+}
+POSE_COLUMNS: Final = 6
+"""Errors that most sensors depend on: their library propagates too."""
+MODELS: Final = 64
+"""Sensor models whose addresses are kept."""
+
+
+def correction_text(sizes: dict[str, int]) -> str:
+    """C text of the measurement update for these sizes, to be continued."""
+    numbers = ", ".join(f"{name} = {size}" for name, size in sizes.items())
+    body = files("spinfilters.filters").joinpath("correction.c").read_text()
+    return f"enum {{ {numbers}, LANES = {LANES} }};\n{body}"
+
+
+@cache
+def _library(columns: int, size: int) -> ctypes.PyDLL | None:
+    text = correction_text({"C": columns, "M": 0, "N": size})
+    text += files("spinfilters.filters").joinpath("update.c").read_text()
+    return with_signatures(load_text(f"filter_update_{columns}_{size}", text, FLAGS), _SIGNATURES)
+
+
+class Update(NamedTuple):
+    """A point, its correction, and the covariance factor about it.
+
+    (m,) and (n, n).
+    """
+
+    mean: Float[np.ndarray, " m"]
+    correction: Correction
+    factor: Float[np.ndarray, "n n"]
+
+
+class CompiledUpdate:
+    """Compiled EKF updates by one measurement model."""
+
+    def __init__(self, model: MeasurementModel, library: ctypes.PyDLL, loops: Sequence[int]) -> None:
+        n, self._point = model.layout.error_dim, model.layout.mean_dim
+        self._size, self._dim, self._update = n, model.dim, library.update
+        self._columns = np.array(model.columns, dtype=np.int64)
+        sizes = (self._point, model.parameter_dim, model.value_dim, model.dim)
+        self._model = np.array([*loops, address(self._columns), *sizes], dtype=np.int64)
+        self._address, self._each = address(self._model), model.dim * (len(self._columns) + 1) + 2
+
+    def __call__(
+        self,
+        x: Float[np.ndarray, " m"],
+        factor: Float[np.ndarray, "n n"],
+        measurement: Measurement,
+        scale: float,
+        limit: float,
+    ) -> Update | None:
+        """The update by the values inside the gate; None where none is, or one is invalid.
+
+        Parameters
+        ----------
+        scale: of the noise covariance, over the stated one.   limit: of the gate, a squared distance; negative for another rule.
+        """
+        count, n = len(measurement.values), self._size
+        if not count or limit < 0 or factor.shape != (n, n):
+            return None
+        room, made = np.empty(count * self._each), np.empty(3 + 2 * n + 3 * n * n + self._point)
+        given = (x, measurement.parameters, measurement.values)
+        x, parameters, values = (np.ascontiguousarray(array, dtype=float) for array in given)
+        before = np.ascontiguousarray(factor)
+        used = self._update(
+            *(self._address, count, address(x), address(parameters), address(values), 1 / scale, limit),
+            *(address(before), address(room), address(made)),
+        )
+        return self._taken(made, used * self._dim) if used else None
+
+    def _taken(self, made: Float[np.ndarray, " k"], dof: int) -> Update:
+        """Result of a compiled update, read from its structure `Made`."""
+        n, begin = self._size, 3 + 2 * self._size
+        nis, log_noise, log_root = float(made[0]), float(made[1]), float(made[begin - 1])
+        factor, root, reset = made[begin : begin + 3 * n * n].reshape(3, n, n)
+        likelihood = -0.5 * (nis + dof * LOG_2_PI) - log_root - log_noise
+        error, shift = made[2 : 2 + n], made[2 + n : begin - 1]
+        correction = Correction(error, factor, nis, likelihood, dof, root, shift)
+        return Update(made[begin + 3 * n * n :], correction, reset)
+
+
+@lru_cache(maxsize=MODELS)
+def compiled_update(model: MeasurementModel) -> CompiledUpdate | None:
+    """Compiled updates by a model; None without a compiler."""
+    layout = model.layout
+    if layout.error_dim > LARGEST_STATE or model.dim > MOST_DIM:
+        return None
+    loops = (model.linearisation.loop, layout.retraction.loop, layout.resetting.loop)
+    library = _library(len(model.columns), layout.error_dim)
+    if library is None or None in loops:
+        return None
+    return CompiledUpdate(model, library, [loop for loop in loops if loop is not None])
+
+
+class CompiledPropagation:
+    """Compiled propagation of covariance factors of one size."""
+
+    def __init__(self, library: ctypes.PyDLL) -> None:
+        self._propagate = library.propagate
+
+    def __call__(
+        self,
+        factor: Float[np.ndarray, "n n"],
+        transition: Float[np.ndarray, "n n"],
+        noise: Float[np.ndarray, "n k"],
+    ) -> Float[np.ndarray, "n n"]:
+        """See `spinfilters.filters.filter.propagated`."""
+        after = np.empty(factor.shape)
+        given = [np.ascontiguousarray(array) for array in (factor, transition, noise)]
+        self._propagate(*map(address, given), noise.shape[1], address(after))
+        return after
+
+
+@cache
+def compiled_propagation(size: int) -> CompiledPropagation | None:
+    """Compiled propagation for this error dimension; None without a compiler."""
+    library = _library(POSE_COLUMNS, size) if size <= LARGEST_STATE else None
+    return None if library is None else CompiledPropagation(library)
+
+
+SHAPE = (3, 6)
+"""Components of an observation, and columns of the state that it depends on: of a stereo pair; others go through NumPy."""
+ROWS_BESIDE_MODES = 48
+"""Rows of the factor beside the modes: state and move."""
+_EPOCH_SIGNATURES = {
+    "refresh": Signature("ipiiiip", None),
+    "whiten": Signature("ippppp", ctypes.c_double),
+    "correct": Signature("iipp" + "pppp", ctypes.c_double),
+    "solve": Signature("ippp" + "ipip" + "ddpppp" + "ip" + "pppp", ctypes.c_int),
+    "solve_rows": Signature("ipppd" + "ppp" + "ip" + "pppp", ctypes.c_int),
+    "regress": Signature("ippi" + "pipi" + "ppp" + "ppp", None),
+    "close_epoch": Signature("ippp" + "ippd" + "ip" + "ppppp" + "iiiiip", None),
+}
+_STORED = ("epoch", "hits", "wrong", "last", "transform", "spread", "shift", "points", "modes", "roots")
+
+
+def steps_of(modes: int, precision: str) -> "NumpySteps | CompiledSteps":
+    """Cached steps for a number of modes and a precision, compiled where possible."""
+    library = _epoch_library(modes, precision)
+    return NumpySteps() if library is None else CompiledSteps(library, modes, precision)
+
+
+@cache
+def _epoch_library(modes: int, precision: str) -> ctypes.PyDLL | None:
+    kind = {"float64": "double", "float32": "float"}[precision]
+    sizes = {"D": SHAPE[0], "C": SHAPE[1], "M": modes, "N": modes + ROWS_BESIDE_MODES}
+    body = files("spinfilters.filters").joinpath("epoch.c").read_text()
+    text = f"typedef {kind} stored;\n{correction_text(sizes)}{body}"
+    return with_signatures(load_text(f"landmark_epoch_{modes}", text, FLAGS), _EPOCH_SIGNATURES)
+
+
+class CompiledSteps:
+    """Landmark steps in C, as `spinfilters.filters.landmark_steps.NumpySteps` defines them."""
+
+    def __init__(self, library: ctypes.PyDLL, modes: int, precision: str) -> None:
+        self._c, self._modes, self._kept = library, modes, np.dtype(precision)
+        self._reference = NumpySteps()
+        self._known: tuple[np.ndarray, ...] = ()
+        self._places = (ctypes.c_void_p * len(_STORED))()
+
+    def refresh(self, stored: LandmarkArrays, rows: Int[np.ndarray, " q"]) -> None:
+        """Bring the chosen landmarks' transformations to the present epoch, in C."""
+        rows = np.ascontiguousarray(rows)
+        self._c.refresh(len(rows), address(rows), 0, 0, stored.now, len(stored.shift), self._map(stored))
+
+    def whitened(
+        self,
+        stored: LandmarkArrays,
+        at: Int[np.ndarray, " k"],
+        linear: Float[np.ndarray, "k d w"],
+        weights: Float[np.ndarray, " k"],
+    ) -> WhitenedLandmarks:
+        """Whitened rows as `NumpySteps.whitened`, in C."""
+        k, d, width = linear.shape
+        if (d, width - 4) != SHAPE:
+            return self._reference.whitened(stored, at, linear, weights)
+        width, groups = width - 3 + self._modes, -(-k // LANES)
+        kept = np.empty((groups, d * (width + 6), LANES))
+        given = [np.ascontiguousarray(array) for array in (linear, weights, at)]
+        log_noise = self._c.whiten(k, *map(address, given), self._map(stored), address(kept))
+        return WhitenedLandmarks(kept, (k, d, width), log_noise)
+
+    def corrected(
+        self,
+        white: WhitenedLandmarks,
+        factor: Float[np.ndarray, "N N"],
+        columns: Int[np.ndarray, " q"],
+        log_noise: float,
+    ) -> Correction:
+        """Square-root update by whitened rows, in C."""
+        n, (k, d, _) = len(factor), white.shape
+        if (d, len(columns) - self._modes) != SHAPE:
+            return self._reference.corrected(white, factor, columns, log_noise)
+        made = _made(factor)
+        nis = self._c.correct(k, n, *map(address, (white.kept, columns, *made)))
+        return _correction(made, nis, k * d, white.log_noise + log_noise)
+
+    def solved(
+        self,
+        observations: MapObservations,
+        x: Float[np.ndarray, " m"],
+        factor: Float[np.ndarray, "N N"],
+        limit: float,
+    ) -> tuple[Correction, WhitenedLandmarks] | None:
+        """Linearisation and update in one pass in C, None where not possible."""
+        o, n, d, c = observations, len(factor), *SHAPE
+        k, loop, width = len(o.at), o.sensor.observation_rows.loop, c + self._modes + 1
+        if not (k and loop) or (o.sensor.dim, len(o.columns) - self._modes) != SHAPE:
+            return None
+        kept, room = np.empty((-(-k // LANES), d * (width + 6), LANES)), np.empty(k * (d * (c + 4) + 3))
+        made, said, given = _made(factor), np.empty(2), (x, o.parameters, o.values, o.at)
+        x, parameters, values, at = (np.ascontiguousarray(array) for array in given)
+        behind_points = address(parameters) + 3 * parameters.itemsize
+        if not self._c.solve(
+            *(k, loop, address(x), behind_points, parameters.shape[1], address(values), values.shape[1]),
+            *(address(at), 1 / o.scale, limit, self._map(o.landmarks)),
+            *map(address, (room, said, kept)),
+            n,
+            *map(address, (o.columns, *made)),
+        ):
+            return None
+        log_noise, nis = said.tolist()
+        return _correction(made, nis, k * d, log_noise), WhitenedLandmarks(kept, (k, d, width), log_noise)
+
+    def solved_rows(
+        self,
+        observations: MapObservations,
+        linear: Float[np.ndarray, "k d w"],
+        log_noise: float,
+        factor: Float[np.ndarray, "N N"],
+        limit: float,
+    ) -> tuple[Correction, WhitenedLandmarks] | None:
+        """Whitening and update in one pass in C, None where not possible."""
+        o, n, (k, d, width) = observations, len(factor), linear.shape
+        if k == 0 or (d, width - 4) != SHAPE or limit < 0:
+            return None
+        width += self._modes - 3
+        kept, made = np.empty((-(-k // LANES), d * (width + 6), LANES)), _made(factor)
+        said, weights = np.array([log_noise, 0.0]), np.full(k, 1 / o.scale)
+        given = [np.ascontiguousarray(array) for array in (linear, weights, o.at)]
+        if not self._c.solve_rows(
+            *(k, *map(address, given), limit, self._map(o.landmarks), address(said), address(kept), n),
+            *map(address, (o.columns, *made)),
+        ):
+            return None
+        log_noise, nis = said.tolist()
+        return _correction(made, nis, k * d, log_noise), WhitenedLandmarks(kept, (k, d, width), log_noise)
+
+    def regressed(
+        self, observations: MapObservations, spread: PoseSpread, points: SigmaPoints
+    ) -> LinearisedObservations | None:
+        """Statistical linearisation of observations in C, None where not possible."""
+        o, (d, c) = observations, SHAPE
+        k, loop, pose = len(o.at), o.sensor.observation_innovations.loop, spread.pose
+        if not (k and loop) or o.sensor.dim != d or pose.shape != (c, c) or not spread.is_solvable:
+            return None
+        step, mean, root = points.offsets[1, 0], points.mean_weights[:2], points.root_weights[:2]
+        weights, parts = np.array([step, *mean, *root]), (spread.states, pose, spread.modes, spread.late)
+        parts = [np.ascontiguousarray(array) for array in parts]
+        x, parameters, values, at = parts[0], *map(np.ascontiguousarray, (o.parameters, o.values, o.at))
+        behind_points = address(parameters) + 3 * parameters.itemsize
+        rows, valid, log_noise = np.empty((k, d, c + 4)), np.empty(k), np.empty(k)
+        self._c.regress(
+            *(k, loop, (ctypes.c_void_p * len(parts))(*map(address, parts)), x.shape[1]),
+            *(behind_points, parameters.shape[1], address(values), values.shape[1]),
+            *(address(at), address(weights), self._map(o.landmarks)),
+            *map(address, (rows, valid, log_noise)),
+        )
+        return LinearisedObservations(rows, valid > 0, log_noise)
+
+    def close(self, stored: LandmarkArrays, closing: Closing) -> AddedLandmarks:
+        """Close an epoch as `NumpySteps.close`, in C."""
+        r, n, (k, _, c) = len(closing.remembered), closing.factor.shape[1], closing.by_pose.shape
+        if (closing.white.shape[1], c) != SHAPE:
+            return self._reference.close(stored, closing)
+        new = NewModes(np.empty((c + r, c + r)), np.empty((r, n)), closing.remembered.copy())
+        modes, roots = np.empty((k, 3, r), self._kept), np.empty((k, 3, 3), self._kept)
+        at, by_pose, own = map(np.ascontiguousarray, (closing.at, closing.by_pose, closing.roots))
+        places = [address(array) if k else None for array in (by_pose, own, modes, roots)]
+        self._c.close_epoch(
+            len(at),
+            *map(address, (closing.white.kept, at, closing.error)),
+            k,
+            *places[:2],
+            NEW_LANDMARK_SHARE,
+            n,
+            *map(address, (closing.factor, new.explained, new.turned, new.rows)),
+            *places[2:],
+            stored.count,
+            *closing.behind,
+            len(stored.shift),
+            stored.now,
+            self._map(stored),
+        )
+        stored.now += 1
+        return AddedLandmarks(new, modes, roots)
+
+    def _map(self, stored: LandmarkArrays) -> int:
+        """Address of those of the map's arrays, looked up when they are other arrays."""
+        arrays = tuple([getattr(stored, name) for name in _STORED])
+        if not (self._known and all(map(is_, arrays, self._known))):
+            self._known = arrays
+            self._places[:] = list(map(address, arrays))
+        return ctypes.addressof(self._places)
+
+
+def _made(factor: Float[np.ndarray, "N N"]) -> tuple[np.ndarray, ...]:
+    """Room for a correction: the factor, which is corrected in place, root, shift and error."""
+    n = len(factor)
+    return np.array(factor, order="C"), np.empty((n, n)), np.empty(n + 1), np.empty(n)
+
+
+def _correction(made: tuple[np.ndarray, ...], nis: float, dof: int, log_noise: float) -> Correction:
+    after, root, shift, error = made
+    likelihood = -0.5 * (nis + dof * LOG_2_PI) - float(shift[-1]) - log_noise
+    return Correction(error, after, nis, likelihood, dof, root, shift[:-1])

@@ -1,0 +1,328 @@
+"""Interface of recursive estimators: their beliefs, with landmarks or without, measurements, and reports of updates."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from spinfilters.core.errors import InputError, ShapeError
+from spinfilters.filters.square_root import triangular_factor
+from spinfilters.models.gauge import GAUGE_DIM, gauge_of_points, moved_points, state_in_g
+from spinfilters.models.measurement import MeasurementModel
+from spinfilters.models.rotation_integrator import LinearisedStep, LinearisedSteps
+from spinfilters.models.state_layout import Gaussian, StateLayout
+from spinfilters.models.status import EstimatorStatus
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """Values of one sensor at one instant.
+
+    Attributes
+    ----------
+    model: the sensor.
+    values: (k, value_dim) measured values, k at least 0.
+    parameters: (k, parameter_dim) what accompanies each value (landmark, calibration, noise).
+    ids: (k,) landmarks that an estimator holds in its own state, each once; their points in ``parameters`` are then not read.
+        None where the map is known, and for sensors without landmarks.
+    """
+
+    model: MeasurementModel
+    values: Float[np.ndarray, "k v"]
+    parameters: Float[np.ndarray, "k p"]
+    ids: Int[np.ndarray, " k"] | None = None
+
+
+NO_IDS = np.zeros(0, dtype=np.int64)
+
+
+@dataclass(frozen=True)
+class MapChange:
+    """Change of the landmarks in the state by an update.
+
+    Ids that it used (with their weights), took in, and let go.
+    """
+
+    used: Int[np.ndarray, " u"]
+    weights: Float[np.ndarray, " u"]
+    added: Int[np.ndarray, " a"]
+    removed: Int[np.ndarray, " r"]
+
+
+@dataclass(frozen=True)
+class UpdateReport:
+    """Innovation, degrees of freedom and outcome of an update.
+
+    Attributes
+    ----------
+    nis: normalised innovation squared, chi-square distributed with ``dof`` degrees of freedom when the filter is consistent.
+    dof: number of scalar measurements used.
+    accepted, rejected: numbers of measurements used, the first of a landmark among them, and left out (point at or behind the
+        camera, not finite, refused).
+    log_likelihood: of the values used, given everything before.
+    map_change: of an estimator that holds landmarks in its state, None otherwise.
+    """
+
+    nis: float
+    dof: int
+    accepted: int
+    rejected: int
+    log_likelihood: float = 0.0
+    map_change: MapChange | None = None
+
+
+class ProcessModel(Protocol):
+    """Process model of a filter, as `spinfilters.models.process.TorqueFreeProcess`."""
+
+    @property
+    def layout(self) -> StateLayout:
+        """Layout of the states."""
+        ...
+
+    def step(self, x: Float[np.ndarray, "*batch m"], dt: float) -> Float[np.ndarray, "*batch m"]:
+        """States ``dt`` seconds later without disturbances, shape as ``x``."""
+        ...
+
+    def linearise(self, x: Float[np.ndarray, " m"], dt: float) -> LinearisedStep:
+        """One step of ``dt`` seconds, linearised at ``x``."""
+        ...
+
+    def linearise_steps(
+        self,
+        here: Float[np.ndarray, "s m"],
+        there: Float[np.ndarray, "s m"],
+        dt: Float[np.ndarray, " s"],
+        about: Float[np.ndarray, "s m"] | None = None,
+    ) -> LinearisedSteps:
+        """Steps from ``here`` to ``there``, each linearised at ``here`` or ``about``."""
+        ...
+
+
+Snapshot = dict[str, np.ndarray]
+"""An estimator's whole state as arrays of numbers: what a checkpoint file holds, and what a late measurement goes back to."""
+
+
+class Estimator(ABC):
+    """A recursive estimator: start, then predict and update in the order of time."""
+
+    name: str
+
+    def __init__(self, process: ProcessModel) -> None:
+        self.process = process
+        self.layout = process.layout
+
+    @abstractmethod
+    def start(self, belief: Gaussian) -> None:
+        """Begin from a belief over the process' layout."""
+
+    def rebase(self, belief: "Belief") -> None:
+        """Restart from a smoothed belief of the present time, landmarks included.
+
+        Landmarks that only the estimator holds go: what told them has told the smoother's state too, and
+        nobody knows how their errors depend on one another.
+        """
+        self.start(belief.state)
+
+    @property
+    def mode_count(self) -> int:
+        """Modes that the landmarks of its map share; 0 without a map."""
+        return 0
+
+    @property
+    @abstractmethod
+    def belief(self) -> Gaussian:
+        """The present belief."""
+
+    @property
+    def status(self) -> EstimatorStatus:
+        """Estimator's own verdict on its present belief; ok unless it can tell."""
+        return EstimatorStatus()
+
+    @abstractmethod
+    def predict(self, dt: float) -> None:
+        """Move the belief dt > 0 seconds ahead."""
+
+    @abstractmethod
+    def update(self, measurement: Measurement) -> UpdateReport:
+        """Update with one sensor's values at the present time."""
+
+    def update_all(self, measurements: Sequence[Measurement]) -> list[UpdateReport]:
+        """Update by everything of the present time, in its order.
+
+        An estimator that solves anew does so once.
+        """
+        return [self.update(measurement) for measurement in measurements]
+
+    @abstractmethod
+    def snapshot(self) -> Snapshot:
+        """Copies of the whole internal state as named arrays."""
+
+    @abstractmethod
+    def restore(self, snapshot: Snapshot) -> None:
+        """Continue from a `snapshot` of an estimator built alike.
+
+        The same numbers follow, bit for bit.
+        """
+
+
+@dataclass(frozen=True)
+class Updated:
+    """A belief after an update, and what the update did."""
+
+    belief: Gaussian
+    report: UpdateReport
+
+
+class RecursiveEstimator(Protocol):
+    """Recursive estimator as functions of immutable beliefs.
+
+    The same arguments give the same belief, bit for bit.
+    """
+
+    @property
+    def name(self) -> str:
+        """Name of the estimator in tables and files."""
+        ...
+
+    def predict(self, belief: Gaussian, dt: float) -> Gaussian:
+        """The belief dt > 0 seconds later."""
+        ...
+
+    def update(self, belief: Gaussian, measurement: Measurement) -> Updated:
+        """The belief given one sensor's values at its time."""
+        ...
+
+
+class LatestBelief(Estimator):
+    """A recursive estimator with its latest belief: what runs, checkpoints and late measurements take."""
+
+    def __init__(self, process: ProcessModel, recursive: RecursiveEstimator) -> None:
+        super().__init__(process)
+        self.name, self._recursive = recursive.name, recursive
+        self._belief = Gaussian(
+            self.layout, self.layout.origin(), np.full((self.layout.error_dim,) * 2, np.nan)
+        )
+
+    def start(self, belief: Gaussian) -> None:
+        """Begin with a belief. InputError: blocks other than the process'."""
+        if belief.layout != self.layout:
+            raise InputError(
+                f"belief has the blocks {belief.layout.blocks}, the process has {self.layout.blocks}"
+            )
+        self._belief = belief
+
+    @property
+    def belief(self) -> Gaussian:
+        """Latest belief."""
+        return self._belief
+
+    def predict(self, dt: float) -> None:
+        """Replace the belief by its prediction ``dt`` seconds ahead."""
+        self._belief = self._recursive.predict(self._belief, dt)
+
+    def update(self, measurement: Measurement) -> UpdateReport:
+        """Replace the belief by its update, and report that."""
+        updated = self._recursive.update(self._belief, measurement)
+        self._belief = updated.belief
+        return updated.report
+
+    def snapshot(self) -> Snapshot:
+        """Copies of the belief's mean and covariance factor."""
+        return {"mean": self._belief.mean.copy(), "factor": self._belief.factor.copy()}
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Take mean and covariance factor from a `snapshot`."""
+        self._belief = Gaussian(self.layout, snapshot["mean"].copy(), snapshot["factor"].copy())
+
+
+@dataclass(frozen=True)
+class LandmarkBelief:
+    """Belief of a state, shared modes and landmarks.
+
+    r shared modes of the landmarks' errors, and each landmark's own error.
+    d_i = modes_i m + roots_i e_i.
+
+    All of it is told in the map's frame, in which no rigid motion of all landmarks together is uncertain. Frame g of the state that
+    is asked for differs by a small move (theta, rho), whose error stands in the factor too: nothing observed depends on it.
+
+    Attributes
+    ----------
+    layout: of the state.   mean: (m,) its point.   move: (6,) most probable move from the map's frame to g (`models.gauge`).
+    ids: (k,) of the landmarks, each once.   points: (k, 3) m.
+    modes: (k, 3, r).   roots: (k, 3, 3).
+    factor: (n + r + p, n + r + p) of the errors of state, modes and, where p is 6 and not 0, the move.
+    """
+
+    layout: StateLayout
+    mean: Float[np.ndarray, " m"]
+    ids: Int[np.ndarray, " k"]
+    points: Float[np.ndarray, "k 3"]
+    modes: Float[np.ndarray, "k 3 r"]
+    roots: Float[np.ndarray, "k 3 3"]
+    factor: Float[np.ndarray, "N N"]
+    move: Float[np.ndarray, " 6"]
+
+    def __post_init__(self) -> None:
+        size = self.layout.error_dim + self.modes.shape[2]
+        if self.mean.shape != (self.layout.mean_dim,) or self.factor.shape not in (
+            (size, size),
+            (size + GAUGE_DIM, size + GAUGE_DIM),
+        ):
+            raise ShapeError(
+                f"a belief over {self.layout.blocks} and {self.modes.shape[2]} modes needs a mean ({self.layout.mean_dim},) and a "
+                f"factor of {size} or {size + GAUGE_DIM} rows, got {self.mean.shape} and {self.factor.shape}"
+            )
+        if len(np.unique(self.ids)) < len(self.ids):
+            raise InputError("a landmark occurs twice in a belief; give each id once")
+
+    @property
+    def state(self) -> Gaussian:
+        """The state alone, in frame g."""
+        mean, rows = self._state_rows()
+        return Gaussian(self.layout, mean, triangular_factor(rows.T))
+
+    @property
+    def joint(self) -> "LandmarkBelief":
+        """The belief itself: state and landmarks together."""
+        return self
+
+    @property
+    def points_in_g(self) -> Float[np.ndarray, "k 3"]:
+        """Landmarks in frame g, m."""
+        return moved_points(self.points, self.move)
+
+    def joint_factor(self) -> Float[np.ndarray, "j j"]:
+        """Lower triangular factor of the errors of the state and of all points, in frame g."""
+        n, r, k = self.layout.error_dim, self.modes.shape[2], len(self.ids)
+        rows = (self.modes @ self.factor[n : n + r]).reshape(3 * k, -1)
+        if len(self.factor) > n + r:
+            rows = rows + gauge_of_points(self.points_in_g) @ self.factor[n + r :]
+        own = np.zeros((k, 3, k, 3))
+        own[np.arange(k), :, np.arange(k)] = self.roots
+        top = np.concatenate([self._state_rows()[1], np.zeros((n, 3 * k))], axis=1)
+        return triangular_factor(
+            np.concatenate([top, np.concatenate([rows, own.reshape(3 * k, -1)], axis=1)]).T
+        )
+
+    def with_modes(self, rank: int) -> "LandmarkBelief":
+        """The belief padded to at least so many modes."""
+        n, r = self.layout.error_dim, self.modes.shape[2]
+        more = max(rank - r, 0)
+        modes = np.pad(self.modes, [(0, 0), (0, 0), (0, more)])
+        place = np.r_[0 : n + r, n + r + more : len(self.factor) + more]
+        factor = np.eye(len(self.factor) + more)
+        factor[np.ix_(place, place)] = self.factor
+        return replace(self, modes=modes, factor=factor)
+
+    def _state_rows(self) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "n N"]]:
+        n = self.layout.error_dim
+        if len(self.factor) == n + self.modes.shape[2]:
+            return self.mean, self.factor[:n]
+        return state_in_g(self.layout, self.mean, self.factor, self.move)
+
+
+Belief = Gaussian | LandmarkBelief
+"""Of a state, alone or with landmarks: `state` is the one, `joint` the other or None."""

@@ -1,0 +1,272 @@
+"""History of a run: beliefs of all epochs, and their recording."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from spinfilters.core.errors import ShapeError
+from spinfilters.filters.estimator import UpdateReport
+from spinfilters.filters.noise_levels import VarianceComponent
+from spinfilters.filters.square_root import lower_roots
+from spinfilters.models.state_layout import Gaussian, StateLayout
+from spinfilters.models.status import EstimatorStatus
+
+COUNTS = ("dof", "accepted", "rejected")
+"""Arrays of a history that hold whole numbers."""
+FEWEST_EPOCHS = 64
+"""Room of a history that nobody has told how many will come."""
+
+EPOCH_ARRAYS = ("time", "mean", "factor", "nis", "log_likelihood", "runtime", *COUNTS)
+"""Arrays of a history; each has a row per epoch."""
+
+
+@dataclass(frozen=True)
+class EstimateHistory:
+    """Beliefs after every epoch, and what each epoch cost.
+
+    Attributes
+    ----------
+    name: of the estimator.   layout: of its state.
+    time: (n,) s.   mean: (n, mean_dim).   factor: (n, error_dim, error_dim), P = factor factor'.
+    nis, dof: (n,) normalised innovation squared of each epoch and its degrees of freedom.
+    log_likelihood: (n,) of each epoch's measurements given everything before.
+    accepted, rejected: (n,) measurements used and left out.
+    runtime: (n,) s per epoch, prediction and update.
+    initialisation: how many of the first epochs are a filter's initialisation, which a smoother has made; nothing of them is
+        counted. The filter's own begin behind them.
+    observations: (n,) what was measured in each epoch, used or not; None where that is not told.
+    noise: levels identified that the estimate rests on in the end; empty where they are those of the initialisation.
+    calibration: (n, e, c) error of every epoch by each independent error of the calibration, times its deviation; counted in
+        ``factor``. None where the calibration is exact.
+    """
+
+    name: str
+    layout: StateLayout
+    time: Float[np.ndarray, " n"]
+    mean: Float[np.ndarray, "n m"]
+    factor: Float[np.ndarray, "n e e"]
+    nis: Float[np.ndarray, " n"]
+    dof: Int[np.ndarray, " n"]
+    log_likelihood: Float[np.ndarray, " n"]
+    accepted: Int[np.ndarray, " n"]
+    rejected: Int[np.ndarray, " n"]
+    runtime: Float[np.ndarray, " n"]
+    status: EstimatorStatus
+    initialisation: int = 0
+    observations: Int[np.ndarray, " n"] | None = None
+    noise: tuple[VarianceComponent, ...] = ()
+    calibration: Float[np.ndarray, "n e c"] | None = None
+
+    @property
+    def own(self) -> slice:
+        """Epochs after those of the initialisation."""
+        return slice(self.initialisation, None)
+
+    @property
+    def initialisation_end(self) -> float | None:
+        """Time of the last epoch of the initialisation, s; None without one."""
+        return float(self.time[self.initialisation - 1]) if self.initialisation else None
+
+    def thinned(self, epochs: int) -> "EstimateHistory":
+        """At most so many epochs at a constant step, the last included, without copies."""
+        step = -(-len(self.time) // epochs)
+        rows = slice((len(self.time) - 1) % step, None, step)
+        observed = None if self.observations is None else self.observations[rows]
+        initialisation = len(range(*rows.indices(self.initialisation)))
+        thinned = {name: getattr(self, name)[rows] for name in EPOCH_ARRAYS}
+        thinned["calibration"] = None if self.calibration is None else self.calibration[rows]
+        return replace(self, initialisation=initialisation, observations=observed, **thinned)
+
+    def belief(self, index: int) -> Gaussian:
+        """Belief after the epoch of this index."""
+        return Gaussian(self.layout, self.mean[index], self.factor[index])
+
+    def considering(self, calibration: Float[np.ndarray, "n e c"]) -> "EstimateHistory":
+        """History with calibration errors in its covariance, P + C C'."""
+        finite = np.isfinite(self.factor).all(axis=(1, 2))
+        factor = self.factor.copy()
+        factor[finite] = lower_roots(np.concatenate([factor[finite], calibration[finite]], axis=2))
+        return replace(self, factor=factor, calibration=calibration)
+
+    def widened(self, widening: Float[np.ndarray, "k e e"]) -> "EstimateHistory":
+        """With covariances F B B' F' in place of F F'.
+
+        Parameters
+        ----------
+        widening: B of the first epochs; later ones have the last.
+        """
+        factor, epochs = np.empty_like(self.factor), len(self.factor)
+        first = min(len(widening), epochs)
+        factor[:first] = self.factor[:first] @ widening[:first]
+        factor[first:] = self.factor[first:] @ widening[-1]
+        finite = np.isfinite(factor).all(axis=(1, 2))
+        factor[finite] = lower_roots(factor[finite])
+        return replace(self, factor=factor)
+
+    def random_factor(self, rows: slice | Int[np.ndarray, " r"] = slice(None)) -> Float[np.ndarray, "r e e"]:
+        """Covariance factor of some epochs without calibration errors, not triangular where there are any.
+
+        The difference is taken of correlations, so that units have no say in what rounding leaves. NaN where it is not finite.
+        """
+        factor = self.factor[rows]
+        if self.calibration is None:
+            return factor
+        calibration, found = self.calibration[rows], np.full_like(factor, np.nan)
+        finite = np.isfinite(np.concatenate([factor, calibration], axis=2)).all(axis=(1, 2))
+        scale = np.maximum(np.linalg.norm(factor[finite], axis=2), np.finfo(float).tiny)[:, :, np.newaxis]
+        total, known = factor[finite] / scale, calibration[finite] / scale
+        values, vectors = np.linalg.eigh(total @ np.swapaxes(total, 1, 2) - known @ np.swapaxes(known, 1, 2))
+        found[finite] = scale * vectors * np.sqrt(np.maximum(values, 0.0))[:, np.newaxis]
+        return found
+
+    @property
+    def covariance(self) -> Float[np.ndarray, "n e e"]:
+        """Error covariance after every epoch."""
+        return self.factor @ np.swapaxes(self.factor, 1, 2)
+
+    @property
+    def std(self) -> Float[np.ndarray, "n e"]:
+        """Standard deviation of every error component after every epoch."""
+        return np.sqrt(np.einsum("tij,tij->ti", self.factor, self.factor))
+
+
+class GrowingHistory:
+    """Growing record of a run's epochs.
+
+    It goes into a file and comes back as plain arrays.
+    The arrays have room ahead, which takes no memory before it is written to.
+
+    Parameters
+    ----------
+    layout: of the state.
+    begin: time from which the run sets out, s.
+    """
+
+    def __init__(self, layout: StateLayout, begin: float) -> None:
+        self.layout, self.begin = layout, begin
+        self._before, self._count = 0, 0
+        self._room = _empty_arrays(layout, 0)
+
+    @classmethod
+    def from_arrays(
+        cls, layout: StateLayout, begin: float, arrays: Mapping[str, np.ndarray]
+    ) -> "GrowingHistory":
+        """The history whose `arrays` these are. Raises ShapeError when they do not fit together."""
+        rows = cls(layout, begin)
+        rows._room = checked_epochs(layout, arrays)
+        rows._count = len(rows._room["time"])
+        return rows
+
+    def __len__(self) -> int:
+        return self._count
+
+    @property
+    def time(self) -> float:
+        """Time of the last epoch, or of the start of the run, s."""
+        return float(self._room["time"][self._last]) if self._count else self.begin
+
+    @property
+    def belief(self) -> Gaussian | None:
+        """Belief after the last epoch; None before the first."""
+        if not self._count:
+            return None
+        return Gaussian(self.layout, self._room["mean"][self._last], self._room["factor"][self._last])
+
+    @property
+    def _last(self) -> int:
+        return self._before + self._count - 1
+
+    def reserve(self, epochs: int, before: int = 0) -> None:
+        """Make room for so many epochs in all.
+
+        Makes room for ``before`` more in front of them too (see `ended`). No less than what there is.
+        """
+        before, epochs = max(before, self._before), max(epochs, self._count)
+        if before == self._before and before + epochs <= len(self._room["time"]):
+            return
+        room = _empty_arrays(self.layout, before + epochs)
+        for name, array in self.arrays().items():
+            room[name][before : before + self._count] = array
+        self._before, self._room = before, room
+
+    def append(self, time: float, belief: Gaussian, reports: Sequence[UpdateReport], runtime: float) -> None:
+        """Add the epoch at ``time`` (s) with what its updates reported; it took ``runtime`` seconds."""
+        place = self._last + 1
+        if place == len(self._room["time"]):
+            self.reserve(max(2 * self._count, FEWEST_EPOCHS), self._before)
+        room = self._room
+        room["time"][place], room["runtime"][place] = time, runtime
+        room["mean"][place], room["factor"][place] = belief.mean, belief.factor
+        room["nis"][place] = sum(report.nis for report in reports)
+        room["log_likelihood"][place] = sum(report.log_likelihood for report in reports)
+        room["dof"][place] = sum(report.dof for report in reports)
+        room["accepted"][place] = sum(report.accepted for report in reports)
+        room["rejected"][place] = sum(report.rejected for report in reports)
+        self._count += 1  # last: Ctrl-C finds the epoch there or not
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Every array of `EPOCH_ARRAYS`, a row per epoch: views, which later epochs leave as they are."""
+        rows = slice(self._before, self._before + self._count)
+        return {name: array[rows] for name, array in self._room.items()}
+
+    def ended(
+        self, name: str, status: EstimatorStatus, before: Mapping[str, np.ndarray] | None = None
+    ) -> EstimateHistory:
+        """Complete history of the estimator of this name.
+
+        Parameters
+        ----------
+        before: every array of `EPOCH_ARRAYS` of the initialisation's frames, to put in front; no array is copied where `reserve`
+            left room for them.
+        """
+        if before is None:
+            return EstimateHistory(
+                name=name, layout=self.layout, status=status, initialisation=0, noise=(), **self.arrays()
+            )
+        count = len(before["time"])
+        self.reserve(self._count, count)
+        rows = slice(self._before - count, self._before + self._count)
+        arrays = {key: array[rows] for key, array in self._room.items()}
+        for key, array in arrays.items():
+            array[:count] = before[key]
+        return EstimateHistory(
+            name=name, layout=self.layout, status=status, initialisation=count, noise=(), **arrays
+        )
+
+
+def checked_epochs(layout: StateLayout, arrays: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """The arrays of a history, each with as many rows as the others.
+
+    Raises
+    ------
+    ShapeError: one is missing, or has another shape or kind of number than a history over this layout.
+    """
+    missing = [name for name in EPOCH_ARRAYS if name not in arrays]
+    if missing:
+        raise ShapeError(f"{', '.join(missing)} is missing")
+    shapes, count = _row_shapes(layout), arrays["time"].shape[:1]
+    for name in EPOCH_ARRAYS:
+        array, wanted = arrays[name], np.dtype(int if name in COUNTS else float)
+        if array.shape != (*count, *shapes.get(name, ())) or array.dtype.kind != wanted.kind or not count:
+            raise ShapeError(
+                f"{name} is {array.dtype} of shape {array.shape}, which does not fit {layout.blocks}"
+            )
+        if name in COUNTS and (array < 0).any():
+            raise ShapeError(f"{name} counts less than nothing")
+    return {name: arrays[name] for name in EPOCH_ARRAYS}
+
+
+def _empty_arrays(layout: StateLayout, epochs: int) -> dict[str, np.ndarray]:
+    """Arrays of `EPOCH_ARRAYS` with room for so many epochs."""
+    shapes = _row_shapes(layout)
+    return {
+        name: np.empty((epochs, *shapes.get(name, ())), dtype=int if name in COUNTS else float)
+        for name in EPOCH_ARRAYS
+    }
+
+
+def _row_shapes(layout: StateLayout) -> dict[str, tuple[int, ...]]:
+    """Shapes of a row of the arrays that hold more than a number per epoch."""
+    return {"mean": (layout.mean_dim,), "factor": (layout.error_dim, layout.error_dim)}

@@ -1,0 +1,193 @@
+"""The iterated update: Gauss-Newton on the most probable state, with a line search.
+
+The state sought, in the coordinates y of the predicted belief (error = F y, y standard normal), is the
+least of
+
+    |y|^2 + |r(y)|^2,   r the whitened residual of the measurement at retract(mean, F y).
+
+About a trial y the residual is linear in y; the least of that model is the next trial, taken in full, or halved until the objective
+falls. Every model holds the one prior and the one measurement, so that however often it iterates the measurement counts once (Bell
+and Cathey 1993); the covariance is that of the last model. See Skoglund, Hendeby, Axehill (2015) for the line search.
+
+Iterated update by landmark observations, for strong nonlinearity.
+
+What the landmarks' own errors make of the observations is noise, whitened as at the point before the update; see
+`spinfilters.filters.iterated_update`.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Annotated, Protocol, TypeVar
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.core.errors import InputError
+from spinfilters.filters.landmark_observations import ChosenObservations, SolvedObservations, corrected
+from spinfilters.filters.landmark_steps import LinearisedObservations, MapObservations
+from spinfilters.io.stated_values import NumberRange
+
+HALVINGS = 6
+"""Of a step at most: a 64th that still does not fall says that the trial is the least there is, to rounding."""
+
+
+@dataclass(frozen=True)
+class IterationOptions:
+    """Options of an iterated update.
+
+    Attributes
+    ----------
+    iterations: linearisations at most; 1 is the plain update.
+    tolerance: standard deviations; an update is done when what is left to move is smaller, and needs no second linearisation when
+        its residual is nowhere so far, in all, from what was expected to be left.
+    """
+
+    iterations: Annotated[int, NumberRange(1, 1000, whole=True)] = 4
+    tolerance: Annotated[float, NumberRange(1e-15, 1e9)] = 0.1
+
+    def __post_init__(self) -> None:
+        if self.iterations < 1:
+            raise InputError(f"iterations is {self.iterations}; give at least 1, which is the plain update")
+        if not (np.isfinite(self.tolerance) and self.tolerance > 0):
+            raise InputError(f"tolerance is {self.tolerance}; give a positive number of standard deviations")
+
+
+class Solution(Protocol):
+    """Minimum of the linearised objective about a trial point."""
+
+    @property
+    def coordinates(self) -> Float[np.ndarray, " r"]:
+        """Coordinates y of the minimum."""
+        ...
+
+    def length(self, step: Float[np.ndarray, " r"]) -> float:
+        """Length of a step of y in standard deviations of the model's posterior."""
+        ...
+
+
+Found = TypeVar("Found", bound=Solution)
+Objective = Callable[[Float[np.ndarray, " r"]], float]
+"""|y|^2 + |r(y)|^2, infinite where the measurement is impossible."""
+
+
+def iterate(
+    first: Found,
+    solve: Callable[[Float[np.ndarray, " r"]], Found],
+    objective: Objective,
+    options: IterationOptions,
+) -> tuple[Float[np.ndarray, " r"], Found]:
+    """The most probable y, and the solution of the last model.
+
+    Parameters
+    ----------
+    first: the solution about y = 0.   solve: gives the solution about a trial.
+    """
+    y = np.zeros(len(first.coordinates))
+    value, solution = objective(y), first
+    for _ in range(options.iterations - 1):
+        trial, after = _searched(objective, y, value, solution.coordinates)
+        if not after < value:
+            return y, solution
+        y, value, solution = trial, after, solve(trial)
+        if solution.length(solution.coordinates - y) <= options.tolerance:
+            return solution.coordinates, solution
+    return _searched(objective, y, value, solution.coordinates)[0], solution
+
+
+def agrees(
+    residual: Float[np.ndarray, " k"], expected: Float[np.ndarray, " k"], options: IterationOptions
+) -> bool:
+    """Whether a residual is as small as its linear model predicted.
+
+    The linear model's minimum is then the objective's.
+    A residual that is off by e moves the least by |U^-T H' e| <= |e| standard deviations of what is left.
+    """
+    off = residual - expected
+    return float(off @ off) <= options.tolerance**2
+
+
+def _searched(
+    objective: Objective, y: Float[np.ndarray, " r"], value: float, target: Float[np.ndarray, " r"]
+) -> tuple[Float[np.ndarray, " r"], float]:
+    """Backtracking line search towards the target.
+
+    A point where the objective has fallen, and its value; y itself where none is found.
+    """
+    share = 1.0
+    for _ in range(HALVINGS + 1):
+        trial = target if share == 1.0 else y + share * (target - y)
+        after = objective(trial)
+        if after < value:
+            return trial, after
+        share /= 2
+    return y, value
+
+
+@dataclass(frozen=True)
+class IteratedObservations:
+    """Observations in the coordinates y of a predicted belief.
+
+    error = factor @ y about its mean.
+
+    Attributes
+    ----------
+    first: the solution about the mean.
+    """
+
+    observations: MapObservations
+    mean: Float[np.ndarray, " m"]
+    factor: Float[np.ndarray, "N N"]
+    first: SolvedObservations
+
+    def solution(self, options: IterationOptions) -> SolvedObservations:
+        """The most probable point, from the first solution."""
+        if options.iterations == 1 or self._is_good(options):
+            return self.first
+        y, last = iterate(self.first, self._solved_at, self._objective, options)
+        return last._replace(correction=replace(last.correction, error=self.factor @ y))
+
+    def _is_good(self, options: IterationOptions) -> bool:
+        """Whether the innovations at the first solution are what the linear model predicted."""
+        rows, error = self.first.whitened.rows, self.first.correction.error
+        found = self._linear(error)
+        residual = self._whitened(found)
+        expected = rows[..., -1] - rows[..., :-1] @ error[self.observations.columns]
+        valid = bool(found.valid[self.first.used].all())
+        return valid and agrees(residual.reshape(-1), expected.reshape(-1), options)
+
+    def _objective(self, y: Float[np.ndarray, " N"]) -> float:
+        found = self._linear(self.factor @ y)
+        if not found.valid[self.first.used].all():
+            return np.inf
+        residual = self._whitened(found)
+        return float(y @ y) + float(np.sum(residual * residual))
+
+    def _solved_at(self, y: Float[np.ndarray, " N"]) -> SolvedObservations:
+        """The solution of the model linearised at y, told about y = 0."""
+        error, o = self.factor @ y, self.observations
+        found, pose, c = self._linear(error), o.sensor.columns, len(o.sensor.columns)
+        reset = o.layout.reset_jacobian(error[: o.layout.error_dim])[np.ix_(pose, pose)]
+        rows = found.rows.copy()
+        rows[..., :c] = rows[..., :c] @ reset
+        own = o.modes @ error[o.layout.error_dim : o.layout.error_dim + o.modes.shape[2]]
+        rows[..., -1] += rows[..., :c] @ error[pose] + np.einsum("kdi,ki->kd", rows[..., c:-1], own)
+        used, weights = self.first.used, self.first.weights
+        white = o.landmarks.steps.whitened(o.landmarks, o.at[used], rows[used], weights)
+        return corrected(o, found, white, ChosenObservations(used, weights), self.factor)
+
+    @cached_property
+    def _about_mean(self) -> LinearisedObservations:
+        return self.observations.rows_at(self.mean)
+
+    def _linear(self, error: Float[np.ndarray, " N"]) -> LinearisedObservations:
+        o, n = self.observations, self.observations.layout.error_dim
+        points = o.points + o.modes @ error[n : n + o.modes.shape[2]]
+        return o.rows_at(o.layout.retract(self.mean, error[:n]), points)
+
+    def _whitened(self, found: LinearisedObservations) -> Float[np.ndarray, "u d"]:
+        """The used innovations, that were whitened by the sensor's noise alone."""
+        o, used = self.observations, self.first.used
+        rows = self._about_mean.rows[used]
+        rows[..., -1] = found.rows[used, :, -1]
+        return o.landmarks.steps.whitened(o.landmarks, o.at[used], rows, self.first.weights).rows[..., -1]

@@ -1,0 +1,217 @@
+"""Observations of landmarks of the map, from their rows to a correction of state and modes.
+
+Statistical linear regression of landmark observations. On sigma points of the pose and of each landmark.
+
+(Lefebvre, Bruyninckx, De Schutter 2002.) The pose moves with the first s coordinates of the factor; a landmark with them, and with
+three coordinates of what else it depends on: later coordinates of the modes, and its own error. What the regression leaves is
+noise.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from spinfilters.core.linear_algebra import dtrtrs
+from spinfilters.filters.landmark_steps import (
+    LinearisedObservations,
+    MapObservations,
+    PoseSpread,
+    WhitenedLandmarks,
+)
+from spinfilters.filters.measurement_prediction import SigmaPointOptions, SigmaPoints, sigma_points
+from spinfilters.filters.outlier_rejection import SensorOutlierRejection
+from spinfilters.filters.square_root import Correction, last_nonzero, lower_roots, triangular_factor
+
+
+class ChosenObservations(NamedTuple):
+    """Choice of k observations, and their weights."""
+
+    which: Int[np.ndarray, " u"]
+    weights: Float[np.ndarray, " u"]
+
+
+class SolvedObservations(NamedTuple):
+    """Solution of an update by observations of landmarks.
+
+    Attributes
+    ----------
+    used: (u,) which of the k count, and their weights.
+    whitened: rows of those; the last linearisation's, told about the point before the update.
+    """
+
+    correction: Correction
+    used: Int[np.ndarray, " u"]
+    weights: Float[np.ndarray, " u"]
+    whitened: WhitenedLandmarks
+
+    @property
+    def coordinates(self) -> Float[np.ndarray, " N"]:
+        """Coordinates of the correction, as `length` measures it."""
+        return self.correction.coordinates
+
+    def length(self, step: Float[np.ndarray, " N"]) -> float:
+        """See `spinfilters.filters.iterated_update.Solution`."""
+        return self.correction.length(step)
+
+
+def solve_at(
+    observations: MapObservations,
+    x: Float[np.ndarray, " m"],
+    factor: Float[np.ndarray, "N N"],
+    guard: SensorOutlierRejection,
+) -> SolvedObservations:
+    """Solve with first derivatives at a state, in one pass where all observations pass."""
+    o = observations
+    found = o.landmarks.steps.solved(o, x, factor, guard.limit(o.sensor.dim))
+    return _weighed(o, o.rows_at(x), factor, guard) if found is None else _accepted(o, *found, guard)
+
+
+def solve(
+    observations: MapObservations,
+    linear: LinearisedObservations,
+    factor: Float[np.ndarray, "N N"],
+    guard: SensorOutlierRejection,
+) -> SolvedObservations:
+    """The correction by all valid observations that the guard lets pass; at once, as `solve_at`."""
+    o, found = observations, None
+    if linear.valid.all():
+        limit, log_noise = guard.limit(o.sensor.dim), float(linear.log_noise.sum())
+        found = o.landmarks.steps.solved_rows(o, linear.rows, log_noise, factor, limit)
+    return _weighed(o, linear, factor, guard) if found is None else _accepted(o, *found, guard)
+
+
+def _accepted(
+    observations: MapObservations,
+    correction: Correction,
+    whitened: WhitenedLandmarks,
+    guard: SensorOutlierRejection,
+) -> SolvedObservations:
+    """The correction by all observations, each of full weight."""
+    k = len(observations.at)
+    guard.count(k, 0)
+    return SolvedObservations(correction, np.arange(k), np.full(k, 1 / observations.scale), whitened)
+
+
+def _weighed(
+    observations: MapObservations,
+    linear: LinearisedObservations,
+    factor: Float[np.ndarray, "N N"],
+    guard: SensorOutlierRejection,
+) -> SolvedObservations:
+    """The correction by valid observations with the weights that the guard gives them."""
+    o, steps, valid = observations, observations.landmarks.steps, np.flatnonzero(linear.valid)
+    rows, at = (linear.rows, o.at) if len(valid) == len(o.at) else (linear.rows[valid], o.at[valid])
+    weights = np.full(len(valid), 1 / o.scale)
+    white = steps.whitened(o.landmarks, at, rows, weights)
+    given = guard.weights(white.rows[..., -1], lambda which: white.rows[which, :, :-1] @ factor[o.columns])
+    if given is None:
+        return corrected(o, linear, white, ChosenObservations(valid, weights), factor)
+    keep = np.flatnonzero(given > 0)
+    weights = (weights * given)[keep]
+    white = steps.whitened(o.landmarks, at[keep], rows[keep], weights)
+    return corrected(o, linear, white, ChosenObservations(valid[keep], weights), factor)
+
+
+def corrected(
+    observations: MapObservations,
+    linear: LinearisedObservations,
+    white: WhitenedLandmarks,
+    chosen: ChosenObservations,
+    factor: Float[np.ndarray, "N N"],
+) -> SolvedObservations:
+    """The correction by chosen observations."""
+    log_noise = float(linear.log_noise[chosen.which].sum())
+    steps, columns = observations.landmarks.steps, observations.columns
+    return SolvedObservations(steps.corrected(white, factor, columns, log_noise), *chosen, white)
+
+
+@dataclass(frozen=True)
+class Regression:
+    """Observations from a state with this mean and lower triangular factor."""
+
+    observations: MapObservations
+    mean: Float[np.ndarray, " m"]
+    factor: Float[np.ndarray, "N N"]
+
+    def rows(self, options: SigmaPointOptions) -> LinearisedObservations:
+        """Rows of `MapObservations.rows_at` by statistical regression."""
+        o, n = self.observations, self.observations.layout.error_dim
+        pose, modes = self.factor[o.sensor.columns], self.factor[n : n + o.landmarks.rank]
+        s = last_nonzero(pose)
+        points = sigma_points(s + 3, options)
+        states = o.layout.retract(self.mean, points.offsets[:, :s] @ self.factor[:n, :s].T)
+        spread = Spread(states, pose[:, :s], modes[:, :s], triangular_factor(modes[:, s:].T))
+        found = o.landmarks.steps.regressed(o, spread, points)
+        return spread.regressed(o, points) if found is None else found
+
+
+class Spread(PoseSpread):
+    """States and landmarks moved by sigma points, and the regression over them."""
+
+    def regressed(self, o: MapObservations, points: SigmaPoints) -> LinearisedObservations:
+        """Observations regressed on errors of the pose, the modes and the landmark."""
+        s, shared = self.pose.shape[1], o.modes @ self.modes
+        own = lower_roots(np.concatenate([o.modes @ self.late, o.roots], axis=2))
+        away, valid, log_noise = self._away(o, points, np.concatenate([shared, own], axis=2))
+        mean = away @ points.mean_weights
+        slope, left = points.regressed(mean[..., None] - away)
+        by_landmark = _divided_by_lower(slope[..., s:], own)
+        by_pose = slope[..., :s] - by_landmark @ shared
+        by_state = self._by_errors(by_pose.reshape(-1, s)).reshape(*mean.shape, len(self.pose))
+        root = np.linalg.cholesky(np.eye(left.shape[1]) + left @ np.swapaxes(left, 1, 2))
+        every = np.concatenate([by_state, by_landmark, mean[..., None]], axis=2)
+        rows = _solved_by_lower(root, every)
+        log_noise = log_noise + np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
+        return LinearisedObservations(rows, valid & np.isfinite(rows).all(axis=(1, 2)), log_noise)
+
+    def _away(
+        self, o: MapObservations, points: SigmaPoints, moves: Float[np.ndarray, "k 3 q"]
+    ) -> tuple[Float[np.ndarray, "k d p"], np.ndarray, Float[np.ndarray, " k"]]:
+        """Whitened innovations at every point, and log determinants at the centre.
+
+        Zeros where not all are valid; determinants of the noise.
+        """
+        k, p = len(o.values), len(points.offsets)
+        moved = points.offsets @ moves.reshape(3 * k, moves.shape[2]).T
+        places, each = o.points + moved.reshape(p, k, 3), np.tile(np.arange(k), p)
+        away, valid, determinant = o.sensor.observation_innovations(
+            self.states,
+            places.reshape(-1, 3),
+            o.parameters[:, 3:],
+            o.values,
+            rows=(np.repeat(np.arange(p), k), None, each, each),
+        )
+        away = np.moveaxis(away.reshape(p, k, o.sensor.dim), 0, 2)
+        good = np.logical_and.reduce(valid.reshape(p, k) > 0, axis=0) & np.isfinite(away).all(axis=(1, 2))
+        return np.where(good[:, None, None], away, 0.0), good, np.log(determinant[:k, 0])
+
+    def _by_errors(self, by_coordinates: Float[np.ndarray, "q s"]) -> Float[np.ndarray, "q c"]:
+        """X of least squares with X pose = by_coordinates."""
+        if self.is_solvable:
+            return dtrtrs(self.pose, by_coordinates.T, lower=1, trans=1)[0].T
+        return np.linalg.lstsq(self.pose.T, by_coordinates.T, rcond=None)[0].T
+
+
+def _solved_by_lower(
+    root: Float[np.ndarray, "k d d"], right: Float[np.ndarray, "k d q"]
+) -> Float[np.ndarray, "k d q"]:
+    """root^-1 right of lower triangular matrices, by batched substitution.
+
+    0 for a pivot of 0.
+    """
+    result = np.zeros(right.shape)
+    for j in range(root.shape[1]):
+        known = sum(root[:, j, i, None] * result[:, i] for i in range(j))
+        pivot = root[:, j, j, None]
+        np.divide(right[:, j] - known, pivot, out=result[:, j], where=pivot != 0)
+    return result
+
+
+def _divided_by_lower(
+    left: Float[np.ndarray, "k q d"], root: Float[np.ndarray, "k d d"]
+) -> Float[np.ndarray, "k q d"]:
+    """left root^-1, likewise."""
+    flipped = np.swapaxes(root, 1, 2)[:, ::-1, ::-1]
+    return np.swapaxes(_solved_by_lower(flipped, np.swapaxes(left, 1, 2)[:, ::-1])[:, ::-1], 1, 2)

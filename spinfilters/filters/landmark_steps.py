@@ -1,0 +1,488 @@
+"""Data exchanged between the steps of a landmark update.
+
+The error of landmark i is split, d_i = A_i m + e_i: modes m that all landmarks share, whose errors stand with those of the state
+in one factor F (P = F F'), and e_i of its own, independent of everything, with covariance L_i L_i'. An observation of it depends on
+the pose x (the sensor's columns of the state) and on the landmark,
+
+    rho_i = H_x x + H_p (A_i m + e_i) + v_i = H_x x + H_p A_i m + w_i,   cov w_i = S_i = I / weight + H_p L_i L_i' H_p',
+
+so that with S_i = T T' the rows T^-1 [H_x, H_p A_i] of all observations are a measurement of (x, m) with unit noise: `whitened` and
+`corrected`. This is exact, as is what follows of the landmark, with X = T^-1 H_p L_i and K = L_i X' T^-1:
+
+    e_i = K (rho_i - H_x x - H_p A_i m) + e_i',   cov e_i' = L_i (I - X'X) L_i'.
+
+So it depends on the modes and on the pose of this epoch: d_i = B_i (x, m) + e_i'. `compress` finds as many new modes as there
+were that explain most of what the (x, m) of all landmarks make of their observations: with (x, m) = R q, q of unit covariance,
+and G the sum of squares of those observations by (x, m), the leading eigenvectors V of R'GR give the modes V'q. The others are
+taken for every landmark's own (`observe`). Landmarks that were not observed follow with one transformation for all
+(`landmark_map`).
+
+Steps of an epoch in NumPy, the reference without a compiler.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from spinfilters.filters.measurement_prediction import SigmaPoints
+from spinfilters.filters.square_root import (
+    Correction,
+    MeasurementPrediction,
+    compressed,
+    is_lower,
+    lower_roots,
+    square_root_update,
+)
+from spinfilters.models.measurement import LandmarkSensor
+from spinfilters.models.state_layout import StateLayout
+
+SLOTS = 24
+"""Epochs that a landmark may fall behind; less would touch more landmarks, more would keep more transformations."""
+FIRST_ROOM = 256
+"""Landmarks for which there is room before the arrays grow."""
+
+
+class LinearisedObservations(NamedTuple):
+    """Observations about a point, whitened by the sensor's noise.
+
+    Attributes
+    ----------
+    rows: (k, d, c + 4) by the columns of the state, by the landmark (3), and the innovation.
+    valid: (k,).   log_noise: (k,) log determinant of the sensor's noise factor.
+    """
+
+    rows: Float[np.ndarray, "k d w"]
+    valid: Bool[np.ndarray, " k"]
+    log_noise: Float[np.ndarray, " k"]
+
+
+class LandmarkArrays:
+    """Landmarks in rows, the first ``count`` of arrays.
+
+    Attributes
+    ----------
+    ids: (k,).   points: (k, 3) m, in the map's frame.   modes: (k, 3, r) A.   roots: (k, 3, 3) L.
+    epoch: (k,) of whose modes ``modes`` speak.   hits: (k,) observations that agree.   wrong: (k,) refused ones in a row.
+    last: (k,) epoch of the last observation.   now: the present epoch.   turn: row from which the next share begins.
+    transform, spread: (SLOTS, r, r), shift: (SLOTS, r), see `landmark_map`; slot of an epoch: its number modulo SLOTS.
+    steps: of an epoch, compiled where possible.
+    """
+
+    def __init__(self, rank: int, precision: str, steps: "LandmarkSteps") -> None:
+        kept, self.steps = np.dtype(precision), steps
+        self.count, self.now, self.turn = 0, 0, 0
+        self.ids = np.zeros(FIRST_ROOM, dtype=np.int64)
+        self.points = np.zeros((FIRST_ROOM, 3))
+        self.modes = np.zeros((FIRST_ROOM, 3, rank), dtype=kept)
+        self.roots = np.zeros((FIRST_ROOM, 3, 3), dtype=kept)
+        self.epoch, self.hits, self.wrong, self.last = (
+            np.zeros(FIRST_ROOM, dtype=np.int64) for _ in range(4)
+        )
+        self.transform = np.tile(np.eye(rank), (SLOTS, 1, 1))
+        self.spread = np.zeros((SLOTS, rank, rank))
+        self.shift = np.zeros((SLOTS, rank))
+
+    @property
+    def rank(self) -> int:
+        """r, number of modes."""
+        return self.modes.shape[2]
+
+
+@dataclass(frozen=True)
+class MapObservations:
+    """One measurement of k landmarks of the map, and of q that it does not hold.
+
+    Attributes
+    ----------
+    values, parameters: (k, v), (k, p).   at: (k,) rows of the map, which are up to date.
+    known: (k + q,) which of all are of landmarks of the map.
+    columns: (c + r,) errors that are observed: those of the pose, then the modes.
+    scale: by which the covariance of the noise differs from the stated one.
+    """
+
+    layout: StateLayout
+    sensor: LandmarkSensor
+    values: Float[np.ndarray, "k v"]
+    parameters: Float[np.ndarray, "k p"]
+    at: Int[np.ndarray, " k"]
+    known: Bool[np.ndarray, " m"]
+    landmarks: LandmarkArrays
+    columns: Int[np.ndarray, " q"]
+    scale: float
+
+    @cached_property
+    def points(self) -> Float[np.ndarray, "k 3"]:
+        """Points of the observed landmarks, m."""
+        return self.landmarks.points[self.at]
+
+    @cached_property
+    def modes(self) -> Float[np.ndarray, "k 3 r"]:
+        """Modes of the observed landmarks."""
+        return self.landmarks.modes[self.at].astype(float)
+
+    @cached_property
+    def roots(self) -> Float[np.ndarray, "k 3 3"]:
+        """Square roots of the observed landmarks' own covariances."""
+        return self.landmarks.roots[self.at].astype(float)
+
+    def rows_at(
+        self, x: Float[np.ndarray, " m"], points: Float[np.ndarray, "k 3"] | None = None
+    ) -> LinearisedObservations:
+        """First derivatives at a state and at points, those of the map where none are given."""
+        k, d = len(self.values), self.sensor.dim
+        places = (self.landmarks.points, self.at) if points is None else (points, None)
+        made, valid, square, determinant = self.sensor.observation_rows(
+            x[None], places[0], self.parameters[:, 3:], self.values, rows=(None, places[1], None, None)
+        )
+        rows = made.reshape(k, d, len(self.sensor.columns) + 4)
+        good = (valid[:, 0] > 0) & np.isfinite(square[:, 0])
+        return LinearisedObservations(rows, good, np.log(determinant[:, 0]))
+
+
+@dataclass(frozen=True)
+class PoseSpread:
+    """States and landmarks moved by sigma points.
+
+    Attributes
+    ----------
+    states: (p, m) at the points.
+    pose: (c, s) by the coordinates that move it.   modes: (r, s) by the same.
+    late: (r, r) lower triangular root of the modes' covariance by all other coordinates.
+    """
+
+    states: Float[np.ndarray, "p m"]
+    pose: Float[np.ndarray, "c s"]
+    modes: Float[np.ndarray, "r s"]
+    late: Float[np.ndarray, "r r"]
+
+    @cached_property
+    def is_solvable(self) -> bool:
+        """Whether the pose is a lower triangle of full rank: its columns lead the state."""
+        square = len(self.pose) == self.pose.shape[1]
+        return square and is_lower(self.pose) and bool(np.diagonal(self.pose).all())
+
+
+class AddedLandmarks(NamedTuple):
+    """New landmarks: dependence on the shared modes, and own errors.
+
+    Attributes
+    ----------
+    shared: how the modes of all landmarks change.   modes: (q, 3, r) of the new ones.
+    roots: (q, 3, 3) square roots of their own covariance.
+    """
+
+    shared: "NewModes"
+    modes: Float[np.ndarray, "q 3 r"]
+    roots: Float[np.ndarray, "q 3 3"]
+
+
+@dataclass(frozen=True)
+class WhitenedLandmarks:
+    """Observations of k landmarks, whitened by noise and the landmarks' own covariance.
+
+    Attributes
+    ----------
+    kept: (g, s, l) of g groups of l landmarks, the last one filled up: numbers of `rows`, of X and of H_p L (d x 3).
+    shape: (k, d, c + r + 1).
+    log_noise: log determinant of all T, less that of the square roots of the weights.
+    """
+
+    kept: Float[np.ndarray, "g s l"]
+    shape: tuple[int, int, int]
+    log_noise: float
+
+    @cached_property
+    def rows(self) -> Float[np.ndarray, "k d w"]:
+        """Rows by state columns and modes, with the innovation.
+
+        c columns, r modes; of an epoch that is not closed.
+        """
+        count, d, width = self.shape
+        return np.swapaxes(self.kept[:, : d * width], 1, 2).reshape(-1, d, width)[:count]
+
+
+class NewModes(NamedTuple):
+    """Next modes as combinations of the old ones.
+
+    (x, m) = kept m' + dropped f, m' and f of unit covariance.
+
+    Attributes
+    ----------
+    turned: (c + r, r + c) kept and dropped side by side.   rows: (r, N) of the modes' factor.
+    explained: (r,) squares of standard deviations that each mode explains in observations.
+    """
+
+    turned: Float[np.ndarray, "q q"]
+    rows: Float[np.ndarray, "r N"]
+    explained: Float[np.ndarray, " r"]
+
+    @property
+    def kept(self) -> Float[np.ndarray, "q r"]:
+        """Combinations that stay shared."""
+        return self.turned[:, : len(self.rows)]
+
+    @property
+    def dropped(self) -> Float[np.ndarray, "q c"]:
+        """Combinations that become every landmark's own."""
+        return self.turned[:, len(self.rows) :]
+
+
+class Closing(NamedTuple):
+    """Transition of landmarks and modes at the end of an epoch.
+
+    Attributes
+    ----------
+    at: (k,) rows of the observed landmarks, as in ``white``.
+    error: (c + r,) of pose and modes.   factor: (c + r, N) its rows after the update.
+    by_pose, roots: (q, 3, c), (q, 3, 3) of new landmarks, their dependence on the pose and their own root.
+    remembered: (r,) what modes explained before, as far as it still counts.
+    behind: rows of landmarks, first and last, whose turn it is to be brought up to date.
+    """
+
+    at: Int[np.ndarray, " k"]
+    white: WhitenedLandmarks
+    error: Float[np.ndarray, " p"]
+    factor: Float[np.ndarray, "p N"]
+    by_pose: Float[np.ndarray, "q 3 c"]
+    roots: Float[np.ndarray, "q 3 3"]
+    remembered: Float[np.ndarray, " r"]
+    behind: tuple[int, int]
+
+
+class LandmarkSteps(Protocol):
+    """Steps of an epoch: `numpy_steps.NumpySteps` defines them, `compiled_steps.CompiledSteps` takes them in C."""
+
+    def refresh(self, stored: LandmarkArrays, rows: Int[np.ndarray, " q"]) -> None:
+        """Bring landmarks in these rows up to the present epoch's modes."""
+        ...
+
+    def whitened(
+        self,
+        stored: LandmarkArrays,
+        at: Int[np.ndarray, " k"],
+        linear: Float[np.ndarray, "k d w"],
+        weights: Float[np.ndarray, " k"],
+    ) -> WhitenedLandmarks:
+        """Whitened rows of observations of the landmarks in rows ``at``."""
+        ...
+
+    def corrected(
+        self,
+        white: WhitenedLandmarks,
+        factor: Float[np.ndarray, "N N"],
+        columns: Int[np.ndarray, " q"],
+        log_noise: float,
+    ) -> Correction:
+        """Correction by whitened observations of errors with this factor."""
+        ...
+
+    def solved(
+        self,
+        observations: MapObservations,
+        x: Float[np.ndarray, " m"],
+        factor: Float[np.ndarray, "N N"],
+        limit: float,
+    ) -> tuple[Correction, WhitenedLandmarks] | None:
+        """`whitened` and `corrected` at once; None where it cannot, or a squared innovation exceeds the limit."""
+        ...
+
+    def solved_rows(
+        self,
+        observations: MapObservations,
+        linear: Float[np.ndarray, "k d w"],
+        log_noise: float,
+        factor: Float[np.ndarray, "N N"],
+        limit: float,
+    ) -> tuple[Correction, WhitenedLandmarks] | None:
+        """The same of rows, all of them valid; log_noise of all."""
+        ...
+
+    def regressed(
+        self, observations: MapObservations, spread: PoseSpread, points: SigmaPoints
+    ) -> LinearisedObservations | None:
+        """Statistical linear regression of the observations; None where it cannot."""
+        ...
+
+    def close(self, stored: LandmarkArrays, closing: Closing) -> AddedLandmarks:
+        """Finish an epoch after the correction; returned is what new landmarks begin with."""
+        ...
+
+
+NEW_LANDMARK_SHARE = 0.5
+"""Of the information of a new landmark's own covariance that its next observation has of it, about."""
+
+
+class NumpySteps:
+    """Landmark steps in NumPy; `compiled_steps.CompiledSteps` takes the same in C."""
+
+    def refresh(self, stored: LandmarkArrays, rows: Int[np.ndarray, " q"]) -> None:
+        """Bring landmarks in these rows up to the present epoch's modes."""
+        rows = rows[stored.epoch[rows] != stored.now]
+        slot = stored.epoch[rows] % len(stored.shift)
+        A, L = stored.modes[rows].astype(float), stored.roots[rows].astype(float)
+        stored.points[rows] += (A @ stored.shift[slot, :, None])[..., 0]
+        value, vector = np.linalg.eigh(A @ stored.spread[slot] @ np.swapaxes(A, 1, 2))
+        extra = vector * np.sqrt(np.maximum(value, 0.0))[:, None, :]  # below zero by rounding alone
+        stored.modes[rows] = A @ stored.transform[slot]
+        stored.roots[rows] = lower_roots(np.concatenate([L, extra], axis=2))
+        stored.epoch[rows] = stored.now
+
+    def whitened(
+        self,
+        stored: LandmarkArrays,
+        at: Int[np.ndarray, " k"],
+        linear: Float[np.ndarray, "k d w"],
+        weights: Float[np.ndarray, " k"],
+    ) -> WhitenedLandmarks:
+        """Whitened rows of observations, with X and H_p L kept.
+
+        The landmarks are in rows ``at``; their own errors are noise to the rows.
+
+        Parameters
+        ----------
+        linear: whitened by the sensor's noise: by c columns of the state, by the landmark (3), the innovation.
+        weights: positive; noise has 1 / weight times the covariance.
+        """
+        modes, roots = stored.modes[at].astype(float), stored.roots[at].astype(float)
+        scaled = linear * np.sqrt(weights)[:, None, None]
+        by_state, by_landmark, innovation = scaled[..., :-4], scaled[..., -4:-1], scaled[..., -1:]
+        gram = by_landmark @ roots
+        unit = np.broadcast_to(np.eye(gram.shape[1]), (len(gram), gram.shape[1], gram.shape[1]))
+        root = lower_roots(np.concatenate([unit, gram], axis=2))
+        every = np.concatenate([by_state, by_landmark @ modes, innovation, gram], axis=2)
+        every = np.linalg.solve(root, every)
+        log_noise = np.log(np.abs(np.diagonal(root, axis1=1, axis2=2))).sum(axis=1)
+        log_noise = float((log_noise - 0.5 * linear.shape[1] * np.log(weights)).sum())
+        rows, X = every[..., :-3], every[..., -3:]
+        parts = [array.reshape(len(at), array.shape[1] * array.shape[2], 1) for array in (rows, X, gram)]
+        kept = np.concatenate(parts, axis=1)
+        return WhitenedLandmarks(kept, rows.shape, log_noise)
+
+    def corrected(
+        self,
+        white: WhitenedLandmarks,
+        factor: Float[np.ndarray, "N N"],
+        columns: Int[np.ndarray, " q"],
+        log_noise: float,
+    ) -> Correction:
+        """Correction by whitened observations of errors with this factor.
+
+        Parameters
+        ----------
+        columns: (c + r,) of the errors, which are observed.   log_noise: of the sensor's noise, before whitening.
+        """
+        tall = white.rows.reshape(-1, white.shape[2])
+        innovation, H, residual = compressed(tall[:, -1], tall[:, :-1])
+        Y, log_noise = H @ factor[columns], log_noise + white.log_noise
+        return square_root_update(
+            MeasurementPrediction(innovation, Y, factor, residual, len(tall), log_noise)
+        )
+
+    def solved(
+        self,
+        observations: MapObservations,
+        x: Float[np.ndarray, " m"],
+        factor: Float[np.ndarray, "N N"],
+        limit: float,
+    ) -> tuple[Correction, WhitenedLandmarks] | None:
+        """`whitened` and `corrected` at once, if no squared innovation exceeds the limit. Here always None."""
+        return None
+
+    def solved_rows(
+        self,
+        observations: MapObservations,
+        linear: Float[np.ndarray, "k d w"],
+        log_noise: float,
+        factor: Float[np.ndarray, "N N"],
+        limit: float,
+    ) -> tuple[Correction, WhitenedLandmarks] | None:
+        """The same of rows, all of them valid; log_noise of all."""
+        return None
+
+    def regressed(
+        self, observations: MapObservations, spread: PoseSpread, points: SigmaPoints
+    ) -> LinearisedObservations | None:
+        """Compiled form of `Spread.regressed`; here always None."""
+        return None
+
+    def close(self, stored: LandmarkArrays, closing: Closing) -> AddedLandmarks:
+        """Finish an epoch after the correction.
+
+        The map moves to the next epoch; returned is what new landmarks begin with.
+        """
+        c = closing.by_pose.shape[2]
+        new = _new_modes(closing)
+        late = np.flatnonzero(stored.epoch[: stored.count] < stored.now - (len(stored.shift) - 2))
+        self.refresh(stored, np.union1d(np.arange(*closing.behind), late))
+        next_epoch(stored, new.kept[c:], new.dropped[c:], closing.error[c:])
+        _observe(stored, closing, new)
+        own = lower_roots(np.concatenate([closing.roots, closing.by_pose @ new.dropped[:c]], axis=2))
+        return AddedLandmarks(new, closing.by_pose @ new.kept[:c], own)
+
+
+def next_epoch(
+    stored: LandmarkArrays,
+    transform: Float[np.ndarray, "r r"],
+    dropped: Float[np.ndarray, "r c"],
+    shift: Float[np.ndarray, " r"],
+) -> None:
+    """Advance every slot's transformation one step.
+
+    m_before = shift + transform m + dropped f; the new epoch's is the identity.
+    """
+    moved = stored.transform @ dropped
+    stored.shift += stored.transform @ shift
+    stored.spread += moved @ np.swapaxes(moved, 1, 2)
+    stored.transform[...] = stored.transform @ transform
+    stored.now += 1
+    slot = stored.now % len(stored.shift)
+    stored.transform[slot], stored.spread[slot], stored.shift[slot] = np.eye(len(shift)), 0.0, 0.0
+
+
+def _new_modes(closing: Closing) -> NewModes:
+    """Modes that explain most of the landmarks' dependence on pose and modes.
+
+    The transformation of the old modes to them comes with them.
+    """
+    rows, X, r = closing.white.rows[..., :-1], _own_parts(closing.white)[0], len(closing.remembered)
+    size = rows.shape[2]
+    c = size - r
+    seen = -(X @ (np.swapaxes(X, 1, 2) @ rows))
+    seen[..., c:] += rows[..., c:]
+    tall, fresh = seen.reshape(-1, size), np.linalg.solve(closing.roots, closing.by_pose).reshape(-1, c)
+    G = tall.T @ tall
+    G[:c, :c] += NEW_LANDMARK_SHARE * (fresh.T @ fresh)
+    G[range(c, size), range(c, size)] += closing.remembered
+    turn, R = np.linalg.qr(closing.factor.T)
+    value, vector = np.linalg.eigh(R @ G @ R.T)
+    vector = vector[:, ::-1]
+    return NewModes(R.T @ vector, vector[:, :r].T @ turn.T, value[::-1][:r].copy())
+
+
+def _observe(stored: LandmarkArrays, closing: Closing, new: NewModes) -> None:
+    """Move observed landmarks, and tell them by the new modes."""
+    at, (X, gram) = closing.at, _own_parts(closing.white)
+    modes, roots = stored.modes[at].astype(float), stored.roots[at].astype(float)
+    pull = roots @ (np.swapaxes(X, 1, 2) @ closing.white.rows)
+    by_both = -pull[..., :-1]
+    by_both[..., len(closing.error) - modes.shape[2] :] += modes
+    left = lower_roots(
+        np.concatenate([np.broadcast_to(np.eye(3), roots.shape), np.swapaxes(gram, 1, 2)], axis=2)
+    )
+    own = np.swapaxes(np.linalg.solve(left, np.swapaxes(roots, 1, 2)), 1, 2)
+    stored.points[at] += by_both @ closing.error + pull[..., -1]
+    stored.modes[at] = by_both @ new.kept
+    stored.roots[at] = lower_roots(np.concatenate([own, by_both @ new.dropped], axis=2))
+    stored.epoch[at] = stored.now
+    stored.last[at], stored.wrong[at] = stored.now - 1, 0
+    stored.hits[at] += 1
+
+
+def _own_parts(white: WhitenedLandmarks) -> tuple[Float[np.ndarray, "k d 3"], Float[np.ndarray, "k d 3"]]:
+    """X and H_p L."""
+    count, d, width = white.shape
+    parts = white.kept[:, d * width :].reshape(count, 2, d, 3)
+    return parts[:, 0], parts[:, 1]

@@ -1,1 +1,0 @@
-"""Stretches of free flight in a recording, found without knowledge of the body."""

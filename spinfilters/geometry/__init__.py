@@ -1,1 +1,0 @@
-"""Cameras, triangulation and absolute orientation."""

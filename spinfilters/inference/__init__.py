@@ -1,0 +1,1 @@
+"""What is inferred before a run: its start, and which noise it uses - stated, identified, adapted."""

@@ -1,0 +1,94 @@
+"""Interface of an estimator in a comparison: recursive, or batch over all epochs."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.settings.run_settings import NamedEstimator
+
+if TYPE_CHECKING:
+    from spinfilters.filters.estimator import Estimator
+    from spinfilters.filters.history import EstimateHistory
+    from spinfilters.filters.noise_levels import VarianceComponent
+    from spinfilters.filters.timeline import Timeline
+    from spinfilters.inference.initial_estimate import InitialEstimate
+    from spinfilters.inference.setup import Setup
+    from spinfilters.settings.run_settings import Settings
+
+
+Built = TypeVar("Built", bound="Estimator")
+
+
+OnEpoch = Callable[[int, int], None]
+"""Called with epochs done and epochs in all."""
+
+
+class BatchEstimator(Protocol):
+    """All epochs given all measurements."""
+
+    def smooth(
+        self, timeline: "Timeline", initial: "InitialEstimate", on_epoch: OnEpoch
+    ) -> "EstimateHistory":
+        """States and covariances of every epoch, those of the initialisation among them."""
+        ...
+
+
+class EstimatorEntry(NamedEstimator, ABC, Generic[Built]):
+    """An estimator of the table.
+
+    A subclass states its attributes and writes `build`; what else it does differently it overrides.
+    It is recursive (a `LatestBelief`, or an `Estimator` with a state of its own), or for some data sets batch.
+
+    Attributes
+    ----------
+    name: as in ``--estimators``; also its folder in a run.
+    order: of the table and of messages.   is_default: whether a comparison has it where nobody names estimators.
+    holds_landmarks: whether tracks without a known map are something for it.
+    is_baseline: another's estimator to compare with, whose disagreement says nothing of ours.
+    continues: whether it continues from the initialisation, so that doubts about that are doubts about it.
+    """
+
+    holds_landmarks: bool = False
+    is_baseline: bool = False
+    continues: bool = True
+
+    @abstractmethod
+    def build(self, setup: "Setup", settings: "Settings") -> Built:
+        """The recursive estimator, not begun."""
+
+    def batch(self, setup: "Setup", settings: "Settings") -> BatchEstimator | None:
+        """The batch estimator of a data set; None where it is taken epoch by epoch."""
+        return None
+
+    def begin(self, estimator: Built, setup: "Setup") -> None:
+        """Let it begin at the end of the initialisation."""
+        estimator.start(setup.initial.belief)
+
+    def final(self, estimator: Built, passed: "EstimateHistory", setup: "Setup") -> "EstimateHistory | None":
+        """Final estimates of all epochs, those of the initialisation among them.
+
+        None where that is what it said of each as it came. ``passed`` holds the epochs behind the initialisation.
+        """
+        return None
+
+    def noise(
+        self, estimator: Built, history: "EstimateHistory", setup: "Setup"
+    ) -> "tuple[VarianceComponent, ...]":
+        """Identified levels of noise that it ended with; none where they are those of the initialisation."""
+        return history.noise
+
+    def points(
+        self, estimator: Built, history: "EstimateHistory", setup: "Setup"
+    ) -> Float[np.ndarray, "k 3"] | None:
+        """Landmarks that it ended with, m, frame g; None without any."""
+        return setup.map_points
+
+    def false_alarm_probability(self, setup: "Setup", settings: "Settings") -> float:
+        """Probability of rejecting a measurement whose noise is as stated."""
+        return 0.0
+
+
+AnyEntry = EstimatorEntry[Any]

@@ -1,0 +1,376 @@
+"""Smoothed first epochs of a data set, from which all estimators continue, and how many they are."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from spinfilters.core.errors import NUMERICAL_ERRORS, InputError, numerical
+from spinfilters.core.linear_algebra import normalised_square
+from spinfilters.filters.ekf import MultiplicativeEkf
+from spinfilters.filters.estimator import ProcessModel
+from spinfilters.filters.outlier_rejection import RobustOptions
+from spinfilters.filters.timeline import CameraView, SensorNoise, Timeline, build_timeline, run, times_of
+from spinfilters.inference.identified_noise import NoisyModels
+from spinfilters.inference.initial_estimate import InitialEstimate
+from spinfilters.inference.initialisation import initialise, initialised_again
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.input_file import reason
+from spinfilters.io.measurement_log import MeasurementStream
+from spinfilters.io.sensor_format import sensor_format
+from spinfilters.io.sensor_tables import require_motion
+from spinfilters.models.body import body_estimate
+from spinfilters.models.process import TorqueFreeProcess
+from spinfilters.models.sensor import MotionSamples
+from spinfilters.models.sensor_registry import sensor_of
+from spinfilters.models.state_blocks import RATE
+from spinfilters.models.state_layout import Gaussian, StateLayout
+from spinfilters.models.status import Verdict
+from spinfilters.settings.run_settings import InitialisationOptions, Settings
+from spinfilters.smoother.motion_factors import without_refused
+
+DETERMINED_STD = 0.12
+"""Of a principal moment relative to the largest: what the first epochs must reach for filters to go on from them. On simulated
+motions all starts below it were consistent, and half of those above it led to NEES of twice the degrees of freedom and more."""
+LINEAR_STD, LINEAR_RATE_STD = 0.08, 0.02
+"""Of the mass distribution (log second moments) and of the body rate relative to it, below which hardly anything is bent and no
+filter is tried: simulated motions that went astray had begun beyond 0.1 or, with noisy sensors, beyond 0.04."""
+LARGEST_DEPARTURE = 0.7
+"""Of a filter from the smoother, in the length of the whole error in standard deviations: simulated filters below it kept a NEES of
+their degrees of freedom to the end, and most of those beyond it did not."""
+MOST_EPOCHS = 480
+"""Up to which more seconds are looked at than `InitialisationOptions.duration`, where the motion is not known by then."""
+BEYOND_SHARE, LARGEST_SHARE = 4 / 3, 0.8
+"""Times its share of the recording, and of a recording, that an initialisation may have where filters cannot go on from less. On
+the thesis' motion in noisy poses 60 % leaves moments uncertain by 0.12 to 0.3, and filters are off by up to 60 deviations; of 80 %
+they are consistent."""
+
+Make = Callable[[InitialisationOptions], InitialEstimate]
+"""Makes an initialisation of a recording; nothing of landmarks after its last epoch is looked at."""
+
+
+def moments_std_of(start: InitialEstimate) -> float:
+    """Largest standard deviation of a principal moment after the initialisation.
+
+    Relative to the largest moment.
+    """
+    return float(np.max(body_estimate(start.belief, intervals=False).principal_moments_std))
+
+
+def long_enough_initialisation(
+    process: ProcessModel, timeline: Timeline, make: Make, options: InitialisationOptions
+) -> InitialEstimate:
+    """An initialisation long enough for filters.
+
+    The number of epochs is doubled until they can go on from it, or it has its share of the recording.
+
+    Raises
+    ------
+    What ``make`` raises of the shortest start.
+    """
+    found = _checked(process, timeline, make, options)
+    while not _is_enough(found):
+        longer = _longer(options, timeline)
+        if longer.count(timeline) == options.count(timeline):
+            break
+        options = longer
+        try:
+            found = _checked(process, timeline, make, options)
+        except NUMERICAL_ERRORS:  # more epochs lead nowhere; the fewer did
+            break
+    return found
+
+
+def beyond_share(
+    process: ProcessModel,
+    timeline: Timeline,
+    make: Make,
+    options: InitialisationOptions,
+    found: InitialEstimate,
+) -> InitialEstimate | None:
+    """An initialisation of a third more epochs than its share.
+
+    None where filters can go on from that of the share, or these determine the moments no better.
+
+    Parameters
+    ----------
+    found: the long enough initialisation with these options.
+    """
+    count = len(timeline)
+    wider = min(BEYOND_SHARE * options.share, LARGEST_SHARE)
+    if len(found.mean) < round(options.share * count) or wider <= options.share or _is_enough(found):
+        return None
+    span = timeline[-1].time - timeline[0].time
+    longer = replace(options, epochs=count, share=wider, duration=max(span, options.duration))
+    try:
+        beyond = _checked(process, timeline, make, longer)
+    except NUMERICAL_ERRORS:
+        return None
+    return beyond if _is_better(beyond, found) else None
+
+
+def _is_better(beyond: InitialEstimate, found: InitialEstimate) -> bool:
+    """Whether filters go on better from more epochs."""
+    if moments_std_of(beyond) > DETERMINED_STD:
+        return False
+    return moments_std_of(found) > DETERMINED_STD or beyond.departure < found.departure
+
+
+def departure_of(
+    process: ProcessModel, timeline: Timeline, start: InitialEstimate, later: InitialEstimate
+) -> float:
+    """Distance of a filter from the smoother in the smoother's standard deviations.
+
+    The filter has no gate: it takes in what the smoother does. A gross error that the smoother refuses is no linearisation's.
+
+    Parameters
+    ----------
+    later: of more epochs; the filter goes on from ``start`` to its last. Infinite where the filter fails.
+    """
+    first, last = len(start.mean), len(later.mean)
+    ungated = MultiplicativeEkf(process, RobustOptions(gate_probability=1.0))
+    ungated.start(start.belief)
+    taken_in = without_refused(timeline[:last], later.refused)
+    history = run(ungated, timeline[first - 1].time, taken_in[first:])
+    if history.status.verdict is Verdict.FAILED:
+        return np.inf
+    return _length(later.belief, history.mean[-1])
+
+
+def _is_enough(found: InitialEstimate) -> bool:
+    return moments_std_of(found) <= DETERMINED_STD and found.departure <= LARGEST_DEPARTURE
+
+
+def _longer(options: InitialisationOptions, timeline: Timeline) -> InitialisationOptions:
+    """Twice the epochs, and where the seconds were the limit twice those, up to `MOST_EPOCHS`."""
+    longer = replace(options, epochs=2 * options.epochs)
+    if longer.count(timeline) > options.count(timeline) or options.count(timeline) >= MOST_EPOCHS:
+        return longer
+    return replace(longer, duration=2 * options.duration)
+
+
+def _checked(
+    process: ProcessModel, timeline: Timeline, make: Make, options: InitialisationOptions
+) -> InitialEstimate:
+    """An initialisation with the check of doubtful moments.
+
+    A filter goes on from it where its moments would be enough and are not beyond doubt. With landmarks nothing is compared:
+    which observations are believed differs between filter and smoother.
+    """
+    start = make(options)
+    determined = is_bent(start.belief) and moments_std_of(start) <= DETERMINED_STD
+    count = len(start.mean)
+    if not determined or start.has_landmarks or count == len(timeline):
+        return start
+    span = timeline[min(2 * count, len(timeline)) - 1].time - timeline[0].time
+    ahead = replace(options, epochs=2 * count, share=1.0, duration=max(span, options.duration))
+    try:
+        later = make(ahead)
+    except NUMERICAL_ERRORS:
+        return start
+    return replace(start, departure=departure_of(process, timeline, start, later))
+
+
+def _length(belief: Gaussian, mean: np.ndarray) -> float:
+    away = belief.layout.local(belief.mean, mean)
+    return float(np.sqrt(normalised_square(away[np.newaxis], belief.factor[np.newaxis])[0]))
+
+
+def is_bent(belief: Gaussian) -> bool:
+    """Whether a belief is wide enough for a filter's linearisation to count."""
+    layout, rate = belief.layout, belief.mean[belief.layout.mean_slice(RATE.name)]
+    masses, rates = (np.linalg.norm(belief.factor[layout.slice(b)], 2) for b in "sw")
+    return bool(masses > LINEAR_STD or rates > LINEAR_RATE_STD * np.linalg.norm(rate))
+
+
+LEADING_EPOCHS = 16
+"""Of the sensor that tells most of a motion, in an initialisation, where faster sensors stand beside it."""
+COMPARED_EPOCHS = 480
+"""Of which two models of a motion are compared, or all of a shorter recording."""
+
+GivenInitialisation = Callable[[StateLayout], InitialEstimate]
+"""Gives the initialisation over a layout, in place of one that is made from data."""
+
+
+@dataclass(frozen=True)
+class FirstEpochs:
+    """First epochs of a data set, with models and noise.
+
+    Attributes
+    ----------
+    view: what rows of landmarks are measured against, None without any.
+    """
+
+    dataset: Dataset
+    view: CameraView | None
+    process: TorqueFreeProcess
+    timeline: Timeline
+    noise: SensorNoise
+
+    def smoothed(
+        self, options: InitialisationOptions, before: InitialEstimate | None = None
+    ) -> InitialEstimate:
+        """Smoothed first epochs, as many as filters need.
+
+        A failed smoothing leaves none of them finite, and its status says why.
+
+        Parameters
+        ----------
+        before: of the same data at other noise, whose motion, map and associations are used again where they serve.
+        """
+        options = self._with_leading_epochs(options)
+        if before is not None:
+            count = len(before.mean)
+            options = replace(
+                options,
+                epochs=max(options.epochs, count),
+                share=max(options.share, count / len(self.timeline)),
+                duration=max(options.duration, self._duration(count)),
+            )
+
+        made: dict[int, InitialEstimate] = {}
+
+        def make(options: InitialisationOptions) -> InitialEstimate:
+            """The initialisation with these options."""
+            count = options.count(self.timeline)
+            if count not in made:  # of twice the epochs both a filter is judged and a longer start made
+                made[count] = self._again(options, before) or self._made(options)
+            return made[count]
+
+        try:
+            with np.errstate(all="ignore"):  # what is not finite becomes a status
+                return long_enough_initialisation(self.process, self.timeline, make, options)
+        except NUMERICAL_ERRORS as error:
+            return InitialEstimate.failed(
+                self.process.layout, options.count(self.timeline), reason(numerical(error))
+            )
+
+    def beyond_share(self, options: InitialisationOptions, start: InitialEstimate) -> InitialEstimate | None:
+        """Smoothed epochs beyond their share.
+
+        None where filters need no more, or cannot go on from these either.
+
+        Parameters
+        ----------
+        start: `smoothed` with these options.
+        """
+        if start.has_failed:
+            return None
+        options = self._with_leading_epochs(options)
+        with np.errstate(all="ignore"):
+            return beyond_share(self.process, self.timeline, self._made, options, start)
+
+    def near(
+        self, likely: InitialEstimate, options: InitialisationOptions, before: InitialEstimate | None = None
+    ) -> InitialEstimate:
+        """Smoothed first epochs, `COMPARED_EPOCHS` whatever filters need.
+
+        Parameters
+        ----------
+        likely: of the same motion, whose mass distribution they are smoothed from.   before: see `smoothed`.
+        """
+        count = min(len(self.timeline), max(COMPARED_EPOCHS, len(likely.mean)))
+        duration = max(options.duration, self._duration(count))
+        options = replace(options, epochs=count, share=1.0, duration=duration)
+        try:
+            with np.errstate(all="ignore"):
+                return self._again(options, before) or self._made(options, likely)
+        except NUMERICAL_ERRORS as error:
+            return InitialEstimate.failed(self.process.layout, count, reason(error))
+
+    def _again(
+        self, options: InitialisationOptions, before: InitialEstimate | None
+    ) -> InitialEstimate | None:
+        return None if before is None else initialised_again(self.process, self.timeline, before, options)
+
+    def _made(self, options: InitialisationOptions, likely: InitialEstimate | None = None) -> InitialEstimate:
+        """From the measurements alone; nothing of landmarks after the last epoch is looked at."""
+        end = self.timeline[options.count(self.timeline) - 1].time
+        streams = [
+            stream.slice(self.timeline[0].time, end) if sensor_format(stream.sensor).has_landmarks else stream
+            for stream in self.dataset.log.streams
+        ]
+        samples = initial_samples([s for s in streams if s is not None], self.noise, self.view)
+        return initialise(self.process, self.timeline, samples, options, likely)
+
+    def _duration(self, epochs: int) -> float:
+        return self.timeline[epochs - 1].time - self.timeline[0].time
+
+    def _with_leading_epochs(self, options: InitialisationOptions) -> InitialisationOptions:
+        """The options with enough leading epochs of the main sensor.
+
+        `LEADING_EPOCHS` of the sensor that tells most of the motion.
+        Beside a fast gyro the first epochs would hold none or two of a camera.
+        """
+        leading = max(self.dataset.log.streams, key=_told).epoch_times
+        last = leading[min(LEADING_EPOCHS, len(leading)) - 1]
+        count = int(np.searchsorted(times_of(self.timeline), last, "right"))
+        return replace(options, epochs=max(options.epochs, count))
+
+
+@dataclass(frozen=True)
+class BoundLog:
+    """A log to be bound to models, with an initialisation made or given.
+
+    Attributes
+    ----------
+    likely: estimate beside which this one is made, of epochs that do not depend on either.
+    """
+
+    dataset: Dataset
+    view: CameraView | None
+    layout: StateLayout
+    settings: Settings
+    initial: GivenInitialisation | None
+    likely: InitialEstimate | None
+
+    def __call__(
+        self, process: TorqueFreeProcess, noise: SensorNoise, before: InitialEstimate | None
+    ) -> NoisyModels:
+        timeline = build_timeline(self.dataset.log, self.layout, noise, self.view)
+        require_motion(len(timeline))
+        if self.initial is not None:
+            return NoisyModels(process, noise, timeline, self.initial(self.layout))
+        first = self._first(process, noise, timeline)
+        options = self.settings.initialisation
+        if self.likely is not None:
+            return NoisyModels(process, noise, timeline, first.near(self.likely, options, before))
+        return NoisyModels(process, noise, timeline, first.smoothed(options, before))
+
+    def beyond_share(self, made: NoisyModels) -> NoisyModels | None:
+        """The models with a longer initialisation; None where filters need or get none."""
+        if self.likely is not None:
+            return None
+        first = self._first(made.process, made.noise, made.timeline)
+        start = first.beyond_share(self.settings.initialisation, made.start)
+        return None if start is None else replace(made, start=start)
+
+    def _first(self, process: TorqueFreeProcess, noise: SensorNoise, timeline: Timeline) -> FirstEpochs:
+        return FirstEpochs(self.dataset, self.view, process, timeline, noise)
+
+
+def initial_samples(
+    streams: Sequence[MeasurementStream], noise: SensorNoise, view: CameraView | None
+) -> MotionSamples:
+    """Initial motion samples of the most informative stream.
+
+    Landmarks are asked before places, these before attitudes, these before rates.
+
+    Raises
+    ------
+    InputError: streams that do not tell a motion.
+    """
+    for stream in sorted(streams, key=_told, reverse=True):
+        samples = sensor_of(stream.sensor).initial_motion(stream, noise, view)
+        if samples is not None:
+            return samples
+    raise InputError(
+        f"{' and '.join(s.sensor for s in streams)} measurements do not tell how the body moves at first; "
+        "give those of another sensor too"
+    )
+
+
+def _told(stream: MeasurementStream) -> tuple[bool, ...]:
+    """Comparable measure of the motion that a stream tells."""
+    sensor = sensor_of(stream.sensor)
+    return sensor_format(stream.sensor).has_landmarks, sensor.sees_place, sensor.tells_frames

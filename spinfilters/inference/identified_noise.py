@@ -1,0 +1,343 @@
+"""Noise that is not stated, identified from the recording: on the epochs of the initialisation, or a gyro's from its own values."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Final, Protocol
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.core.errors import NUMERICAL_ERRORS, InputError, numerical
+from spinfilters.core.linear_algebra import normalised_square
+from spinfilters.filters.noise_levels import DISTURBANCES, FORCE_PSD, ComponentRows, VarianceComponent
+from spinfilters.filters.timeline import SensorNoise, Timeline, build_timeline
+from spinfilters.inference.identification import Identified, identify
+from spinfilters.inference.initial_estimate import InitialEstimate
+from spinfilters.inference.initialisation import initialise
+from spinfilters.inference.noise_model import NoiseModel
+from spinfilters.io.input_file import reason
+from spinfilters.io.measurement_log import MeasurementLog, MeasurementStream
+from spinfilters.io.sensor_format import noise_options, sensor_format
+from spinfilters.io.sensor_tables import require_motion
+from spinfilters.models.measurement import MeasurementModel
+from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
+from spinfilters.models.sensor import MotionSamples, Sensor
+from spinfilters.models.sensor_registry import sensor_of
+from spinfilters.settings.run_settings import InitialisationOptions
+from spinfilters.smoother.landmark_factors import OBSERVATIONS_NEEDED
+from spinfilters.smoother.problem import Problem, problem_of
+
+WHOLE_RECORDING = 400
+"""Samples, at most, from which the error of a rate sensor is identified."""
+FIRST_SCALE = 0.01
+"""Relative error from which the identification begins: a per cent is what phones do."""
+SMALLEST_SCALE = 1e-5
+"""Relative error below which no gyro is: torque-free motion then explains the rates to what a simulation without noise leaves."""
+WHITE = 2.5
+"""Correlation time, in samples, below which an error counts as white: simulated white noise stays below 2, phones lie above 4."""
+LARGEST_ERROR = 0.04
+"""Relative rms of a gyro's residual: beyond it this is no torque-free flight of a rigid body."""
+DISTURBANCE = 0.01
+"""Angular acceleration noise of a body that a phone rides on, relative to |w|, in (rad/s^2)/sqrt(Hz) per rad/s: air, straps and
+what the gyro's slow errors look like, one per cent of the rate in a second. Without it the clean phone tosses are predicted 0.3 s
+ahead to 6 % of the rate at worst, with it to 4 % (``python -m experiments.gyro_throws``)."""
+
+
+@dataclass(frozen=True)
+class GyroNoise:
+    """Identified gyro error.
+
+    Attributes
+    ----------
+    relative_error: rms per axis relative to |w|.   correlation_time: tau, in samples, at least 1.
+    """
+
+    relative_error: float
+    correlation_time: float
+
+    @property
+    def is_white(self) -> bool:
+        """Whether errors of successive samples are uncorrelated."""
+        return self.correlation_time < WHITE
+
+    @property
+    def is_noise_free(self) -> bool:
+        """Whether it is smaller than that of any gyro, as of a simulation without noise.
+
+        What is left of the rates is rounding, whose correlation says nothing of a gyro.
+        """
+        return self.relative_error < SMALLEST_SCALE
+
+    @property
+    def is_of_flight(self) -> bool:
+        """Whether it is small enough for a gyro in free flight.
+
+        What is larger is an error of the motion's model.
+        """
+        return self.relative_error <= LARGEST_ERROR
+
+    @property
+    def scale_std(self) -> float:
+        """Standard deviation, relative to |w|, of equivalent white noise."""
+        return max(self.relative_error, SMALLEST_SCALE) * float(np.sqrt(self.correlation_time))
+
+
+def disturbance_psd(gyro: MeasurementStream) -> float:
+    """Density of the angular acceleration of a recording whose gyro is of unknown error, (rad/s^2)^2/Hz."""
+    return float(DISTURBANCE * np.mean(np.linalg.norm(gyro.values, axis=1))) ** 2
+
+
+def white_level(gyro: MeasurementStream, found: GyroNoise) -> dict[str, float]:
+    """First level of a white error by its noise option, rad/s."""
+    (option,) = (each.name for each in sensor_format(gyro.sensor).noise if each.components is not None)
+    rate = float(np.sqrt(np.mean(np.sum(gyro.values**2, axis=1))))
+    return {option: max(found.relative_error, SMALLEST_SCALE) * rate}
+
+
+def identify_gyro_noise(gyro: MeasurementStream, fitted: InitialEstimate) -> GyroNoise:
+    """Gyro error from a recording's smoothed trajectory and its samples."""
+    rates = fitted.mean[:, fitted.layout.mean_slice("w")]
+    measured = gyro.values[: len(rates)]
+    residual = (measured - rates) / np.linalg.norm(rates, axis=1, keepdims=True)
+    return GyroNoise(float(np.sqrt(np.mean(residual**2))), _correlation_time(residual))
+
+
+def recorded_gyro_noise(
+    stream: MeasurementStream, process: TorqueFreeProcess, noise: SensorNoise, options: InitialisationOptions
+) -> tuple[GyroNoise, str]:
+    """Error of a rate sensor from the whole recording, and its option."""
+    sensor = sensor_of(stream.sensor)
+    option, rates = sensor.identified_option, sensor.measured_rates(stream)
+    assert option is not None
+    assert rates is not None  # what is identified is an error of rates
+    require_motion(len(rates))
+    if rates.any() and (rates == rates[0]).all():
+        raise InputError(
+            f"the {sensor.name}'s rates never change, so nothing tells its noise from a motion: the body is held at one rate or "
+            "the sensor hangs; choose a part where the body tumbles (--segment), or another recording"
+        )
+    layout = process.layout.without_translation
+    rotation = process if layout == process.layout else TorqueFreeProcess(layout, process.noise)
+    whole = replace(options, epochs=WHOLE_RECORDING, share=1.0)
+    timeline = build_timeline(MeasurementLog((stream,)), layout, replace(noise, **{option: FIRST_SCALE}))
+    samples = MotionSamples(stream.time, rates=rates)
+    try:
+        found = identify_gyro_noise(stream, initialise(rotation, timeline, samples, whole))
+    except NUMERICAL_ERRORS as error:
+        raise _unidentified(sensor, reason(numerical(error))) from None
+    if not np.isfinite(found.scale_std):
+        raise _unidentified(sensor, "what is left of its rates is not finite")
+    return found, option
+
+
+def _correlation_time(residual: Float[np.ndarray, "n 3"]) -> float:
+    """1 + 2 sum of the autocorrelation up to where it first reaches zero, in samples."""
+    n = len(residual)
+    products = np.array(
+        [float(np.sum(residual[lag:] * residual[: n - lag])) for lag in range(max(n // 2, 1))]
+    )
+    if products[0] <= 0:
+        return 1.0
+    correlation = products / products[0]
+    crossing = np.flatnonzero(correlation <= 0)
+    last = int(crossing[0]) if crossing.size else len(correlation)
+    return max(1.0, 1.0 + 2.0 * float(correlation[1:last].sum()))
+
+
+def _unidentified(sensor: Sensor, why: str) -> InputError:
+    options = " and ".join(f"sensors.{option.name}" for option in sensor_format(sensor.name).noise)
+    return InputError(
+        f"the {sensor.name}'s noise cannot be identified from the recording ({why}); state {options} in a config file"
+    )
+
+
+ROUNDS: Final[int] = 3
+"""Initialisations at most: each linearises about what the noise of the one before made of the epochs."""
+ALIKE: Final[float] = 0.2
+"""Change of every ln variance below which the initialisation just made is the last."""
+SAME_STATES: Final[float] = 0.3
+"""Standard deviations of an epoch's whole state, within which two solutions are one."""
+LONGER_ROUNDS: Final[int] = 2
+"""Initialisations at most of more epochs than the share."""
+SMALLEST_SHARE_OF_DEFAULT: Final[float] = 1e-4
+"""Of a noise option's default, the least level that is identified: no such sensor is better. Less is a simulation without
+noise, whose residuals are those of rounding and of integration (1e-9 of a step) and tell no level."""
+
+
+@dataclass(frozen=True)
+class NoisyModels:
+    """Models with identified noise, and the initialisation with them."""
+
+    process: TorqueFreeProcess
+    noise: SensorNoise
+    timeline: Timeline
+    start: InitialEstimate
+
+
+class Initialise(Protocol):
+    """Binds a data set to noise and makes its initialisation."""
+
+    def __call__(
+        self, process: TorqueFreeProcess, noise: SensorNoise, before: InitialEstimate | None
+    ) -> NoisyModels:
+        """The initialisation at this noise, from that at other noise where there is one."""
+        ...
+
+    def beyond_share(self, made: NoisyModels) -> NoisyModels | None:
+        """The models with a longer initialisation; None where filters need or get none."""
+        ...
+
+
+@dataclass(frozen=True)
+class Unstated:
+    """Noise that neither settings nor data set state.
+
+    Attributes
+    ----------
+    options: by option, the components of the innovation that it scales, by sensor.   densities: of the disturbances.
+    """
+
+    options: Mapping[str, Mapping[str, tuple[int, ...]]]
+    densities: tuple[str, ...]
+
+    def __bool__(self) -> bool:
+        return bool(self.options or self.densities)
+
+    @classmethod
+    def of_all(cls, log: MeasurementLog, noise: ProcessNoise) -> "Unstated":
+        """All levels that a recording has, as if nobody stated them."""
+        options: dict[str, dict[str, tuple[int, ...]]] = {}
+        for stream in log.streams:
+            for option in sensor_format(stream.sensor).noise:
+                if option.components is not None:
+                    options.setdefault(option.name, {})[stream.sensor] = option.components
+        return cls(options, tuple(name for name in DISTURBANCES if getattr(noise, name) > 0))
+
+
+def with_identified_noise(
+    make: Initialise,
+    process: TorqueFreeProcess,
+    noise: SensorNoise,
+    unstated: Unstated,
+    rounds: int = ROUNDS,
+) -> tuple[NoisyModels, tuple[VarianceComponent, ...]]:
+    """The initialisation with the noise that its own epochs identify; without it where they identify none.
+
+    The density of a disturbance is taken for its mean (`VarianceComponent.expected`), and covariances widen by what is not known of
+    the levels (`Identified`).
+
+    Parameters
+    ----------
+    rounds: initialisations at most; 2 where noise is nearly known before the first.
+    """
+    made, found = _with_levels(make, make(process, noise, None), unstated, rounds)
+    longer = make.beyond_share(made)
+    if longer is not None:
+        made, found = _with_levels(make, longer, unstated, LONGER_ROUNDS)
+    return (
+        (made, ()) if found is None else (replace(made, start=_widened(made.start, found)), found.components)
+    )
+
+
+def _with_levels(
+    make: Initialise, made: NoisyModels, unstated: Unstated, rounds: int
+) -> tuple[NoisyModels, Identified | None]:
+    """An initialisation made again with the levels that its epochs identify.
+
+    None beside it where they identify none.
+    """
+    found = None
+    for _ in range(rounds - 1 if unstated else 0):
+        identified = _identified(made, unstated, found is None)
+        if identified is None:
+            break
+        before, found = _levels(made, unstated), identified
+        made = make(*_expected(made, identified), replace(made.start, mean=found.trajectory))
+        after = _levels(made, unstated)
+        if _agree(made.start, found) or all(
+            abs(np.log(after[name] / before[name])) < ALIKE for name in after
+        ):
+            break
+    return made, found
+
+
+def _agree(start: InitialEstimate, found: Identified) -> bool:
+    """Whether an initialisation has kept the states with which its levels are the likeliest."""
+    if found.trajectory.shape != start.mean.shape or not np.isfinite(start.factor).all():
+        return False
+    away = start.layout.local(start.mean, found.trajectory)
+    return bool(normalised_square(away, start.factor).max() < SAME_STATES**2)
+
+
+def smallest_level(option: str) -> float:
+    """Level of a noise option below which none is identified, in its unit."""
+    return SMALLEST_SHARE_OF_DEFAULT * noise_options()[option].default
+
+
+def noise_model(problem: Problem, noise: SensorNoise, unstated: Unstated) -> NoiseModel | None:
+    """The problem of some epochs with its unknown levels; None where it has none."""
+    seen = (
+        set() if problem.observations is None else {group.model.name for group in problem.observations.groups}
+    )
+    components = []
+    for option, by_sensor in unstated.options.items():
+        rows = {
+            k: innovation_rows(sensor.model, by_sensor[sensor.model.name])
+            for k, sensor in enumerate(problem.motion.sensors)
+            if sensor.model.name in by_sensor
+        }
+        rows = {k: own for k, own in rows.items() if own}
+        if rows or seen & set(by_sensor):
+            value = getattr(noise, option)
+            tracks = bool(seen & set(by_sensor))
+            components.append(ComponentRows(option, value, rows, tracks, smallest_level(option)))
+    densities = tuple(name for name in unstated.densities if problem.layout.translates or name != FORCE_PSD)
+    return NoiseModel(problem, tuple(components), densities) if components or densities else None
+
+
+def _identified(made: NoisyModels, unstated: Unstated, from_residuals: bool) -> Identified | None:
+    """Levels identified from the median residuals, or from those of the initialisation."""
+    start = made.start
+    if start.has_failed or not np.isfinite(start.mean).all():
+        return None
+    epochs = made.timeline[: len(start.mean)]
+    problem = problem_of(made.process, epochs, start.ids, start.prior, OBSERVATIONS_NEEDED)
+    model = noise_model(problem, made.noise, unstated)
+    if model is None:
+        return None
+    first = None if from_residuals else np.zeros(len(model.components) + len(model.densities))
+    found = identify(model, start.mean, start.points, first)
+    return found if found is not None and found.converged else None
+
+
+def _expected(made: NoisyModels, found: Identified) -> tuple[TorqueFreeProcess, SensorNoise]:
+    """Process and sensor noise at the expected levels."""
+    densities = {each.name: each.expected for each in found.components if each.is_density}
+    stds = {each.name: each.expected for each in found.components if not each.is_density}
+    process = made.process.with_noise(replace(made.process.noise, **densities))
+    return process, replace(made.noise, **stds)
+
+
+def _widened(start: InitialEstimate, found: Identified) -> InitialEstimate:
+    """The belief widened by the uncertainty of the noise levels.
+
+    It stays as it is where it has got other epochs with them.
+    """
+    if found.sensitivity.shape[1] != len(start.factor):
+        return start
+    return replace(start, factor=found.widened(start.factor))
+
+
+def innovation_rows(model: MeasurementModel, components: tuple[int, ...]) -> tuple[int, ...]:
+    """Components of the innovation that a noise reaches.
+
+    All of a camera are pixels; a row with more noises than innovations has the first.
+    """
+    every = tuple(range(model.dim))
+    return every if sensor_format(model.name).has_landmarks else tuple(k for k in components if k in every)
+
+
+def _levels(made: NoisyModels, unstated: Unstated) -> dict[str, float]:
+    """Variances and densities that the initialisation was made with."""
+    levels = {name: getattr(made.noise, name) ** 2 for name in unstated.options}
+    return levels | {name: getattr(made.process.noise, name) for name in unstated.densities}

@@ -1,0 +1,271 @@
+"""Smoothed first epochs, with a map where landmarks were unknown, from one guess."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.special import chdtrc
+
+from spinfilters.core.errors import InputError
+from spinfilters.filters.estimator import LandmarkBelief, ProcessModel
+from spinfilters.filters.shared_modes import LandmarkOptions
+from spinfilters.filters.timeline import Timeline
+from spinfilters.inference.noise_model import deleted_residuals
+from spinfilters.models.gauge import GAUGE_DIM
+from spinfilters.models.measurement import MeasurementModel
+from spinfilters.models.state_layout import Gaussian, StateLayout
+from spinfilters.models.status import EstimatorStatus, Verdict
+from spinfilters.smoother.batch_smoother import GATE, AnnealedSchedule, IdleAnnealing
+from spinfilters.smoother.landmark_factors import NOTHING_TWICE, OBSERVATIONS_NEEDED
+from spinfilters.smoother.linear_system import Marginals, joint_belief
+from spinfilters.smoother.losses import LeastSquares
+from spinfilters.smoother.priors import FirstStatePrior
+from spinfilters.smoother.problem import InitialGuess, Problem, problem_of, with_common_constants
+from spinfilters.smoother.solver import Solved, SolverOptions, solve
+
+
+@dataclass(frozen=True)
+class InitialEstimate:
+    """The most probable motion of the first k epochs and the L landmarks that are unknowns.
+
+    Attributes
+    ----------
+    prior: of the first epoch's state.
+    mean: (k, m).   factor: (k, n, n) of each epoch's covariance given all of them; not finite where there is none.
+    cost: sum of squared whitened residuals about the mean, prior and dynamics included.
+    dof: scalar observations that count, less three per landmark: what the least cost is expected to be.
+    accepted, rejected: observations that count, and that do not.   used: per epoch, which of its landmark observations count.
+    refused: (r,) of each sensor without landmarks, in the order of time, which of its measurements do not count.
+    ids: (L,) landmarks that at least two inliers observe; empty where a map is known or there is none.
+    points: (L, 3) m, frame g.   counts: (L,) inliers of each.
+    marginals: covariances of everything, or None where some direction is not determined.
+    momentum_residual: how far the initial guess's angular momentum was from constant (relative rms).
+    noise_ratio: standard deviation of the observations over the stated, from the initial guess; None where it does not tell.
+    departure: of a filter from the smoother of the same measurements, in standard deviations; zero where none was tried.
+    status: whether it can be trusted, with reasons.
+    guess: that it was smoothed from, whose landmarks are all that the first epochs show; None where it is not known.
+    is_annealed_too: whether an annealed smoothing would have taken the same steps.
+    rivals: other optima of the same epochs, less likely at this noise; () where there are none or none was looked for.
+    """
+
+    layout: StateLayout
+    prior: FirstStatePrior
+    mean: Float[np.ndarray, "k m"]
+    factor: Float[np.ndarray, "k n n"]
+    cost: float
+    dof: int
+    accepted: int
+    rejected: int
+    iterations: int
+    converged: bool
+    used: tuple[Bool[np.ndarray, " _"], ...] = ()
+    refused: Mapping[MeasurementModel, Bool[np.ndarray, " _"]] = field(default_factory=dict)
+    ids: Int[np.ndarray, " L"] = field(default_factory=lambda: np.zeros(0, dtype=int))
+    points: Float[np.ndarray, "L 3"] = field(default_factory=lambda: np.zeros((0, 3)))
+    counts: Int[np.ndarray, " L"] = field(default_factory=lambda: np.zeros(0, dtype=int))
+    marginals: Marginals | None = None
+    momentum_residual: float = np.nan
+    noise_ratio: float | None = None
+    departure: float = 0.0
+    status: EstimatorStatus = field(default_factory=EstimatorStatus)
+    guess: InitialGuess | None = None
+    is_annealed_too: bool = False
+    rivals: tuple["InitialEstimate", ...] = ()
+
+    @classmethod
+    def failed(cls, layout: StateLayout, epochs: int, reason: str) -> "InitialEstimate":
+        """Failed estimate, of which no number is finite."""
+        mean = np.full((epochs, layout.mean_dim), np.nan)
+        prior = FirstStatePrior(mean[0], np.full(layout.error_dim, np.nan))
+        factor = np.full((epochs, layout.error_dim, layout.error_dim), np.nan)
+        status = EstimatorStatus().failed(
+            f"the first epochs could not be smoothed ({reason})", "not-initialised"
+        )
+        return cls(layout, prior, mean, factor, np.nan, 0, 0, 0, 0, converged=False, status=status)
+
+    @property
+    def has_landmarks(self) -> bool:
+        """Whether landmarks are unknowns."""
+        return len(self.used) > 0
+
+    @property
+    def has_failed(self) -> bool:
+        """Whether nothing of it is finite."""
+        return self.status.verdict is Verdict.FAILED
+
+    @property
+    def fit(self) -> float:
+        """Root mean square of the whitened residuals: 1 when noise and model are right."""
+        return float(np.sqrt(self.cost / max(self.dof, 1)))
+
+    @property
+    def belief(self) -> Gaussian:
+        """Belief of the state at the last epoch."""
+        return Gaussian(self.layout, self.mean[-1], self.factor[-1])
+
+    def hits(self, ids: Int[np.ndarray, " q"]) -> Int[np.ndarray, " q"]:
+        """Number of inlier observations of each landmark; 0 for one that is no unknown."""
+        where = np.clip(np.searchsorted(self.ids, ids), 0, max(len(self.ids) - 1, 0))
+        return np.where(self.ids[where] == ids, self.counts[where], 0)
+
+    def joint_belief(self, options: LandmarkOptions) -> Gaussian | LandmarkBelief:
+        """Joint belief of the last state and all landmarks; not finite where unavailable."""
+        if not self.has_landmarks:
+            return self.belief
+        if self.marginals is not None:
+            return joint_belief(self.marginals, self.mean[-1], self.ids, self.points, options)
+        n, roots = self.layout.error_dim, np.full((len(self.ids), 3, 3), np.nan)
+        factor, move = np.full((n + 1, n + 1), np.nan), np.zeros(GAUGE_DIM)
+        shared = roots[:, :, :1]
+        return LandmarkBelief(self.layout, self.mean[-1], self.ids, self.points, shared, roots, factor, move)
+
+
+MOST_MASKED = 2
+"""Measurements that are refused beside those that the gates refuse, at most."""
+
+
+@dataclass(frozen=True)
+class SmoothingOptions:
+    """Options of the smoothing of the first epochs.
+
+    Attributes
+    ----------
+    iterations: at most; 0 linearises at the guess and takes no step.
+    gate: whitened length of an innovation of three components beyond which an observation counts as wrong.
+    annealed: iterations in which the process noise may be inflated and the gate wide, at most.
+    """
+
+    iterations: int = 40
+    gate: float = GATE
+    annealed: int = 40
+
+    def __post_init__(self) -> None:
+        if self.iterations < 0 or not self.gate > 0:
+            raise InputError(
+                f"iterations is {self.iterations}, gate {self.gate}; give at least 0 and more than 0"
+            )
+
+
+def smooth_first_epochs(
+    process: ProcessModel,
+    epochs: Timeline,
+    guess: InitialGuess,
+    prior: FirstStatePrior,
+    options: SmoothingOptions,
+) -> InitialEstimate:
+    """Iterate from a guess to the most probable motion and map, robust to wrong observations.
+
+    Parameters
+    ----------
+    epochs: observations of landmarks that the guess does not hold are left out.
+    prior: of the first state; with unknown landmarks its pose must be tight, for it defines g.
+
+    Raises
+    ------
+    InputError: when the guess has landmarks and none is observed twice, or the layout has no place for them.
+    """
+    order = np.argsort(guess.ids)
+    ids, points = guess.ids[order], guess.points[order]
+    problem = problem_of(process, epochs, ids, prior, OBSERVATIONS_NEEDED)
+    if len(ids) and problem.observations is None:
+        raise InputError(NOTHING_TWICE)
+    here = problem.at(with_common_constants(process.layout, guess.trajectory), points)
+    schedule = AnnealedSchedule(problem, min(options.annealed, options.iterations), options.gate)
+    strict = IdleAnnealing(problem) if problem.observations is None and not options.annealed else None
+    solved = solve(problem, here, SolverOptions(options.iterations), schedule, strict)
+    if problem.observations is None and options.iterations:
+        solved = _with_masked_refused(problem, solved, options)
+    found = _with_map(_estimate(problem, solved, prior), problem, solved, options.gate)
+    return replace(found, ids=ids[found.ids], is_annealed_too=strict is not None and strict.is_idle)
+
+
+def _with_masked_refused(problem: Problem, solved: Solved, options: SmoothingOptions) -> Solved:
+    """The solution without gross errors that bend the states towards themselves.
+
+    A gate looks at residuals. Of a measurement that tells much of its epoch, as in the first and the last, a residual is what is
+    left of the error: the others tell how far off it is. Refused once, it stays beyond the gate.
+    """
+    strict, settings = AnnealedSchedule(problem, 0, options.gate), SolverOptions(options.iterations)
+    for _ in range(MOST_MASKED):
+        masked = _most_masked(problem, solved, strict.pose_only_gate)
+        if masked is None:
+            break
+        number, row = masked
+        sensors = list(problem.motion.sensors)
+        sensors[number] = sensors[number].chosen(np.arange(len(sensors[number].epoch)) != row)
+        others = replace(problem, motion=replace(problem.motion, sensors=tuple(sensors)))
+        schedule = AnnealedSchedule(others, 0, options.gate)
+        rest = solve(others, others.at(solved.point.trajectory, solved.point.points), settings, schedule)
+        again = solve(problem, problem.at(rest.point.trajectory, rest.point.points), settings, strict)
+        if not again.converged or again.point.sensor_rows(problem.motion, number).counted[row]:
+            break
+        solved = replace(again, iterations=solved.iterations)
+    return solved
+
+
+def _most_masked(problem: Problem, solved: Solved, gate: float) -> tuple[int, int] | None:
+    """Sensor and row of the measurement farthest from all others.
+
+    None where all are within the gate (whitened length).
+    """
+    if solved.normal.solution is None or not solved.converged:
+        return None
+    marginals = Marginals(solved.normal.solution, solved.normal.eliminated)
+    every = deleted_residuals(problem, solved.point, marginals)
+    beyond = [chdtrc(sensor.model.dim, gate**2) for sensor in problem.motion.sensors]
+    least = [float(each.min(initial=1.0)) / limit for each, limit in zip(every, beyond, strict=True)]
+    if not least or min(least) >= 1.0:
+        return None
+    number = int(np.argmin(least))
+    return number, int(every[number].argmin())
+
+
+def _estimate(problem: Problem, solved: Solved, prior: FirstStatePrior) -> InitialEstimate:
+    """The motion that was found, and how its pose-only observations fit."""
+    here, solution, n = solved.point, solved.normal.solution, problem.layout.error_dim
+    marginals = None if solution is None else Marginals(solution, solved.normal.eliminated)
+    nothing = np.full((len(here.trajectory), n, n), np.nan)
+    cost, dof, accepted, refused = here.sensors.cost + here.dynamics.cost, 0, 0, {}
+    for k, sensor in enumerate(problem.motion.sensors):
+        _, costs, square, _ = here.sensor_rows(problem.motion, k)
+        inliers = (here.pose_only_loss or LeastSquares()).weight(square) > 0
+        cost += float(square[inliers].sum() - costs.sum())
+        accepted += int(np.count_nonzero(inliers))
+        dof += int(np.count_nonzero(inliers)) * sensor.model.dim
+        refused[sensor.model] = ~inliers
+    return InitialEstimate(
+        layout=problem.layout,
+        prior=prior,
+        mean=here.trajectory,
+        factor=nothing if marginals is None else marginals.factors,
+        cost=cost,
+        dof=dof,
+        accepted=accepted,
+        rejected=sum(int(np.count_nonzero(each)) for each in refused.values()),
+        iterations=solved.iterations,
+        converged=solved.converged,
+        refused=refused,
+        marginals=marginals,
+    )
+
+
+def _with_map(found: InitialEstimate, problem: Problem, solved: Solved, gate: float) -> InitialEstimate:
+    """With the landmarks that were found, and how their observations fit."""
+    here, fit, observations = solved.point, solved.normal.eliminated, problem.observations
+    if fit is None or observations is None or here.linear is None:
+        return found
+    inliers = int(np.count_nonzero(fit.used))
+    return replace(
+        found,
+        cost=found.cost + float(here.linear.square[fit.used].sum()),
+        dof=found.dof + here.linear.rows.shape[1] * inliers - 3 * int(np.count_nonzero(fit.is_constrained)),
+        accepted=found.accepted + inliers,
+        rejected=found.rejected + int(np.count_nonzero(here.linear.size >= gate)),
+        used=observations.by_epoch(fit.used),
+        ids=np.flatnonzero(fit.is_constrained),
+        points=here.points[fit.is_constrained],
+        counts=np.bincount(observations.landmark[fit.used], minlength=observations.landmarks)[
+            fit.is_constrained
+        ],
+    )

@@ -1,0 +1,375 @@
+"""Smoothing problem with unknown noise levels: its variance components, and the same problem at other levels.
+
+Squared whitened residuals of each variance component, and what is expected of them: its redundancy.
+
+At the most probable states of the linearised problem min |J e - y|^2 with covariance P = (J'J)^-1, a component that scales the
+variance of some rows by exp(theta) has the score
+
+    d ln p / d theta = (r - S) / 2,    r = sum of squares of (y - J e),    S = sum of diag(I - J P J')  over those rows
+
+(Patterson and Thompson 1971). The process noise of a step has two sources, Q = G_f G_f' + G_t G_t'. With W = L^-1 G, L L' = Q,
+theirs are r = |W'(y - J e)|^2 and S = tr W'(I - J P J') W.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.core.linear_algebra import chi_square_median, chi_square_tail
+from spinfilters.filters.noise_levels import FORCE_PSD, TORQUE_PSD, ComponentRows
+from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
+from spinfilters.smoother.linear_system import Marginals
+from spinfilters.smoother.motion_factors import NOISE_FLOOR, EpochRows, SensorRows, prior_rows
+from spinfilters.smoother.problem import LinearizationPoint, NormalEquations, Problem
+
+
+@dataclass(frozen=True)
+class NoiseModel:
+    """A problem whose noise levels are unknown.
+
+    Attributes
+    ----------
+    problem: with the levels that it was stated with.   components, densities: those to be identified.
+    """
+
+    problem: Problem
+    components: tuple[ComponentRows, ...]
+    densities: tuple[str, ...]
+
+    def scaled(self, log_variance: Float[np.ndarray, " c"]) -> Problem:
+        """The problem with variances of exp(log_variance) times those stated."""
+        motion, observations = self.problem.motion, self.problem.observations
+        scales: list[Float[np.ndarray, " i"] | None] = [each.scale for each in motion.sensors]
+        for each, scale in zip(self.components, np.exp(0.5 * log_variance).tolist(), strict=False):
+            for k, rows in each.sensors.items():
+                stated = scales[k]
+                changed = np.ones(motion.sensors[k].model.dim) if stated is None else stated.copy()
+                changed[list(rows)] *= scale
+                scales[k] = changed
+            if each.landmarks and observations is not None:
+                observations = replace(observations, scale=observations.scale * scale)
+        sensors = tuple(replace(s, scale=scale) for s, scale in zip(motion.sensors, scales, strict=True))
+        motion = replace(motion, sensors=sensors, process=self._process(log_variance))
+        return replace(self.problem, motion=motion, observations=observations)
+
+    def without(self, sensor: int, row: int) -> "tuple[NoiseModel, SensorRows]":
+        """The model without one measurement of a sensor, and the measurement."""
+        sensors = list(self.problem.motion.sensors)
+        every = np.arange(len(sensors[sensor].epoch))
+        alone = sensors[sensor].chosen(every == row)
+        sensors[sensor] = sensors[sensor].chosen(every != row)
+        motion = replace(self.problem.motion, sensors=tuple(sensors))
+        return replace(self, problem=replace(self.problem, motion=motion)), alone
+
+    def at(self, log_variance: Float[np.ndarray, " c"]) -> "NoiseModel":
+        """The model whose problem is stated with these levels."""
+        values = self.values(log_variance)
+        components = tuple(
+            replace(each, value=value) for each, value in zip(self.components, values, strict=False)
+        )
+        return NoiseModel(self.scaled(log_variance), components, self.densities)
+
+    def first(self, here: LinearizationPoint) -> Float[np.ndarray, " c"]:
+        """Initial ln variances, from the median residual of every component.
+
+        Those of disturbances are as stated.
+        """
+        found = np.zeros(len(self.components) + len(self.densities))
+        for k, each in enumerate(self.components):
+            squares = [
+                self.problem.motion.sensor_rows(self.problem.motion.sensors[s], here.trajectory)[0][
+                    :, list(rows), -1
+                ]
+                for s, rows in each.sensors.items()
+            ]
+            ratio = [np.nanmedian(part**2) / chi_square_median(1) for part in squares if part.size]
+            if each.landmarks and here.linear is not None and self.problem.observations is not None:
+                dim = max(group.model.dim for group in self.problem.observations.groups)
+                ratio.append(float(np.median(here.linear.square)) / chi_square_median(dim))
+            good = [value for value in ratio if np.isfinite(value) and value > 0]
+            found[k] = np.log(max(good)) if good else 0.0
+        return found
+
+    @property
+    def lowest(self) -> Float[np.ndarray, " c"]:
+        """Least ln variances, of the components' smallest levels; densities have none."""
+        bounds = [2 * np.log(c.smallest / c.value) if c.smallest > 0 else -np.inf for c in self.components]
+        return np.array([*bounds, *(-np.inf for _ in self.densities)])
+
+    def values(self, log_variance: Float[np.ndarray, " c"]) -> tuple[float, ...]:
+        """Standard deviations and densities."""
+        noise, factor = self._noise, np.exp(log_variance)
+        stds = [c.value * float(np.sqrt(f)) for c, f in zip(self.components, factor, strict=False)]
+        rest = factor[len(self.components) :]
+        return (*stds, *(float(getattr(noise, n) * f) for n, f in zip(self.densities, rest, strict=True)))
+
+    @property
+    def _noise(self) -> ProcessNoise:
+        process = self.problem.motion.process
+        assert isinstance(process, TorqueFreeProcess)
+        return process.noise
+
+    def _process(self, log_variance: Float[np.ndarray, " c"]) -> TorqueFreeProcess:
+        process = self.problem.motion.process
+        assert isinstance(process, TorqueFreeProcess)
+        psd = dict(zip(self.densities, self.values(log_variance)[len(self.components) :], strict=True))
+        return process.with_noise(replace(process.noise, **psd))
+
+
+LEAST_FREE = 0.2
+"""Redundancy of a component, from which its residual tells whether it is wrong."""
+ENTRIES = 6
+"""Columns of a step's noise factor that belong to the torque (attitude and rate); those of the force follow."""
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """Residuals of a linear problem's solution by component.
+
+    Attributes
+    ----------
+    squares: r of each component, then of each density.   redundancy: S, likewise.
+    sources: whitened residuals as each of them explains them: the working variable of the average information.
+    deleted: (r,) of every sensor without landmarks, probability of larger residuals of each measurement about states of all others.
+    """
+
+    squares: Float[np.ndarray, " c"]
+    redundancy: Float[np.ndarray, " c"]
+    sources: tuple["WhitenedRows", ...]
+    deleted: tuple[Float[np.ndarray, " _"], ...]
+
+
+@dataclass(frozen=True)
+class WhitenedRows:
+    """A right-hand side of the linear problem: one number for every whitened row.
+
+    Attributes
+    ----------
+    sensors: (r, i) of every sensor without landmarks.   steps: (k - 1, d).   observations: (N, 3), or None without any.
+    """
+
+    sensors: tuple[Float[np.ndarray, "_ _"], ...]
+    steps: Float[np.ndarray, "k d"]
+    observations: Float[np.ndarray, "N 3"] | None
+
+    def dot(self, other: "WhitenedRows") -> float:
+        """Sum of products."""
+        pairs = [*zip(self.sensors, other.sensors, strict=True), (self.steps, other.steps)]
+        if self.observations is not None and other.observations is not None:
+            pairs.append((self.observations, other.observations))
+        return float(sum(np.vdot(a, b) for a, b in pairs))
+
+
+def residuals_of(
+    problem: Problem,
+    here: LinearizationPoint,
+    normal: NormalEquations,
+    components: Sequence[ComponentRows],
+    densities: Sequence[str],
+) -> Residuals:
+    """Residuals of the linear problem about a point, at its solution.
+
+    Parameters
+    ----------
+    densities: names of the disturbances wanted.   normal: solved, its rows in memory (`Problem.is_long` is false).
+    """
+    marginals = Marginals(normal.system, normal.eliminated)
+    steps = steps_after(problem, here, marginals)
+    sensors = [_sensor_after(problem, here, marginals, k) for k in range(len(problem.motion.sensors))]
+    nothing = _zeros(here, steps, sensors)
+    spent = steps.leverage + sum(each.leverage for each in sensors)
+    spent += _prior_leverage(problem, here, marginals)
+    sources, redundancy = [], []
+    for each in components:
+        chosen, free = _sensor_residuals(each, sensors, nothing)
+        seen = nothing.observations
+        if each.landmarks:
+            seen = _observations_after(here, normal)
+            free += _free_observations(problem, normal, spent)
+        sources.append(WhitenedRows(tuple(chosen), nothing.steps, seen))
+        redundancy.append(free)
+    squares = [each.dot(each) for each in sources]
+    for W in source_factors(problem, here, densities):
+        explained = np.einsum("kdi,kd->ki", W, steps.rest)
+        squares.append(float(np.vdot(explained, explained)))
+        redundancy.append(steps.redundancy(W))
+        sources.append(replace(nothing, steps=np.einsum("kdi,ki->kd", W, explained)))
+    deleted = tuple(each.deleted for each in sensors)
+    return Residuals(np.array(squares), np.array(redundancy), tuple(sources), deleted)
+
+
+def deleted_residuals(
+    problem: Problem, here: LinearizationPoint, marginals: Marginals
+) -> tuple[Float[np.ndarray, " _"], ...]:
+    """Probabilities of larger residuals about states of all others.
+
+    Of each measurement, by sensor without landmarks.
+    """
+    numbers = range(len(problem.motion.sensors))
+    return tuple(_sensor_after(problem, here, marginals, k).deleted for k in numbers)
+
+
+@dataclass(frozen=True)
+class StepsAfter:
+    """Whitened residuals (k - 1, d) of the steps, and their states' covariance.
+
+    A factor (k - 1, d, w) of the share J P J'.
+    """
+
+    rest: Float[np.ndarray, "j d"]
+    spread: Float[np.ndarray, "j d w"]
+
+    @property
+    def leverage(self) -> float:
+        """Unknowns that the steps determine."""
+        return float(np.vdot(self.spread, self.spread))
+
+    def redundancy(self, W: Float[np.ndarray, "k d i"]) -> float:
+        """Of a disturbance with these factors."""
+        spread = np.swapaxes(W, 1, 2) @ self.spread
+        return float(np.vdot(W, W)) - float(np.vdot(spread, spread))
+
+
+@dataclass(frozen=True)
+class _SensorAfter:
+    """Whitened residuals (r, i) of a sensor with their redundancy.
+
+    1 - diag(J P J') of each (0 where it is not used), and the sum of diag(J P J').
+    """
+
+    rest: Float[np.ndarray, "r i"]
+    free: Float[np.ndarray, "r i"]
+    leverage: float
+
+    @property
+    def deleted(self) -> Float[np.ndarray, " r"]:
+        """Probability of larger residuals of each measurement about states of all others (Cook and Weisberg 1982).
+
+        Component by component; of those that few others tell as if a fifth were told.
+        """
+        squares = (self.rest**2 / np.maximum(self.free, LEAST_FREE)).sum(axis=1)
+        return np.asarray(chi_square_tail(squares, self.rest.shape[1]))
+
+
+def explained_rows(problem: Problem, here: LinearizationPoint, normal: NormalEquations) -> WhitenedRows:
+    """Explained part J x of all whitened rows.
+
+    x is the solution of the linear problem, or of one with another right-hand side.
+    """
+    errors = normal.system.errors
+    sensors = [_explained_by_sensor(problem, here, errors, k) for k in range(len(problem.motion.sensors))]
+    seen = None if here.linear is None else _explained_observations(here, normal)
+    return WhitenedRows(tuple(sensors), _explained_steps(problem, here, errors), seen)
+
+
+def _explained_steps(
+    problem: Problem, here: LinearizationPoint, errors: Float[np.ndarray, "k n"]
+) -> Float[np.ndarray, "j d"]:
+    ordering, moving = problem.ordering, errors[:, problem.ordering.moving]
+    both = np.concatenate([moving[:-1], moving[1:], errors[:-1, ordering.constant]], axis=1)
+    return np.einsum("kdc,kc->kd", here.dynamics.rows[:, :, :-1], both)
+
+
+def _explained_by_sensor(
+    problem: Problem, here: LinearizationPoint, errors: Float[np.ndarray, "k n"], number: int
+) -> Float[np.ndarray, "r i"]:
+    sensor = problem.motion.sensors[number]
+    rows = EpochRows(here.sensor_rows(problem.motion, number).rows, sensor.epoch)
+    return rows.products(errors[:, sensor.model.columns, None])[:, :, 0]
+
+
+def _explained_observations(here: LinearizationPoint, normal: NormalEquations) -> Float[np.ndarray, "N 3"]:
+    """Of the observations that count, zero of the others."""
+    fit, linear, solution = normal.eliminated, here.linear, normal.system
+    assert fit is not None
+    assert linear is not None
+    poses = solution.poses[fit.observations.epoch]
+    points = fit.points_step(solution.poses)[fit.observations.landmark]
+    moved = np.einsum("nic,nc->ni", linear.rows[:, :, :-1], np.concatenate([poses, points], axis=1))
+    return np.where(fit.used[:, None], moved, 0.0)
+
+
+def steps_after(problem: Problem, here: LinearizationPoint, marginals: Marginals) -> StepsAfter:
+    """Whitened residuals of the steps, and what their states' covariance leaves of them."""
+    J, y = here.dynamics.rows[:, :, :-1], here.dynamics.rows[:, :, -1]
+    explained = _explained_steps(problem, here, marginals.solution.errors)
+    return StepsAfter(y - explained, J @ marginals.step_rows())
+
+
+def _zeros(here: LinearizationPoint, steps: StepsAfter, sensors: Sequence[_SensorAfter]) -> WhitenedRows:
+    """A right-hand side of nothing."""
+    seen = None if here.linear is None else np.zeros_like(here.linear.innovation)
+    return WhitenedRows(tuple(np.zeros_like(each.rest) for each in sensors), np.zeros_like(steps.rest), seen)
+
+
+def _sensor_residuals(
+    of: ComponentRows, sensors: Sequence[_SensorAfter], nothing: WhitenedRows
+) -> tuple[list[np.ndarray], float]:
+    """Residuals of the pose-only sensors that a component is of, others zero, and their redundancy."""
+    chosen, free = list(nothing.sensors), 0.0
+    for k, rows in of.sensors.items():
+        chosen[k] = np.zeros_like(chosen[k])
+        chosen[k][:, list(rows)] = sensors[k].rest[:, list(rows)]
+        free += float(sensors[k].free[:, list(rows)].sum())
+    return chosen, free
+
+
+def _sensor_after(
+    problem: Problem, here: LinearizationPoint, marginals: Marginals, number: int
+) -> _SensorAfter:
+    sensor, made = problem.motion.sensors[number], here.sensor_rows(problem.motion, number)
+    each = EpochRows(made.rows, sensor.epoch)
+    factors = marginals.factors[:, sensor.model.columns]
+    leverage = np.einsum("rij,rij->ri", each.products(factors @ factors.swapaxes(1, 2)), each.jacobian)
+    rest = made.rows[:, :, -1] - _explained_by_sensor(problem, here, marginals.solution.errors, number)
+    return _SensorAfter(rest, made.counted[:, None] - leverage, float(leverage.sum()))
+
+
+def _prior_leverage(problem: Problem, here: LinearizationPoint, marginals: Marginals) -> float:
+    if problem.motion.prior is None:
+        return 0.0
+    J = prior_rows(problem.ordering, here.trajectory[0], problem.motion.prior)[:, :-1]
+    spread = J @ marginals.factors[0][problem.ordering.order]
+    return float(np.vdot(spread, spread))
+
+
+def _observations_after(here: LinearizationPoint, normal: NormalEquations) -> Float[np.ndarray, "N 3"]:
+    """Whitened residuals of the observations that count."""
+    fit, linear = normal.eliminated, here.linear
+    assert fit is not None
+    assert linear is not None
+    counted = np.where(fit.used[:, None], linear.innovation, 0.0)
+    return counted - _explained_observations(here, normal)
+
+
+def _free_observations(problem: Problem, normal: NormalEquations, spent: float) -> float:
+    """Redundancy of all observations.
+
+    The traces of all rows' leverages sum up to the number of unknowns.
+    """
+    fit, ordering = normal.eliminated, problem.ordering
+    assert fit is not None
+    values = sum(int(np.count_nonzero(fit.used[g.rows])) * g.model.dim for g in fit.observations.groups)
+    count = (
+        ordering.separator_dim
+        + ordering.epochs * len(ordering.tridiagonal)
+        + 3 * int(np.count_nonzero(fit.is_constrained))
+    )
+    return values - (count - spent)
+
+
+def source_factors(
+    problem: Problem, here: LinearizationPoint, densities: Sequence[str]
+) -> list[Float[np.ndarray, "k d i"]]:
+    """W = L^-1 G of disturbances, for every step."""
+    motion, moving = problem.motion, problem.ordering.moving
+    noise = here.dynamics.noise
+    if noise is None:
+        noise = motion.process.linearise_steps(here.trajectory[:-1], here.trajectory[1:], motion.dt)[2]
+    G = noise[:, moving]
+    Q = G @ np.swapaxes(G, 1, 2) + NOISE_FLOOR**2 * np.eye(len(moving))
+    W = np.linalg.solve(np.linalg.cholesky(Q), G)
+    columns = {TORQUE_PSD: slice(None, ENTRIES), FORCE_PSD: slice(ENTRIES, None)}
+    return [W[:, :, columns[name]] for name in densities]

@@ -1,0 +1,102 @@
+"""Models, timeline and initialisation of a run."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from spinfilters.core.camera_trajectory import CameraTrajectory
+from spinfilters.filters.estimator import LandmarkBelief
+from spinfilters.filters.noise_levels import VarianceComponent
+from spinfilters.filters.timeline import CameraView, SensorNoise, Timeline, times_of
+from spinfilters.inference.identified_noise import GyroNoise, Unstated
+from spinfilters.inference.initial_estimate import InitialEstimate
+from spinfilters.io.consider_parameter import ConsideredDeviation
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.measurement_log import MeasurementLog
+from spinfilters.models.process import TorqueFreeProcess
+from spinfilters.models.sensor_registry import sensor_of
+from spinfilters.models.state_layout import Gaussian
+
+NOTHING_SOUGHT = Unstated({}, ())
+
+
+@dataclass(frozen=True)
+class Setup:
+    """Models, timeline and initialisation shared by all estimators of a run.
+
+    Attributes
+    ----------
+    log: of the data set, without covariances of rows in whose place the settings state a number.
+    timeline: all epochs.   initial: of which the first have been smoothed.
+    belief: what every filter begins from at the end of the initialisation, with landmarks where the map is not known.
+    map_points: (k, 3) m in g: the known map or that of the start, or None.
+    gyro_noise: identified correlated error of a gyro, or None where it is white or stated.   identified: other noise that nobody
+        states.
+    unstated: names of all noise that nobody states.   sought: what of it is identified, by sensor.
+    is_given: whether the initialisation was not made from the data, as in studies of filters alone.
+    calibration: deviations of the calibration that are considered.
+    inflation: of the variances that rows state for themselves, by noise option.
+    initial_seconds: working time of the initialisation, with the identification of noise, s.
+    """
+
+    dataset: Dataset
+    log: MeasurementLog
+    process: TorqueFreeProcess
+    timeline: Timeline
+    noise: SensorNoise
+    initial: InitialEstimate
+    belief: Gaussian | LandmarkBelief
+    map_points: Float[np.ndarray, "k 3"] | None
+    gyro_noise: GyroNoise | None
+    identified: tuple[VarianceComponent, ...] = ()
+    unstated: frozenset[str] = frozenset()
+    sought: Unstated = NOTHING_SOUGHT
+    is_given: bool = False
+    calibration: tuple[ConsideredDeviation, ...] = ()
+    inflation: Mapping[str, float] = field(default_factory=dict)
+    initial_seconds: float = 0.0
+
+    @property
+    def initial_runtime(self) -> Float[np.ndarray, " k"]:
+        """Working time of every epoch of the initialisation, s: an equal share of its whole."""
+        count = len(self.initial.mean)
+        return np.full(count, self.initial_seconds / count)
+
+    @property
+    def end_of_initialisation(self) -> float:
+        """Time of the last epoch of the initialisation, s."""
+        return self.timeline[len(self.initial.mean) - 1].time
+
+    @property
+    def observations(self) -> Int[np.ndarray, " n"]:
+        """Rows of the log at each epoch.
+
+        Those of landmarks that a known map lacks among them.
+        """
+        times = times_of(self.timeline)
+        counts = np.zeros(len(times), dtype=np.int64)
+        for stream in self.dataset.log.streams:
+            offsets = stream.epoch_offsets
+            stamps, rows = stream.time[offsets[:-1]], np.diff(offsets)
+            at = np.minimum(np.searchsorted(stamps, times), len(stamps) - 1)
+            counts += np.where(stamps[at] == times, rows[at], 0)
+        return counts
+
+    @property
+    def known_frames(self) -> bool:
+        """Whether the estimate's frames are the truth's."""
+        return knows_frames(self.dataset)
+
+
+def knows_frames(dataset: Dataset) -> bool:
+    """Whether a data set, by map or sensor, tells frames i and g."""
+    return dataset.known_map is not None or sensor_of(dataset.sensor).tells_frames
+
+
+def camera_view(dataset: Dataset) -> CameraView | None:
+    """Map and calibration that landmark rows are measured against; None without any."""
+    if dataset.rig is None:
+        return None
+    return CameraView(dataset.known_map, dataset.rig.calibration, CameraTrajectory.of(dataset.inspector))

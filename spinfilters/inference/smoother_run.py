@@ -1,0 +1,274 @@
+"""The smoother on a prepared data set, with unspecified noise identified on its own epochs."""
+
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from spinfilters.core.errors import NUMERICAL_ERRORS, InputError
+from spinfilters.core.working_time import working_seconds
+from spinfilters.filters.ekf import MultiplicativeEkf
+from spinfilters.filters.history import EstimateHistory
+from spinfilters.filters.timeline import Timeline, rehearse, run, times_of
+from spinfilters.inference.first_epochs import initial_samples
+from spinfilters.inference.identification import Identified, identify
+from spinfilters.inference.identified_noise import noise_model
+from spinfilters.inference.initialisation import guessed_trajectory
+from spinfilters.inference.setup import Setup, camera_view
+from spinfilters.io.sensor_format import sensor_format
+from spinfilters.models.state_layout import StateLayout
+from spinfilters.models.status import EstimatorStatus, Verdict
+from spinfilters.settings.run_settings import Settings
+from spinfilters.smoother.batch_smoother import NO_LANDMARKS, BatchSmoothing, smooth_problem, smooth_recording
+from spinfilters.smoother.closed_form import InitialMotion, initial_motion
+from spinfilters.smoother.motion_factors import STRETCH
+from spinfilters.smoother.problem import InitialGuess, Problem, problem_of
+from spinfilters.smoother.recursive_smoother import RecursiveSmoother
+from spinfilters.smoother.sliding_smoother import MarginalizedState, UpdateResult
+
+
+def measured_motion(setup: Setup) -> InitialMotion:
+    """Attitudes, rates and positions measured directly over a recording, without an estimator.
+
+    Raises
+    ------
+    InputError: when it does not say them: too few poses, or too large turns between them.
+    """
+    dataset = setup.dataset
+    known = dataset.known_map is not None
+    streams = [s for s in dataset.log.streams if known or not sensor_format(s.sensor).has_landmarks]
+    samples = initial_samples(streams, setup.noise, camera_view(dataset))
+    return initial_motion(samples, len(setup.timeline))
+
+
+def identified_levels(
+    problem: Problem,
+    trajectory: Float[np.ndarray, "k m"],
+    points: Float[np.ndarray, "L 3"],
+    setup: Setup,
+) -> Identified | None:
+    """Noise levels of a problem, from those of the initialisation.
+
+    None where all are stated or they do not settle.
+    """
+    model = noise_model(problem, setup.noise, setup.sought)
+    if model is None or not np.isfinite(trajectory).all():
+        return None
+    try:
+        found = identify(model, trajectory, points, np.zeros(len(model.components) + len(model.densities)))
+    except NUMERICAL_ERRORS:
+        return None
+    return found if found is not None and found.converged else None
+
+
+def at_levels(problem: Problem, found: Identified, setup: Setup) -> Problem:
+    """The problem with levels identified from it, or from a part of it."""
+    model = noise_model(problem, setup.noise, setup.sought)
+    return problem if model is None else model.scaled(found.expected)
+
+
+def settled_at_levels(
+    smoother: RecursiveSmoother, setup: Setup
+) -> tuple[list[MarginalizedState], Identified | None]:
+    """Every epoch so far at the levels that the window identifies, and these."""
+    sliding = smoother.sliding
+    window = sliding.window
+    found = identified_levels(sliding.problem(), window.trajectory, window.points, setup)
+    if found is None:
+        return smoother.smoothed(), None
+    sliding.at_levels = lambda problem: at_levels(problem, found, setup)
+    rows = smoother.smoothed()
+    before, own = rows[: -len(window.epochs)], rows[-len(window.epochs) :]
+    factors = found.widened(np.array([row.factor for row in own]))
+    return [*before, *(replace(row, factor=f) for row, f in zip(own, factors, strict=True))], found
+
+
+def smoothed_at_levels(
+    problem: Problem, part: Problem, smoothed: BatchSmoothing, setup: Setup
+) -> tuple[BatchSmoothing, Identified | None]:
+    """A recording smoothed once more at the levels that it identifies, and these.
+
+    Parameters
+    ----------
+    part: of the problem's first epochs, whose rows are in memory together; the problem itself where it is short.
+    """
+    trajectory = smoothed.mean[: part.ordering.epochs]
+    found = identified_levels(part, trajectory, np.zeros((0, 3)), setup)
+    if found is None:
+        return smoothed, None
+    again = smooth_problem(at_levels(problem, found, setup), smoothed.mean)
+    if part.ordering.epochs == problem.ordering.epochs:
+        again = replace(again, factor=found.widened(again.factor))
+    return again, found
+
+
+NAME = "smoother"
+NO_FILTER = (
+    "the filter that the smoother sets out from failed: it began from what the measurements say directly"
+)
+SOME_DIRECTIONS = "some directions are not determined at all, so that the estimate has no covariance"
+ANNEALED_ITERATIONS = 30
+"""At most, from a trajectory that no filter has made."""
+
+OnEpoch = Callable[[int, int], None]
+"""Called with epochs done and epochs in all."""
+
+
+def sliding_smoother(setup: Setup, settings: Settings) -> RecursiveSmoother:
+    """The smoother of tracks without a map; for sensors that tie nothing together see `smooth_at_once`."""
+    timeline = setup.timeline
+    every = (measurement.model for epoch in timeline for measurement in epoch.measurements)
+    options = settings.smoother.options(len(timeline))
+    return RecursiveSmoother(setup.process, options, tuple(dict.fromkeys(every)))
+
+
+def begin_after_initialisation(smoother: RecursiveSmoother, setup: Setup) -> list[UpdateResult]:
+    """Add the epochs of the initialisation with its estimates."""
+    start = setup.initial
+    first = InitialGuess(start.mean, start.ids, start.points)
+    return smoother.begin(start.prior, setup.timeline[: len(first.trajectory)], first)
+
+
+def smoothed_history(smoother: RecursiveSmoother, passed: EstimateHistory, setup: Setup) -> EstimateHistory:
+    """Every epoch given all measurements; ``passed`` are those behind the initialisation, as they came."""
+    first, status = len(setup.initial.mean), passed.status
+    rows, found = settled_at_levels(smoother, setup)
+    rows = rows[: first + len(passed.time)]
+    for doubt in smoother.sliding.unobservable():
+        status = status.doubted(doubt)
+    factor = np.array([row.factor for row in rows])
+    if not np.isfinite(factor).all():
+        status = status.failed(SOME_DIRECTIONS, "unobservable")
+    accepted, rejected = _counts(smoother, passed)
+    nothing = np.zeros(len(rows))
+    return EstimateHistory(
+        name=NAME,
+        layout=setup.process.layout,
+        time=np.array([epoch.time for epoch in setup.timeline[: len(rows)]]),
+        mean=np.array([row.mean for row in rows]),
+        factor=factor,
+        nis=nothing,
+        dof=nothing.astype(int),
+        log_likelihood=nothing,
+        accepted=accepted,
+        rejected=rejected,
+        runtime=np.concatenate([setup.initial_runtime, passed.runtime])[: len(rows)],
+        status=status,
+        noise=() if found is None else found.components,
+    )
+
+
+def _counts(
+    smoother: RecursiveSmoother, passed: EstimateHistory
+) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
+    """Inliers and outliers of every epoch in the end.
+
+    Marginalized epochs keep their numbers of before.
+    """
+    first = np.array([(taken.accepted, taken.rejected) for taken in smoother.begun]).reshape(-1, 2)
+    came = np.concatenate([first, np.stack([passed.accepted, passed.rejected], axis=1)])
+    counts = smoother.sliding.counts()
+    accepted, rejected = (came if counts is None else counts[: len(came)]).T
+    return accepted.astype(int), rejected.astype(int)
+
+
+def smooth_at_once(setup: Setup, settings: Settings, on_epoch: OnEpoch) -> EstimateHistory:
+    """Batch smoothing of all epochs, from the trajectory of the EKF."""
+    start, timeline = setup.initial, setup.timeline
+    first = len(start.mean)
+    _rehearse_at_once(setup, settings)
+    begin = working_seconds()
+    ekf = _initialised_ekf(setup, settings)
+    passed = run(
+        ekf, setup.end_of_initialisation, timeline[first:], lambda k: on_epoch(k + 1, len(timeline) - first)
+    )
+    trajectory, status = np.concatenate([start.mean, passed.mean]), passed.status
+    del passed  # its covariances are as large as those to come
+    annealed = 0
+    if status.verdict is Verdict.FAILED:
+        with suppress(InputError, *NUMERICAL_ERRORS):
+            trajectory = _measured_trajectory(setup)
+            annealed, status = ANNEALED_ITERATIONS, EstimatorStatus().degraded(NO_FILTER, "filter-failed")
+    epochs = timeline[: len(trajectory)]
+    found, levels = _smoothed(epochs, trajectory, annealed, setup, settings)
+    if not found.solved.converged:
+        status = status.degraded(
+            f"the smoother did not settle in {found.solved.iterations} iterations", "smoother-unsettled"
+        )
+    share = (working_seconds() - begin) / len(epochs)
+    runtime = np.full(len(epochs), share)
+    runtime[:first] += setup.initial_runtime[: len(epochs)]
+    history = _batch_history(found, setup.process.layout, status, times_of(epochs), runtime)
+    return history if levels is None else replace(history, noise=levels.components)
+
+
+def _smoothed(
+    epochs: Timeline, trajectory: Float[np.ndarray, "k m"], annealed: int, setup: Setup, settings: Settings
+) -> tuple[BatchSmoothing, Identified | None]:
+    """Epochs smoothed from a trajectory, at the levels of noise that they identify."""
+
+    def problem(count: int) -> Problem:
+        """The least-squares problem of the recording."""
+        loss = settings.smoother.robust_loss
+        return problem_of(setup.process, epochs[:count], NO_LANDMARKS, setup.initial.prior, 2, loss)
+
+    whole = problem(len(epochs))
+    part = problem(STRETCH) if whole.is_long else whole
+    return smoothed_at_levels(whole, part, smooth_problem(whole, trajectory, annealed), setup)
+
+
+def _measured_trajectory(setup: Setup) -> Float[np.ndarray, "k m"]:
+    """States that the measurements say directly, for a recording that no filter comes through."""
+    layout, epochs = setup.process.layout, setup.timeline
+    return guessed_trajectory(layout, epochs, setup.initial.mean[-1], measured_motion(setup))
+
+
+def _rehearse_at_once(setup: Setup, settings: Settings) -> None:
+    """Build what the smoothing of the first epochs needs, before the clock runs."""
+    start, timeline = setup.initial, setup.timeline
+    trajectory = start.mean
+    rehearse(_initialised_ekf(setup, settings), setup.end_of_initialisation, timeline[len(trajectory) :])
+    with suppress(np.linalg.LinAlgError):
+        loss = settings.smoother.robust_loss
+        smooth_recording(setup.process, timeline[: len(trajectory)], trajectory, start.prior, loss)
+
+
+def _initialised_ekf(setup: Setup, settings: Settings) -> MultiplicativeEkf:
+    ekf = MultiplicativeEkf(setup.process, settings.robust)
+    ekf.start(setup.initial.belief)
+    return ekf
+
+
+def _batch_history(
+    found: BatchSmoothing,
+    layout: StateLayout,
+    status: EstimatorStatus,
+    time: Float[np.ndarray, " k"],
+    runtime: Float[np.ndarray, " k"],
+) -> EstimateHistory:
+    """History of the smoothed epochs.
+
+    A filter that did not come through says so, in its status, for the smoother too.
+    """
+    count = len(time)
+    for doubt in found.unobservable:
+        status = status.doubted(doubt)
+    if not np.isfinite(found.factor).all():
+        status = status.failed(SOME_DIRECTIONS, "unobservable")
+    nothing = np.zeros(count)
+    return EstimateHistory(
+        name=NAME,
+        layout=layout,
+        time=time,
+        mean=found.mean,
+        factor=found.factor,
+        nis=nothing,
+        dof=nothing.astype(int),
+        log_likelihood=nothing,
+        accepted=found.accepted,
+        rejected=found.rejected,
+        runtime=runtime,
+        status=status,
+    )

@@ -1,0 +1,269 @@
+"""Which noise a run uses: stated by settings or data set, unspecified and identified, or adapted by its filters."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from spinfilters.filters.noise_levels import (
+    DISTURBANCES,
+    TORQUE_PSD,
+    NoiseScale,
+    VarianceComponent,
+    raised_logarithm,
+)
+from spinfilters.filters.timeline import SensorNoise
+from spinfilters.inference.identified_noise import (
+    GyroNoise,
+    Unstated,
+    disturbance_psd,
+    recorded_gyro_noise,
+    white_level,
+)
+from spinfilters.inference.setup import Setup
+from spinfilters.io.consider_parameter import ConsideredDeviation, consider_parameters
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.measurement_log import MeasurementLog, MeasurementStream
+from spinfilters.io.sensor_format import noise_options, sensor_format
+from spinfilters.models.process import THESIS_NOISE, ProcessNoise, TorqueFreeProcess
+from spinfilters.models.sensor_registry import sensor_of, sensors_in
+from spinfilters.models.state_blocks import ACCELERATION, DRAG, LINEAR_DRAG, ROTOR, TORQUE
+from spinfilters.models.state_layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
+from spinfilters.settings.run_settings import AUTO, LINEAR, Settings
+
+
+def sensor_noise(dataset: Dataset, settings: Settings) -> SensorNoise:
+    """Settings first, then the data set's own, then the defaults."""
+    chosen: dict[str, float] = {}
+    for name in noise_options():
+        stated = _setting(settings, name)
+        value = dataset.options.sensor_noise.get(name) if stated == AUTO else stated
+        if value is not None:
+            chosen[name] = float(value)
+    return SensorNoise(chosen)
+
+
+def _setting(settings: Settings, option: str) -> float | str:
+    """The setting of a noise option.
+
+    A plug-in that came after the settings were built is "auto".
+    """
+    return getattr(settings.sensors, option, AUTO)
+
+
+def disturbances(dataset: Dataset, unknown: MeasurementStream | None) -> ProcessNoise:
+    """Disturbances: the data set's own, else of the kind, else the thesis'.
+
+    Rate sensors of unknown error have what is known of these.
+    """
+    force_psd, torque_psd = dataset.options.force_psd, dataset.options.torque_psd
+    if torque_psd is None and unknown is not None:
+        torque_psd = disturbance_psd(unknown)
+    return ProcessNoise(force_psd or THESIS_NOISE.force_psd, torque_psd or THESIS_NOISE.torque_psd)
+
+
+def log_with_noise(log: MeasurementLog, settings: Settings) -> MeasurementLog:
+    """The log without those covariances of its rows in whose place the settings state a number."""
+
+    def is_stated(stream: MeasurementStream) -> bool:
+        """Whether a noise level is stated."""
+        options = [each for each in sensor_format(stream.sensor).noise if each.components is not None]
+        return any(_setting(settings, option.name) != AUTO for option in options)
+
+    streams = (replace(s, covariance=None) if is_stated(s) else s for s in log.streams)
+    return MeasurementLog(tuple(streams))
+
+
+def levels_of_rows(log: MeasurementLog, dataset: Dataset) -> dict[str, float]:
+    """Noise options that rows state for themselves, with their variances' inflation.
+
+    Parameters
+    ----------
+    log: with the noise of the settings (`log_with_noise`), which may replace that of rows.
+    """
+    rows = [stream for stream in log.streams if stream.covariance is not None]
+    return {
+        option.name: dataset.options.covariance_inflation
+        for stream in rows
+        for option in sensor_format(stream.sensor).noise
+    }
+
+
+def sensor_of_unknown_noise(
+    log: MeasurementLog, dataset: Dataset, settings: Settings
+) -> MeasurementStream | None:
+    """The stream whose sensor's error is to be identified.
+
+    None where there is none or somebody states it.
+    """
+    for stream in log.streams:
+        option = sensor_of(stream.sensor).identified_option
+        names = {each.name for each in sensor_format(stream.sensor).noise}
+        told = names - unstated_names(dataset, settings) or stream.covariance is not None
+        if option is not None and not told:
+            return stream
+    return None
+
+
+def unstated_names(dataset: Dataset, settings: Settings) -> frozenset[str]:
+    """Noise options and densities that neither the data set nor the settings state."""
+    options = {
+        name
+        for name in noise_options()
+        if name not in dataset.options.sensor_noise and _setting(settings, name) == AUTO
+    }
+    densities = {
+        name
+        for name in DISTURBANCES
+        if getattr(dataset.options, name) is None and getattr(settings.process, name) == AUTO
+    }
+    return frozenset(options | densities)
+
+
+def unstated_noise(
+    log: MeasurementLog, dataset: Dataset, settings: Settings, unknown: MeasurementStream | None
+) -> Unstated:
+    """Noise that is to be identified.
+
+    That of rate sensors of unknown error is, by `identify_gyro_noise`, already.
+    """
+    options: dict[str, dict[str, tuple[int, ...]]] = {}
+    names = unstated_names(dataset, settings)
+    for stream in log.streams:
+        if stream.covariance is not None or unknown is stream:
+            continue
+        for option in sensor_format(stream.sensor).noise:
+            if option.components is not None and option.name in names:
+                options.setdefault(option.name, {})[stream.sensor] = option.components
+    densities = tuple(name for name in DISTURBANCES if name in names)
+    return Unstated(options, () if unknown is not None else densities)
+
+
+def layout_of(log: MeasurementLog, settings: Settings) -> StateLayout:
+    """Layout of what the sensors observe, with the constants that the settings ask for."""
+    sensors = sensors_in(log)
+    layout = StateLayout(FULL_BLOCKS if any(sensor.sees_place for sensor in sensors) else ROTATION_BLOCKS)
+    # "auto" has been decided where epochs are smoothed, and is quadratic where they are not
+    if settings.process.drag:
+        layout = layout.joined(LINEAR_DRAG if settings.process.drag == LINEAR else DRAG)
+    if settings.process.gravity is True and layout.translates:
+        layout = layout.joined(ACCELERATION)
+    if settings.process.body_torque:
+        layout = layout.joined(TORQUE)
+    if settings.process.rotor:
+        layout = layout.joined(ROTOR)
+    for block in (block for sensor in sensors for block in sensor.error_blocks):
+        if settings.initialisation.states_prior(block):
+            layout = layout.joined(block)
+    return layout
+
+
+@dataclass(frozen=True)
+class StatedModels:
+    """Process and noise before the initialisation.
+
+    Attributes
+    ----------
+    gyro_noise: correlated error of a gyro, identified from its whole recording.   unknown: the stream that it is of.
+    """
+
+    process: TorqueFreeProcess
+    noise: SensorNoise
+    gyro_noise: GyroNoise | None = None
+    unknown: MeasurementStream | None = None
+
+
+def stated_models(
+    dataset: Dataset, log: MeasurementLog, layout: StateLayout, settings: Settings
+) -> StatedModels:
+    """Process and noise of a data set whose log has the noise of the settings (`log_with_noise`)."""
+    unknown = sensor_of_unknown_noise(log, dataset, settings)
+    automatic = disturbances(dataset, unknown)
+    process = TorqueFreeProcess(layout, settings.process.noise(automatic), settings.process.tolerance)
+    for stream in log.streams:
+        rates = sensor_of(stream.sensor).measured_rates(stream)
+        if rates is not None:
+            process.require_steps(stream.time, rates)
+    noise = sensor_noise(dataset, settings)
+    if unknown is None:
+        return StatedModels(process, noise)
+    found, option = recorded_gyro_noise(unknown, process, noise, settings.initialisation)
+    if found.is_white or found.is_noise_free:
+        return StatedModels(process, replace(noise, **white_level(unknown, found)))
+    return StatedModels(process, replace(noise, **{option: found.scale_std}), found, unknown)
+
+
+def models_beside(beside: Setup, layout: StateLayout, settings: Settings) -> StatedModels:
+    """Process and noise of another setup of the recording, over a layout."""
+    process = TorqueFreeProcess(layout, beside.process.noise, settings.process.tolerance)
+    return StatedModels(process, beside.noise, beside.gyro_noise)
+
+
+STATED, PRIOR = "stated", "prior"
+
+
+def considered_deviations(
+    dataset: Dataset, settings: Settings, layout: StateLayout
+) -> tuple[ConsideredDeviation, ...]:
+    """Considered deviations of the sensors and the clock.
+
+    Numbers that the state holds have none. Some may be zero.
+    """
+    found = []
+    for name, parameter in consider_parameters().items():
+        if (
+            not parameter.concerns(dataset.log.sensors, dataset.inspector is not None)
+            or parameter.block in layout.blocks
+        ):
+            continue
+        stated = getattr(settings.calibration, name, AUTO)  # of a plug-in that came after the settings
+        told = dataset.options.calibration.get(name) if stated == AUTO else float(stated)
+        std = parameter.default if told is None else told
+        found.append(ConsideredDeviation(parameter, std, PRIOR if told is None else STATED))
+    return tuple(found)
+
+
+def identified_scales(setup: Setup) -> dict[str, NoiseScale]:
+    """Scales that the initialisation has identified, by source.
+
+    The most probable level beside what the process and sensors are told, with the information 2 / var that it rests on. A
+    sensor has one scale, and none where a part of its noise is stated.
+    """
+    found = {each.name: each for each in setup.identified}
+    scales = {}
+    for source, options in _sources(setup).items():
+        if all(name in found for name in options):
+            information = sum(2 / found[name].log_std ** 2 for name in options)
+            share = found[options[0]].share
+            raised = sum(
+                raised_logarithm(found[name].log_std ** 2, share)
+                for name in options
+                if found[name].is_density
+            )
+            scales[source] = NoiseScale(-raised, information, share)
+    return scales
+
+
+def adapted_levels(setup: Setup, level: Callable[[str], NoiseScale]) -> tuple[VarianceComponent, ...]:
+    """Noise levels after a filter's adaptation."""
+    first, sources = identified_scales(setup), _sources(setup)
+    levels = []
+    for each in setup.identified:
+        source = next((s for s, options in sources.items() if each.name in options and s in first), None)
+        levels.append(each if source is None else _adapted(each, first[source], level(source)))
+    return tuple(levels)
+
+
+def _adapted(found: VarianceComponent, before: NoiseScale, after: NoiseScale) -> VarianceComponent:
+    share = before.information / after.information
+    return found.scaled(after.logarithm - before.logarithm, share**0.5)
+
+
+def _sources(setup: Setup) -> dict[str, tuple[str, ...]]:
+    """Options of every source of noise that may adapt."""
+    sources: dict[str, tuple[str, ...]] = {
+        f"process.{'torque' if name == TORQUE_PSD else 'force'}": (name,) for name in setup.sought.densities
+    }
+    for stream in setup.dataset.log.streams:
+        options = [o.name for o in sensor_format(stream.sensor).noise if o.components is not None]
+        if options and all(stream.sensor in setup.sought.options.get(name, ()) for name in options):
+            sources[f"sensor.{stream.sensor}"] = tuple(options)
+    return sources

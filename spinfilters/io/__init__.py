@@ -1,0 +1,1 @@
+"""Recordings and data sets as files and as arrays; knows no estimator."""

@@ -1,0 +1,326 @@
+"""A data set: measurements of one body with what is known, and the options of its `dataset.toml`.
+
+Read from a folder or a file.
+A folder holds `dataset.toml` (kind, description, noise) and the tables of its sensors; an export of the
+phyphox app and a single gyro or TUM file are read as they are.
+"""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from spinfilters.core.errors import InputError
+from spinfilters.io.camera import Rig, told_deviations
+from spinfilters.io.consider_parameter import consider_parameters
+from spinfilters.io.input_file import path_text, printable, value_text
+from spinfilters.io.measurement_log import Acceleration, MeasurementLog, MeasurementStream
+from spinfilters.io.sensor_format import CalibrationFiles, dataset_kinds, noise_options, sensor_format
+from spinfilters.io.sensor_tables import KnownMap
+from spinfilters.io.stated_values import NumberRange
+from spinfilters.io.truth import Truth
+
+Note = str | int | float | bool
+DENSITIES: Final[dict[str, NumberRange]] = {
+    "force_psd": NumberRange(1e-30, 1e12, "(m/s^2)^2/Hz", zero=True),
+    "torque_psd": NumberRange(1e-30, 1e12, "(rad/s^2)^2/Hz", zero=True),
+}
+"""Keys that are densities of the disturbances, and what they may be."""
+INFLATION: Final = NumberRange(1.0, 1e6)
+
+
+def noise_ranges() -> dict[str, NumberRange]:
+    """Noise keys of dataset.toml, of sensors and disturbances, with their ranges."""
+    stated = {name: option.allowed for name, option in noise_options().items() if option.in_dataset}
+    return {**stated, **DENSITIES}
+
+
+@dataclass(frozen=True, init=False)
+class DatasetOptions:
+    """Content of dataset.toml: noise of sensors and motion for all measurements, and notes.
+
+    Parameters
+    ----------
+    sensor_noise: standard deviations of the sensors, by the names of the registry's options; each is a keyword argument and an
+        attribute too (``pixel_std``), None where the file is silent.
+    force_psd, torque_psd: of the white disturbances, see `spinfilters.models.process`.   None where the file is silent.
+    frames: in words, what the frames i and g of this data set are.
+    notes: numbers and words for the reader, such as a seed; no estimator looks at them.
+    calibration: standard deviations of the calibration by `ConsiderParameter.name`, those that the data set tells.
+    covariance_inflation: factor, at least 1, on the covariances that rows state for themselves, so that errors which rows have in
+        common weigh as much as they should where estimators take them for white noise; residuals are smaller by it.
+
+    Raises
+    ------
+    InputError: a standard deviation, density or factor out of its range.
+    """
+
+    sensor_noise: Mapping[str, float]
+    force_psd: float | None
+    torque_psd: float | None
+    frames: str
+    notes: Mapping[str, Note]
+    calibration: Mapping[str, float]
+    covariance_inflation: float
+
+    def __init__(
+        self,
+        sensor_noise: Mapping[str, float] | None = None,
+        force_psd: float | None = None,
+        torque_psd: float | None = None,
+        frames: str = "",
+        notes: Mapping[str, Note] | None = None,
+        calibration: Mapping[str, float] | None = None,
+        covariance_inflation: float = 1.0,
+        **noise: float | None,
+    ) -> None:
+        ranges = noise_ranges()
+        given = {**(sensor_noise or {}), **noise, "force_psd": force_psd, "torque_psd": torque_psd}
+        for name, value in given.items():
+            if name not in ranges:
+                raise InputError(f"option {name} is unknown; use {', '.join(ranges)}")
+            if value is not None:
+                ranges[name].require(name, value)
+        stated = {k: v for k, v in given.items() if v is not None and k not in DENSITIES}
+        _check_calibration(calibration or {})
+        INFLATION.require("covariance_inflation", covariance_inflation)
+        told = frames, dict(notes or {}), dict(calibration or {}), float(covariance_inflation)
+        values = (stated, force_psd, torque_psd, *told)
+        for name, value in zip(_FIELDS, values, strict=True):
+            object.__setattr__(self, name, value)
+
+    def __getattr__(self, name: str) -> float | None:
+        if name in _FIELDS or name.startswith("__") or name not in noise_options():
+            raise AttributeError(f"the options have no {name}")
+        return self.sensor_noise.get(name)
+
+    @property
+    def noise(self) -> tuple[float | None, ...]:
+        """Every noise of the sensors and of the motion, in the order of `noise_ranges`."""
+        return tuple(getattr(self, key) for key in noise_ranges())
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The options that are given, as keys of dataset.toml."""
+        values = {key: getattr(self, key) for key in (*noise_ranges(), "frames")}
+        values["covariance_inflation"] = (
+            None if self.covariance_inflation == 1.0 else self.covariance_inflation
+        )
+        given = {key: value for key, value in values.items() if value not in (None, "")}
+        tables = {"calibration": dict(self.calibration), "notes": dict(self.notes)}
+        return given | {name: table for name, table in tables.items() if table}
+
+
+_FIELDS = tuple(each.name for each in fields(DatasetOptions))
+
+
+def options_from_toml(path: Path, document: Mapping[str, Any]) -> DatasetOptions:
+    """Options of a parsed dataset.toml, whose keys `kind` and `description` are read elsewhere.
+
+    Raises
+    ------
+    InputError: an unknown key, a value of another type, a standard deviation that is not positive.
+    """
+    noise = noise_ranges()
+    known = [*noise, "frames", "calibration", "covariance_inflation", "notes"]
+    given = {key: value for key, value in document.items() if key not in ("kind", "description")}
+    for key, value in given.items():
+        if key not in known:
+            raise InputError(
+                f"{path_text(path)}: key {value_text(key)} is unknown; "
+                f"use kind, description, {', '.join(known)}, or put it in [notes]"
+            )
+        expected = float | int if _is_number(key) else str if key == "frames" else dict
+        if not isinstance(value, expected) or isinstance(value, bool):
+            raise InputError(f"{path_text(path)}: {key} is {value_text(value)}, {_expected(key)}; correct it")
+    _check_notes(path, given.get("notes", {}))
+    try:
+        for key in given.keys() & noise.keys():
+            noise[key].require(key, given[key])  # before an integer of 400 digits becomes a float
+        values: dict[str, Any] = {k: float(v) if k in noise else v for k, v in given.items()}
+        return DatasetOptions(**values)
+    except InputError as error:
+        raise InputError(f"{path_text(path)}: {error}; correct it") from None
+
+
+def with_told_deviations(options: DatasetOptions, folder: Path) -> DatasetOptions:
+    """Options completed by the calibration deviations in the folder's `sensor.yaml` files.
+
+    Raises
+    ------
+    InputError: as `read_sensor_file`; a deviation out of the range of its parameter.
+    """
+    return replace(options, calibration={**told_deviations(folder), **options.calibration})
+
+
+def _is_number(key: str) -> bool:
+    return key in noise_ranges() or key == "covariance_inflation"
+
+
+def _expected(key: str) -> str:
+    return (
+        "expected a number"
+        if _is_number(key)
+        else "expected text"
+        if key == "frames"
+        else f"expected a table [{key}]"
+    )
+
+
+def _check_calibration(deviations: Mapping[str, Any]) -> None:
+    """InputError: an unknown parameter, a deviation out of its range."""
+    parameters = consider_parameters() if deviations else {}
+    for name, value in deviations.items():
+        if name not in parameters:
+            raise InputError(f"calibration.{value_text(name)[1:-1]} is unknown; use {', '.join(parameters)}")
+        parameters[name].allowed.require(f"calibration.{name}", value)
+
+
+def _check_notes(path: Path, notes: Mapping[str, Any]) -> None:
+    for key, value in notes.items():
+        if not isinstance(value, str | int | float | bool):
+            raise InputError(
+                f"{path_text(path)}: notes.{key} is {value_text(value)}, expected text or a number; correct it"
+            )
+
+
+DATASET_FILE: Final[str] = "dataset.toml"
+PHYPHOX_TABLE: Final[str] = "Raw Data.csv"
+"""Files by which a folder of this project and an export of phyphox are recognised."""
+LANDMARK_FILE: Final[str] = "landmarks.csv"
+INSPECTOR_FILE: Final[str] = "inspector.tum"
+"""Known trajectory of the inspector: poses of cam0 in i, beside the measurements of a camera."""
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A stretch of a recording, s on its clock.
+
+    Attributes
+    ----------
+    number: as marked or as found; None of one that its user states.   start, end: None for the ends of the recording.
+    keep: whether it is a trial.   comment: on it, or what says that it is a flight.
+    """
+
+    number: int | None
+    start: float | None
+    end: float | None
+    keep: bool
+    comment: str
+
+    @property
+    def label(self) -> str:
+        """Label of the segment: its number, or its times."""
+        if self.number is not None:
+            return f"segment {self.number}"
+        start, end = ("" if each is None else f"{each:.9g}" for each in (self.start, self.end))
+        return f"segment {start}:{end}"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Dataset:
+    """Measurements with what is known about them.
+
+    Parameters
+    ----------
+    kind: of `dataset_kinds`.   log: with the sensor of that kind; other sensors may be there too.
+    path: where it was read, None when made in memory.
+    truth, rig, known_map: None where not known; measurements of a camera need its rig.
+    inspector: poses of cam0 in i over the time of all measurements of cameras; None where frame i is that of cam0.
+    segment: the stretch of a recording that this is, None of a whole one.
+    acceleration: of an accelerometer beside the sensors; it tells flights, no estimator reads it.
+    doubts: reasons why no estimate from these measurements is to be trusted, of what made them of raw data.
+
+    Raises
+    ------
+    InputError: unknown kind, a log without its sensor, measurements of a camera without its rig, an inspector without a camera
+    or of a shorter time.
+    """
+
+    kind: str
+    log: MeasurementLog
+    path: Path | None = None
+    description: str = ""
+    truth: Truth | None = None
+    rig: Rig | None = None
+    known_map: KnownMap | None = None
+    inspector: MeasurementStream | None = None
+    options: DatasetOptions = field(default_factory=DatasetOptions)
+    segment: Segment | None = None
+    acceleration: Acceleration | None = None
+    doubts: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        kinds = dataset_kinds()
+        if self.kind not in kinds:
+            raise InputError(f"kind {value_text(self.kind)} is unknown; use {', '.join(kinds)}")
+        self.log.stream(self.sensor)
+        for sensor in self.log.sensors:
+            calibration = sensor_format(sensor).calibration
+            if calibration is not None and not isinstance(self.rig, calibration.kind):
+                raise InputError(
+                    f"{sensor} measurements need a rig ({calibration.kind.__name__}); give the camera's calibration"
+                )
+
+        if self.inspector is not None:
+            require_cover(self.inspector, self.log)
+
+    @property
+    def sensor(self) -> str:
+        """The sensor that its kind says it must have."""
+        return dataset_kinds()[self.kind].name
+
+    @property
+    def calibrations(self) -> tuple[CalibrationFiles, ...]:
+        """Calibration files of the rig."""
+        return calibrations_of(self.log)
+
+    @property
+    def name(self) -> str:
+        """Name in error messages: path with segment, or description."""
+        place = printable(self.description) or "the data set" if self.path is None else path_text(self.path)
+        return place if self.segment is None else f"{place}, {self.segment.label}"
+
+    def part(self, segment: Segment) -> "Dataset":
+        """The data set within a time interval. InputError: no measurement within."""
+        start = self.log.start if segment.start is None else segment.start
+        end = self.log.end if segment.end is None else segment.end
+        force = None if self.acceleration is None else self.acceleration.slice(start, end)
+        with self.naming():
+            log = self.log.slice(start, end)
+        return replace(self, log=log, segment=segment, acceleration=force)
+
+    @contextmanager
+    def naming(self) -> Iterator[None]:
+        """Prefix InputErrors about the measurements with `name`."""
+        try:
+            yield
+        except InputError as error:
+            raise InputError(f"{self.name}: {error}") from None
+
+
+def calibrations_of(log: MeasurementLog) -> tuple[CalibrationFiles, ...]:
+    """Calibrations of the cameras in a log."""
+    formats = [sensor_format(sensor) for sensor in log.sensors]
+    return tuple(form.calibration for form in formats if form.calibration is not None)
+
+
+def require_cover(inspector: MeasurementStream, log: MeasurementLog) -> None:
+    """Require that the inspector's poses cover all observations of a camera.
+
+    InputError: a log without a camera, or observations of one before the first or after the last pose.
+    """
+    seen = [stream.time for stream in log.streams if sensor_format(stream.sensor).calibration is not None]
+    if not seen:
+        raise InputError(
+            f"an inspector's trajectory is of a camera, and only {', '.join(log.sensors)} measured; leave it out, or give tracks"
+        )
+    first, last = np.min([time[0] for time in seen]), np.max([time[-1] for time in seen])
+    if first < inspector.time[0] or last > inspector.time[-1]:
+        raise InputError(
+            f"the inspector's poses from {inspector.time[0]:.6f} s to {inspector.time[-1]:.6f} s do not cover the observations "
+            f"from {first:.6f} s to {last:.6f} s; give those that are missing"
+        )

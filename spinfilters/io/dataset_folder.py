@@ -1,0 +1,343 @@
+"""A data set as a folder with `dataset.toml` and a table per sensor, read and written, or as the table of one sensor."""
+
+import os
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from spinfilters.core.errors import InputError
+from spinfilters.io.dataset import (
+    DATASET_FILE,
+    INSPECTOR_FILE,
+    LANDMARK_FILE,
+    PHYPHOX_TABLE,
+    Dataset,
+    DatasetOptions,
+    calibrations_of,
+    options_from_toml,
+    require_cover,
+    with_told_deviations,
+)
+from spinfilters.io.dataset_reader import DatasetReader, RawDataReader
+from spinfilters.io.input_file import (
+    path_text,
+    printable,
+    read_toml,
+    reason,
+    require_file,
+    require_folder,
+    value_text,
+)
+from spinfilters.io.measurement_log import MeasurementLog, MeasurementStream
+from spinfilters.io.output_files import make_folder, write_toml
+from spinfilters.io.sensor_format import SensorFormat, dataset_kinds, sensor_format, sensor_formats
+from spinfilters.io.sensor_tables import (
+    read_landmarks,
+    read_sensor_file,
+    read_tum,
+    with_covariance,
+    write_covariance,
+    write_landmarks,
+    write_sensor_file,
+    write_tum,
+)
+from spinfilters.io.text_table import read_header
+from spinfilters.io.truth import TRUTH_BODY, TRUTH_FILES, TRUTH_TABLE, Truth, read_truth, write_truth
+
+_FRONT_ENDS = {
+    "stereo-images": "tracks.csv with kind = 'stereo-tracks' ('spinfilters track' makes it of images in cam0/data and cam1/data)",
+    "lidar-scans": "poses.tum of the registered scans with kind = 'pose'",
+}
+
+
+@dataclass(frozen=True)
+class DatasetFolderReader(DatasetReader):
+    """Folders with a dataset.toml, asked first: whatever else lies there is part of the data set.
+
+    Attributes
+    ----------
+    front_end: gives the maker of measurements from raw data of a kind, None where there is none.
+    """
+
+    front_end: Callable[[str], RawDataReader | None]
+    name, order = "folder", 0
+    words = "a folder"
+
+    def recognises(self, path: Path) -> bool:
+        """Whether a path is a folder with a dataset.toml."""
+        return os.path.lexists(path / DATASET_FILE)
+
+    def read(self, path: Path, segment: int | None) -> Dataset:
+        """Data set of the folder."""
+        return _read_folder(path, self.front_end)
+
+
+@dataclass(frozen=True)
+class OtherFolderReader(DatasetReader):
+    """Any folder that no other reader recognises: refused with what it lacks.
+
+    Attributes
+    ----------
+    recordings_in: gives the recordings in a folder that is none itself.
+    """
+
+    recordings_in: Callable[[Path], Sequence[Path]]
+    name, order = "other-folder", 90
+    words = DatasetFolderReader.words
+
+    def recognises(self, path: Path) -> bool:
+        """Whether a path is a folder."""
+        return os.path.isdir(path)
+
+    def read(self, path: Path, segment: int | None) -> Dataset:
+        """InputError: always."""
+        require_folder(path)
+        raise _undescribed(path, self.recordings_in(path))
+
+
+def _read_folder(folder: Path, front_end: Callable[[str], RawDataReader | None]) -> Dataset:
+    require_folder(folder)
+    kinds = dataset_kinds()
+    path = folder / DATASET_FILE
+    document = read_toml(path)
+    kind, description = _text(path, document, "kind"), _text(path, document, "description", "")
+    reader = None if kind in kinds else front_end(kind)
+    if reader is not None:
+        return _read_raw(folder, reader, description, options_from_toml(path, document))
+    if kind in _FRONT_ENDS:
+        raise _no_front_end(path, kind)
+    if kind not in kinds:
+        raise InputError(
+            f"{path_text(path)}: kind is {value_text(kind)}, expected one of {', '.join(kinds)}; correct it"
+        )
+    log, options = _read_log(folder, kinds[kind]), options_from_toml(path, document)
+    landmarks, cameras = folder / LANDMARK_FILE, calibrations_of(log)
+    return Dataset(
+        kind=kind,
+        log=log,
+        path=folder,
+        description=description,
+        truth=_told_truth(folder),
+        rig=cameras[0].read(folder) if cameras else None,
+        known_map=read_landmarks(landmarks) if os.path.lexists(landmarks) else None,
+        inspector=_read_inspector(folder, log),
+        options=with_told_deviations(options, folder) if cameras else options,
+    )
+
+
+def _undescribed(folder: Path, recordings: Sequence[Path]) -> InputError:
+    """Error of a folder without dataset.toml, by what lies there instead."""
+    if os.path.isfile(folder / "cam0" / "data.csv"):
+        return _no_front_end(folder, "stereo-images")
+    if recordings:
+        such = f"{len(recordings)} recordings, such as {printable(recordings[0].name)}"
+        return InputError(
+            f"{path_text(folder)}: holds {such}; give one of them, or take the free flights in all with --segment auto"
+        )
+    return InputError(
+        f"{path_text(folder / DATASET_FILE)}: no such file; write it with a line kind = '...' "
+        f"({', '.join(dataset_kinds())}), or check the path"
+    )
+
+
+def _read_raw(folder: Path, reader: RawDataReader, description: str, options: DatasetOptions) -> Dataset:
+    """Measurements made from raw data, with those of other sensors in the folder."""
+    made = reader.read(folder, _told_truth(folder))
+    read = [_with_own_covariance(form, folder) for form in _stored(folder, None)]
+    log = MeasurementLog((made.stream, *read))
+    options = replace(options, covariance_inflation=made.inflation)
+    cameras = calibrations_of(log)
+    return Dataset(
+        kind=reader.made,
+        log=log,
+        path=folder,
+        description="; ".join(words for words in (description, *made.remarks) if words),
+        truth=made.truth,
+        rig=cameras[0].read(folder) if cameras else None,
+        inspector=_read_inspector(folder, log) if cameras else None,
+        options=with_told_deviations(options, folder) if cameras else options,
+        doubts=made.doubts,
+    )
+
+
+def _told_truth(folder: Path) -> Truth | None:
+    """Truth that a folder tells, None without its files. InputError: `read_truth`."""
+    return read_truth(folder) if any(os.path.lexists(folder / name) for name in TRUTH_FILES) else None
+
+
+def _read_inspector(folder: Path, log: MeasurementLog) -> MeasurementStream | None:
+    """Poses (t_ic m, q_ic) of the folder's inspector, None without a file. InputError: `read_tum`, `require_cover`."""
+    path = folder / INSPECTOR_FILE
+    if not os.path.lexists(path):
+        return None
+    stream = read_tum(path)
+    try:
+        require_cover(stream, log)
+    except InputError as error:
+        raise InputError(f"{path_text(path)}: {error}") from None
+    return stream
+
+
+def _read_log(folder: Path, required: SensorFormat) -> MeasurementLog:
+    return MeasurementLog(tuple(_with_own_covariance(form, folder) for form in _stored(folder, required)))
+
+
+def _with_own_covariance(form: SensorFormat, folder: Path) -> MeasurementStream:
+    """Stream of a sensor with the covariances of its rows, if any."""
+    stream, covariance = read_sensor_file(form, folder / form.file), folder / form.covariance_file
+    return with_covariance(stream, covariance) if os.path.lexists(covariance) else stream
+
+
+def _stored(folder: Path, required: SensorFormat | None) -> list[SensorFormat]:
+    """The formats whose files a folder holds.
+
+    Among formats with the same file it is the required one's, or has the header of one.
+    """
+    by_file: dict[str, list[SensorFormat]] = {}
+    for form in sensor_formats().values():
+        by_file.setdefault(form.file, []).append(form)
+    found = []
+    for file, formats in by_file.items():
+        if required is not None and required in formats:
+            found.append(required)
+        elif os.path.lexists(folder / file):
+            fits = [
+                form for form in formats if len(formats) == 1 or read_header(folder / file) == form.header
+            ]
+            found.append([*formats, *fits][-1])
+    return found
+
+
+def _no_front_end(path: Path, kind: str) -> InputError:
+    return InputError(
+        f"{path_text(path)}: kind '{kind}' needs a front end that is not part of this version; supply "
+        f"{_FRONT_ENDS[kind]}"
+    )
+
+
+def _text(path: Path, document: dict[str, Any], key: str, default: str | None = None) -> str:
+    value = document.get(key, default)
+    if value is None:
+        kinds = ", ".join(dataset_kinds())
+        raise InputError(f"{path_text(path)}: has no {key}; add {key} = '...', one of {kinds}")
+    if not isinstance(value, str):
+        raise InputError(f"{path_text(path)}: {key} is {value_text(value)}, expected text; put it in quotes")
+    return value
+
+
+_LARGEST_FILE = 2**63  # the reader that follows has its own limit
+
+
+@dataclass(frozen=True)
+class SensorTableReader(DatasetReader):
+    """Any path that no other reader recognises.
+
+    Attributes
+    ----------
+    readers: gives all readers, whose words say what can be read.
+    """
+
+    readers: Callable[[], Iterable[DatasetReader]]
+    name, order = "sensor-table", 100
+    words = ""
+
+    def recognises(self, path: Path) -> bool:
+        """Always: this reader is asked last."""
+        return True
+
+    def read(self, path: Path, segment: int | None) -> Dataset:
+        """Data set of the one table."""
+        return _read_file(path, self.readers)
+
+
+def _read_file(path: Path, readers: Callable[[], Iterable[DatasetReader]]) -> Dataset:
+    require_file(path, _LARGEST_FILE)
+    formats = sensor_formats().values()
+    parts = [form.file for form in formats if not form.suffixes]
+    if path.name in (DATASET_FILE, LANDMARK_FILE, INSPECTOR_FILE, TRUTH_TABLE, *parts):
+        raise InputError(f"{path_text(path)}: is one part of a data set; give the folder that holds it")
+    form = next((form for form in formats if path.suffix.lower() in form.suffixes), None)
+    if form is None:
+        raise InputError(
+            f"{path_text(path)}: {value_text(path.suffix)} is no known kind of file; "
+            f"give {_readable(readers())}, and unpack archives first"
+        )
+    log = MeasurementLog((read_sensor_file(form, path),))
+    return Dataset(kind=form.kind, log=log, path=path, description=printable(path.name))
+
+
+def _readable(readers: Iterable[DatasetReader]) -> str:
+    """List of the formats that can be read."""
+    singles = [form.suffix_words for form in sensor_formats().values() if form.suffixes]
+    *others, last = [*dict.fromkeys(reader.words for reader in readers if reader.words), *singles]
+    return f"{', '.join(others)} or {last}"
+
+
+def dataset_files() -> tuple[str, ...]:
+    """Every file that `write_dataset` may write, relative to the folder."""
+    formats = sorted(sensor_formats().values(), key=lambda each: each.file)
+    files = [name for each in formats for name in (each.file, each.covariance_file)]
+    cameras = [each.calibration for each in formats if each.calibration is not None]
+    files += [str(file) for calibration in cameras for file in calibration.files]
+    return (*dict.fromkeys(files), TRUTH_TABLE, TRUTH_BODY, LANDMARK_FILE, INSPECTOR_FILE, DATASET_FILE)
+
+
+def write_dataset(dataset: Dataset, folder: Path) -> None:
+    """Write dataset.toml and the tables of the data set.
+
+    A data set of the same files is replaced.
+    Each file is atomic; dataset.toml goes first and comes last: a folder left half written is no data set.
+
+    Raises
+    ------
+    InputError: disk full or no permission; a folder with a file that would be read as part of this data set
+    but is not.
+    """
+    make_folder(folder)
+    _refuse_leftovers(dataset, folder)
+    path = folder / DATASET_FILE
+    try:
+        path.unlink(missing_ok=True)
+    except OSError as error:
+        raise InputError(
+            f"{path_text(path)}: cannot be replaced ({reason(error)}); choose another folder"
+        ) from None
+    for stream in dataset.log.streams:
+        form = sensor_format(stream.sensor)
+        write_sensor_file(form, folder / form.file, stream)
+        if stream.covariance is not None:
+            write_covariance(folder / form.covariance_file, stream)
+    for calibration in dataset.calibrations:
+        calibration.write(dataset.rig, folder)
+    if dataset.truth is not None:
+        write_truth(dataset.truth, folder)
+    if dataset.known_map is not None:
+        write_landmarks(folder / LANDMARK_FILE, dataset.known_map)
+    if dataset.inspector is not None:
+        write_tum(folder / INSPECTOR_FILE, dataset.inspector)
+    write_toml(path, {"kind": dataset.kind, "description": dataset.description} | dataset.options.document)
+
+
+def _refuse_leftovers(dataset: Dataset, folder: Path) -> None:
+    for name in (*dataset_files(), PHYPHOX_TABLE):
+        if name not in _written(dataset) and os.path.lexists(folder / name):
+            raise InputError(
+                f"{path_text(folder / name)}: is not of the data set to be written; "
+                "delete it or choose another folder"
+            )
+
+
+def _written(dataset: Dataset) -> set[str]:
+    names = {DATASET_FILE, *(sensor_format(sensor).file for sensor in dataset.log.sensors)}
+    names |= {
+        sensor_format(s.sensor).covariance_file for s in dataset.log.streams if s.covariance is not None
+    }
+    names |= {str(file) for calibration in dataset.calibrations for file in calibration.files}
+    if dataset.truth is not None:
+        names |= {TRUTH_TABLE} | ({TRUTH_BODY} if dataset.truth.body else set())
+    if dataset.known_map is not None:
+        names.add(LANDMARK_FILE)
+    if dataset.inspector is not None:
+        names.add(INSPECTOR_FILE)
+    return names

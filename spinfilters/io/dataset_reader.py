@@ -1,0 +1,118 @@
+"""Interfaces of readers of recordings, and of front ends that make measurements from raw data.
+
+All of ours are named in `spinfilters.run.readers`.
+"""
+
+import os
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.stated_values import ReadingOptions
+
+if TYPE_CHECKING:
+    from spinfilters.io.measurement_log import MeasurementStream
+    from spinfilters.io.truth import Truth
+
+
+OnRefused = Callable[[int, str], None]
+"""Called with the number of a segment that cannot be used, and why."""
+
+
+class DatasetReader(ABC):
+    """Reader of one format. A subclass states its attributes, and writes `recognises` and `read`.
+
+    Attributes
+    ----------
+    name: of the format.   words: what a path of it is called, with article and extension.
+    order: in which readers are asked; the first that recognises a path reads it. Ours are at 0, other folders at 90, files at 100.
+    has_segments: whether a recording may hold several data sets, told by number.
+    """
+
+    name: str
+    words: str
+    order: int = 50
+    has_segments: bool = False
+
+    @abstractmethod
+    def recognises(self, path: Path) -> bool:
+        """Whether a path, which need not exist, is of this format.
+
+        Name or first bytes decide, without reading it all.
+        """
+
+    @abstractmethod
+    def read(self, path: Path, segment: int | None) -> Dataset:
+        """The data set. InputError: names file, line or value, and the cure."""
+
+    def whole(self, path: Path) -> Dataset:
+        """The whole recording, whatever segments are marked in it.
+
+        Without segments it is the data set. InputError: as `read`.
+        """
+        return self.read(path, None)
+
+    def stating(self, options: ReadingOptions) -> "DatasetReader":
+        """The reader with what the user states of a recording.
+
+        InputError: a format that has no use for it.
+        """
+        options.require_only((), self.words or "this kind of file")
+        return self
+
+    def segments(self, path: Path, on_refused: OnRefused | None) -> list[Dataset]:
+        """All data sets of a recording: the only one, unless it has segments.
+
+        Parameters
+        ----------
+        on_refused: called with the number of a segment that is no data set, and why, instead of raising InputError for it.
+        """
+        return [self.read(path, None)]
+
+
+IMAGES: Final = "stereo images"
+"""What a folder of images is called."""
+
+
+def has_images(path: str | os.PathLike[str]) -> bool:
+    """Whether a path is a folder of stereo images without tracks.
+
+    A front end must follow these first.
+    """
+    folder = Path(path)
+    return os.path.isdir(folder / "cam0" / "data") and not os.path.lexists(folder / "tracks.csv")
+
+
+@dataclass(frozen=True, eq=False)
+class RawMeasurements:
+    """Measurements made from raw data.
+
+    Attributes
+    ----------
+    stream: the measurements.   truth: told in the stream's frame g.
+    remarks: what was left out or not determined.   doubts: reasons why no estimate from this stream is to be trusted.
+    """
+
+    stream: "MeasurementStream"
+    truth: "Truth | None" = None
+    remarks: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
+    inflation: float = 1.0
+
+
+@dataclass(frozen=True)
+class RawDataReader:
+    """Maker of measurement streams from a folder's raw data.
+
+    Attributes
+    ----------
+    kind: in dataset.toml.   made: kind of the data set that comes out.
+    read: of a folder with its truth, or None.
+    """
+
+    kind: str
+    made: str
+    read: "Callable[[Path, Truth | None], RawMeasurements]"

@@ -1,0 +1,311 @@
+"""Columns of motion tables by their names: quantity, axis and unit of each."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, Literal, NamedTuple
+
+from spinfilters.core.errors import InputError
+from spinfilters.io.input_file import path_text, value_text
+from spinfilters.io.stated_values import RATE_UNITS, ReadingOptions
+
+Quantity = Literal["time", "rate", "acceleration", "position", "quaternion"]
+
+TIME_UNITS: Final[dict[str, str]] = {
+    **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), "s"),
+    **dict.fromkeys(("ms", "msec", "millis", "millisec", "milliseconds"), "ms"),
+    **dict.fromkeys(("us", "usec", "µs", "μs", "micros", "microsec", "microseconds"), "us"),
+    **dict.fromkeys(("ns", "nsec", "nanos", "nanosec", "nanoseconds"), "ns"),
+}
+"""Unit of time by its spelling."""
+_RATE_UNITS = {
+    **dict.fromkeys(("rad/s", "rads", "radps", "radpers", "rads-1", "1/s", "s-1"), "rad/s"),
+    **dict.fromkeys(("mrad/s", "mradps", "mrads"), "mrad/s"),
+    **dict.fromkeys(
+        ("deg/s", "degs", "dps", "degps", "degrees/s", "degree/s", "°/s", "degpers", "degreespers"), "deg/s"
+    ),
+    **dict.fromkeys(("mdps", "mdeg/s"), "mdeg/s"),
+    **dict.fromkeys(("rpm", "1/min"), "rpm"),
+}
+_ACCELERATION_UNITS = {
+    **dict.fromkeys(("m/s2", "m/s^2", "m/s²", "m/s/s", "ms-2", "mps2", "ms2", "mss"), "m/s^2"),
+    **dict.fromkeys(("g", "gs", "g0"), "g"),
+    **dict.fromkeys(("mg",), "mg"),
+}
+_LENGTH_UNITS = {"m": "m", "mm": "mm", "cm": "cm"}
+
+_BRACKETS = re.compile(r"\s*[(\[]\s*([^()\[\]]*?)\s*[)\]]\s*$")
+_TIME_WORD = re.compile(
+    r"(?:t|time|times|timestamp|stamp|elapsed|since|epoch|boot|unix|device|sensor|header|clock|reboot|motion|gyro|logging|"
+    r"system|local|sample|monotonic|field)"
+)
+_INDEXED = re.compile(r"(.*?)[\[_.]?([012])\]?$")
+_SI_RATE = r"wb?|om(?:ega)?|rates?|bodyrates?|ang(?:ular)?rates?|ang(?:ular)?vel(?:ocity)?"
+_STEMS: Final[dict[Quantity, re.Pattern[str]]] = {
+    "rate": re.compile(
+        _SI_RATE
+        + r"|avel|g|gyr|gyro(?:scope|meter)?|rotationrate|gyrorotation(?:rate)?|gyroadc|gyroscaled|gyrofilt(?:ered)?|calgyro"
+    ),
+    "acceleration": re.compile(
+        r"a|acc|accel|acceleration|accelerometer(?:acceleration)?|linearacceleration|accsmooth|accadc|accscaled"
+    ),
+    "position": re.compile(r"p|pos|position|t|trans|translation|(?:pose){1,2}position|tag|origin"),
+    "quaternion": re.compile(
+        r"q|quat|quaternions?|orientation|attitude|rot|rotation|(?:pose){1,2}orientation"
+    ),
+}
+_NUMBERED: Final[tuple[Quantity, ...]] = ("rate", "acceleration")
+_PREFIX = re.compile(r"field|data|imu|sensor|msg|motion|value|mpu|icm|bno|lsm|bmi|device|phone|body")
+"""Word before a quantity that says whose it is."""
+_NOT_MOTION = re.compile(r"std|cov|bias|raw|uncal|magn|setpoint|desired|temp|sum|abs|norm")
+"""Beginning of a word of columns that are no measured component."""
+
+FOREIGN: Final = "foreign"
+"""Axis of a column whose unit alone tells that it is a time: phones write it in any language."""
+
+
+@dataclass(frozen=True)
+class Heading:
+    """Quantity, axis and unit of a column.
+
+    Attributes
+    ----------
+    quantity: of motion.   axis: "x", "y", "z" or "w"; empty of time.
+    unit: canonical spelling, empty where none is stated, behind a question mark where it is unknown.
+    is_si: whether its name, without a unit, is that of a quantity in SI by convention.
+    """
+
+    quantity: Quantity
+    axis: str = ""
+    unit: str = ""
+    is_si: bool = False
+
+
+def heading_of(text: str, bare: Quantity | None = None) -> Heading | None:
+    """Parsed heading of a column; None of a column that tells no motion.
+
+    Parameters
+    ----------
+    bare: quantity of columns that are called x, y and z and no more, as the name of their file tells.
+    """
+    name, unit = _parts(text)
+    words, unit = _words(name), _spelled(unit)
+    if "linear_acceleration" not in name and "".join(words).startswith("linearacc"):
+        return None  # phones call so what is left without gravity; ROS spells the accelerometer with an underscore
+    if not words or any(_NOT_MOTION.match(word) for word in words):
+        return None
+    clock = _time(words, unit)
+    while len(words) > 1 and _PREFIX.fullmatch(words[0]):
+        words = words[1:]
+    return clock or _component(words, unit, bare)
+
+
+def _parts(text: str) -> tuple[str, str]:
+    """Name and bracketed unit in lower case; an index stays with the name."""
+    plain = text.strip().strip('"').strip()
+    found = _BRACKETS.search(plain)
+    if found is None or found[1] in ("0", "1", "2", "txt", "float", "int"):
+        return plain if found is None or found[1].isdigit() else plain[: found.start()], ""
+    return plain[: found.start()], "".join(found[1].lower().split())
+
+
+def _spelled(unit: str) -> str:
+    """A unit with its second as s and its multiplication left out."""
+    return (
+        re.sub(r"sec(?:ond)?s?(?![a-z])", "s", unit).replace("·", "").replace("*", "")
+        if unit not in TIME_UNITS
+        else unit
+    )
+
+
+def _words(name: str) -> list[str]:
+    """Words of a name; a capital begins one: gyroX, wx_rad_s, angular_velocity.x, GyroADC[0]."""
+    parted = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", " ", name)
+    return [word for word in re.split(r"[^a-z0-9/^²°µμ]+", parted.lower()) if word]
+
+
+def _time(words: list[str], unit: str) -> Heading | None:
+    """A clock: words for time only, and perhaps a unit."""
+    spelled = [TIME_UNITS[word] for word in words if word in TIME_UNITS]
+    others = [word for word in words if word not in TIME_UNITS]
+    if unit in TIME_UNITS and not all(_TIME_WORD.fullmatch(word) for word in words):
+        return Heading("time", FOREIGN, TIME_UNITS[unit])
+    if not all(_TIME_WORD.fullmatch(word) for word in others) or len(spelled) > 1:
+        return None
+    if unit and unit not in TIME_UNITS:
+        return None
+    return Heading("time", "", TIME_UNITS[unit] if unit else next(iter(spelled), ""))
+
+
+def _component(words: list[str], unit: str, bare: Quantity | None) -> Heading | None:
+    """A component of a vector or quaternion: the stem, the axis, the unit, in this order."""
+    stem, axis, spelled = _stem_and_axis(words)
+    if not axis:
+        return None
+    unit = unit or spelled
+    units: tuple[tuple[Quantity, dict[str, str]], ...] = (
+        ("rate", _RATE_UNITS),
+        ("acceleration", _ACCELERATION_UNITS),
+        ("position", _LENGTH_UNITS),
+    )
+    if _STEMS["quaternion"].fullmatch(stem) and not unit and not (axis != "w" and stem == "rot"):
+        return Heading("quaternion", axis)
+    if axis == "w":
+        return None
+    for quantity, spellings in units:
+        named = bool(_STEMS[quantity].fullmatch(stem)) or (not stem and bare == quantity)
+        if unit and unit in spellings and (named or (quantity == "rate" and _tells_rate(stem, unit))):
+            return Heading(quantity, axis, spellings[unit])
+        if named:
+            return Heading(quantity, axis, f"? {unit}" if unit else "", bool(re.fullmatch(_SI_RATE, stem)))
+    return None
+
+
+def _tells_rate(stem: str, unit: str) -> bool:
+    """Whether a unit is one of rates only."""
+    return unit != "1/s" and not stem.startswith(("acc", "mag", "euler", "roll"))
+
+
+def _stem_and_axis(words: list[str]) -> tuple[str, str, str]:
+    """Stem without blanks, axis letter and unit of a heading.
+
+    Axis and unit are empty where there is none.
+    """
+    unit = ""
+    for count in (2, 1):
+        tail = _spelled("/".join(words[-count:]))
+        if len(words) > count and tail in (*_RATE_UNITS, *_ACCELERATION_UNITS, *_LENGTH_UNITS):
+            unit, words = tail, words[:-count]
+            break
+    joined = "".join(words)
+    if len(words) > 1 and len(words[-1]) == 1 and words[-1] in "xyzw":
+        return "".join(words[:-1]), words[-1], unit
+    if joined and joined[-1] in "xyzw" and _is_stem(joined[:-1]):
+        return joined[:-1], joined[-1], unit
+    if joined and joined[0] in "xyz" and _is_stem(joined[1:]):
+        return joined[1:], joined[0], unit
+    indexed = _INDEXED.fullmatch(joined)
+    # of a quaternion an index does not tell which is the scalar
+    if indexed and any(_STEMS[numbered].fullmatch(indexed[1]) for numbered in _NUMBERED):
+        return indexed[1], "xyz"[int(indexed[2])], unit
+    return "", "", unit
+
+
+def _is_stem(text: str) -> bool:
+    """Whether a text is a known stem, or none."""
+    return not text or any(stems.fullmatch(text) for stems in _STEMS.values())
+
+
+EXAMPLE: Final = "time_s,wx,wy,wz"
+AXES: Final[dict[Quantity, str]] = {
+    "rate": "xyz",
+    "acceleration": "xyz",
+    "position": "xyz",
+    "quaternion": "xyzw",
+}
+KNOWN_UNITS: Final[dict[Quantity, dict[str, float]]] = {
+    "rate": RATE_UNITS,
+    "acceleration": {"m/s^2": 1.0, "g": 9.80665, "mg": 9.80665e-3},
+    "position": {"m": 1.0, "mm": 1e-3, "cm": 1e-2},
+    "quaternion": {},
+}
+"""SI units in the units of each quantity."""
+
+
+@dataclass(frozen=True)
+class VectorColumns:
+    """Indices of a vector's components, and its unit.
+
+    Empty where none is stated; whether its name means SI by convention.
+    """
+
+    indices: tuple[int, ...]
+    unit: str
+    is_si: bool
+
+
+@dataclass(frozen=True)
+class MotionColumns:
+    """Clock and vector columns found in a header.
+
+    Attributes
+    ----------
+    time: index and unit of the clock, None without one.   vectors: of each quantity that has all its components, once.
+    """
+
+    time: tuple[int, str] | None
+    vectors: dict[Quantity, VectorColumns]
+
+
+def motion_columns(
+    path: Path, names: Sequence[str], options: ReadingOptions, bare: Quantity | None = None
+) -> MotionColumns:
+    """Columns of a header.
+
+    Parameters
+    ----------
+    bare: see `heading_of`.
+
+    Raises
+    ------
+    InputError: a quantity that stands twice, or in two units or one that is unknown; clocks among which none can be chosen.
+    """
+    headings = [heading_of(name, bare) for name in names]
+    found: dict[Quantity, VectorColumns] = {}
+    for quantity, axes in AXES.items():
+        vector = _vector(
+            path, names, [_Headed(k, h) for k, h in enumerate(headings) if h and h.quantity == quantity], axes
+        )
+        if vector is not None:
+            found[quantity] = vector
+    return MotionColumns(None if options.rate is not None else _clock(path, names, headings), found)
+
+
+class _Headed(NamedTuple):
+    """A column and what its heading says."""
+
+    column: int
+    heading: Heading
+
+
+def _vector(path: Path, names: Sequence[str], found: list[_Headed], axes: str) -> VectorColumns | None:
+    """The vector of a quantity, None where a component is missing."""
+    by_axis = [[(k, heading) for k, heading in found if heading.axis == axis] for axis in axes]
+    if sum(map(bool, by_axis)) < len(axes):
+        return None
+    if any(len(each) > 1 for each in by_axis):
+        twice = next(each for each in by_axis if len(each) > 1)
+        listed = " and ".join(value_text(names[k]) for k, _ in twice[:2])
+        raise InputError(
+            f"{path_text(path)}: header: {listed} may both be the {twice[0][1].quantity} about {twice[0][1].axis}; "
+            "delete or rename one"
+        )
+    chosen = [each[0] for each in by_axis]
+    units = {heading.unit for _, heading in chosen}
+    if len(units) > 1 or any(unit.startswith("?") for unit in units):
+        listed = ", ".join(names[k] for k, _ in chosen)
+        raise InputError(
+            f"{path_text(path)}: header: no unit known here is that of {value_text(listed)}; name all three in one of "
+            f"{', '.join(KNOWN_UNITS[chosen[0][1].quantity])}"
+        )
+    return VectorColumns(tuple(k for k, _ in chosen), units.pop(), all(h.is_si for _, h in chosen))
+
+
+def _clock(path: Path, names: Sequence[str], headings: Sequence[Heading | None]) -> tuple[int, str] | None:
+    """Index and unit of the clock among the columns.
+
+    The only one, or the first that states its unit, seconds before others.
+    """
+    times = [(k, h) for k, h in enumerate(headings) if h is not None and h.quantity == "time"]
+    named = [(k, h) for k, h in times if h.axis != FOREIGN]
+    clocks = [(k, h.unit) for k, h in named or times]
+    stated = [clock for clock in clocks if clock[1] == "s"] or [clock for clock in clocks if clock[1]]
+    if stated:
+        return stated[0]
+    if len(clocks) > 1:
+        listed = " and ".join(value_text(names[k]) for k, _ in clocks[:2])
+        raise InputError(
+            f"{path_text(path)}: header: {listed} may both be the clock; name one of them with its unit, such as time_s"
+        )
+    return clocks[0] if clocks else None

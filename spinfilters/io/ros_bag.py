@@ -1,0 +1,217 @@
+"""Bags of ROS 1 and 2 and MCAP files: sensor_msgs/Imu and poses with a stamp; needs the extra ``ros``."""
+
+import os
+import struct
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO, Final
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.core.errors import InputError
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.dataset_reader import DatasetReader
+from spinfilters.io.input_file import MAX_TABLE_ROWS, path_text, printable, reason, require_file, value_text
+from spinfilters.io.measurement_log import Acceleration, MeasurementStream
+from spinfilters.io.motion_table import MotionTable, motion_dataset
+from spinfilters.io.stated_values import NOTHING_STATED, ReadingOptions
+
+LARGEST_BAG: Final = 64 * 1024**3
+"""Bytes: messages are read one by one, so that a bag with images may be large."""
+FIRST_BYTES: Final = {".bag": b"#ROSBAG V", ".mcap": b"\x89MCAP0\r\n", ".db3": b"SQLite format 3\0"}
+"""Of a file of each suffix."""
+_CHUNK: Final = 1 << 20
+_FOOTER: Final = struct.Struct(
+    "<BQQQI8s"
+)  # opcode, length, start of the summary, of its offsets, its checksum, magic
+_DATA_END: Final = struct.Struct("<BQI")  # opcode, length, checksum of all before
+_FOOTER_OPCODE, _DATA_END_OPCODE = 2, 15
+
+
+def require_bag(path: Path) -> None:
+    """Check a bag of ROS 1 or 2 that is one file.
+
+    Raises
+    ------
+    InputError: as `require_file`; other first bytes than its suffix says; an MCAP whose data have another checksum than it states.
+    """
+    size, begin = require_file(path, LARGEST_BAG), FIRST_BYTES[path.suffix.lower()]
+    try:
+        with open(os.open(path, os.O_RDONLY | os.O_NONBLOCK), "rb") as stream:
+            if stream.read(len(begin)) != begin:
+                raise InputError(
+                    f"{path_text(path)}: is no whole ROS bag (a {path.suffix.lower()} begins otherwise); record or copy it again"
+                )
+            if path.suffix.lower() == ".mcap":
+                _require_checksum(path, stream, size)
+    except OSError as error:
+        raise InputError(f"{path_text(path)}: cannot be read ({reason(error)}); copy it again") from None
+
+
+def _require_checksum(path: Path, stream: BinaryIO, size: int) -> None:
+    """InputError: the data section has another CRC-32 than its end states; 0 states none, and a damaged end the parser finds."""
+    if size < _FOOTER.size + _DATA_END.size:
+        return
+    stream.seek(size - _FOOTER.size)
+    opcode, _, summary, *_ = _FOOTER.unpack(stream.read(_FOOTER.size))
+    place = (summary or size - _FOOTER.size) - _DATA_END.size
+    if opcode != _FOOTER_OPCODE or not 0 < place < size:
+        return
+    stream.seek(place)
+    opcode, length, stated = _DATA_END.unpack(stream.read(_DATA_END.size))
+    if opcode != _DATA_END_OPCODE or length != 4 or not stated:
+        return
+    stream.seek(0)
+    found, left = 0, place
+    while left and (chunk := stream.read(min(_CHUNK, left))):
+        found, left = zlib.crc32(chunk, found), left - len(chunk)
+    if found != stated:
+        raise InputError(
+            f"{path_text(path)}: its data do not have the checksum that it states; copy it again"
+        )
+
+
+def _imu(message: Any) -> list[float]:
+    rate, force = message.angular_velocity, message.linear_acceleration
+    return [rate.x, rate.y, rate.z, force.x, force.y, force.z]
+
+
+def _pose(pose: Any) -> list[float]:
+    p, q = pose.position, pose.orientation
+    return [p.x, p.y, p.z, q.x, q.y, q.z, q.w]
+
+
+def _transform(transform: Any) -> list[float]:
+    p, q = transform.translation, transform.rotation
+    return [p.x, p.y, p.z, q.x, q.y, q.z, q.w]
+
+
+_MESSAGES: Final[dict[str, Callable[[Any], list[float]]]] = {
+    "sensor_msgs/msg/Imu": _imu,
+    "geometry_msgs/msg/PoseStamped": lambda message: _pose(message.pose),
+    "geometry_msgs/msg/PoseWithCovarianceStamped": lambda message: _pose(message.pose.pose),
+    "geometry_msgs/msg/TransformStamped": lambda message: _transform(message.transform),
+}
+"""Numbers of a message of each type that is read: rates and specific force, or position and unit quaternion."""
+
+
+@dataclass(frozen=True)
+class RosBagReader(DatasetReader):
+    """One topic of a bag.
+
+    Attributes
+    ----------
+    options: with the topic, where a bag has several that can be read.
+    """
+
+    options: ReadingOptions = NOTHING_STATED
+    name, order = "ros-bag", 40
+    words = "a ROS bag (.bag, .mcap)"
+
+    def recognises(self, path: Path) -> bool:
+        """Whether a path is named as a bag of ROS 1 or 2, or MCAP."""
+        if os.path.isdir(path):
+            return os.path.isfile(path / "metadata.yaml")
+        return path.suffix.lower() in FIRST_BYTES
+
+    def read(self, path: Path, segment: int | None) -> Dataset:
+        """Rates or poses of one topic."""
+        topic, kind, rows = _messages(path, self.options.topic)
+        order = np.argsort(rows[:, 0], kind="stable")
+        stamps, values = rows[order, 0], rows[order, 1:]
+        keep = np.concatenate([[True], np.diff(stamps) > 0])
+        time, values = stamps[keep], values[keep]
+        remarks = [f"topic {printable(topic)}"]
+        if not keep.all():
+            remarks.append(f"{np.count_nonzero(~keep)} messages of a stamp that was there left out")
+        is_unit = kind.endswith("Imu")
+        sensor, columns = ("gyro", 3) if is_unit else ("pose", 7)
+        try:
+            stream = MeasurementStream(sensor, time, values[:, :columns])
+        except InputError as error:
+            raise InputError(f"{path_text(path)}: topic {printable(topic)}: {error}") from None
+        force = values[:, 3:] if is_unit and values[:, 3:].any() else None
+        acceleration = None if force is None else Acceleration(time, force)
+        return motion_dataset(path, path.name, MotionTable(stream, acceleration, tuple(remarks)))
+
+    def stating(self, options: ReadingOptions) -> DatasetReader:
+        """The reader of the topic that the user states."""
+        options.require_only(("topic",), "a ROS bag")
+        return RosBagReader(options)
+
+
+def _rows(path: Path, bag: Any, connection: Any) -> list[list[float]]:
+    """Stamp (s) and numbers of every message of a topic. InputError: too many."""
+    rows: list[list[float]] = []
+    for found, stamp, raw in bag.messages([connection]):
+        message = bag.deserialize(raw, found.msgtype)
+        rows.append([_stamp(message, stamp), *_MESSAGES[connection.msgtype](message)])
+        if len(rows) > MAX_TABLE_ROWS:
+            raise InputError(f"{path_text(path)}: has more than {MAX_TABLE_ROWS} messages; cut it")
+    return rows
+
+
+def _messages(path: Path, topic: str | None) -> tuple[str, str, Float[np.ndarray, "n m"]]:
+    """Topic, type, and rows of stamp (s) and numbers. InputError: unreadable."""
+    try:
+        from rosbags.highlevel import AnyReader, AnyReaderError  # pyright: ignore[reportMissingImports]
+        from rosbags.typesys import Stores, get_typestore  # pyright: ignore[reportMissingImports]
+    except ImportError:
+        raise InputError(
+            f"{path_text(path)}: a ROS bag needs the package rosbags; install it with pip install 'spinfilters[ros]'"
+        ) from None
+    if not os.path.isdir(path):
+        require_bag(path)
+    try:
+        with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as bag:
+            connection = _connection(path, bag.connections, topic)
+            rows = _rows(path, bag, connection)
+    except InputError:
+        raise
+    except AnyReaderError as error:
+        raise _broken(path, error) from None
+    except Exception as error:  # the package meets a damaged bag with whatever its parsers raise
+        raise _broken(path, error) from None
+    if len(rows) < 2:
+        raise InputError(
+            f"{path_text(path)}: topic {printable(connection.topic)} has {len(rows)} messages; record more"
+        )
+    return connection.topic, connection.msgtype, np.array(rows)
+
+
+def _broken(path: Path, error: Exception) -> InputError:
+    return InputError(
+        f"{path_text(path)}: is no whole ROS bag ({reason(error)[:120]}); record or copy it again"
+    )
+
+
+def _connection(path: Path, connections: list[Any], topic: str | None) -> Any:
+    """The connection of the topic, or the only one that can be read."""
+    known = [each for each in connections if each.msgtype in _MESSAGES]
+    listed = ", ".join(sorted({printable(each.topic) for each in known})[:6])
+    chosen = known if topic is None else [each for each in known if each.topic == topic]
+    if not known:
+        types = ", ".join(sorted({each.msgtype.rsplit("/", 1)[-1] for each in connections})[:6]) or "nothing"
+        raise InputError(
+            f"{path_text(path)}: holds {printable(types)}; only Imu, PoseStamped, PoseWithCovarianceStamped and "
+            "TransformStamped are read; record one"
+        )
+    if not chosen:
+        raise InputError(
+            f"{path_text(path)}: has no topic {value_text(topic)} that is read; give --topic {listed}"
+        )
+    if len({each.topic for each in chosen}) > 1:
+        raise InputError(
+            f"{path_text(path)}: has several topics that are read; give --topic, one of {listed}"
+        )
+    return chosen[0]
+
+
+def _stamp(message: Any, recorded: int) -> float:
+    """Time of measurement, s: of the header, or of recording (ns) where the header has none."""
+    stamp = message.header.stamp
+    seconds = float(stamp.sec) + 1e-9 * float(stamp.nanosec)
+    return seconds if seconds else 1e-9 * recorded

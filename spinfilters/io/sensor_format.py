@@ -1,0 +1,187 @@
+"""Storage format of a sensor's measurements: columns, files, noise levels."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Final
+
+import numpy as np
+
+from spinfilters.core.errors import InputError
+from spinfilters.core.plugins import members_above
+from spinfilters.io.stated_values import NumberRange
+from spinfilters.io.text_table import Table
+
+ANY_NUMBER: Final = NumberRange(-1e18, 1e18)
+
+
+@dataclass(frozen=True)
+class NoiseOption:
+    """One number of a sensor's noise: a key of dataset.toml and of the settings' table [sensors].
+
+    Attributes
+    ----------
+    name: the key.   words: what it is called in a sentence.   allowed: its range, with its unit.
+    default: where neither settings nor data set state it.
+    components: of the covariance of a row that it is the standard deviation of; None for what no covariance tells.
+    in_dataset: whether dataset.toml may state it.
+    """
+
+    name: str
+    words: str
+    allowed: NumberRange
+    default: float
+    components: tuple[int, ...] | None = None
+    in_dataset: bool = True
+
+
+@dataclass(frozen=True)
+class CalibrationFiles:
+    """The calibration that a data set with a camera needs.
+
+    Attributes
+    ----------
+    kind: class of the calibration.   files: relative to the folder.   read: of the folder.   write: into the folder.
+    """
+
+    kind: type
+    files: tuple[Path, ...]
+    read: Callable[[Path], Any]
+    write: Callable[[Any, Path], None]
+
+
+@dataclass(frozen=True)
+class SensorFormat:
+    """Format of a sensor's measurements.
+
+    Attributes
+    ----------
+    name: of the sensor, as in a `MeasurementStream`.   kind: of data sets that must have it, in dataset.toml.
+    file: its table in a data set folder.   columns: of the values, behind time_s (and landmark_id).
+    dimension: of the covariance of a row.   noise: its standard deviations.
+    allowed: range of the values.   has_landmarks: whether every row has a landmark id, and time stamps repeat.
+    repeats: whether time stamps repeat without landmarks: many rows of one epoch.
+    logged_again: whether loggers faster than the sensor write its rows again, as those of rates at a fixed frequency.
+    quaternion: first of four columns that hold a unit quaternion, scalar last.
+    calibration: of the camera.
+    check: refuses rows that no such sensor measures.
+    read, write: of a `MeasurementStream`, where the table is not a CSV of these columns.
+    suffixes: of single files that are read as this sensor's.
+    suffix_words: what such files are called.
+    """
+
+    name: str
+    kind: str
+    file: str
+    columns: tuple[str, ...]
+    dimension: int
+    noise: tuple[NoiseOption, ...]
+    allowed: NumberRange = ANY_NUMBER
+    has_landmarks: bool = False
+    repeats: bool = False
+    logged_again: bool = False
+    quaternion: int | None = None
+    calibration: CalibrationFiles | None = None
+    check: Callable[[Table], None] | None = None
+    read: Callable[[Path], Any] | None = None
+    write: Callable[[Path, Any], None] | None = None
+    suffixes: tuple[str, ...] = ()
+    suffix_words: str = ""
+
+    @property
+    def covariance_file(self) -> str:
+        """Table of the covariances of the rows, beside that of the measurements."""
+        return f"{Path(self.file).stem}_covariance.csv"
+
+    @property
+    def many_rows_an_epoch(self) -> bool:
+        """Whether rows may share a time stamp."""
+        return self.has_landmarks or self.repeats
+
+    @property
+    def header(self) -> tuple[str, ...]:
+        """Columns of the table."""
+        return ("time_s", *(("landmark_id",) if self.has_landmarks else ()), *self.columns)
+
+
+class StoredSensor:
+    """Sensor with the storage format of its measurements.
+
+    Attributes
+    ----------
+    format: None for a sensor that no data set holds.
+    """
+
+    format: SensorFormat | None = None
+
+
+def stored_sensors() -> tuple[StoredSensor, ...]:
+    """All sensors: our own, and those of the entry points ``spinfilters.sensors``. InputError: `installed_plugins`."""
+    return members_above("spinfilters.sensors", StoredSensor)
+
+
+def sensor_formats() -> Mapping[str, SensorFormat]:
+    """Formats of all sensors that data sets hold, by name of the sensor. InputError: `installed_plugins`."""
+    return _by_name(stored_sensors())
+
+
+def sensor_format(sensor: str) -> SensorFormat:
+    """Format of a sensor. InputError: an unknown one."""
+    formats = sensor_formats()
+    if sensor not in formats:
+        raise InputError(f"sensor {sensor!r} is unknown; use one of {', '.join(formats)}")
+    return formats[sensor]
+
+
+def dataset_kinds() -> Mapping[str, SensorFormat]:
+    """Formats by kind of data set."""
+    return {each.kind: each for each in sensor_formats().values()}
+
+
+def noise_options() -> Mapping[str, NoiseOption]:
+    """Noise options of all sensors, by name; sensors may share one."""
+    return {option.name: option for each in sensor_formats().values() for option in each.noise}
+
+
+@lru_cache(maxsize=1)
+def _by_name(sensors: tuple[StoredSensor, ...]) -> Mapping[str, SensorFormat]:
+    formats = sorted((each.format for each in sensors if each.format is not None), key=lambda each: each.name)
+    for values, what in (([f.name for f in formats], "sensor"), ([f.kind for f in formats], "kind")):
+        twice = next((value for value in values if values.count(value) > 1), None)
+        if twice is not None:
+            raise InputError(f"{what} {twice!r} is registered twice; uninstall one of the plug-ins")
+    return MappingProxyType({each.name: each for each in formats})
+
+
+@dataclass(frozen=True, init=False)
+class SensorNoise:
+    """Standard deviations of sensors whose rows have no covariances.
+
+    See each sensor for its model.
+    Every option of the registry has a value, its default where none is given, and is an attribute: ``noise.pixel_std``.
+
+    Raises
+    ------
+    InputError: an unknown option, a value that is not positive (or zero where the option allows it) and finite.
+    """
+
+    values: Mapping[str, float]
+
+    def __init__(self, values: Mapping[str, float] | None = None, **changes: float) -> None:
+        options = noise_options()
+        given = {**(values or {}), **changes}
+        for name, value in given.items():
+            if name not in options:
+                raise InputError(f"sensor noise {name} is unknown; use {', '.join(options)}")
+            smallest = 0.0 if options[name].allowed.zero else np.finfo(float).tiny
+            if not (np.isfinite(value) and value >= smallest):
+                raise InputError(f"{name} is {value}; give a positive, finite standard deviation")
+        defaults = {name: option.default for name, option in options.items()}
+        object.__setattr__(self, "values", {**defaults, **given})
+
+    def __getattr__(self, name: str) -> float:
+        if name == "values" or name.startswith("__") or name not in self.values:
+            raise AttributeError(f"sensor noise has no {name}")
+        return self.values[name]

@@ -1,0 +1,149 @@
+"""Values stated by users: ranges of numbers, units and clock of a recording."""
+
+import math
+from dataclasses import dataclass, fields
+from typing import Any, Final
+
+from spinfilters.core.errors import InputError
+from spinfilters.io.input_file import value_text
+
+
+@dataclass(frozen=True)
+class NumberRange:
+    """Range of finite numbers, optionally with zero apart from it.
+
+    Attributes
+    ----------
+    unit: for messages, may be empty.   zero: whether 0 is allowed too.   whole: whether only whole numbers are.
+    """
+
+    smallest: float
+    largest: float
+    unit: str = ""
+    zero: bool = False
+    whole: bool = False
+
+    def __contains__(self, value: object) -> bool:
+        """Whether a value is a number of the range, NumPy's among them; truth values are none."""
+        value = plain_number(value)
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            return False
+        if self.whole and not isinstance(value, int):
+            return False
+        return self.smallest <= value <= self.largest or (self.zero and value == 0)
+
+    def __str__(self) -> str:
+        kind = "a whole number" if self.whole else "a number"
+        zero = "0 or " if self.zero and self.smallest > 0 else ""
+        return f"{zero}{kind} from {self.smallest:.6g} to {self.largest:.6g} {self.unit}".rstrip()
+
+    def require(self, name: str, value: object) -> None:
+        """Raise InputError, which names what it is, its value and the range, for a value outside."""
+        if value not in self:
+            raise InputError(f"{name} is {value_text(value)}; give {self}")
+
+    def __get_pydantic_core_schema__(self, _source: object, _handler: object) -> Any:
+        """Pydantic validation of a field by its annotated range.
+
+        No truth value, no text, no other number.
+        """
+        from pydantic_core import core_schema  # only settings need it
+
+        number = core_schema.int_schema(strict=True) if self.whole else core_schema.float_schema(strict=True)
+        plain = core_schema.no_info_before_validator_function(plain_number, number)
+        return core_schema.no_info_after_validator_function(self._checked, plain)
+
+    def _checked(self, value: float) -> float:
+        if value not in self:
+            raise ValueError(f"give {self}")
+        return value
+
+    def parsed(self, text: str) -> float | int:
+        """Number parsed from a text.
+
+        Raises
+        ------
+        ValueError: the text is no number of the range, with what to give.
+        """
+        try:
+            value: float | int = int(text) if self.whole else float(text)
+        except ValueError:
+            value = math.nan
+        if value not in self:
+            raise ValueError(f"{value_text(text)} is not allowed; give {self}")
+        return value
+
+
+def plain_number(value: object) -> Any:
+    """Number or truth value of Python for a NumPy scalar or array without axes, anything else as it is."""
+    if getattr(value, "ndim", None) != 0 or not hasattr(value, "item"):
+        return value
+    item: Any = value.item()  # pyright: ignore[reportAttributeAccessIssue]
+    return item if getattr(item, "ndim", None) is None else float(item)  # long double has no Python number
+
+
+LENGTH: Final = NumberRange(-1e9, 1e9, "m")
+SPEED: Final = NumberRange(-1e9, 1e9, "m/s")
+RATE: Final = NumberRange(-1e4, 1e4, "rad/s")
+"""Of a component of a body rate: a hundred times what gyros measure."""
+PIXEL: Final = NumberRange(-1e7, 1e7, "px")
+SAMPLING_RATE: Final = NumberRange(1e-6, 1e6, "Hz")
+RATE_UNITS: Final[dict[str, float]] = {
+    "rad/s": 1.0,
+    "mrad/s": 1e-3,
+    "deg/s": math.pi / 180.0,
+    "mdeg/s": math.pi / 180e3,
+    "rpm": math.pi / 30.0,
+}
+"""rad/s in a unit of body rate."""
+CLOCK_UNITS: Final[dict[str, float]] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+"""Seconds in a unit of time."""
+
+
+@dataclass(frozen=True)
+class ReadingOptions:
+    """Statements about a recording; None where its file tells.
+
+    Attributes
+    ----------
+    unit: of body rates, a key of `RATE_UNITS`.   clock: unit of time stamps, a key of `CLOCK_UNITS`.
+    rate: samples a second, Hz, in place of a clock.   topic: of a ROS bag.
+
+    Raises
+    ------
+    InputError: an unknown unit, a rate out of its range.
+    """
+
+    unit: str | None = None
+    clock: str | None = None
+    rate: float | None = None
+    topic: str | None = None
+
+    def __post_init__(self) -> None:
+        for name, units in (("unit", RATE_UNITS), ("clock", CLOCK_UNITS)):
+            value = getattr(self, name)
+            if value is not None and value not in units:
+                raise InputError(f"--{name} {value_text(value)} is unknown; give {', '.join(units)}")
+        if self.rate is not None:
+            SAMPLING_RATE.require("--rate", self.rate)
+        if self.rate is not None and self.clock is not None:
+            raise InputError("--rate replaces the clock; leave out --clock")
+
+    @property
+    def stated(self) -> tuple[str, ...]:
+        """Names of the options that are stated."""
+        return tuple(each.name for each in fields(self) if getattr(self, each.name) is not None)
+
+    def require_only(self, allowed: tuple[str, ...], words: str) -> None:
+        """Raise InputError for a statement that a format has no use for.
+
+        Parameters
+        ----------
+        allowed: names of statements that can be used.   words: what the format is called.
+        """
+        for name in self.stated:
+            if name not in allowed:
+                raise InputError(f"--{name} is of no use for {words}; leave it out")
+
+
+NOTHING_STATED: Final = ReadingOptions()

@@ -1,0 +1,277 @@
+"""The body that a belief describes: principal moments, axes, centre of mass and drag, with their uncertainties.
+
+The state holds the mass distribution in axes g (`spinfilters.core.mass_distribution`); principal moments
+are the eigenvalues of J and principal axes its eigenvectors. Covariances of what is well known are of first order,
+
+    d lambda_k = u_k' dJ u_k,   d u_k = sum over j != k of u_j (u_j' dJ u_k) / (lambda_k - lambda_j),
+
+with dJ by the error of the state; all others are integrals over the belief (`body_spread`), widened to a quarter of what the
+quantity departs by within four deviations of the belief (`widest_departures`) where that is more. The moments are sorted: where two
+agree within their uncertainty, the estimated gap is biased outwards.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Final
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from spinfilters.core.compiled import Compiled
+from spinfilters.core.linear_algebra import by_stretches, with_largest_positive
+from spinfilters.core.mass_distribution import inertia
+from spinfilters.models.body_spread import body_spread, widest_departures
+from spinfilters.models.state_blocks import CENTRE_OF_MASS, DRAG, StateBlock
+from spinfilters.models.state_layout import Gaussian, StateLayout, with_error_jacobian
+
+UNDETERMINED_STD: Final[float] = np.pi / np.sqrt(12.0)
+"""Standard deviation in rad of an axis of which nothing is known: an angle uniform over half a turn."""
+FIRST_ORDER_STD: Final[float] = 0.003
+"""Largest standard deviation of the logarithm of second moments, and of an axis in rad, for which derivatives are enough."""
+_SMALLEST_GAP = 1e-12  # of moments, relative to the largest: below it rounding decides
+
+
+@dataclass(frozen=True)
+class BodyEstimate:
+    """Body properties of one belief.
+
+    Attributes
+    ----------
+    principal_moments: (3,) ascending, largest = 1; only ratios show in torque-free motion.
+    principal_moments_cov: (3, 3), its last row and column zero.
+    principal_axes_g: (3, 3) rows are unit axes in g, right-handed, row k belongs to moment k: R_bg.
+    principal_axes_cov: (3, 3) rad^2 of the small rotation of these axes about themselves; the standard
+        deviation of an axis that is not determined (equal moments) is `UNDETERMINED_STD`.
+    k1, k2: ln(Jmax / Jmid), ln(Jmid / Jmin) (Tweddle 2013, Eqs 4.97-4.98, x major, z minor).
+    center_of_mass_g, center_of_mass_std: (3,) m, None where the state has none.
+    drag, drag_std: 1/rad, None where the state has none.
+    """
+
+    principal_moments: Float[np.ndarray, "3"]
+    principal_moments_cov: Float[np.ndarray, "3 3"]
+    principal_axes_g: Float[np.ndarray, "3 3"]
+    principal_axes_cov: Float[np.ndarray, "3 3"]
+    k1: float
+    k2: float
+    k1_std: float
+    k2_std: float
+    center_of_mass_g: Float[np.ndarray, "3"] | None
+    center_of_mass_std: Float[np.ndarray, "3"] | None
+    drag: float | None
+    drag_std: float | None
+
+    @property
+    def principal_moments_std(self) -> Float[np.ndarray, "3"]:
+        """Standard deviations of the moments; the last is zero by the choice of scale."""
+        return np.sqrt(np.diag(self.principal_moments_cov))
+
+    @property
+    def principal_axes_std(self) -> Float[np.ndarray, "3"]:
+        """Standard deviations in rad of the rotation about each principal axis."""
+        return np.sqrt(np.diag(self.principal_axes_cov))
+
+
+@dataclass(frozen=True)
+class BodyHistory:
+    """The body after every epoch: fields as in `BodyEstimate` with time (n,) s in front.
+
+    ``log_ratios`` and ``log_ratios_std`` are (n, 2) and hold k1, k2.
+    """
+
+    time: Float[np.ndarray, " n"]
+    principal_moments: Float[np.ndarray, "n 3"]
+    principal_moments_cov: Float[np.ndarray, "n 3 3"]
+    principal_axes_g: Float[np.ndarray, "n 3 3"]
+    principal_axes_cov: Float[np.ndarray, "n 3 3"]
+    log_ratios: Float[np.ndarray, "n 2"]
+    log_ratios_std: Float[np.ndarray, "n 2"]
+    center_of_mass_g: Float[np.ndarray, "n 3"] | None
+    center_of_mass_std: Float[np.ndarray, "n 3"] | None
+    drag: Float[np.ndarray, " n"] | None
+    drag_std: Float[np.ndarray, " n"] | None
+
+    @property
+    def principal_moments_std(self) -> Float[np.ndarray, "n 3"]:
+        """Standard deviations of the moments."""
+        return np.sqrt(np.einsum("nii->ni", self.principal_moments_cov))
+
+    def at(self, index: int) -> BodyEstimate:
+        """The body after the epoch of this index."""
+        (k1, k2), (k1_std, k2_std) = self.log_ratios[index].tolist(), self.log_ratios_std[index].tolist()
+        return BodyEstimate(
+            self.principal_moments[index],
+            self.principal_moments_cov[index],
+            self.principal_axes_g[index],
+            self.principal_axes_cov[index],
+            k1,
+            k2,
+            k1_std,
+            k2_std,
+            None if self.center_of_mass_g is None else self.center_of_mass_g[index],
+            None if self.center_of_mass_std is None else self.center_of_mass_std[index],
+            None if self.drag is None else float(self.drag[index]),
+            None if self.drag_std is None else float(self.drag_std[index]),
+        )
+
+
+def body_estimate(belief: Gaussian, intervals: bool = True) -> BodyEstimate:
+    """Body properties of a belief over a layout with block s; see `bodies_of`."""
+    arrays = np.zeros(1), belief.mean[np.newaxis], belief.factor[np.newaxis]
+    return bodies_of(belief.layout, *arrays, intervals).at(0)
+
+
+def bodies_of(
+    layout: StateLayout, time: np.ndarray, mean: np.ndarray, factor: np.ndarray, intervals: bool = True
+) -> BodyHistory:
+    """The body of every belief over a layout with block s.
+
+    Not a number where a belief is not finite.
+
+    Parameters
+    ----------
+    time: (n,) s.   mean, factor: (n, m), (n, e, e) of the beliefs.
+    intervals: whether deviations cover four of the belief; else they are the mean squares of an error alone, as of a bound.
+    """
+    centre, centre_std = _block(layout, CENTRE_OF_MASS, mean, factor)
+    drag, drag_std = _block(layout, DRAG, mean, factor)
+    return BodyHistory(
+        time=time,
+        **by_stretches(len(time), lambda rows: _inertias(layout, mean[rows], factor[rows], intervals)),
+        center_of_mass_g=centre,
+        center_of_mass_std=centre_std,
+        drag=None if drag is None else drag[:, 0],
+        drag_std=None if drag_std is None else drag_std[:, 0],
+    )
+
+
+def _inertias(
+    layout: StateLayout, mean: np.ndarray, factor: np.ndarray, intervals: bool
+) -> dict[str, np.ndarray]:
+    """Moments and axes with their covariances, by the names of a `BodyHistory`."""
+    J, derivative = _inertia(layout)(mean)
+    moments, vectors = _principal(J.reshape(-1, 3, 3))
+    vectors = _right_handed(vectors)
+    turned = np.einsum("nai,nabe,nbj->nije", vectors, derivative.reshape(len(mean), 3, 3, -1), vectors)
+    jacobian = np.einsum("niie->nie", turned) / moments[..., np.newaxis]
+    scaled = moments / moments[:, 2:]
+    roots = (scaled[..., np.newaxis] * (jacobian - jacobian[:, 2:])) @ factor
+    logs = (jacobian[:, [2, 1]] - jacobian[:, [1, 0]]) @ factor
+    turns = _axis_turns(moments, turned) @ factor
+    found = {
+        "principal_moments": scaled,
+        "principal_moments_cov": roots @ np.swapaxes(roots, 1, 2),
+        "principal_axes_g": np.swapaxes(vectors, 1, 2),
+        "principal_axes_cov": turns @ np.swapaxes(turns, 1, 2),
+        "log_ratios": np.log(moments[:, [2, 1]] / moments[:, [1, 0]]),
+        "log_ratios_std": np.linalg.norm(logs, axis=2),
+    }
+    vague = _widen(layout, mean, factor, found)
+    if intervals and vague.size:
+        _cover(mean[vague][:, layout.mean_slice("s")], factor[vague][:, layout.slice("s")], found, vague)
+    found["principal_axes_cov"] = _bounded(found["principal_axes_cov"])
+    return found
+
+
+def _widen(
+    layout: StateLayout, mean: np.ndarray, factor: np.ndarray, found: dict[str, np.ndarray]
+) -> Int[np.ndarray, " v"]:
+    """Replace first-order rows by integrals over the belief where needed."""
+    masses = factor[:, layout.slice("s")]
+    axes_std = np.sqrt(np.einsum("nkk->nk", found["principal_axes_cov"]).max(axis=1))
+    widest = np.maximum(np.linalg.norm(masses, axis=(1, 2)), axes_std)
+    known = np.isfinite(masses).all(axis=(1, 2)) & np.isfinite(found["principal_moments"]).all(axis=1)
+    vague = np.flatnonzero(known & (widest > FIRST_ORDER_STD))
+    if not vague.size:
+        return vague
+    axes = np.swapaxes(found["principal_axes_g"][vague], 1, 2)
+    moments, ratios, turns = body_spread(mean[vague][:, layout.mean_slice("s")], masses[vague], axes)
+    found["principal_moments_cov"][vague] = moments
+    found["log_ratios_std"][vague] = np.sqrt(np.einsum("nkk->nk", ratios))
+    undetermined = np.einsum("nkk->nk", found["principal_axes_cov"][vague]) > UNDETERMINED_STD**2
+    found["principal_axes_cov"][vague] = _with_std(turns, undetermined)
+    return vague
+
+
+def _cover(
+    s: Float[np.ndarray, "v 5"],
+    factor: Float[np.ndarray, "v 5 e"],
+    found: dict[str, np.ndarray],
+    rows: Int[np.ndarray, " v"],
+) -> None:
+    """Widen deviations towards those of the integrals, correlations kept.
+
+    To a quarter of what four of the belief make of moments, ratios and axes.
+    """
+    axes = np.swapaxes(found["principal_axes_g"][rows], 1, 2)
+    moments, ratios, turns = widest_departures(s, factor, axes)
+    found["log_ratios_std"][rows] = np.fmax(found["log_ratios_std"][rows], ratios)
+    for name, departure in (("principal_moments_cov", moments), ("principal_axes_cov", turns)):
+        std = np.sqrt(np.einsum("nkk->nk", found[name][rows]))
+        share = np.fmax(departure / np.where(std > 0, std, np.inf), 1.0)
+        found[name][rows] *= share[:, :, np.newaxis] * share[:, np.newaxis]
+
+
+def _principal(J: Float[np.ndarray, "n 3 3"]) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3 3"]]:
+    """Principal moments and axes (columns).
+
+    Positive even of a needle; not a number where J is not finite.
+    """
+    good = np.asarray(np.isfinite(J).all(axis=(1, 2)))
+    moments, vectors = np.linalg.eigh(np.where(good[:, np.newaxis, np.newaxis], J, np.eye(3)))
+    moments = np.maximum(
+        moments, np.finfo(float).eps * moments[:, 2:]
+    )  # a needle's smallest is rounding, of either sign
+    moments[~good], vectors[~good] = np.nan, np.nan
+    return moments, vectors
+
+
+def _axis_turns(moments: np.ndarray, turned: np.ndarray) -> Float[np.ndarray, "n 3 e"]:
+    """Derivative of the axes' rotation phi in R_gb exp([phi x]).
+
+    phi_1 = u_3 . du_2 and cyclic, from u_i' dJ u_j.
+    """
+    after, last = [1, 2, 0], [2, 0, 1]
+    gap = moments[:, after] - moments[:, last]
+    floor = _SMALLEST_GAP * moments[:, 2:]
+    gap = np.where(np.abs(gap) < floor, floor, gap)
+    return turned[:, last, after] / gap[..., np.newaxis]
+
+
+def _bounded(covariance: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 3 3"]:
+    """The covariance with bounded standard deviations.
+
+    The bound is that of an axis of which nothing is known.
+    """
+    std = np.sqrt(np.einsum("nkk->nk", covariance))
+    share = UNDETERMINED_STD / np.maximum(std, UNDETERMINED_STD)
+    return covariance * share[:, :, np.newaxis] * share[:, np.newaxis]
+
+
+def _with_std(
+    covariance: Float[np.ndarray, "n 3 3"], undetermined: Bool[np.ndarray, "n 3"]
+) -> Float[np.ndarray, "n 3 3"]:
+    """The covariance with the standard deviation of an unknown axis, where so."""
+    std = np.sqrt(np.einsum("nkk->nk", covariance))
+    share = np.where(undetermined, UNDETERMINED_STD / np.maximum(std, np.finfo(float).tiny), 1.0)
+    return covariance * share[:, :, np.newaxis] * share[:, np.newaxis]
+
+
+def _right_handed(vectors: np.ndarray) -> Float[np.ndarray, "n 3 3"]:
+    """Eigenvectors (columns) with the first two's largest component positive, third = their product."""
+    first, second = (with_largest_positive(vectors[..., k]) for k in range(2))
+    return np.stack([first, second, np.cross(first, second)], axis=2)
+
+
+def _block(
+    layout: StateLayout, block: StateBlock, mean: np.ndarray, factor: np.ndarray
+) -> tuple[np.ndarray, np.ndarray] | tuple[None, None]:
+    if not layout.has(block):
+        return None, None
+    std = np.linalg.norm(factor[:, layout.slice(block.name)], axis=2)
+    return mean[:, layout.mean_slice(block.name)], std
+
+
+@cache
+def _inertia(layout: StateLayout) -> Compiled:
+    """J (9 x 1) and its derivative (9 x e) by the error of the state."""
+    return with_error_jacobian(layout, "inertia_in_g", lambda state: inertia(state["s"]))

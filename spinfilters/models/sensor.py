@@ -1,0 +1,298 @@
+"""Interface of a sensor: format, measurement model, what it measures of the initial motion, simulator and faults."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from spinfilters.core.camera_trajectory import CameraTrajectory
+from spinfilters.core.errors import InputError
+from spinfilters.io.camera import Rig
+from spinfilters.io.measurement_log import MeasurementStream
+from spinfilters.io.sensor_format import SensorNoise, StoredSensor
+from spinfilters.io.sensor_tables import KnownMap
+from spinfilters.models.feature_tracks import FrontEnd, Surface, TrueMotion
+from spinfilters.models.measurement import MeasurementModel
+from spinfilters.models.sensor_noise import NoiseLevel
+from spinfilters.models.state_blocks import StateBlock
+from spinfilters.models.state_layout import StateLayout
+
+
+class SceneNoise(Protocol):
+    """Errors of a scene's sensors by what they measure (`spinfilters.simulation.scenario.Scenario`)."""
+
+    @property
+    def position_std(self) -> float:
+        """Standard deviation of a position, m."""
+        ...
+
+    @property
+    def rotation_std(self) -> float:
+        """Standard deviation of an attitude, rad."""
+        ...
+
+    @property
+    def gyro_std(self) -> float:
+        """Standard deviation of a body rate, rad/s."""
+        ...
+
+    @property
+    def gyro_bias(self) -> tuple[float, float, float]:
+        """Constant error of a body rate, rad/s, axes g."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A true motion before a sensor.
+
+    Attributes
+    ----------
+    motion: of the body in i.   seen: the same in the frame of the camera, of which the blocks t and a count.
+    surface: its landmarks.   front_end: how a camera finds them.
+    noise: of sensors without landmarks.   generator: of everything random.
+    """
+
+    motion: TrueMotion
+    seen: TrueMotion
+    surface: Surface
+    front_end: FrontEnd
+    noise: SceneNoise
+    generator: np.random.Generator
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedStream:
+    """Measurements of a scene.
+
+    Attributes
+    ----------
+    noise: standard deviations that the data set states, by noise option.
+    landmarks: rows of the surface that landmarks 0, 1, 2 ... are, and rig: of the camera; None for sensors without landmarks.
+    """
+
+    stream: MeasurementStream
+    noise: Mapping[str, float]
+    landmarks: Int[np.ndarray, " m"] | None = None
+    rig: Rig | None = None
+
+
+def with_noise(
+    exact: Float[np.ndarray, "n m"], std: float, generator: np.random.Generator
+) -> Float[np.ndarray, "n m"]:
+    """Values with white noise of one standard deviation."""
+    return exact + std * generator.standard_normal(exact.shape)
+
+
+@dataclass(frozen=True)
+class CameraView:
+    """Landmarks in frame g, calibration and camera poses.
+
+    What rows of landmarks are measured against.
+    Without a known map the landmarks are left to the estimators: measurements then carry their ids.
+
+    Attributes
+    ----------
+    inspector: known trajectory of the camera in i; None where frame i is the camera's.
+    """
+
+    known_map: KnownMap | None
+    calibration: Float[np.ndarray, " c"]
+    inspector: CameraTrajectory | None = None
+
+    def camera_poses(self, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 7"] | None:
+        """(t_ic m, q_ic) at these times (s).
+
+        None where frame i is the camera's. InputError: times that are not covered.
+        """
+        return None if self.inspector is None else self.inspector.at(time)
+
+
+def required_view(sensor: str, view: CameraView | None) -> CameraView:
+    """The camera view. InputError: None given."""
+    if view is None:
+        raise InputError(f"{sensor} tracks need a calibration here; give the view they were taken with")
+    return view
+
+
+@dataclass(frozen=True, eq=False)
+class BoundStream:
+    """Rows of a stream with the model that predicts them over a state layout.
+
+    Attributes
+    ----------
+    time: (n,) s.   values: (n, value_dim).   parameters: (n, parameter_dim).
+    ids: (n,) landmarks that an estimator holds in its state; None for a known map and sensors without landmarks.
+    """
+
+    model: MeasurementModel
+    time: Float[np.ndarray, " n"]
+    values: Float[np.ndarray, "n v"]
+    parameters: Float[np.ndarray, "n p"]
+    ids: Int[np.ndarray, " n"] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class MotionSamples:
+    """Initial motion samples: what a stream says directly of the motion at k times.
+
+    Attributes
+    ----------
+    time: (k,) s.
+    attitude: (k, 4) q_ig; None where the first sample defines frame i and rates are integrated from it.
+    rates: (k, 3) body rates, rad/s, axes g; None where attitudes are differenced.
+    positions: (k, 3) origins of g in i, m, or None.
+    landmarks: a map that was found with the poses, None where it was known or there is none.
+    noise_ratio: standard deviation of the rows over the stated, None where the samples do not tell it.
+    shared: (k,) landmarks that an epoch has in common with the one before, of poses from tracks; else None.
+    """
+
+    time: Float[np.ndarray, " k"]
+    attitude: Float[np.ndarray, "k 4"] | None = None
+    rates: Float[np.ndarray, "k 3"] | None = None
+    positions: Float[np.ndarray, "k 3"] | None = None
+    landmarks: KnownMap | None = None
+    noise_ratio: float | None = None
+    shared: Int[np.ndarray, " k"] | None = None
+
+
+@dataclass(frozen=True)
+class AnalysedSensor:
+    """Properties of a sensor for the observability analyser.
+
+    Attributes
+    ----------
+    model: over any layout: only its expressions are used.
+    parameters: of a measurement, behind the landmark's point where it sees points.   noise: in words.
+    sees_points: whether it sees landmarks.   has_image: whether these must lie in front of it.   words: what it is called.
+    tells: state blocks that it measures in axes that are known: a pose ("t", "a"), a rate ("w",).
+    is_linear: whether its output is linear in axes that turn with the body, as a point, a pose or a rate is and a bearing is not.
+    assumption: what is taken as known, in words.
+    """
+
+    model: type[MeasurementModel]
+    parameters: tuple[float, ...]
+    noise: str
+    sees_points: bool = False
+    has_image: bool = False
+    words: str = ""
+    tells: tuple[str, ...] = ()
+    is_linear: bool = True
+    assumption: str = ""
+
+
+class Sensor(StoredSensor, ABC):
+    """A sensor of the registry.
+
+    A subclass states its attributes and writes `bind`; what else it can do it overrides.
+
+    Attributes
+    ----------
+    name: as in a `MeasurementStream`.
+    sees_place: whether it measures where g is; a log without such a sensor leaves out place, velocity and centre of mass.
+    tells_frames: whether it measures in frames i and g that are given, rather than defined by an estimator.
+    identified_option: of its noise, what a recording identifies where nobody states the sensor's noise.
+    error_blocks: its constant errors that a state can hold; it does where the settings give their prior.
+    analysis: for the observability analyser, None where it cannot look at this sensor.
+    """
+
+    name: str
+    sees_place: bool = False
+    tells_frames: bool = False
+    identified_option: str | None = None
+    error_blocks: tuple[StateBlock, ...] = ()
+    analysis: AnalysedSensor | None = None
+
+    @abstractmethod
+    def bind(
+        self, stream: MeasurementStream, layout: StateLayout, noise: SensorNoise, view: CameraView | None
+    ) -> BoundStream:
+        """All rows with the model over a layout. InputError: rows of a camera without a view."""
+
+    def initial_motion(
+        self, stream: MeasurementStream, noise: SensorNoise, view: CameraView | None
+    ) -> MotionSamples | None:
+        """Motion that the rows measure directly.
+
+        None where they do not tell attitudes or rates.
+
+        Raises
+        ------
+        InputError: rows that no motion can be found from.
+        """
+        return None
+
+    def measured_rates(self, stream: MeasurementStream) -> Float[np.ndarray, "n 3"] | None:
+        """Body rates of the rows, rad/s, axes g.
+
+        None of a sensor that measures something else.
+        """
+        return None
+
+    def diagnostics(self, stream: MeasurementStream) -> Sequence[str]:
+        """Reasons to doubt what a stream leads to."""
+        return ()
+
+    def simulate(self, scene: Scene) -> SimulatedStream:
+        """Measurements of a simulated motion. InputError: a sensor without a simulator."""
+        raise InputError(f"the sensor {self.name} has no simulator; choose another kind")
+
+    def outliers(
+        self, count: int, rig: Rig | None, generator: np.random.Generator
+    ) -> Float[np.ndarray, "count v"]:
+        """Values that have nothing to do with the body. InputError: a sensor without such a fault."""
+        raise InputError(f"the sensor {self.name} has no outliers; choose another fault")
+
+    def points_at_infinity(
+        self, count: int, rig: Rig | None, generator: np.random.Generator
+    ) -> Float[np.ndarray, "count v"]:
+        """Values of points far away that are no part of the body.
+
+        InputError: a sensor without landmarks.
+        """
+        raise InputError(f"the sensor {self.name} sees no landmarks; choose another fault")
+
+    def storable(self, values: Float[np.ndarray, "n v"]) -> Float[np.ndarray, "n v"]:
+        """Values as its files may hold them."""
+        return values
+
+
+def pose_samples(poses: MeasurementStream) -> MotionSamples:
+    """Initial motion samples of poses (t, q_ig)."""
+    return MotionSamples(poses.time, poses.values[:, 3:], positions=poses.values[:, :3])
+
+
+def noise_level(stream: MeasurementStream, std: float) -> NoiseLevel:
+    """The rows' own covariances, or without any this standard deviation."""
+    return std if stream.covariance is None else stream.covariance
+
+
+def row_covariance(stream: MeasurementStream, std: Float[np.ndarray, " d"]) -> Float[np.ndarray, "n d d"]:
+    """The rows' own covariances, or without any those of these standard deviations."""
+    if stream.covariance is not None:
+        return stream.covariance
+    return np.tile(np.diag(np.square(std)), (len(stream), 1, 1))
+
+
+def diagonal_factor(*std: float) -> tuple[float, ...]:
+    """Entries, row by row, of the lower Cholesky factor of a covariance with these standard deviations."""
+    return tuple(value if row == col else 0.0 for row, value in enumerate(std) for col in range(row + 1))
+
+
+@cache
+def model_over(
+    kind: type[MeasurementModel],
+    layout: StateLayout,
+    *options: Hashable,
+) -> MeasurementModel:
+    """A sensor's model over a layout, cached.
+
+    Parameters
+    ----------
+    options: of its model, in order: noise; of a camera how it projects and whether it moves.
+    """
+    return kind(layout, *options)

@@ -1,0 +1,155 @@
+"""A rate gyro on the body: samples of the body rate in axes g, rad/s, with constant bias and scale error."""
+
+from collections.abc import Sequence
+from typing import Final
+
+import casadi as ca
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.core.attitude_expressions import Expression
+from spinfilters.io.camera import Rig
+from spinfilters.io.measurement_log import MeasurementStream
+from spinfilters.io.sensor_format import NoiseOption, SensorFormat, SensorNoise
+from spinfilters.io.sensor_tables import read_gyro_csv, saturated, write_gyro_csv
+from spinfilters.io.stated_values import RATE, NumberRange
+from spinfilters.models.measurement import MeasurementModel
+from spinfilters.models.sensor import (
+    AnalysedSensor,
+    BoundStream,
+    CameraView,
+    MotionSamples,
+    Scene,
+    Sensor,
+    SimulatedStream,
+    model_over,
+    noise_level,
+    with_noise,
+)
+from spinfilters.models.sensor_noise import (
+    IsotropicNoise,
+    NoiseLevel,
+    SensorNoiseModel,
+    noise_model,
+    noise_parameters,
+)
+from spinfilters.models.state_blocks import GYRO_BIAS, GYRO_SCALE
+from spinfilters.models.state_layout import StateLayout
+
+
+class Gyro(MeasurementModel):
+    """z = (1 + k) w + b + n, rad/s.
+
+    Bias b and relative error of the scale k where the layout holds them.
+    The noise n has the covariance N + (scale_std |w|)^2 I, with N = noise_std^2 I or each sample's own.
+    Consumer gyros carry scale, cross-axis and timing errors that grow with the rate; ``scale_std`` stands for them, because a
+    fixed noise makes the normalised innovations of a fast spin tens to hundreds of times too large.
+    Parameters of a measurement: (those of N, such as noise_std rad/s, scale_std 1).
+    """
+
+    name = "gyro"
+    dim = 3
+    value_dim = 3
+    needs = ("w",)
+    reads_rate = True
+
+    def __init__(self, layout: StateLayout, noise: SensorNoiseModel | None = None) -> None:
+        super().__init__(layout)
+        self.noise = noise or IsotropicNoise(3)
+        self.parameter_dim = self.noise.parameter_dim + 1
+        held = (block.name for block in (GYRO_BIAS, GYRO_SCALE) if layout.has(block))
+        self.needs = (*self.needs, *held)
+
+    def symbolic(self, state: dict[str, Expression], parameters: Expression) -> Expression:
+        """Body rate in g axes, with scale error and bias where the state has them, rad/s."""
+        rate = state["w"]
+        if self.layout.has(GYRO_SCALE):
+            rate = (1 + state["k"]) * rate
+        return rate + state["b"] if self.layout.has(GYRO_BIAS) else rate
+
+    def noise_factor(self, state: dict[str, Expression], parameters: Expression) -> Expression:
+        """White noise and, in proportion to the rate, an unknown scale, rad/s."""
+        w, own = state["w"], self.noise.parameter_dim
+        return self.noise.factor(parameters[:own], parameters[own] ** 2 * ca.dot(w, w))
+
+
+def gyro_parameters(count: int, noise: NoiseLevel, scale_std: float) -> Float[np.ndarray, "count p"]:
+    """Parameters of ``count`` gyro samples: noise_std (rad/s) of all, or (count, 3, 3) covariances ((rad/s)^2)."""
+    return np.concatenate([noise_parameters(noise, count), np.full((count, 1), scale_std)], axis=1)
+
+
+GYRO_FULL_SCALE: Final = 35.0
+"""Largest rate of an outlier, rad/s: 2000 deg/s, the full scale of a common sensor."""
+
+
+class GyroSensor(Sensor):
+    """Sensor of the model `spinfilters.models.sensors.gyro.Gyro`."""
+
+    name = "gyro"
+    format = SensorFormat(
+        name="gyro",
+        kind="gyro",
+        file="gyro.csv",
+        columns=("wx", "wy", "wz"),
+        logged_again=True,
+        dimension=3,
+        noise=(
+            NoiseOption("gyro_noise_std", "gyro", NumberRange(1e-12, 1e6, "rad/s"), 0.005, (0, 1, 2)),
+            NoiseOption(
+                "gyro_scale_std",
+                "gyro, of the rate",
+                NumberRange(1e-9, 1e3, zero=True),
+                0.0,
+                in_dataset=False,
+            ),
+        ),
+        allowed=RATE,
+        read=read_gyro_csv,
+        write=write_gyro_csv,
+    )
+    identified_option = "gyro_scale_std"
+    error_blocks = (GYRO_BIAS, GYRO_SCALE)
+    analysis = AnalysedSensor(
+        Gyro, (0.002, 0.0), "gyro 0.002 rad/s", tells=("w",), assumption="the gyro has no bias"
+    )
+
+    def bind(
+        self, stream: MeasurementStream, layout: StateLayout, noise: SensorNoise, view: CameraView | None
+    ) -> BoundStream:
+        """Rates with their noise, rad/s."""
+        level = noise_level(stream, noise.gyro_noise_std)
+        parameters = gyro_parameters(len(stream), level, noise.gyro_scale_std)
+        return BoundStream(
+            model_over(Gyro, layout, noise_model(level, 3)), stream.time, stream.values, parameters
+        )
+
+    def initial_motion(
+        self, stream: MeasurementStream, noise: SensorNoise, view: CameraView | None
+    ) -> MotionSamples:
+        """Rates as samples of the motion."""
+        return MotionSamples(stream.time, rates=stream.values)
+
+    def measured_rates(self, stream: MeasurementStream) -> Float[np.ndarray, "n 3"]:
+        """Measured rates (n, 3), rad/s, unchanged."""
+        return stream.values
+
+    def diagnostics(self, stream: MeasurementStream) -> Sequence[str]:
+        """Reason on saturated samples, with their number."""
+        count = int(np.count_nonzero(saturated(stream.values)))
+        return [f"{count} gyro samples are saturated"] if count else []
+
+    def simulate(self, scene: Scene) -> SimulatedStream:
+        """True rates with bias and white noise."""
+        rates = scene.motion.block("w")
+        values = with_noise(rates + scene.noise.gyro_bias, scene.noise.gyro_std, scene.generator)
+        stream = MeasurementStream(self.name, scene.motion.time, values)
+        return SimulatedStream(stream, {"gyro_noise_std": scene.noise.gyro_std})
+
+    def outliers(
+        self, count: int, rig: Rig | None, generator: np.random.Generator
+    ) -> Float[np.ndarray, "count 3"]:
+        """Uniform within +-`GYRO_FULL_SCALE`."""
+        return generator.uniform(-GYRO_FULL_SCALE, GYRO_FULL_SCALE, (count, 3))
+
+
+GYRO = GyroSensor()

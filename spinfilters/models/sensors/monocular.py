@@ -1,0 +1,142 @@
+"""Landmarks of a known map seen by one camera: feature tracks in pixels of one image."""
+
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.core.cameras import monocular_camera
+from spinfilters.core.errors import InputError
+from spinfilters.io.camera import RIG_FILES, PinholeCamera, Rig, read_camera, write_camera
+from spinfilters.io.measurement_log import MeasurementStream
+from spinfilters.io.sensor_format import CalibrationFiles, SensorFormat, SensorNoise
+from spinfilters.io.stated_values import PIXEL
+from spinfilters.models.camera_landmarks import (
+    CALIBRATION,
+    PIXEL_STD,
+    MonocularLandmark,
+    camera_parameters,
+    camera_pose_model,
+    mapped_rows,
+    posed_samples,
+    with_camera_poses,
+)
+from spinfilters.models.feature_tracks import RIG, TrackCamera, feature_tracks
+from spinfilters.models.sensor import (
+    AnalysedSensor,
+    BoundStream,
+    CameraView,
+    MotionSamples,
+    Scene,
+    Sensor,
+    SimulatedStream,
+    model_over,
+    noise_level,
+    required_view,
+)
+from spinfilters.models.sensor_noise import noise_model, noise_of_rows
+from spinfilters.models.state_layout import StateLayout
+
+CAMERA: Final = RIG.left
+"""The left camera of the simulated stereo rig."""
+POSE_LAYOUT: Final = StateLayout(("t", "a"))
+
+
+class MonocularSensor(Sensor):
+    """Values (u, v), pixels of the calibrated camera, one row per landmark and epoch; covariance px^2.
+
+    One camera does not tell the scale of what it sees: the map must be known.
+    """
+
+    name = "monocular"
+    format = SensorFormat(
+        name="monocular",
+        kind="mono-tracks",
+        file="tracks.csv",
+        columns=("u_px", "v_px"),
+        dimension=2,
+        noise=(PIXEL_STD,),
+        allowed=PIXEL,
+        has_landmarks=True,
+        calibration=CalibrationFiles(PinholeCamera, RIG_FILES[:1], read_camera, write_camera),
+    )
+    sees_place = True
+    analysis = AnalysedSensor(
+        MonocularLandmark,
+        (*CALIBRATION, 1.0),
+        "monocular 1 px",
+        sees_points=True,
+        has_image=True,
+        words="one camera",
+        is_linear=False,
+    )
+
+    def bind(
+        self, stream: MeasurementStream, layout: StateLayout, noise: SensorNoise, view: CameraView | None
+    ) -> BoundStream:
+        """Rows whose landmark is not in the map are left out. InputError: no known map."""
+        view, level = required_view(self.name, view), noise_level(stream, noise.pixel_std)
+        if view.known_map is None:
+            raise InputError(
+                "mono-tracks need a known map: one camera cannot tell the scale; give landmarks.csv "
+                "(simulate: --known-map), or stereo-tracks"
+            )
+        known, points = mapped_rows(stream, view.known_map)
+        time, poses = stream.time[known], view.camera_poses(stream.time[known])
+        camera, moves = monocular_camera(view.calibration), camera_pose_model(poses)
+        model = model_over(MonocularLandmark, layout, noise_model(level, 2), camera, moves)
+        parameters = camera_parameters(points, view.calibration, noise_of_rows(level, known))
+        return BoundStream(model, time, stream.values[known], with_camera_poses(parameters, poses))
+
+    def initial_motion(
+        self, stream: MeasurementStream, noise: SensorNoise, view: CameraView | None
+    ) -> MotionSamples:
+        """Initial motion from a perspective pose (PnP) per epoch."""
+        # here: every command lists the sensors, few need poses of tracks
+        from spinfilters.models.tracks.perspective_poses import perspective_pose
+        from spinfilters.models.tracks.track_poses import track_epochs
+
+        view = required_view(self.name, view)
+        bound = self.bind(
+            stream, POSE_LAYOUT, noise, replace(view, inspector=None)
+        )  # poses in the camera's frame
+        assert isinstance(bound.model, MonocularLandmark)
+        rows = MeasurementStream(self.name, bound.time, bound.values, np.arange(len(bound.time)))
+        found = {
+            time: perspective_pose(bound.model, bound.parameters[where], bound.values[where])
+            for time, where in track_epochs(rows)
+        }
+        good = {time: pose for time, pose in found.items() if pose is not None}
+        if not good:
+            raise InputError(
+                "no frame of the tracks sees four landmarks of the map; check landmark ids and the calibration"
+            )
+        return posed_samples(np.array(list(good)), np.array(list(good.values())), view)
+
+    def simulate(self, scene: Scene) -> SimulatedStream:
+        """Pixels of the landmarks in view of one camera."""
+        surface, motion, std = scene.surface, scene.seen, scene.front_end.pixel_std
+        parameters = camera_parameters(surface.points, CAMERA.calibration, std)
+        camera = TrackCamera(model_over(MonocularLandmark, motion.layout), parameters, CAMERA)
+        time, ids, values, landmarks = feature_tracks(
+            camera, scene.front_end, surface, motion, scene.generator
+        )
+        stream = MeasurementStream(self.name, time, values, ids)
+        return SimulatedStream(stream, {PIXEL_STD.name: std}, landmarks, CAMERA)
+
+    def outliers(
+        self, count: int, rig: Rig | None, generator: np.random.Generator
+    ) -> Float[np.ndarray, "count 2"]:
+        """Uniform over the image."""
+        assert rig is not None  # a data set with a camera always has one
+        return generator.uniform(0.0, [rig.left.width, rig.left.height], (count, 2))
+
+    def points_at_infinity(
+        self, count: int, rig: Rig | None, generator: np.random.Generator
+    ) -> Float[np.ndarray, "count 2"]:
+        """Anywhere in the image."""
+        return self.outliers(count, rig, generator)
+
+
+MONOCULAR = MonocularSensor()

@@ -1,0 +1,321 @@
+"""Layout of a state, blocks in order with their retraction and its derivatives, and Gaussian beliefs over a layout."""
+
+import builtins
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache, cached_property
+from itertools import pairwise
+
+import casadi as ca
+import numpy as np
+from jaxtyping import Float, Int
+
+from spinfilters.core.attitude_expressions import Expression
+from spinfilters.core.compiled import Compiled
+from spinfilters.core.errors import InputError, ShapeError
+from spinfilters.core.linear_algebra import correlation_root
+from spinfilters.core.working_time import building, built_property
+from spinfilters.models.state_blocks import BLOCKS, RIGID_BODY, PointAndError, StateBlock
+
+FULL_BLOCKS = tuple(block.name for block in RIGID_BODY)
+"""Pose, velocities, centre of mass and mass distribution."""
+ROTATION_BLOCKS = tuple(block.name for block in RIGID_BODY if not block.translational)
+"""What a gyro alone can see."""
+POSE_BLOCKS = ("t", "a")
+"""What an observation of a landmark depends on; the pose of the first epoch defines frame g."""
+Quantity = Callable[[dict[str, Expression]], Expression]
+"""A column vector or matrix of the blocks of a state (as `StateLayout.unpack`)."""
+
+
+@dataclass(frozen=True)
+class StateLayout:
+    """The blocks of a state, in the order of `spinfilters.models.state_blocks.BLOCKS`.
+
+    A point ``x`` (mean_dim,) and an error ``d`` (error_dim,) hold the points and the errors of the blocks one after the other; each
+    block has its own chart. The attitude is the quaternion q_ig with 4 x MRP on the body side as its error.
+
+    Attributes
+    ----------
+    blocks: their names.
+    """
+
+    blocks: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        known = tuple(name for name in BLOCKS if name in self.blocks)
+        if self.blocks != known:
+            raise InputError(
+                f"state blocks {self.blocks} must be distinct, known and in the order {tuple(BLOCKS)}"
+            )
+
+    @cached_property
+    def members(self) -> tuple[StateBlock, ...]:
+        """The blocks themselves."""
+        return tuple(BLOCKS[name] for name in self.blocks)
+
+    def has(self, block: StateBlock) -> bool:
+        """Whether it holds a block."""
+        return block.name in self.blocks
+
+    def joined(self, *blocks: StateBlock) -> "StateLayout":
+        """The layout with these blocks too."""
+        wanted = {*self.blocks, *(block.name for block in blocks)}
+        return StateLayout(tuple(name for name in BLOCKS if name in wanted))
+
+    @cached_property
+    def without_translation(self) -> "StateLayout":
+        """The layout of the blocks of a rotation alone."""
+        return StateLayout(tuple(block.name for block in self.members if not block.translational))
+
+    @cached_property
+    def translates(self) -> bool:
+        """Whether it holds a position, with the velocity and the centre of mass."""
+        return self.without_translation != self
+
+    @cached_property
+    def constant(self) -> tuple[StateBlock, ...]:
+        """Blocks that are the same at every time."""
+        return tuple(block for block in self.members if block.constant)
+
+    @cached_property
+    def moving(self) -> tuple[StateBlock, ...]:
+        """Blocks that the process model moves."""
+        return tuple(block for block in self.members if not block.constant)
+
+    @cached_property
+    def curved(self) -> tuple[StateBlock, ...]:
+        """Blocks whose errors a reset transforms; where there are none, `reset_jacobian` is the identity."""
+        return tuple(block for block in self.members if block.chart.reset_jacobian is not None)
+
+    @cached_property
+    def constant_indices(self) -> Int[np.ndarray, " c"]:
+        """Components of a point that belong to constant blocks."""
+        every = np.arange(self.mean_dim)
+        return np.concatenate([every[:0], *[every[self.mean_slice(block.name)] for block in self.constant]])
+
+    @cached_property
+    def error_dim(self) -> int:
+        """Number of error components."""
+        return sum(block.dimension for block in self.members)
+
+    @cached_property
+    def mean_dim(self) -> int:
+        """Number of components of a point: one more than the error where there is an attitude."""
+        return sum(block.mean_size for block in self.members)
+
+    def slice(self, block: str) -> builtins.slice:
+        """Slice of a block in an error vector."""
+        return self._error_slices[block]
+
+    def mean_slice(self, block: str) -> builtins.slice:
+        """Slice of a block in a point."""
+        return self._mean_slices[block]
+
+    def block_of(self, component: int) -> StateBlock:
+        """The block to which a component of the error belongs."""
+        return next(block for block in self.members if component < self.slice(block.name).stop)
+
+    def unpack(self, x: Expression) -> dict[str, Expression]:
+        """Blocks of a symbolic point by `StateBlock.symbol`: their names, and ``q`` of the attitude."""
+        return {block.symbol: x[self.mean_slice(block.name)] for block in self.members}
+
+    def pack(self, values: dict[str, Expression]) -> Expression:
+        """The inverse of `unpack`."""
+        return ca.vertcat(*[values[block.symbol] for block in self.members])
+
+    def retract_expression(self, x: Expression, d: Expression) -> Expression:
+        """x [+] d, symbolically."""
+        parts = []
+        for block in self.members:
+            parts.append(block.chart.retract(x[self.mean_slice(block.name)], d[self.slice(block.name)]))
+        return ca.vertcat(*parts)
+
+    def local_expression(self, x: Expression, y: Expression) -> Expression:
+        """y [-] x, the error that takes x to y, symbolically.
+
+        The attitude error goes the short way round.
+        """
+        return self._difference(x, y, [block.chart.local for block in self.members])
+
+    def near_local_expression(self, x: Expression, y: Expression) -> Expression:
+        """`local_expression` to first order at y = x: the same derivative there, and a shorter expression."""
+        return self._difference(x, y, [block.chart.near_local for block in self.members])
+
+    def _difference(self, x: Expression, y: Expression, how: list[PointAndError]) -> Expression:
+        places = [self.mean_slice(block.name) for block in self.members]
+        return ca.vertcat(*[local(x[at], y[at]) for local, at in zip(how, places, strict=True)])
+
+    def retract(
+        self, x: Float[np.ndarray, "*batch m"], d: Float[np.ndarray, "*batch n"]
+    ) -> Float[np.ndarray, "*batch m"]:
+        """The point that lies at error ``d`` from ``x``, its quaternion normalised."""
+        return self._retract(x, d)[0]
+
+    def local(
+        self, x: Float[np.ndarray, "*batch m"], y: Float[np.ndarray, "*batch m"]
+    ) -> Float[np.ndarray, "*batch n"]:
+        """The error that takes ``x`` to ``y``."""
+        return self._local(x, y)[0]
+
+    def reset_jacobian(self, d: Float[np.ndarray, "*batch n"]) -> Float[np.ndarray, "*batch n n"]:
+        """Derivative of the error about retract(x, d) with respect to the error about x, at d."""
+        return self._reset(d)[0]
+
+    @cached_property
+    def _error_slices(self) -> dict[str, builtins.slice]:
+        return _slices(self.blocks, [block.dimension for block in self.members])
+
+    @cached_property
+    def _mean_slices(self) -> dict[str, builtins.slice]:
+        return _slices(self.blocks, [block.mean_size for block in self.members])
+
+    @built_property
+    def _retract(self) -> Compiled:
+        return _retract_function(self)
+
+    @built_property
+    def _local(self) -> Compiled:
+        return _local_function(self)
+
+    @built_property
+    def _reset(self) -> Compiled:
+        return _reset_function(self)
+
+    @property
+    def retraction(self) -> Compiled:
+        """`retract` as a compiled function, for other compiled code to call."""
+        return self._retract
+
+    @property
+    def resetting(self) -> Compiled:
+        """`reset_jacobian` as a compiled function."""
+        return self._reset
+
+    def origin(self) -> Float[np.ndarray, " m"]:
+        """The point with identity attitude and zeros elsewhere."""
+        return np.array([number for block in self.members for number in block.origin])
+
+
+@building()
+def with_error_jacobian(layout: StateLayout, name: str, quantity: Quantity) -> Compiled:
+    """x -> (y, dy/dd at d = 0) with y = quantity(x [+] d).
+
+    Over any leading axes of x.
+    The derivative goes through the layout's own retraction, so it is right for every error chart. A matrix y
+    comes as the column of its columns. Interpreted: it is called once per history, which no compiler repays.
+    """
+    x, d = ca.SX.sym("x", layout.mean_dim), ca.SX.sym("d", layout.error_dim)
+    moved = ca.vec(quantity(layout.unpack(layout.retract_expression(x, d))))
+    value, jacobian = (
+        ca.substitute(y, d, ca.DM.zeros(layout.error_dim)) for y in (moved, ca.jacobian(moved, d))
+    )
+    return Compiled.interpreted(ca.Function(name, [x], [value, jacobian], ["x"], ["y", "Y"]))
+
+
+@cache
+@building()
+def _retract_function(layout: StateLayout) -> Compiled:
+    """Retraction as a function, cached for equal layouts."""
+    x, d = ca.SX.sym("x", layout.mean_dim), ca.SX.sym("d", layout.error_dim)
+    y = layout.unpack(layout.retract_expression(x, d))
+    for block in layout.members:
+        if block.chart.normalised is not None:
+            y[block.symbol] = block.chart.normalised(y[block.symbol])
+    return Compiled(ca.Function("retract", [x, d], [layout.pack(y)], ["x", "d"], ["y"]))
+
+
+@cache
+@building()
+def _local_function(layout: StateLayout) -> Compiled:
+    x, y = ca.SX.sym("x", layout.mean_dim), ca.SX.sym("y", layout.mean_dim)
+    return Compiled(ca.Function("local", [x, y], [layout.local_expression(x, y)], ["x", "y"], ["d"]))
+
+
+@cache
+@building()
+def _reset_function(layout: StateLayout) -> Compiled:
+    d = ca.SX.sym("d", layout.error_dim)
+    jacobian = ca.SX.eye(layout.error_dim)
+    for block in layout.curved:
+        at = layout.slice(block.name)
+        assert block.chart.reset_jacobian is not None
+        jacobian[at, at] = block.chart.reset_jacobian(d[at])
+    return Compiled(ca.Function("reset_jacobian", [d], [jacobian], ["d"], ["J"]))
+
+
+def _slices(blocks: tuple[str, ...], sizes: list[int]) -> dict[str, slice]:
+    edges = np.concatenate([[0], np.cumsum(sizes)]).tolist()
+    return {block: slice(start, stop) for block, (start, stop) in zip(blocks, pairwise(edges), strict=True)}
+
+
+@dataclass(frozen=True)
+class Gaussian:
+    """Mean and covariance of a state.
+
+    The covariance is held as a factor, P = factor factor', so that it cannot become indefinite by rounding.
+
+    Attributes
+    ----------
+    layout: which blocks the state holds.
+    mean: (mean_dim,) a point of the layout.
+    factor: (error_dim, error_dim) any square root of the error covariance.
+    """
+
+    layout: StateLayout
+    mean: Float[np.ndarray, " m"]
+    factor: Float[np.ndarray, "n n"]
+
+    def __post_init__(self) -> None:
+        n = self.layout.error_dim
+        if self.mean.shape != (self.layout.mean_dim,) or self.factor.shape != (n, n):
+            raise ShapeError(
+                f"a Gaussian over {self.layout.blocks} needs a mean of shape ({self.layout.mean_dim},) and a factor of shape "
+                f"({n}, {n}), got {self.mean.shape} and {self.factor.shape}"
+            )
+
+    @classmethod
+    def from_covariance(
+        cls, layout: StateLayout, mean: Float[np.ndarray, " m"], covariance: Float[np.ndarray, "n n"]
+    ) -> "Gaussian":
+        """Gaussian of a symmetric positive definite covariance.
+
+        Raises
+        ------
+        InputError: when the covariance is not positive definite; it is not repaired.
+        """
+        scale = np.sqrt(np.diag(covariance))
+        if not np.all(np.isfinite(scale) & (scale > 0)):
+            raise InputError(
+                f"covariance has the diagonal {np.diag(covariance).tolist()}; every variance must be positive"
+            )
+        try:
+            factor = scale[:, None] * correlation_root(covariance)
+        except np.linalg.LinAlgError as error:
+            raise InputError(
+                "covariance is not positive definite; give a symmetric positive definite matrix"
+            ) from error
+        return cls(layout, mean, factor)
+
+    def whitened(self, rows: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
+        """Rows of errors in standard deviations: factor^-1 rows. LinAlgError: a singular factor."""
+        return np.linalg.solve(self.factor, rows)
+
+    @property
+    def state(self) -> "Gaussian":
+        """The belief itself."""
+        return self
+
+    @property
+    def joint(self) -> None:
+        """None: a belief of the state alone."""
+        return None
+
+    @property
+    def covariance(self) -> Float[np.ndarray, "n n"]:
+        """P = factor factor', positive semidefinite by construction."""
+        return self.factor @ self.factor.T
+
+    @property
+    def std(self) -> Float[np.ndarray, " n"]:
+        """Standard deviation of every error component."""
+        return np.sqrt(np.einsum("ij,ij->i", self.factor, self.factor))

@@ -1,0 +1,1 @@
+"""Poses and maps from tracks of landmarks, from which cameras begin."""

@@ -1,1 +1,0 @@
-"""Self-contained HTML pages: text, tables, pictures, a model to turn."""

@@ -1,1 +1,0 @@
-"""A comparison step by step: set up, estimate, assess, draw."""

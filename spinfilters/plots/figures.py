@@ -1,0 +1,280 @@
+"""The figures of a run: interface, the table of all, their data, and their drawing."""
+
+import gc
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Container, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.core.camera_trajectory import CameraTrajectory
+from spinfilters.core.errors import InputError
+from spinfilters.core.plugins import entries_by_name, in_order, installed_plugins
+from spinfilters.evaluation.estimated_motion import BodyRates, estimated_rates, measured_rates, true_rates
+from spinfilters.evaluation.estimator_evaluation import Evaluation
+from spinfilters.evaluation.metrics import initialisation_end
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.input_file import value_text
+from spinfilters.models.status import Verdict
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from spinfilters.plots.scene import DrawnCamera
+
+
+# matplotlib is slow to import: what draws is imported when it draws
+
+
+@dataclass(frozen=True)
+class FigureData:
+    """Data of all figures of a run.
+
+    Evaluations of one data set, the landmarks (k, 3) if any, and sentences on its conditions.
+    """
+
+    dataset: Dataset
+    evaluations: Sequence[Evaluation]
+    map_points: Float[np.ndarray, "k 3"] | None
+    conditions: Sequence[str] = ()
+
+    @property
+    def true_moments(self) -> Float[np.ndarray, " 3"] | None:
+        """Principal moments of the truth, None without one."""
+        return None if self.dataset.truth is None else self.dataset.truth.principal_moments
+
+    @property
+    def reference(self) -> BodyRates | None:
+        """True rates, or else what a gyro measured."""
+        truth, errors = self.dataset.truth, self.evaluations[0].errors
+        if truth is not None and errors is not None:
+            return true_rates(truth, errors.frame)
+        return measured_rates(self.dataset.log)
+
+    @property
+    def most_exact(self) -> Evaluation | None:
+        """Evaluation of the smoother, else of the first estimator that has not failed."""
+        usable = [each for each in self.evaluations if each.history.status.verdict is not Verdict.FAILED]
+        return min(usable, key=lambda each: each.name != "smoother", default=None)
+
+    @property
+    def camera(self) -> "DrawnCamera | None":
+        """Camera of the data set, None without one."""
+        from spinfilters.plots.scene import DrawnCamera
+
+        rig = self.dataset.rig
+        return None if rig is None else DrawnCamera(rig, CameraTrajectory.of(self.dataset.inspector))
+
+
+class FigureEntry(ABC):
+    """A figure of the table.
+
+    A subclass states its attributes and writes `draw`; what else it does differently it overrides.
+
+    Attributes
+    ----------
+    name: as in ``run.figure(name)``, and of its PNG file.   caption: what it shows, a sentence.   order: of the table.
+    """
+
+    name: str
+    caption: str
+    order: int = 100
+
+    def names(self, estimators: Sequence[str]) -> tuple[str, ...]:
+        """Names of the figures in a run of these estimators.
+
+        One, unless it draws each estimator by itself.
+        """
+        return (self.name,)
+
+    def lacks(self, shown: FigureData) -> str | None:
+        """Noun for what the figure needs and a run lacks.
+
+        None where it can be drawn.
+        """
+        return None
+
+    @abstractmethod
+    def draw(self, shown: FigureData, name: str) -> "Figure":
+        """The figure of one of its names."""
+
+
+class SummaryFigure(FigureEntry):
+    """Figure entry of `spinfilters.plots.summary`."""
+
+    name, order = "summary", 0
+    caption = (
+        "Rates, inertia ratios, errors with their standard deviations, observations and times, on one page."
+    )
+
+    def draw(self, shown: FigureData, name: str) -> "Figure":
+        """Rates, inertia, errors and used measurements in one figure."""
+        from spinfilters.plots.summary import summary_figure
+
+        return summary_figure(shown.evaluations, shown.reference, shown.true_moments, shown.conditions)
+
+
+class RatesFigure(FigureEntry):
+    """Figure entry of `spinfilters.plots.time_courses`."""
+
+    name, order = "rates", 1
+    caption = "Body rates of every estimator over time, beside the true or measured ones."
+
+    def draw(self, shown: FigureData, name: str) -> "Figure":
+        """Body rates of all estimators and of the truth."""
+        from spinfilters.plots.time_courses import rates_figure
+
+        estimates = [estimated_rates(each.history) for each in shown.evaluations]
+        return rates_figure(
+            estimates, shown.reference, end_of_initialisation=initialisation_end(shown.evaluations)
+        )
+
+
+class InertiaFigure(FigureEntry):
+    """Figure entry of `spinfilters.plots.summary`."""
+
+    name, order = "inertia", 2
+    caption = "Principal moments of inertia of every estimator over time."
+
+    def draw(self, shown: FigureData, name: str) -> "Figure":
+        """Ratios of the principal moments over time."""
+        from spinfilters.plots.summary import inertia_figure
+
+        return inertia_figure(shown.evaluations, shown.true_moments)
+
+
+class PolhodeFigure(FigureEntry):
+    """Figure entry of `spinfilters.plots.scene`."""
+
+    name, order = "polhode", 3
+    caption = "Path of the body rate of the first estimator on its inertia ellipsoid."
+
+    def draw(self, shown: FigureData, name: str) -> "Figure":
+        """Polhode of the first estimator's rates."""
+        from spinfilters.plots.scene import estimated_polhode_figure
+
+        first = shown.evaluations[0]
+        return estimated_polhode_figure(
+            estimated_rates(first.history), first.body, first.history.initialisation
+        )
+
+
+class SceneFigure(FigureEntry):
+    """Figure entry of `spinfilters.plots.scene`."""
+
+    name, order = "scene", 4
+    caption = "Path, principal axes and landmarks of the body before the camera, of the first estimator."
+
+    def draw(self, shown: FigureData, name: str) -> "Figure":
+        """Path, principal axes and landmarks of the first estimator."""
+        from spinfilters.plots.scene import scene_figure
+
+        first = shown.evaluations[0]
+        smoothed = first.history.initialisation
+        return scene_figure(first.trajectory, first.body, shown.camera, shown.map_points, smoothed)
+
+
+class ConsistencyFigure(FigureEntry):
+    """Figure entry of `spinfilters.plots.time_courses`."""
+
+    name, order = "consistency", 5
+    caption = "NEES and NIS of every estimator with their chi-square bands."
+
+    def draw(self, shown: FigureData, name: str) -> "Figure":
+        """NEES, NIS and their bands over time."""
+        from spinfilters.plots.time_courses import consistency_figure
+
+        return consistency_figure(shown.evaluations)
+
+
+class ErrorsFigure(FigureEntry):
+    """Figure entry of `spinfilters.plots.time_courses`."""
+
+    name, order = "errors", 6
+    caption = "Errors of one estimator over time, within three of their standard deviations."
+
+    def names(self, estimators: Sequence[str]) -> tuple[str, ...]:
+        """One file for each estimator."""
+        return tuple(f"{self.name}-{each}" for each in estimators)
+
+    def draw(self, shown: FigureData, name: str) -> "Figure":
+        """Errors of one estimator with bands of its standard deviations."""
+        from spinfilters.plots.time_courses import error_bands_figure
+
+        evaluation = next(each for each in shown.evaluations if name == f"{self.name}-{each.name}")
+        return error_bands_figure(evaluation)
+
+
+OWN: Final[tuple[FigureEntry, ...]] = (
+    SummaryFigure(),
+    RatesFigure(),
+    InertiaFigure(),
+    PolhodeFigure(),
+    SceneFigure(),
+    ConsistencyFigure(),
+    ErrorsFigure(),
+)
+"""Figures of this package."""
+
+
+def figure_entries() -> list[FigureEntry]:
+    """All figures, in their order: these, and those of the entry points ``spinfilters.figures``.
+
+    InputError: a plug-in that cannot be loaded, a name that stands twice.
+    """
+    others = installed_plugins("spinfilters.figures", FigureEntry)
+    return list(entries_by_name(in_order((*OWN, *others)), "figure").values())
+
+
+def picture_files(estimators: Sequence[str]) -> list[str]:
+    """Files of the figures of a run of these estimators."""
+    return [f"{name}.png" for entry in figure_entries() for name in entry.names(estimators)]
+
+
+def draw_run(
+    figure_data: FigureData,
+    folder: Path,
+    progress: Callable[[int, int], None],
+    wanted: Container[str] | None = None,
+) -> list[str]:
+    """Draw all or the wanted figures of a run as PNG files; returns names."""
+    from spinfilters.plots.style import draw_figure
+
+    every = {f"{name}.png": draw for name, draw in _figures(figure_data)}
+    figures = {name: draw for name, draw in every.items() if wanted is None or name in wanted}
+    for index, (name, draw) in enumerate(figures.items()):
+        progress(index, len(figures))
+        draw_figure(draw, folder / name)
+        gc.collect()  # a figure is a knot of references that would wait for the next ones
+    progress(len(figures), len(figures))
+    return list(figures)
+
+
+def drawn_figure(figure_data: FigureData, name: str) -> "Figure":
+    """One figure of a run; a note where its numbers cannot be drawn.
+
+    Raises
+    ------
+    InputError: no such figure, or one that needs what the run does not have.
+    """
+    from spinfilters.plots.style import drawn
+
+    figures = dict(_figures(figure_data))
+    if name not in figures:
+        missing = {entry.name: entry.lacks(figure_data) for entry in figure_entries()}.get(name)
+        why = "is unknown" if missing is None else f"needs {missing}"
+        raise InputError(f"figure {value_text(name)} {why}; choose from {', '.join(figures)}")
+    return drawn(figures[name], name)
+
+
+def _figures(figure_data: FigureData) -> Iterator[tuple[str, Callable[[], "Figure"]]]:
+    """Every figure of the table that the run has what it needs for."""
+    estimators = [evaluation.name for evaluation in figure_data.evaluations]
+    for entry in figure_entries():
+        if entry.lacks(figure_data) is None:
+            for name in entry.names(estimators):
+                yield name, partial(entry.draw, figure_data, name)

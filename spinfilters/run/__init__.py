@@ -1,0 +1,1 @@
+"""A run: settings and a data set in; estimates, verdicts and a folder out."""

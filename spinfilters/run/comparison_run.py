@@ -1,0 +1,184 @@
+"""A comparison from a data set to its run folder: initialise, estimate, evaluate, write, draw.
+
+What draws is imported where it draws: matplotlib would be a third of the time before the first epoch.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from spinfilters.inference.setup import Setup
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.output_files import made_folder
+from spinfilters.plots.figures import draw_run, picture_files
+from spinfilters.run.checkpoints import StoreOf, checkpoint_stores, no_checkpoints, remove_checkpoints
+from spinfilters.run.estimation import Comparison, Progress, compare_estimators
+from spinfilters.run.preparation import prepare
+from spinfilters.run.run_folder import (
+    REPORT_FILE,
+    figure_data_of,
+    finished_run,
+    mark_run_folder,
+    read_figure_data,
+    refuse_foreign_run,
+    refuse_source_within,
+    write_run,
+)
+from spinfilters.run.run_lock import locked_run
+from spinfilters.settings.run_settings import Settings
+
+if TYPE_CHECKING:
+    from spinfilters.run.optional_outputs import OptionalOutputs
+
+
+@dataclass(frozen=True)
+class RunOutput:
+    """Run folder and what is written there.
+
+    Attributes
+    ----------
+    folder: of the run.   resume: go on from its checkpoints, or complete it where it is finished.
+    optional_outputs: what is written only when asked for, None for nothing.
+    """
+
+    folder: Path
+    resume: bool = False
+    optional_outputs: "OptionalOutputs | None" = None
+
+
+@dataclass(frozen=True)
+class WrittenRun:
+    """A run folder.
+
+    Attributes
+    ----------
+    comparison: None where a finished run was there already, whose estimators were not run again.
+    completed: names of what that finished run lacked and was made now.
+    """
+
+    comparison: Comparison | None
+    completed: tuple[str, ...] = ()
+
+
+def silent(_name: str, _done: int, _total: int) -> None:
+    """Progress callback that does nothing."""
+
+
+def compare_dataset(dataset: Dataset, settings: Settings, report: Progress = silent) -> Comparison:
+    """Every estimator on a data set, in memory. Errors: `prepare`, `compare_estimators`."""
+    return compare_estimators(_initialised(dataset, settings, report), settings, report, no_checkpoints)
+
+
+def compare_into(
+    dataset: Dataset, settings: Settings, output: RunOutput, report: Progress = silent
+) -> WrittenRun:
+    """Every estimator on a data set, with checkpoints, results and figures in a run folder.
+
+    Raises
+    ------
+    InputError: as `compare_dataset`; the folder holds something else, belongs to another running process or cannot be written; what
+        is asked for in addition cannot be made.
+    """
+    folder = output.folder
+    refuse_source_within(folder, dataset.path)
+    refuse_foreign_run(folder)
+    with made_folder(folder), locked_run(folder):
+        if output.resume and finished_run(folder, dataset, settings) is not None:
+            return WrittenRun(None, tuple(_complete(dataset, settings, output, report)))
+        return WrittenRun(_compare_and_write(dataset, settings, output, report))
+
+
+def write_comparison(
+    folder: Path, comparison: Comparison, settings: Settings, report: Progress = silent
+) -> None:
+    """Write results and figures of a comparison made in memory.
+
+    The files are those of `compare_into`. Errors: `write_run`.
+    """
+    refuse_source_within(folder, comparison.setup.dataset.path)
+    refuse_foreign_run(folder)
+    with made_folder(folder), locked_run(folder):
+        _write_and_draw(folder, comparison, settings, report)
+        if not comparison.interrupted:
+            _write_report(folder, comparison)
+
+
+def _compare_and_write(
+    dataset: Dataset, settings: Settings, output: RunOutput, report: Progress
+) -> Comparison:
+    """Run, write and draw in a locked folder.
+
+    Going on from its checkpoints when resuming.
+    """
+    folder, optional_outputs = output.folder, output.optional_outputs
+    setup = _initialised(dataset, settings, report)
+    if optional_outputs is not None:
+        optional_outputs.check(setup, settings)
+    comparison = compare_estimators(setup, settings, report, _checkpoints(output, setup, settings))
+    _write_and_draw(folder, comparison, settings, report)
+    if comparison.interrupted:
+        return comparison
+    try:
+        if optional_outputs is not None:
+            optional_outputs.write(
+                folder, comparison, settings, lambda done, total: report("convergence", done, total)
+            )
+    finally:  # the page stands, whatever came of these
+        _write_report(folder, comparison)
+    return comparison
+
+
+def _initialised(dataset: Dataset, settings: Settings, report: Progress) -> Setup:
+    report("start", 0, 1)
+    setup = prepare(dataset, settings)
+    report("start", 1, 1)
+    return setup
+
+
+def _checkpoints(output: RunOutput, setup: Setup, settings: Settings) -> StoreOf:
+    """Checkpoints of this run; those of an earlier one are removed unless it is resumed."""
+    if not output.resume:
+        remove_checkpoints(output.folder)
+    mark_run_folder(output.folder, settings)
+    return checkpoint_stores(output.folder, setup, settings)
+
+
+def _write_and_draw(folder: Path, comparison: Comparison, settings: Settings, report: Progress) -> None:
+    """The run folder; figures only where Ctrl-C has not cut the run short."""
+    write_run(folder, comparison, settings)
+    if comparison.interrupted:
+        return
+    draw_run(figure_data_of(comparison), folder, lambda done, total: report("figures", done, total))
+
+
+def _write_report(folder: Path, comparison: Comparison) -> None:
+    from spinfilters.run.run_report import write_run_report
+
+    write_run_report(figure_data_of(comparison), folder)
+
+
+def _complete(dataset: Dataset, settings: Settings, output: RunOutput, report: Progress) -> list[str]:
+    """Complete a finished run's figures and extras; their names."""
+    made = _draw_missing(output.folder, settings, report)
+    if output.optional_outputs is not None:
+        made += output.optional_outputs.complete(
+            output.folder, dataset, settings, lambda done, total: report("convergence", done, total)
+        )
+    if made or not (output.folder / REPORT_FILE).exists():
+        from spinfilters.run.run_report import write_run_report
+
+        write_run_report(read_figure_data(output.folder), output.folder)
+        made.append(REPORT_FILE)
+    return made
+
+
+def _draw_missing(folder: Path, settings: Settings, report: Progress) -> list[str]:
+    """Draw missing figures of a finished run.
+
+    Ctrl-C or a kill came while they were drawn.
+    """
+    missing = [name for name in picture_files(settings.estimators) if not (folder / name).exists()]
+    if not missing:
+        return []
+    figure_data = read_figure_data(folder)
+    return draw_run(figure_data, folder, lambda done, total: report("figures", done, total), missing)

@@ -1,0 +1,353 @@
+"""Conditions of a comparison: map, noise, seed, and whether the truth contradicts itself."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from spinfilters.core.attitude_conversions import angle_between, integrate_gyro, inverse, multiply
+from spinfilters.filters.noise_levels import VarianceComponent
+from spinfilters.inference.identified_noise import smallest_level
+from spinfilters.inference.setup import Setup
+from spinfilters.io.consider_parameter import ConsideredDeviation
+from spinfilters.io.measurement_log import MeasurementStream
+from spinfilters.io.sensor_format import sensor_format
+from spinfilters.io.truth import Truth
+from spinfilters.models.sensor_registry import sensor_of
+
+WINDOW: Final = 1.0
+"""Rad of turn after which attitudes and rates start together again, so that a gyro's bias does not add up."""
+LARGEST_STEP: Final = 1.0
+"""Rad between two rows, above which rates at the rows alone do not tell the turn."""
+TOLD: Final = 0.8
+"""Share of all turning that must be in steps no larger: of a body that is seen too rarely nothing is said."""
+DEGREES: Final = (55.0, 60.0)
+"""Ratio of a rate to the turn that is seen, within which the rate is in degrees; steps too long to be told are no hindrance."""
+APART: Final = 0.25
+"""Rad within a window, which a quarter of all turning must exceed: rates wrong by a third; optical noise is a tenth of it."""
+SHARE: Final = 0.5
+"""Of the extent of a path, that the path of its velocities is off by: neither sign nor unit nor axes can be right."""
+NOISE: Final = 10.0
+"""Times the noise of positions and of summed velocities, below which nothing is said."""
+FEWEST: Final = 5
+"""Rows."""
+
+
+def contradictions(truth: Truth) -> list[str]:
+    """One sentence for each contradiction of a truth with itself.
+
+    None for one that does not contradict, or is too short to tell.
+    """
+    with np.errstate(all="ignore"):  # numbers beyond all bounds are no reason to stop
+        return [*_of_rotation(truth), *_of_translation(truth)]
+
+
+def _of_rotation(truth: Truth) -> Iterator[str]:
+    if len(truth.time) <= FEWEST:
+        return
+    if _is_in_degrees(truth):
+        yield _sentence("its rates turn its attitudes 57 times too far, as if they were in degrees")
+        return
+    apart = _typically_apart(truth)
+    if apart is not None and apart > APART:
+        yield _sentence(f"its rates do not turn its attitudes ({apart:.2g} rad apart within a radian)")
+
+
+def _of_translation(truth: Truth) -> Iterator[str]:
+    dt, velocity = np.diff(truth.time), truth.velocity
+    if len(dt) < FEWEST:
+        return
+    steps = (velocity[1:] + velocity[:-1]) / 2 * dt[:, None]
+    carried = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
+    off, extent = _spread(truth.center_of_mass - carried), max(map(_spread, (truth.center_of_mass, carried)))
+    summed = _noise(velocity) * np.sqrt(len(dt)) * float(np.median(dt))
+    if off > SHARE * extent and off > NOISE * (_noise(truth.center_of_mass) + summed):
+        yield _sentence(
+            f"its velocities do not carry its centre of mass ({off:.2g} m apart on a path of {extent:.2g} m)"
+        )
+
+
+def _sentence(why: str) -> str:
+    return f"THE TRUTH CONTRADICTS ITSELF: {why}. Errors against it mean little."
+
+
+def _is_in_degrees(truth: Truth) -> bool:
+    turn, seen = _turns(truth)
+    moved = np.minimum(turn, seen) > 0
+    ratio = turn[moved] / seen[moved]
+    return len(ratio) > FEWEST and DEGREES[0] < np.median(ratio) < DEGREES[1]
+
+
+def _turns(truth: Truth) -> tuple[Float[np.ndarray, " j"], Float[np.ndarray, " j"]]:
+    """Rotations of every step by the rates and by the attitudes, rad."""
+    rates, q = truth.rate_i, truth.q_ig
+    by_rates = np.linalg.norm(rates[1:] + rates[:-1], axis=1) / 2 * np.diff(truth.time)
+    return by_rates, angle_between(q[1:], q[:-1])
+
+
+def _typically_apart(truth: Truth) -> float | None:
+    """Third quartile of the angle between turns by attitudes and rates, rad.
+
+    All turning counts; None where too few rows tell. What rates leave open between two rows, by their second differences, is
+    taken off.
+    """
+    turn, seen = _turns(truth)
+    told, weight = turn <= LARGEST_STEP, np.maximum(turn, seen)
+    if np.count_nonzero(told) < FEWEST or not weight[told].sum() > TOLD * weight.sum():
+        return None
+    begin, end = _windows(turn, told), 1 + np.flatnonzero(told)
+    curved = np.linalg.norm(np.diff(truth.rate_i, n=2, axis=0), axis=1)
+    left = np.maximum(np.append(curved, 0.0), np.append(0.0, curved)) * np.diff(truth.time) / 2
+    open_still = np.append(0.0, np.cumsum(left))
+    apart = _angles_apart(truth, begin, end) - (open_still[end] - open_still[begin])
+    order = np.argsort(apart)
+    summed = np.cumsum(weight[told][order])
+    return float(apart[order][np.searchsorted(summed, 0.75 * summed[-1])])
+
+
+def _windows(turn: Float[np.ndarray, " j"], told: Bool[np.ndarray, " j"]) -> Int[np.ndarray, " n"]:
+    """First row of the window of every step that is told.
+
+    ``turn`` (rad) is that of each step.
+    """
+    done = np.cumsum(np.where(told, turn, 0.0))
+    window = np.floor((done - np.where(told, turn, 0.0)) / WINDOW)
+    begins = (np.diff(window, prepend=-1.0) != 0) | (np.diff(told, prepend=False) != 0)
+    return np.maximum.accumulate(np.where(begins, np.arange(len(turn)), 0))[told]
+
+
+def _angles_apart(
+    truth: Truth, begin: Int[np.ndarray, " n"], end: Int[np.ndarray, " n"]
+) -> Float[np.ndarray, " n"]:
+    """Angles between the turns from row to row by the attitudes and by the rates, rad."""
+    back = integrate_gyro(
+        truth.time, -truth.rate_i, np.array([0.0, 0.0, 0.0, 1.0])
+    )  # inverse of the turn so far
+    by_rates = multiply(inverse(back[end]), back[begin])
+    return angle_between(by_rates, multiply(truth.q_ig[end], inverse(truth.q_ig[begin])))
+
+
+def _spread(path: Float[np.ndarray, "n 3"]) -> float:
+    """Median distance from the middle of a path, m."""
+    return float(np.median(np.linalg.norm(path - np.median(path, axis=0), axis=1)))
+
+
+def _noise(values: Float[np.ndarray, "n 3"]) -> float:
+    """Standard deviation of white noise, at most, by second differences.
+
+    Their variance is six times its own.
+    """
+    return float(np.median(np.linalg.norm(np.diff(values, n=2, axis=0), axis=1)) / np.sqrt(18.0) / 0.9)
+
+
+STATED, IDENTIFIED, PRIOR = "stated", "identified", "prior"
+FORCE_UNIT, TORQUE_UNIT = "(m/s^2)^2/Hz", "(rad/s^2)^2/Hz"
+ROUNDING = 1 + 1e-6
+MOST_LINES, LONGEST = 8, 240
+"""Of sentences that are read from a file."""
+
+
+@dataclass(frozen=True)
+class StatedNoise:
+    """One number of the noise with its unit, and where it comes from.
+
+    Attributes
+    ----------
+    label: what it is called in a sentence.   source: `STATED`, `IDENTIFIED`, or `PRIOR` where the data only bound it, or nothing.
+    std: of an identified value.   upper: bound on one that cannot be told from zero.
+    smallest: level below which none is identified; 0 of what has no such bound.
+    """
+
+    name: str
+    label: str
+    value: float
+    unit: str
+    source: str = STATED
+    std: float | None = None
+    upper: float | None = None
+    smallest: float = 0.0
+
+    @property
+    def is_absent(self) -> bool:
+        """Whether the measurements show no noise at all, as those of a simulation without it."""
+        return self.source == PRIOR and self.upper is not None and self.value <= ROUNDING * self.smallest
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The noise as summary.json holds it."""
+        return {**self.level, "unit": self.unit}
+
+    @property
+    def level(self) -> dict[str, Any]:
+        """Value, deviation, upper bound and source."""
+        return {"value": self.value, "std": self.std, "upper": self.upper, "source": self.source}
+
+    def identified(self, found: Sequence[VarianceComponent]) -> "StatedNoise":
+        """The noise as identified, where it is among these."""
+        own = next((each for each in found if each.name == self.name), None)
+        if own is None:
+            return self
+        if own.told:
+            return replace(self, value=own.value, source=IDENTIFIED, std=own.std, upper=None)
+        return replace(self, value=own.value, source=PRIOR, std=None, upper=own.upper)
+
+    @property
+    def words(self) -> str:
+        """Label, value with its deviation or bound, unit and source."""
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        if self.upper is not None:
+            return f"{self.label} below {self.upper:.2g}{unit}"
+        deviation = "" if self.std is None else f" +- {self.std:.1g}"
+        found = {IDENTIFIED: " (identified)", PRIOR: " (assumed)", STATED: ""}
+        return f"{self.label} {self.value:.3g}{deviation}{unit}{found[self.source]}"
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """Conditions under which the numbers of a run hold.
+
+    Attributes
+    ----------
+    map: "known" or "unknown", None where no landmark is seen.   landmarks: of a known map.
+    sensors, disturbances: their noise.   seed: of a simulated data set.
+    contradictions: sentences on how the truth contradicts itself.   calibration: deviations that are considered.
+    """
+
+    map: str | None
+    landmarks: int | None
+    sensors: tuple[StatedNoise, ...]
+    disturbances: tuple[StatedNoise, ...]
+    seed: int | None
+    contradictions: tuple[str, ...] = ()
+    calibration: tuple[ConsideredDeviation, ...] = ()
+
+    @property
+    def sentences(self) -> list[str]:
+        """Conditions in words.
+
+        The map and the seed, then the noise, then what is wrong with the truth.
+        """
+        known = "" if self.landmarks is None else f" ({self.landmarks} landmarks)"
+        first = [] if self.map is None else [f"Map {self.map}{known}."]
+        first += [] if self.seed is None else [f"Seed {self.seed}."]
+        noise = f"Noise: {_listed(self.sensors)}; disturbances: {_listed(self.disturbances)}."
+        counted = [_counted(each) for each in self.calibration if each.std > 0]
+        calibration = [f"Deviations count errors of {', '.join(counted)}."] if counted else []
+        assumed = [each.parameter.name for each in self.calibration if each.std > 0 and each.source == PRIOR]
+        if assumed:
+            keys = ", ".join(f"{name} = 0" for name in assumed)
+            calibration.append(
+                f"If the calibration is exact (a simulation of your own), state [calibration] {keys}."
+            )
+        absent = [_absent(each) for each in self.sensors if each.is_absent]
+        return [*([" ".join(first)] if first else []), noise, *absent, *calibration, *self.contradictions]
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The conditions as summary.json holds them."""
+        noise = (*self.sensors, *self.disturbances)
+        return {
+            "map": self.map,
+            "landmarks_known": self.landmarks,
+            "seed": self.seed,
+            "noise": {each.name: each.document for each in noise},
+            "calibration": {
+                each.parameter.name: {"value": each.std, "unit": each.parameter.unit, "source": each.source}
+                for each in self.calibration
+            },
+            "truth_contradictions": list(self.contradictions),
+            "sentences": self.sentences,
+        }
+
+
+def conditions_of(setup: Setup) -> Conditions:
+    """Conditions of a prepared data set."""
+    dataset, known = setup.dataset, setup.dataset.known_map
+    sees = any(sensor_format(sensor).has_landmarks for sensor in dataset.log.sensors)
+    seen = None if not sees else "unknown" if known is None else "known"
+    sensors = tuple(noise for stream in setup.log.streams for noise in _sensor_noise(stream, setup))
+    seed = dataset.options.notes.get("seed")
+    return Conditions(
+        seen,
+        None if seen is None or known is None else len(known.ids),
+        sensors,
+        tuple(_disturbances(setup)),
+        seed if isinstance(seed, int) and not isinstance(seed, bool) else None,
+        () if dataset.truth is None else tuple(contradictions(dataset.truth)),
+        setup.calibration,
+    )
+
+
+def told_sentences(document: dict[str, Any]) -> list[str]:
+    """Sentences on the conditions in a summary.json; none where it lacks them."""
+    told = document.get("conditions")
+    lines = told.get("sentences") if isinstance(told, dict) else None
+    if not isinstance(lines, list):
+        return []
+    return [line[:LONGEST] for line in lines[:MOST_LINES] if isinstance(line, str) and line.isprintable()]
+
+
+def _sensor_noise(stream: MeasurementStream, setup: Setup) -> Iterator[StatedNoise]:
+    """Value of every noise option of the sensor.
+
+    Rows with covariances have their median; what is zero is left out.
+    """
+    for option in sensor_format(stream.sensor).noise:
+        value = setup.noise.values[option.name]
+        if stream.covariance is not None and option.components is not None:
+            rows = np.array(option.components)
+            value = _median_std(stream.covariance[:, rows[:, None], rows])
+        if value > 0:
+            own = stream.covariance is not None and option.components is not None
+            source = STATED if own else _source(option.name, setup)
+            smallest, unit = smallest_level(option.name), option.allowed.unit or "1"
+            noise = StatedNoise(option.name, option.words, value, unit, source, smallest=smallest)
+            yield noise.identified(setup.identified)
+
+
+def _disturbances(setup: Setup) -> Iterator[StatedNoise]:
+    noise = setup.process.noise
+    if setup.process.layout.translates:
+        force = StatedNoise("force_psd", "force", noise.force_psd, FORCE_UNIT, _source("force_psd", setup))
+        yield force.identified(setup.identified)
+    torque = StatedNoise("torque_psd", "torque", noise.torque_psd, TORQUE_UNIT, _source("torque_psd", setup))
+    yield torque.identified(setup.identified)
+
+
+def _source(name: str, setup: Setup) -> str:
+    """Source of a noise level that is not among those identified."""
+    if name not in setup.unstated:
+        return STATED
+    by_rates = setup.gyro_noise is not None and name in _identified_options(setup)
+    return IDENTIFIED if by_rates else PRIOR
+
+
+def _identified_options(setup: Setup) -> set[str | None]:
+    """Options of rate sensors of unknown error."""
+    return {sensor_of(stream.sensor).identified_option for stream in setup.dataset.log.streams}
+
+
+def _median_std(covariance: np.ndarray) -> float:
+    """Median over all rows of the standard deviation along an axis."""
+    return float(np.sqrt(np.median(np.einsum("nii->ni", covariance))))
+
+
+def _counted(considered: ConsideredDeviation) -> str:
+    """Name and deviation of a parameter in words."""
+    parameter, std = considered.parameter, considered.std
+    size = f"{100 * std:.2g} %" if parameter.unit == "1" else f"{std:.2g} {parameter.unit}"
+    return f"{parameter.words} {size}{' (assumed)' if considered.source == PRIOR else ''}"
+
+
+def _absent(noise: StatedNoise) -> str:
+    """Sentence on the noise that is assumed of a sensor without any, and how to state another."""
+    return (
+        f"No noise is seen in the {noise.label} (a simulation without noise?): {noise.value:.1g} {noise.unit} is assumed, and NIS "
+        f"is below one; state sensors.{noise.name} for another."
+    )
+
+
+def _listed(noise: tuple[StatedNoise, ...]) -> str:
+    return ", ".join(each.words for each in noise)

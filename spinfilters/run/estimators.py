@@ -1,0 +1,278 @@
+"""The estimators of a comparison: an entry each, and the table of all.
+
+One more is a class here and a line in `OWN`, with its name among those of the settings.
+"""
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import chdtrc
+
+from spinfilters.core.errors import InputError
+from spinfilters.core.plugins import entries_by_name, in_order, installed_plugins
+from spinfilters.filters.ekf import MultiplicativeEkf
+from spinfilters.filters.estimator import Estimator
+from spinfilters.filters.filter import MultiplicativeFilter
+from spinfilters.filters.history import EstimateHistory
+from spinfilters.filters.noise_levels import VarianceComponent
+from spinfilters.filters.timeline import Timeline, times_of
+from spinfilters.filters.ukf import MultiplicativeUkf
+from spinfilters.inference.estimator_entry import AnyEntry, EstimatorEntry, OnEpoch
+from spinfilters.inference.initial_estimate import InitialEstimate
+from spinfilters.inference.setup import Setup
+from spinfilters.inference.smoother_run import (
+    NAME,
+    begin_after_initialisation,
+    sliding_smoother,
+    smooth_at_once,
+    smoothed_history,
+)
+from spinfilters.inference.stated_noise import adapted_levels, identified_scales
+from spinfilters.io.sensor_format import sensor_format
+from spinfilters.models.rotation_integrator import substeps, turns
+from spinfilters.models.status import Verdict
+from spinfilters.settings.run_settings import Settings
+from spinfilters.smoother.recursive_smoother import RecursiveSmoother
+
+if TYPE_CHECKING:
+    from spinfilters.embedded.embedded_estimator import EmbeddedFilter
+
+
+LARGEST_MAP = 16_384
+"""Landmarks that the map holds: 48 bytes each."""
+
+
+class EmbeddedEntry(EstimatorEntry["EmbeddedFilter"]):
+    """Table entry of `spinfilters.embedded.embedded_estimator.EmbeddedFilter`."""
+
+    name, order, real = "embedded", 5, "float"
+    holds_landmarks = True
+
+    def build(self, setup: Setup, settings: Settings) -> "EmbeddedFilter":
+        """The embedded filter in compiled C. InputError: unfit sensors, no compiler."""
+        from spinfilters.embedded.embedded_estimator import (
+            EmbeddedFilter,  # builds expressions, rarely asked for
+        )
+        from spinfilters.embedded.embedded_options import EMITTED_SENSORS, EmbedOptions
+
+        sensors = setup.dataset.log.sensors
+        fit = (each for each in EMITTED_SENSORS.values() if set(sensors) <= set(each.taken))
+        sensor = next(fit, None)
+        if sensor is None:
+            raise InputError(
+                f"the embedded filter takes stereo tracks and poses, poses, or a gyro, not {' and '.join(sensors)}; leave it out "
+                "of --estimators"
+            )
+        count = _substeps(setup, settings.process.tolerance)
+        options = EmbedOptions(sensor.name, LARGEST_MAP, self.real, count)
+        return EmbeddedFilter(setup.process, options)
+
+    def begin(self, estimator: "EmbeddedFilter", setup: Setup) -> None:
+        """Start with the belief of the initialisation."""
+        estimator.start(setup.belief)
+
+    def points(
+        self, estimator: "EmbeddedFilter", history: EstimateHistory, setup: Setup
+    ) -> Float[np.ndarray, "k 3"] | None:
+        """Landmarks (k, 3), m, frame g, of the known or the estimated map."""
+        return setup.map_points if setup.dataset.known_map is not None else estimator.points
+
+    def false_alarm_probability(self, setup: Setup, settings: Settings) -> float:
+        """1e-4, the tail beyond the fixed gate."""
+        return 1e-4
+
+
+def _substeps(setup: Setup, tolerance: float) -> int:
+    """Substeps of the Python filter's longest step at the initialisation's rate."""
+    longest = np.diff(times_of(setup.timeline)).max(initial=0.0)
+    rates = setup.initial.mean[:, setup.process.layout.mean_slice("w")]
+    turn = float(np.nanmax(turns(rates, np.array(longest)), initial=0.0))
+    return min(max(substeps(turn, tolerance), 4), 64) if np.isfinite(turn) else 4
+
+
+class EmbeddedDoubleEntry(EmbeddedEntry):
+    """Table entry of the embedded filter in double precision: what float costs is the difference."""
+
+    name, order, real = "embedded-double", 6, "double"
+
+
+# filterpy is slow to import and rarely asked for: each is imported when it is built
+
+
+class FilterpyEkfEntry(EstimatorEntry[Estimator]):
+    """Table entry of `spinfilters.filters.baselines.FilterpyEkf`."""
+
+    name, order = "filterpy-ekf", 3
+    is_baseline = True
+
+    def build(self, setup: Setup, settings: Settings) -> Estimator:
+        """filterpy's EKF on the run's process."""
+        from spinfilters.filters.baselines import FilterpyEkf
+
+        return FilterpyEkf(setup.process)
+
+
+class FilterpyUkfEntry(EstimatorEntry[Estimator]):
+    """Table entry of `spinfilters.filters.baselines.FilterpyUkf`."""
+
+    name, order = "filterpy-ukf", 4
+    is_baseline = True
+
+    def build(self, setup: Setup, settings: Settings) -> Estimator:
+        """filterpy's UKF on the run's process."""
+        from spinfilters.filters.baselines import FilterpyUkf
+
+        return FilterpyUkf(setup.process)
+
+
+class MultiplicativeEntry(EstimatorEntry[MultiplicativeFilter]):
+    """A multiplicative filter: it continues with the landmarks of the initialisation."""
+
+    is_default = True
+    holds_landmarks = True
+
+    def begin(self, estimator: MultiplicativeFilter, setup: Setup) -> None:
+        """Start with the initialisation's belief and noise scales."""
+        estimator.adapt_from(identified_scales(setup))
+        estimator.start(setup.belief)
+
+    def noise(
+        self, estimator: MultiplicativeFilter, history: EstimateHistory, setup: Setup
+    ) -> tuple[VarianceComponent, ...]:
+        """Noise levels as adapted, beside those of the initialisation."""
+        return adapted_levels(setup, estimator.level)
+
+    def points(
+        self, estimator: MultiplicativeFilter, history: EstimateHistory, setup: Setup
+    ) -> Float[np.ndarray, "k 3"] | None:
+        """Landmarks of the filter; those of the setup after a failure or without estimated ones."""
+        if history.status.verdict is Verdict.FAILED or not setup.initial.has_landmarks:
+            return setup.map_points
+        return estimator.landmark_belief.points_in_g
+
+    def false_alarm_probability(self, setup: Setup, settings: Settings) -> float:
+        """One minus the gate's probability."""
+        return 1.0 - settings.robust.gate_probability
+
+
+class MekfEntry(MultiplicativeEntry):
+    """Table entry of `MultiplicativeEkf`."""
+
+    name, order = "mekf", 0
+
+    def build(self, setup: Setup, settings: Settings) -> MultiplicativeEkf:
+        """The multiplicative EKF with the run's options."""
+        return MultiplicativeEkf(
+            setup.process, settings.robust, settings.adaptation, settings.iteration, settings.landmarks
+        )
+
+
+@dataclass(frozen=True)
+class BatchSmoother:
+    """Batch smoother of sensors without landmarks, by `smooth_at_once`."""
+
+    setup: Setup
+    settings: Settings
+
+    def smooth(self, timeline: Timeline, initial: InitialEstimate, on_epoch: OnEpoch) -> EstimateHistory:
+        """Smooth from the trajectory of an EKF that continues the initialisation."""
+        own = replace(self.setup, timeline=timeline, initial=initial)
+        return smooth_at_once(own, self.settings, on_epoch)
+
+
+class SmootherEntry(EstimatorEntry[RecursiveSmoother]):
+    """Recursive for tracks without a map (`RecursiveSmoother`), batch for everything else (`BatchSmoother`)."""
+
+    name, order = NAME, 2
+    is_default = True
+    holds_landmarks = True
+    continues = False
+
+    def batch(self, setup: Setup, settings: Settings) -> BatchSmoother | None:
+        """The batch smoother where no landmarks are estimated, else None."""
+        return None if setup.initial.has_landmarks else BatchSmoother(setup, settings)
+
+    def build(self, setup: Setup, settings: Settings) -> RecursiveSmoother:
+        """The sliding smoother with the run's options."""
+        return sliding_smoother(setup, settings)
+
+    def begin(self, estimator: RecursiveSmoother, setup: Setup) -> None:
+        """Begin with the epochs of the initialisation."""
+        begin_after_initialisation(estimator, setup)
+
+    def final(
+        self, estimator: RecursiveSmoother, passed: EstimateHistory, setup: Setup
+    ) -> EstimateHistory | None:
+        """Smoothed estimates of all epochs."""
+        return smoothed_history(estimator, passed, setup)
+
+    def points(
+        self, estimator: RecursiveSmoother, history: EstimateHistory, setup: Setup
+    ) -> Float[np.ndarray, "k 3"] | None:
+        """Landmarks (k, 3), m, frame g, of the last window."""
+        return estimator.sliding.window.points
+
+    def false_alarm_probability(self, setup: Setup, settings: Settings) -> float:
+        """Chi-square tail beyond the gate, zero of other losses."""
+        if settings.smoother.loss != "gate":
+            return 0.0
+        dimension = max(sensor_format(sensor).dimension for sensor in setup.dataset.log.sensors)
+        return float(chdtrc(dimension, settings.smoother.width**2))
+
+
+class LatestSmootherEntry(SmootherEntry):
+    """Table entry of the smoother without revision by later measurements.
+
+    To be compared with filters.
+    """
+
+    name, order = "smoother-latest", 7
+    is_default = False
+
+    def batch(self, setup: Setup, settings: Settings) -> BatchSmoother | None:
+        """None. InputError.
+
+        Measurements without landmarks to be found, all of whose epochs the smoother takes at once.
+        """
+        if not setup.initial.has_landmarks:
+            raise InputError(f"{self.name} takes tracks without a map alone; choose smoother")
+        return None
+
+    def final(self, estimator: RecursiveSmoother, passed: EstimateHistory, setup: Setup) -> None:
+        """None: what it said of each epoch as it came stands."""
+
+
+class UkfEntry(MultiplicativeEntry):
+    """Table entry of `MultiplicativeUkf`."""
+
+    name, order = "ukf", 1
+
+    def build(self, setup: Setup, settings: Settings) -> MultiplicativeUkf:
+        """The multiplicative UKF with the run's options."""
+        return MultiplicativeUkf(
+            setup.process, settings.ukf, settings.robust, settings.adaptation, settings.landmarks
+        )
+
+
+OWN: Final[tuple[AnyEntry, ...]] = (
+    MekfEntry(),
+    UkfEntry(),
+    SmootherEntry(),
+    FilterpyEkfEntry(),
+    FilterpyUkfEntry(),
+    EmbeddedEntry(),
+    EmbeddedDoubleEntry(),
+    LatestSmootherEntry(),
+)
+"""Estimators of this package; `spinfilters.settings.run_settings` lists their names for the settings."""
+
+
+def estimator_entries() -> dict[str, AnyEntry]:
+    """Entries by name, in their order: these, and those of the entry points ``spinfilters.estimators``.
+
+    InputError: a plug-in that cannot be loaded, a name that stands twice.
+    """
+    others = installed_plugins("spinfilters.estimators", EstimatorEntry)
+    return entries_by_name(in_order((*OWN, *others)), "estimator")

@@ -1,0 +1,204 @@
+"""All readers of recordings, all front ends of raw data, and who reads a path.
+
+Rows that a logger wrote again are left out here. A gyro of 50 Hz that is logged at 100 Hz fills every other row with the rates
+of the row before. Taken for measurements these are late by a sample and tell the noise twice. A gyro whose noise is finer than
+its resolution repeats itself, too; there each axis by itself keeps its value more often than all three together, and the rows
+are left as they are.
+"""
+
+import os
+from dataclasses import replace
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from jaxtyping import Bool
+
+from spinfilters.core.errors import InputError
+from spinfilters.core.plugins import entries_by_name, in_order, installed_plugins
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.dataset_folder import DatasetFolderReader, OtherFolderReader, SensorTableReader
+from spinfilters.io.dataset_reader import DatasetReader, OnRefused, RawDataReader
+from spinfilters.io.input_file import path_text
+from spinfilters.io.measurement_log import MeasurementLog, MeasurementStream
+from spinfilters.io.motion_table import MotionFileReader
+from spinfilters.io.phone_exports import PhoneExportReader, PhyphoxReader
+from spinfilters.io.ros_bag import RosBagReader
+from spinfilters.io.sensor_format import sensor_format, sensor_formats
+from spinfilters.io.stated_values import NOTHING_STATED, ReadingOptions
+from spinfilters.io.zip_export import ZipReader
+
+MOST_REPEATED: Final[float] = 1 / 3
+"""Of a gyro's rows, that repeat the row before by some fault of the sensor; more of them are a logger's."""
+MOST_KEPT: Final[float] = 0.05
+"""Of rows that are new, in which any axis has kept its value: where there are more the resolution is coarse."""
+FEWEST_NEW: Final[int] = 5
+"""Rows that tell how often an axis keeps its value."""
+
+
+def without_repeated_rates(dataset: Dataset) -> Dataset:
+    """The data set without rows that only repeat the rates before; its description says how many."""
+    streams, remarks = [], []
+    for stream in dataset.log.streams:
+        repeated = _repeated(stream)
+        if repeated.any():
+            stream, every = _rows(stream, ~repeated), len(stream)
+            remarks.append(_remark(stream, every))
+        streams.append(stream)
+    if not remarks:
+        return dataset
+    description = "; ".join(words for words in (dataset.description, *remarks) if words)
+    return replace(dataset, log=MeasurementLog(tuple(streams)), description=description)
+
+
+def _repeated(stream: MeasurementStream) -> Bool[np.ndarray, " n"]:
+    """Rows that a logger wrote again; none where the resolution explains them."""
+    kept, repeated = stream.values[1:] == stream.values[:-1], np.zeros(len(stream), dtype=bool)
+    if not sensor_format(stream.sensor).logged_again:
+        return repeated
+    repeats = kept.all(axis=1)
+    new = kept[~repeats].any(axis=1)
+    if len(new) < FEWEST_NEW or np.mean(repeats) <= MOST_REPEATED or np.mean(new) > MOST_KEPT:
+        return repeated
+    repeated[1:] = repeats
+    return repeated
+
+
+def _rows(stream: MeasurementStream, chosen: Bool[np.ndarray, " n"]) -> MeasurementStream:
+    covariance = None if stream.covariance is None else stream.covariance[chosen]
+    return MeasurementStream(stream.sensor, stream.time[chosen], stream.values[chosen], None, covariance)
+
+
+def _remark(stream: MeasurementStream, every: int) -> str:
+    rate = 1.0 / float(np.median(np.diff(stream.time)))
+    return (
+        f"{every - len(stream)} of {every} rows of the {stream.sensor} repeat the row before and are left out: it measures at "
+        f"about {rate:.3g} Hz"
+    )
+
+
+def front_ends() -> tuple[RawDataReader, ...]:
+    """All makers of measurements from raw data: ours, and those of the entry points ``spinfilters.front_ends``.
+
+    Stereo images are not among them: following their features has options of its own (`spinfilters.vision.track_images`).
+
+    Raises
+    ------
+    InputError: as `installed_plugins`.
+    """
+    from spinfilters.lidar.scan_streams import (  # slow to import, and few recordings are scans
+        SCAN_POINTS,
+        SCANS,
+    )
+
+    return (SCAN_POINTS, SCANS, *installed_plugins("spinfilters.front_ends", RawDataReader))
+
+
+def front_end_of(kind: str) -> RawDataReader | None:
+    """The maker of measurements from raw data of a kind, or None."""
+    return next((each for each in front_ends() if each.kind == kind), None)
+
+
+def dataset_readers() -> list[DatasetReader]:
+    """All readers, in the order they are asked: ours, and those of the entry points ``spinfilters.readers``.
+
+    InputError: a plug-in that cannot be loaded, a name that stands twice.
+    """
+    every = (*OWN_READERS, *installed_plugins(READER_GROUP, DatasetReader))
+    return list(entries_by_name(in_order(every), "reader").values())
+
+
+def reader_of(path: Path, options: ReadingOptions = NOTHING_STATED) -> DatasetReader:
+    """First reader that recognises a path; the last takes any. InputError: `DatasetReader.stating`."""
+    reader = next(reader for reader in dataset_readers() if reader.recognises(path))
+    return reader.stating(options) if options.stated else reader
+
+
+def read_dataset(
+    path: str | os.PathLike[str], segment: int | None = None, options: ReadingOptions = NOTHING_STATED
+) -> Dataset:
+    """The data set of a path, by the reader that recognises it.
+
+    Parameters
+    ----------
+    segment: number of a kept segment of a phyphox recording; None where there is only one.
+    options: what its user states of the recording.
+
+    Raises
+    ------
+    InputError: an unusable file (see the readers), several segments and none chosen, a segment that is not a
+    trial, a kind whose front end is not part of this version. The text names file, line or value, and the
+    cure.
+    """
+    place = Path(path)
+    reader = reader_of(place, options)
+    if segment is not None and not reader.has_segments:
+        raise InputError(f"{path_text(place)}: has no segments; leave out --segment {segment}")
+    return _told_once(reader.read(place, segment))
+
+
+def read_whole(path: str | os.PathLike[str], options: ReadingOptions = NOTHING_STATED) -> Dataset:
+    """The whole recording of a path, whatever segments are marked in it. Errors: `read_dataset`."""
+    return _told_once(reader_of(Path(path), options).whole(Path(path)))
+
+
+def read_segments(
+    path: str | os.PathLike[str],
+    on_refused: OnRefused | None = None,
+    options: ReadingOptions = NOTHING_STATED,
+) -> list[Dataset]:
+    """Every kept segment of a phyphox folder, else the one data set.
+
+    Errors: `read_dataset`.
+
+    Parameters
+    ----------
+    on_refused: called with the number of a segment that is no trial, and why, instead of raising InputError for it.
+    """
+    found = reader_of(Path(path), options).segments(Path(path), on_refused)
+    return [_told_once(each) for each in found]
+
+
+def recordings_in(folder: Path) -> tuple[Path, ...]:
+    """Recordings in a folder that is none itself, by name, which ``--segment auto`` takes together.
+
+    Those of the commonest kind (data set folders and exports, or files of one suffix); none where there are not two.
+    """
+    if not os.path.isdir(folder) or _is_recording(folder):
+        return ()
+    by_kind: dict[str, list[Path]] = {}
+    for path in sorted(folder.iterdir()):
+        if _is_recording(path):
+            by_kind.setdefault("" if os.path.isdir(path) else path.suffix.lower(), []).append(path)
+    found = max(by_kind.values(), key=len, default=[])
+    return tuple(found) if len(found) > 1 else ()
+
+
+def _is_recording(path: Path) -> bool:
+    """Whether a path, by its name or its files, looks like a recording."""
+    reader, anything = reader_of(path), dataset_readers()[-1]
+    if os.path.isdir(path):
+        return reader.order < OtherFolderReader.order
+    suffixes = [suffix for form in sensor_formats().values() for suffix in form.suffixes]
+    return reader.name != anything.name or path.suffix.lower() in suffixes
+
+
+def _told_once(dataset: Dataset) -> Dataset:
+    """Without rows that a logger wrote again, where a sensor's format says that loggers do."""
+    logged_again = any(sensor_format(name).logged_again for name in dataset.log.sensors)
+    return without_repeated_rates(dataset) if logged_again else dataset
+
+
+READER_GROUP: Final = "spinfilters.readers"
+"""Entry points of readers from outside."""
+OWN_READERS: Final[tuple[DatasetReader, ...]] = (
+    DatasetFolderReader(front_end_of),
+    OtherFolderReader(recordings_in),
+    MotionFileReader(),
+    PhoneExportReader(),
+    PhyphoxReader(),
+    RosBagReader(),
+    SensorTableReader(dataset_readers),
+    ZipReader(reader_of),
+)
+"""Ours. Three of them ask the others, which they are given here: what a folder or an archive holds, and what can be read at all."""

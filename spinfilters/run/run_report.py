@@ -1,0 +1,206 @@
+"""report.html of a run.
+
+Verdict, numbers, the model to turn and every picture on one self-contained page.
+"""
+
+import json
+from collections.abc import Iterator
+from html import escape
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from spinfilters.core.attitude_conversions import matrix_from_quaternion
+from spinfilters.core.errors import InputError
+from spinfilters.evaluation.comparison_table import comparison_cells
+from spinfilters.evaluation.estimator_evaluation import Evaluation
+from spinfilters.evaluation.metrics import held_text
+from spinfilters.io.input_file import printable, read_bytes, read_settings_text
+from spinfilters.io.output_files import write_text
+from spinfilters.io.ply_files import read_ply
+from spinfilters.models.status import Verdict
+from spinfilters.plots.figures import FigureData, figure_entries
+from spinfilters.plots.page import (
+    ShownModel,
+    ShownMotion,
+    details,
+    facts,
+    image,
+    model_script,
+    model_view,
+    note,
+    page,
+    table,
+)
+from spinfilters.run.run_folder import (
+    ANIMATION_FILE,
+    CONFIG_FILE,
+    CONVERGENCE_PICTURE,
+    MODEL_FILE,
+    PREDICTION_PICTURE,
+    RECONSTRUCTION_FILE,
+    RECONSTRUCTION_FOLDER,
+    REPORT_FILE,
+)
+
+LARGEST_PICTURE: Final = 20_000_000
+"""Bytes; a larger one stays beside the page."""
+FEWEST_POINTS: Final = 4
+MAP_GREY: Final = 200.0
+
+
+def write_run_report(figure_data: FigureData, folder: Path) -> Path:
+    """Write the page of a run folder whose numbers and pictures are written; its path.
+
+    Raises
+    ------
+    InputError: the page cannot be written.
+    """
+    with np.errstate(all="ignore"):  # what a failed estimator left is shown as it is
+        model = _model_section(figure_data, folder)
+        sections = {
+            "Verdict": _verdict_section(figure_data),
+            "Numbers": _numbers_section(figure_data),
+            **({"Model": model} if model else {}),
+            **_dense_sections(folder),
+            "Pictures": "".join(_pictures(figure_data, folder)) or note("None was drawn."),
+            "What it was made with": _made_section(folder),
+        }
+    sections = {head: inner for head, inner in sections.items() if inner}
+    title = f"Run: {printable(figure_data.dataset.description or figure_data.dataset.kind)}"
+    path = folder / REPORT_FILE
+    write_text(path, page(sections, title, model_script() if model else ""))
+    return path
+
+
+def _verdict_section(figure_data: FigureData) -> str:
+    """Status of every estimator with its reasons."""
+    rows = []
+    for evaluation in figure_data.evaluations:
+        status = evaluation.history.status
+        verdict = escape(str(status.verdict))
+        marked = verdict if status.verdict is Verdict.OK else f'<span class="bad">{verdict}</span>'
+        reasons = escape(printable("; ".join(status.reasons))) or "nothing speaks against it"
+        holds = escape(held_text(evaluation)) or "not judged"
+        wide = (f'<span style="white-space:normal">{text}</span>' for text in (holds, reasons))
+        rows.append([escape(evaluation.name), marked, *wide])
+    log = figure_data.dataset.log
+    told = {
+        "measurements": ", ".join(f"{len(stream)} of {stream.sensor}" for stream in log.streams),
+        "epochs": str(max(len(each.history.time) for each in figure_data.evaluations)),
+        "noise": " ".join(figure_data.conditions),
+    }
+    return table(["estimator", "status", "what holds", "reasons"], rows, 4) + facts(
+        {k: v for k, v in told.items() if v}
+    )
+
+
+def _numbers_section(figure_data: FigureData) -> str:
+    """The summary table."""
+    cells = comparison_cells(figure_data.evaluations)
+    rows = [[_cell(text) for text in row] for section in cells.sections for row in section]
+    above, below = (note(" ".join(lines)) if lines else "" for lines in (cells.title, cells.captions))
+    return above + table(["", *cells.headings], rows, 1) + below
+
+
+def _cell(text: str) -> str:
+    """A cell whose indentation stays."""
+    words = text.lstrip(" ")
+    return "&emsp;" * ((len(text) - len(words)) // 2) + escape(words)
+
+
+def _model_section(figure_data: FigureData, folder: Path) -> str:
+    """The dense model, or else the map of landmarks, to turn; nothing where there is neither."""
+    evaluation = figure_data.most_exact
+    if evaluation is None or not np.isfinite(evaluation.body.principal_axes_g).all():
+        return ""
+    model = _dense_model(folder) or _map_model(figure_data, evaluation)
+    if model is None:
+        return ""
+    trajectory, R_pg = evaluation.trajectory, evaluation.body.principal_axes_g
+    motion = ShownMotion(
+        trajectory.time, matrix_from_quaternion(trajectory.q_ig) @ R_pg.T, trajectory.position
+    )
+    what = "The surface" if len(model.triangles) else "The map of landmarks"
+    words = (
+        f"{what} in principal axes (x red, y green, z blue: moments ascending). Turn it with the mouse, the wheel makes it larger; "
+        f"the slider shows the motion that {evaluation.name} estimated, as from the camera, with the path of the centre of mass."
+    )
+    return note(words) + model_view(model, motion)
+
+
+def _map_model(figure_data: FigureData, evaluation: Evaluation) -> ShownModel | None:
+    points, centre = figure_data.map_points, evaluation.body.center_of_mass_g
+    if points is None or centre is None or len(points) < FEWEST_POINTS:
+        return None
+    at = (points - centre) @ evaluation.body.principal_axes_g.T
+    return ShownModel(at, np.zeros((0, 3), int), np.full(len(at), MAP_GREY))
+
+
+def _dense_model(folder: Path) -> ShownModel | None:
+    path = folder / RECONSTRUCTION_FOLDER / MODEL_FILE
+    if not path.is_file():
+        return None
+    try:
+        content = read_ply(path)
+        return ShownModel(content.points, content.triangles, content.columns["red"].astype(float))
+    except (InputError, KeyError):  # of another program: the page shows the map
+        return None
+
+
+def _dense_sections(folder: Path) -> dict[str, str]:
+    """Dimensions of the dense model, and its animation beside the images."""
+    place = folder / RECONSTRUCTION_FOLDER
+    sections: dict[str, str] = {}
+    try:
+        document = json.loads(read_settings_text(place / RECONSTRUCTION_FILE))
+        sections["Dimensions"] = _dimensions(document)
+    except (InputError, ValueError, KeyError, TypeError, RecursionError):
+        return sections
+    picture = _file(place / ANIMATION_FILE, "left image and the model where the estimate puts it")
+    if picture:
+        sections["Images and reprojected model"] = picture
+    return sections
+
+
+def _dimensions(document: dict[str, Any]) -> str:
+    keys = ("dimensions_m", "surface_std_m", "dimensions_std_m")
+    sizes = [[f"{1e3 * float(size):.1f}" for size in document[key]] for key in keys]
+    rows = [[axis, *of_axis] for axis, *of_axis in zip("xyz", *sizes, strict=True)]
+    words = f"Of the surface of {int(document['epochs'])} pairs, voxels of {1e3 * float(document['voxel_m']):.1f} mm."
+    heads = [
+        "principal axis",
+        "extent [mm]",
+        "deviation, axes as estimated [mm]",
+        "deviation, true axes [mm]",
+    ]
+    said = "".join(note(f"{sentence}.") for sentence in document["notes"])
+    return table(heads, rows, 1) + note(words) + said
+
+
+def _pictures(figure_data: FigureData, folder: Path) -> Iterator[str]:
+    """Every picture of the folder with its caption."""
+    names = [evaluation.name for evaluation in figure_data.evaluations]
+    captions = {f"{name}.png": entry.caption for entry in figure_entries() for name in entry.names(names)}
+    captions |= {PREDICTION_PICTURE: "Predicted motion.", CONVERGENCE_PICTURE: "How estimates settle."}
+    for name, caption in captions.items():
+        picture = _file(folder / name, caption)
+        if picture:
+            yield f"<h3>{escape(name.removesuffix('.png'))}</h3>{note(caption)}{picture}"
+
+
+def _file(path: Path, words: str) -> str:
+    """A picture's HTML; nothing where there is none."""
+    try:
+        data = read_bytes(path, LARGEST_PICTURE)
+    except InputError:
+        return ""
+    return image(data, words, path.suffix[1:]) if data else ""
+
+
+def _made_section(folder: Path) -> str:
+    try:
+        return details(CONFIG_FILE, read_settings_text(folder / CONFIG_FILE))
+    except InputError:
+        return ""

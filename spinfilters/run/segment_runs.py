@@ -1,0 +1,398 @@
+"""Comparison of every free flight of a recording, and what the flights tell of the body together."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from rich.table import Table
+
+from spinfilters.core.errors import InputError
+from spinfilters.core.linear_algebra import chi_square_tail
+from spinfilters.evaluation.estimator_evaluation import REPORTED
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.output_files import write_json
+from spinfilters.models.state_blocks import ACCELERATION
+from spinfilters.models.status import Verdict
+from spinfilters.plots.style import draw_figure
+from spinfilters.plots.throws import Throw, throws_figure
+from spinfilters.run.estimation import compare_estimators
+from spinfilters.run.preparation import prepare
+from spinfilters.run.run_folder import (
+    SEGMENTS_FOLDER,
+    finished_run,
+    refuse_foreign_run,
+    write_configuration,
+    write_run,
+)
+from spinfilters.run.run_summary import read_summary
+from spinfilters.settings.run_settings import Settings
+
+DISAGREEMENT: Final = 0.01
+"""Probability of a chi-square as large, below which segments disagree and deviations are widened by its root per degree."""
+
+
+@dataclass(frozen=True, eq=False)
+class PooledMoments:
+    """Weighted mean of J1/J3 and J2/J3.
+
+    Attributes
+    ----------
+    ratios: (2,).   covariance: (2, 2) of them, as the segments' covariances say.
+    chi_square: of the segments about them, of ``degrees`` degrees of freedom.   segments: that are ok, of ``total``.
+    """
+
+    ratios: Float[np.ndarray, " 2"]
+    covariance: Float[np.ndarray, "2 2"]
+    chi_square: float
+    degrees: int
+    segments: int
+    total: int
+
+    @property
+    def probability(self) -> float:
+        """Probability of a chi-square as large, 1 for a single segment."""
+        return float(chi_square_tail(self.chi_square, self.degrees)) if self.degrees else 1.0
+
+    @property
+    def widening(self) -> float:
+        """Factor on the deviations: 1 where the segments agree."""
+        agree = self.probability >= DISAGREEMENT
+        return 1.0 if agree else float(np.sqrt(self.chi_square / self.degrees))
+
+    @property
+    def std(self) -> Float[np.ndarray, " 2"]:
+        """Standard deviations, widened where the segments disagree."""
+        return self.widening * np.sqrt(np.diag(self.covariance))
+
+    @property
+    def sentence(self) -> str:
+        """The pooled ratios in words."""
+        (first, second), (first_std, second_std) = self.ratios, self.std
+        words = f"pooled J1/J3 {first:.4f} ± {first_std:.4f}, J2/J3 {second:.4f} ± {second_std:.4f}"
+        if not self.degrees:
+            return words
+        words += f", chi-square {self.chi_square:.1f} of {self.degrees} (p {self.probability:.2g})"
+        if self.widening > 1:
+            words += f"; the segments disagree beyond their deviations, which are widened {self.widening:.1f} times"
+        return words
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The pooled ratios as segments.json holds them."""
+        return {
+            "ratios": self.ratios.tolist(),
+            "std": self.std.tolist(),
+            "covariance": self.covariance.tolist(),
+            "chi_square": self.chi_square,
+            "degrees_of_freedom": self.degrees,
+            "probability": self.probability,
+            "widening": self.widening,
+            "segments_ok": self.segments,
+            "segments": self.total,
+        }
+
+
+def pooled_moments(estimates: Sequence[Mapping[str, Any]], total: int) -> PooledMoments | None:
+    """Pool an estimator's entries of summaries that are ``ok`` and have finite covariances; None of none.
+
+    Parameters
+    ----------
+    total: how many segments there are, those without a result among them.
+    """
+    ratios, information = [], []
+    for estimate in estimates:
+        moments = np.array(estimate["principal_moments"], dtype=float)[:2]
+        covariance = np.array(estimate["principal_moments_cov"], dtype=float)[:2, :2]
+        if estimate["status"] != "ok" or not np.isfinite(moments).all() or not _is_definite(covariance):
+            continue
+        ratios.append(moments)
+        information.append(np.linalg.inv(covariance))
+    if not ratios:
+        return None
+    together = np.linalg.inv(np.sum(information, axis=0))
+    mean = together @ np.sum([each @ r for each, r in zip(information, ratios, strict=True)], axis=0)
+    distance = sum(float((r - mean) @ each @ (r - mean)) for each, r in zip(information, ratios, strict=True))
+    return PooledMoments(mean, together, distance, 2 * (len(ratios) - 1), len(ratios), total)
+
+
+def _is_definite(covariance: Float[np.ndarray, "2 2"]) -> bool:
+    return bool(np.isfinite(covariance).all() and np.linalg.eigvalsh(covariance)[0] > 0)
+
+
+FARTHEST: Final = 4.0
+"""Deviations from the median of all segments, beyond which one is left out: a bounce that is no flight."""
+
+
+@dataclass(frozen=True)
+class Strength:
+    """Length of an estimated acceleration with both parts of its standard deviation, m/s^2."""
+
+    value: float
+    random: float
+    calibration: float
+
+    @property
+    def std(self) -> float:
+        """Whole standard deviation."""
+        return float(np.hypot(self.random, self.calibration))
+
+
+@dataclass(frozen=True)
+class PooledAcceleration:
+    """Weighted mean of the strengths.
+
+    The errors of the calibration are in all of them and are not averaged away.
+
+    Attributes
+    ----------
+    strength: the mean, its random part widened where the segments disagree.
+    chi_square: of the segments about it, of ``degrees`` degrees of freedom.   left_out: segments too far from their median.
+    """
+
+    strength: Strength
+    chi_square: float
+    degrees: int
+    left_out: int = 0
+
+    @property
+    def probability(self) -> float:
+        """Probability of a chi-square as large, 1 for a single segment."""
+        return float(chi_square_tail(self.chi_square, self.degrees)) if self.degrees else 1.0
+
+    @property
+    def sentence(self) -> str:
+        """The pooled acceleration in words."""
+        mean = self.strength
+        words = f"pooled acceleration {mean.value:.3f} ± {mean.std:.3f} m/s^2 (± {mean.calibration:.2g} of it of lengths and clock)"
+        if not self.degrees:
+            return words
+        words += f", chi-square {self.chi_square:.1f} of {self.degrees} (p {self.probability:.2g})"
+        return f"{words}; left out as far off: {self.left_out}" if self.left_out else words
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The pooled acceleration as segments.json holds it."""
+        return {
+            "strength": self.strength.value,
+            "random_std": self.strength.random,
+            "calibration_std": self.strength.calibration,
+            "chi_square": self.chi_square,
+            "degrees_of_freedom": self.degrees,
+            "probability": self.probability,
+            "left_out": self.left_out,
+        }
+
+
+def strength_of(estimate: Mapping[str, Any]) -> Strength | None:
+    """Strength in an estimator's entry of a summary, or None.
+
+    None where the estimator failed or has no acceleration. Errors of components are taken for independent.
+    """
+    key = REPORTED[ACCELERATION.name].value_key
+    parts = (estimate.get("deviation_parts") or {}).get(key)
+    if estimate["status"] == Verdict.FAILED or estimate.get(key) is None or parts is None:
+        return None
+    value = np.array(estimate[key], dtype=float)
+    length = float(np.linalg.norm(value))
+    along = value / max(length, np.finfo(float).tiny)
+    found = Strength(length, _along(along, parts["random"]), _along(along, parts["calibration"]))
+    return found if np.isfinite([found.value, found.std]).all() and found.random > 0 else None
+
+
+def pooled_acceleration(estimates: Sequence[Mapping[str, Any]]) -> PooledAcceleration | None:
+    """Pooled acceleration of an estimator's summaries; None without any."""
+    found = [each for each in map(strength_of, estimates) if each is not None]
+    if not found:
+        return None
+    median = float(np.median([each.value for each in found]))
+    near = [each for each in found if abs(each.value - median) <= FARTHEST * each.random]
+    kept = near if 2 * len(near) > len(found) else found
+    values, random = np.array([each.value for each in kept]), np.array([each.random for each in kept])
+    weights = random**-2 / np.sum(random**-2)
+    mean, degrees = float(weights @ values), len(kept) - 1
+    distance = float(np.sum(((values - mean) / random) ** 2))
+    agree = not degrees or chi_square_tail(distance, degrees) >= DISAGREEMENT
+    widening = 1.0 if agree else float(np.sqrt(distance / degrees))
+    common = float(weights @ [each.calibration for each in kept])
+    std = widening * float(np.sum(random**-2)) ** -0.5
+    return PooledAcceleration(Strength(mean, std, common), distance, degrees, len(found) - len(kept))
+
+
+def _along(direction: Float[np.ndarray, " 3"], std: list[float | None]) -> float:
+    return float(np.linalg.norm(direction * np.array(std, dtype=float)))
+
+
+@dataclass(frozen=True)
+class SegmentResult:
+    """One segment: its number, its summary.json, or why there is none."""
+
+    number: int
+    summary: dict[str, Any] | None
+    failure: str | None = None
+
+
+def run_segments(
+    datasets: Sequence[Dataset],
+    folder: Path,
+    settings: Settings,
+    on_segment: Callable[[int, int], None],
+) -> list[SegmentResult]:
+    """A run folder per segment.
+
+    One that was already made with the same settings is not made again.
+    Ctrl-C ends the loop; what is done is returned.
+    """
+    write_configuration(folder, settings)
+    results: list[SegmentResult] = []
+    try:
+        for index, dataset in enumerate(datasets):
+            on_segment(index, len(datasets))
+            results.append(_run_segment(dataset, folder, settings))
+        on_segment(len(datasets), len(datasets))
+    except KeyboardInterrupt:
+        pass
+    return results
+
+
+def _run_segment(dataset: Dataset, folder: Path, settings: Settings) -> SegmentResult:
+    number = 0 if dataset.segment is None else dataset.segment.number or 0
+    place = folder / SEGMENTS_FOLDER / f"{number:03d}"
+    if (done := finished_run(place, dataset, settings)) is not None:
+        return SegmentResult(number, done)
+    try:
+        refuse_foreign_run(place)
+        comparison = compare_estimators(prepare(dataset, settings), settings, lambda *_: None)
+    except InputError as error:
+        return SegmentResult(number, None, str(error))
+    if comparison.interrupted:
+        raise KeyboardInterrupt
+    write_run(place, comparison, settings)
+    return SegmentResult(number, read_summary(place))
+
+
+def write_segments(folder: Path, results: Sequence[SegmentResult], settings: Settings) -> None:
+    """segments.json, and throws-<estimator>.png of every estimator that has a result."""
+    document = {
+        str(r.number): {"failure": r.failure} if r.summary is None else r.summary["estimators"]
+        for r in results
+    }
+    pooled = {
+        name: None if found is None else found.document for name, found in pool(results, settings).items()
+    }
+    accelerations = {
+        name: None if found is None else found.document
+        for name, found in pool_accelerations(results, settings).items()
+    }
+    write_json(
+        folder / "segments.json",
+        {"schema": 1, "segments": document, "pooled": pooled, "pooled_acceleration": accelerations},
+    )
+    for name in settings.estimators:
+        estimates = [(r.number, r.summary["estimators"][name]) for r in results if r.summary is not None]
+        throws = [_throw(number, estimate) for number, estimate in estimates]
+        throws = [
+            throw
+            for throw in throws
+            if np.isfinite(throw.ratios).all() and np.isfinite(throw.covariance).all()
+        ]
+        if throws:
+            draw_figure(partial(throws_figure, throws), folder / throws_picture(name))
+
+
+def throws_picture(estimator: str) -> str:
+    """File of the picture of all segments; there is none where no segment has finite moments."""
+    return f"throws-{estimator}.png"
+
+
+def _throw(number: int, estimate: dict[str, Any]) -> Throw:
+    moments, covariance = _numbers(estimate["principal_moments"]), _numbers(estimate["principal_moments_cov"])
+    return Throw(number, moments[:2], covariance[:2, :2], estimate["status"] != "ok")
+
+
+def _numbers(listed: list[Any]) -> Float[np.ndarray, "..."]:
+    """Numbers of a summary, where `null` is not a number."""
+    return np.array(listed, dtype=float)
+
+
+def segment_table(results: Sequence[SegmentResult], settings: Settings) -> Table:
+    """A row per segment and estimator: moments and acceleration, their deviations, drag, status and why."""
+    table = Table(title="Fitted inertia of every segment", title_justify="left")
+    for heading in ("segment", "estimator", "J1/J3", "J2/J3", "drag 1/rad", "m/s^2", "status", "reason"):
+        table.add_column(heading)
+    for result in results:
+        if result.summary is None:
+            table.add_row(str(result.number), *5 * ("-",), "failed", result.failure or "")
+            continue
+        for name in settings.estimators:
+            table.add_row(str(result.number), name, *_cells(result.summary["estimators"][name]))
+    return table
+
+
+def _cells(estimate: dict[str, Any]) -> tuple[str, ...]:
+    moments, std = _numbers(estimate["principal_moments"]), _numbers(estimate["principal_moments_std"])
+    drag, linear, strength = (
+        estimate["drag_per_rad"],
+        estimate.get("linear_drag_per_s"),
+        strength_of(estimate),
+    )
+    first, second = (
+        f"{value:.4f} ± {spread:.4f}" if np.isfinite(value) else "-"
+        for value, spread in zip(moments[:2], std[:2], strict=True)
+    )
+    return (
+        first,
+        second,
+        (f"{drag:.4f}" if linear is None else f"{linear:.4f} 1/s")
+        if drag is not None or linear is not None
+        else "-",
+        "-" if strength is None else f"{strength.value:.2f} ± {strength.std:.2f}",
+        estimate["status"],
+        "; ".join(estimate["reasons"]),
+    )
+
+
+def pool(results: Sequence[SegmentResult], settings: Settings) -> dict[str, PooledMoments | None]:
+    """Pooled ratios per estimator over its ``ok`` segments, None without any."""
+    summaries = [result.summary for result in results if result.summary is not None]
+    return {
+        name: pooled_moments([summary["estimators"][name] for summary in summaries], len(results))
+        for name in settings.estimators
+    }
+
+
+def pool_accelerations(
+    results: Sequence[SegmentResult], settings: Settings
+) -> dict[str, PooledAcceleration | None]:
+    """Pooled acceleration per estimator over all segments, None without any."""
+    summaries = [result.summary for result in results if result.summary is not None]
+    return {
+        name: pooled_acceleration([summary["estimators"][name] for summary in summaries])
+        for name in settings.estimators
+    }
+
+
+class SegmentMedians(NamedTuple):
+    """Medians of J1/J3 and J2/J3 over the ``ok`` segments.
+
+    How many those are, and of how many; NaN where none is.
+    """
+
+    smallest_ratio: float
+    middle_ratio: float
+    good: int
+    total: int
+
+
+def segment_medians(results: Sequence[SegmentResult], settings: Settings) -> dict[str, SegmentMedians]:
+    """Median inertia ratios of the segments that are ``ok``, per estimator."""
+    medians = {}
+    for name in settings.estimators:
+        estimates = [r.summary["estimators"][name] for r in results if r.summary is not None]
+        good = np.array([e["principal_moments"][:2] for e in estimates if e["status"] == "ok"]).reshape(-1, 2)
+        middle = np.median(good, axis=0) if len(good) else np.full(2, np.nan)
+        medians[name] = SegmentMedians(float(middle[0]), float(middle[1]), len(good), len(results))
+    return medians

@@ -1,0 +1,342 @@
+"""Convergence of the smoother: every epoch as it was estimated first and last, its file and its figure."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from zipfile import ZIP_DEFLATED
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.core.attitude_conversions import inverse, multiply, rotation_vector_from_quaternion
+from spinfilters.core.errors import NUMERICAL_ERRORS, InputError
+from spinfilters.evaluation.estimated_motion import (
+    BodyRates,
+    Trajectory,
+    body_history,
+    estimated_rates,
+    trajectory_of,
+    true_rates,
+)
+from spinfilters.evaluation.trajectory_errors import (
+    attitude_alignment,
+    common_stamps,
+    tells_first_frame,
+    truth_in_first_frame,
+)
+from spinfilters.filters.history import EstimateHistory, GrowingHistory
+from spinfilters.inference.setup import Setup
+from spinfilters.inference.smoother_run import NAME
+from spinfilters.io.output_files import make_folder
+from spinfilters.io.truth import Truth
+from spinfilters.models.body import BodyHistory
+from spinfilters.models.state_layout import FULL_BLOCKS, Gaussian, StateLayout
+from spinfilters.models.status import EstimatorStatus
+from spinfilters.plots.convergence import Convergence, ConvergingQuantity, convergence_figure
+from spinfilters.plots.style import draw_figure
+from spinfilters.run.array_files import DAMAGED, read_arrays, unusable, write_arrays
+from spinfilters.run.run_folder import CONVERGENCE_ARRAYS as ARRAYS
+from spinfilters.run.run_folder import CONVERGENCE_PICTURE
+from spinfilters.settings.run_settings import Settings
+from spinfilters.smoother.recursive_smoother import MOST_EPOCHS, ConvergenceRecord, record_convergence
+from spinfilters.smoother.sliding_smoother import MarginalizedState, SlidingSmoother
+
+ATTITUDE = "attitude"
+"""The one of `QUANTITIES` whose values are quaternions q_ig."""
+
+
+@dataclass(frozen=True)
+class PlottedQuantity:
+    """A quantity of k epochs whose convergence is plotted, SI.
+
+    Attributes
+    ----------
+    label, unit: in the picture.   scale: what SI is multiplied by for that unit.   size: components of the values.
+    estimate: values (k, size) and their standard deviations (k, 3).   true: values of a truth.
+    """
+
+    label: str
+    unit: str
+    scale: float
+    size: int
+    estimate: Callable[[Trajectory, BodyRates], tuple[Float[np.ndarray, "k q"], Float[np.ndarray, "k 3"]]]
+    true: Callable[[Truth], Float[np.ndarray, "k q"]]
+
+
+def _rates(rates: BodyRates) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"]]:
+    """Body rates of estimates, with covariance."""
+    std = rates.std
+    assert std is not None
+    return rates.rate, std
+
+
+QUANTITIES = {
+    "position": PlottedQuantity(
+        *("position", "mm", 1e3, 3),
+        estimate=lambda trajectory, _: (trajectory.position, trajectory.std_position),
+        true=lambda truth: truth.center_of_mass,
+    ),
+    ATTITUDE: PlottedQuantity(
+        *("attitude", "deg", float(np.rad2deg(1.0)), 4),
+        estimate=lambda trajectory, _: (trajectory.q_ig, trajectory.std_attitude),
+        true=lambda truth: truth.q_ig,
+    ),
+    "velocity": PlottedQuantity(
+        *("velocity", "mm/s", 1e3, 3),
+        estimate=lambda trajectory, _: (trajectory.velocity, trajectory.std_velocity),
+        true=lambda truth: truth.velocity,
+    ),
+    "body_rate": PlottedQuantity(
+        *("body rate", "deg/s", float(np.rad2deg(1.0)), 3),
+        estimate=lambda _, rates: _rates(rates),
+        true=lambda truth: true_rates(truth).rate,
+    ),
+}
+"""By the names of their surfaces; position and velocity are the centre of mass' in i."""
+
+
+def deviations_of(name: str) -> str:
+    """The name of the surface of a quantity's standard deviations."""
+    return f"std_{name}"
+
+
+CURE = "run compare again with --resume --convergence"
+_SIZES = {
+    **{name: quantity.size for name, quantity in QUANTITIES.items()},
+    **{deviations_of(name): 3 for name in QUANTITIES},
+}
+"""Components of the surfaces, by name."""
+
+
+def write_convergence_record(path: Path, found: ConvergenceRecord, layout: StateLayout) -> None:
+    """Write the convergence record as arrays.
+
+    Surfaces (solves, epochs, components), the body after every solve, and the states that it was told from.
+    """
+    latest = latest_epochs(layout, found)
+    states = {"blocks": np.array(layout.blocks), "newest_mean": latest.mean, "newest_factor": latest.factor}
+    arrays = {
+        "time": found.time,
+        "trusted": found.trusted,
+        **found.values,
+        **_constants(body_history(latest)),
+        **states,
+    }
+    write_arrays(path, arrays, ZIP_DEFLATED)
+
+
+def empty_convergence_record(layout: StateLayout, time: Float[np.ndarray, " f"]) -> ConvergenceRecord:
+    """Convergence record of a smoother without a single solution: nothing is finite."""
+    n, m, e = len(time), layout.mean_dim, layout.error_dim
+    latest = [MarginalizedState(float(t), np.full(m, np.nan), np.full((e, e), np.nan)) for t in time]
+    values = {name: np.full((n, n, size), np.nan) for name, size in _SIZES.items()}
+    return ConvergenceRecord(time, values, tuple(latest), np.zeros(n, dtype=bool))
+
+
+def read_convergence_record(path: Path) -> tuple[StateLayout, ConvergenceRecord]:
+    """Read what `write_convergence_record` wrote, and the layout of its states.
+
+    Raises
+    ------
+    InputError: missing, too large, damaged, or arrays that do not fit together.
+    """
+    try:
+        return _convergence_record(read_arrays(path))
+    except DAMAGED as error:
+        raise unusable(path, "whole convergence", error, CURE) from None
+
+
+def latest_epochs(layout: StateLayout, found: ConvergenceRecord) -> EstimateHistory:
+    """The epoch that each solve took in, as that solve saw it."""
+    return smoothed_epochs(layout, found.latest)
+
+
+def smoothed_epochs(layout: StateLayout, rows: Sequence[MarginalizedState]) -> EstimateHistory:
+    """Epochs of a smoother as a history."""
+    beliefs = GrowingHistory(layout, rows[0].time)
+    for row in rows:
+        beliefs.append(row.time, Gaussian(layout, row.mean, row.factor), [], 0.0)
+    return beliefs.ended(NAME, EstimatorStatus())
+
+
+def _constants(bodies: BodyHistory) -> dict[str, np.ndarray]:
+    """Rows are solves."""
+    assert bodies.center_of_mass_g is not None
+    assert bodies.center_of_mass_std is not None
+    return {
+        "log_ratios": bodies.log_ratios,
+        "std_log_ratios": bodies.log_ratios_std,
+        "principal_moments": bodies.principal_moments,
+        "std_principal_moments": bodies.principal_moments_std,
+        "center_of_mass_g": bodies.center_of_mass_g,
+        "std_center_of_mass_g": bodies.center_of_mass_std,
+    }
+
+
+def _convergence_record(arrays: dict[str, np.ndarray]) -> tuple[StateLayout, ConvergenceRecord]:
+    layout = StateLayout(tuple(map(str, arrays["blocks"])))
+    if not set(FULL_BLOCKS) <= set(layout.blocks):
+        raise ValueError(f"its states are {layout.blocks}")
+    count = len(arrays["time"])
+    shapes = {
+        "time": (count,),
+        **{name: (count, count, size) for name, size in _SIZES.items()},
+        "newest_mean": (count, layout.mean_dim),
+        "newest_factor": (count, layout.error_dim, layout.error_dim),
+    }
+    for name, shape in shapes.items():
+        if arrays[name].shape != shape or arrays[name].dtype != np.dtype(float):
+            raise ValueError(f"{name} is {arrays[name].dtype} of shape {arrays[name].shape}, not {shape}")
+    time, mean, trusted = arrays["time"], arrays["newest_mean"], arrays["trusted"]
+    if trusted.shape != (count,) or trusted.dtype != np.dtype(bool):
+        raise ValueError(f"trusted is {trusted.dtype} of shape {trusted.shape}, not bool of {(count,)}")
+    if count < 2 or not (np.isfinite(time).all() and (np.diff(time) > 0).all()):
+        raise ValueError("its time does not run forwards")
+    latest = zip(time.tolist(), mean, arrays["newest_factor"], strict=True)
+    values = {name: arrays[name] for name in _SIZES}
+    return layout, ConvergenceRecord(time, values, tuple(MarginalizedState(*r) for r in latest), trusted)
+
+
+def require_convergence(setup: Setup, settings: Settings) -> None:
+    """Refuse a run whose smoother does not take in epoch after epoch.
+
+    Raises
+    ------
+    InputError: no smoother, measurements that are smoothed all at once, or too many epochs.
+    """
+    if NAME not in settings.estimators:
+        raise InputError(f"--convergence shows the estimator {NAME}; name it in --estimators")
+    if not setup.initial.has_landmarks:
+        raise InputError(
+            "--convergence needs stereo tracks without a known map (landmarks.csv): other measurements are smoothed all at once"
+        )
+    if len(setup.timeline) > MOST_EPOCHS:
+        raise InputError(
+            f"--convergence is for at most {MOST_EPOCHS} epochs, the recording has {len(setup.timeline)}; give a part of it"
+        )
+
+
+def write_convergence(
+    folder: Path, setup: Setup, settings: Settings, on_epoch: Callable[[int, int], None]
+) -> None:
+    """smoother/convergence.npz and convergence.png.
+
+    Raises
+    ------
+    InputError: as `require_convergence`; a file cannot be written.
+    """
+    require_convergence(setup, settings)
+    start, layout = setup.initial, setup.process.layout
+    options = settings.smoother.options(len(setup.timeline))
+    smoother = SlidingSmoother(setup.process, start.prior, options, has_landmarks=True)
+    try:
+        found = record_convergence(smoother, setup.timeline, partial(_quantities, layout), on_epoch)
+    except NUMERICAL_ERRORS:
+        found = empty_convergence_record(layout, np.array([epoch.time for epoch in setup.timeline]))
+    make_folder(folder / NAME)
+    write_convergence_record(folder / NAME / ARRAYS, found, layout)
+    truth = setup.dataset.truth
+    draw_figure(
+        lambda: convergence_figure(_convergence(found, latest_epochs(layout, found), truth)),
+        folder / CONVERGENCE_PICTURE,
+    )
+
+
+def is_whole(folder: Path) -> bool:
+    """Whether a run folder holds both files, undamaged."""
+    try:
+        read_convergence_record(folder / NAME / ARRAYS)
+    except InputError:
+        return False
+    return (folder / CONVERGENCE_PICTURE).exists()
+
+
+def read_convergence(folder: Path, truth: Truth | None) -> Convergence | None:
+    """Convergence of a run folder for the figure; None where not asked for.
+
+    Raises
+    ------
+    InputError: as `spinfilters.run.smoother_convergence.read_convergence_record`.
+    """
+    path = folder / NAME / ARRAYS
+    if not path.exists() and not (folder / CONVERGENCE_PICTURE).exists():
+        return None
+    layout, found = read_convergence_record(path)
+    return _convergence(found, latest_epochs(layout, found), truth)
+
+
+def _quantities(
+    layout: StateLayout, window: Sequence[MarginalizedState]
+) -> dict[str, Float[np.ndarray, "k q"]]:
+    """Estimates of every one of `QUANTITIES` after a solve, SI, with standard deviations."""
+    history = smoothed_epochs(layout, window)
+    trajectory, rates = trajectory_of(history), estimated_rates(history)
+    told = {name: quantity.estimate(trajectory, rates) for name, quantity in QUANTITIES.items()}
+    values = {name: value for name, (value, _) in told.items()}
+    return values | {deviations_of(name): std for name, (_, std) in told.items()}
+
+
+def _convergence(found: ConvergenceRecord, latest: EstimateHistory, truth: Truth | None) -> Convergence:
+    """Convergence with errors where there is a truth, else distances from the last solve."""
+    if truth is None:
+        reference = {name: found.values[name][-1] for name in QUANTITIES}
+    else:
+        truth = _in_estimated_frame(found, latest, truth)
+        reference = _true_quantities(found.time, truth)
+    quantities = [
+        ConvergingQuantity(
+            quantity.label,
+            quantity.unit,
+            quantity.scale * _distance(name, found.values[name], reference[name]),
+            quantity.scale * np.linalg.norm(found.values[deviations_of(name)], axis=2),
+        )
+        for name, quantity in QUANTITIES.items()
+    ]
+    ratios = (
+        None if truth is None or truth.principal_moments is None else _log_ratios(truth.principal_moments)
+    )
+    centre = None if truth is None else truth.center_of_mass_g
+    known = truth is not None
+    return Convergence(found.time, quantities, body_history(latest), found.trusted, known, ratios, centre)
+
+
+def _in_estimated_frame(found: ConvergenceRecord, latest: EstimateHistory, truth: Truth) -> Truth:
+    """The truth in the estimate's g.
+
+    That which the first epoch defines; where it is not told, that which fits the last solve best.
+    """
+    if tells_first_frame(latest, truth):
+        return truth_in_first_frame(latest, truth)
+    rows, true_rows = common_stamps(found.time, truth.time)
+    attitudes = found.values[ATTITUDE][-1, rows]
+    held = np.isfinite(attitudes).all(axis=1)
+    turn = attitude_alignment(attitudes[held], truth.q_ig[true_rows][held])
+    return replace(truth, q_ig=multiply(truth.q_ig, turn), principal_axes_g=None, center_of_mass_g=None)
+
+
+def _true_quantities(time: np.ndarray, truth: Truth) -> dict[str, Float[np.ndarray, "f q"]]:
+    """True `QUANTITIES` by name, not a number in epochs without a truth."""
+    rows, true_rows = common_stamps(time, truth.time)
+    quantities = {name: np.full((len(time), quantity.size), np.nan) for name, quantity in QUANTITIES.items()}
+    for name, quantity in QUANTITIES.items():
+        quantities[name][rows] = quantity.true(truth)[true_rows]
+    return quantities
+
+
+def _log_ratios(moments: Float[np.ndarray, "3"]) -> Float[np.ndarray, "2"]:
+    """k1, k2."""
+    low, middle, high = np.sort(moments)
+    return np.log([high / middle, middle / low])
+
+
+def _distance(name: str, surface: np.ndarray, reference: np.ndarray) -> Float[np.ndarray, "f f"]:
+    """Lengths of differences; of an attitude the angle."""
+    if name != ATTITUDE:
+        return np.linalg.norm(surface - reference, axis=2)
+    held = np.isfinite(surface).all(axis=2) & np.isfinite(reference).all(axis=1)
+    against = np.broadcast_to(reference, surface.shape)[held]
+    angle = np.full(surface.shape[:2], np.nan)
+    turn = multiply(inverse(against), surface[held])
+    angle[held] = np.linalg.norm(rotation_vector_from_quaternion(turn), axis=1)
+    return angle

@@ -1,1 +1,0 @@
-"""The run folder: records, checkpoints, summary, fingerprint."""

@@ -1,1 +1,0 @@
-"""Sensors: one file each, found by the registry, and their interface."""

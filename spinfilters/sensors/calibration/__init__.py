@@ -1,1 +1,0 @@
-"""Consider parameters of sensors' calibrations, a file each."""

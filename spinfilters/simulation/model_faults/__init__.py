@@ -1,4 +1,0 @@
-"""Recordings whose models are wrong in one known way.
-
-A module for each part of the models.
-"""

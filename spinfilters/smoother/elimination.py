@@ -1,0 +1,368 @@
+"""Elimination of landmarks by Schur complement, and of velocities or whole states along the chain of time."""
+
+import weakref
+from dataclasses import dataclass
+from math import prod
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.linalg import solve_triangular
+
+from spinfilters.core.compiled import address
+from spinfilters.smoother.kernels import kernels, take_products
+from spinfilters.smoother.landmark_factors import (
+    OBSERVATIONS_NEEDED,
+    LandmarkObservations,
+    LinearObservations,
+)
+
+LARGE = 1 << 15
+"""Numbers from which an array is lent."""
+KEPT = 6
+"""Arrays that are kept at most."""
+ALIGNMENT = 8
+"""Numbers in a vector of the machine, at whose multiples an array begins."""
+
+_pool: dict[int, np.ndarray] = {}
+"""Spare arrays by identity, the oldest first.
+
+Each step on it is one call that no other thread, nor a finalizer, can divide. A lock would not do: a finalizer that runs in the
+middle of a search would wait for it in vain."""
+
+
+def pooled_zeros(*shape: int) -> np.ndarray:
+    """An array of zeros, aligned to vectors."""
+    array = pooled_array(*shape)
+    array[...] = 0.0
+    return array
+
+
+def pooled_array(*shape: int) -> np.ndarray:
+    """An array of any numbers, aligned to vectors."""
+    count = prod(shape)
+    raw = _taken(count) if count >= LARGE else None
+    if raw is None:
+        raw = np.empty(count + ALIGNMENT)
+    first = (-address(raw) // raw.itemsize) % ALIGNMENT
+    if count < LARGE:
+        return raw[first : first + count].reshape(shape)
+    array = np.frombuffer(raw.data, count=count, offset=first * raw.itemsize)
+    weakref.finalize(array, _give_back, raw).atexit = False
+    return array.reshape(shape)
+
+
+def _taken(count: int) -> np.ndarray | None:
+    """A spare array that is long enough and not much too long."""
+    for key, raw in list(_pool.items()):
+        if count + ALIGNMENT <= len(raw) <= 2 * (count + ALIGNMENT) and _pool.pop(key, None) is raw:
+            return raw
+    return None
+
+
+def _give_back(raw: np.ndarray) -> None:
+    _pool[id(raw)] = raw
+    for key in list(_pool)[:-KEPT]:
+        _pool.pop(key, None)
+
+
+POSE = 6
+"""Errors of a pose."""
+WIDE = 8
+"""Row of a pose's block in memory: one vector of the machine."""
+FLATTEST = 1e-12
+"""Determinant of a landmark's scaled information below which its depth is not told."""
+
+
+@dataclass(frozen=True)
+class Eliminated:
+    """Eliminated well-constrained landmarks, and their Schur complement on the poses.
+
+    Attributes
+    ----------
+    weight: (N,) of each observation.   is_constrained: (L,) which of the observations' landmarks.   used: (N,) observations
+        that count: those of a
+    told landmark with a weight.
+    information_sqrt: (L, 3, 3) lower triangular L.   gradient: (L, 3) y.   coupling: (N, 3, 6) Y of each observation; that of
+        the first of a
+    landmark's observations in an epoch holds them all.
+    information: (r + 1, r) what is left to the poses, in the lower triangle, and an empty row.   pose_gradient: (r,).
+    """
+
+    observations: LandmarkObservations
+    weight: Float[np.ndarray, " N"]
+    is_constrained: Bool[np.ndarray, " L"]
+    used: Bool[np.ndarray, " N"]
+    information_sqrt: Float[np.ndarray, "L 3 3"]
+    gradient: Float[np.ndarray, "L 3"]
+    coupling: Float[np.ndarray, "N 3 6"]
+    information: Float[np.ndarray, "w r"]
+    pose_gradient: Float[np.ndarray, " r"]
+
+    def points_step(self, poses: Float[np.ndarray, "k 6"]) -> Float[np.ndarray, "L 3"]:
+        """Landmark steps by back-substitution of a pose step; zero where not well constrained."""
+        s, library = self.observations, kernels()
+        if library is None:
+            return self._points_step(poses)
+        step, poses = np.empty((s.landmarks, 3)), np.ascontiguousarray(poses)
+        library.follow_poses(
+            s.landmarks,
+            *map(
+                address,
+                (
+                    s.start,
+                    s.epoch,
+                    self.is_constrained,
+                    self.information_sqrt,
+                    self.gradient,
+                    self.coupling,
+                    poses,
+                    step,
+                ),
+            ),
+        )
+        return step
+
+    def _points_step(self, poses: Float[np.ndarray, "k 6"]) -> Float[np.ndarray, "L 3"]:
+        rest = self.gradient.copy()
+        np.subtract.at(
+            rest,
+            self.observations.landmark,
+            np.einsum("nab,nb->na", self.coupling, poses[self.observations.epoch]),
+        )
+        step = np.zeros_like(rest)
+        step[self.is_constrained] = _solved(
+            np.swapaxes(self.information_sqrt[self.is_constrained], 1, 2), rest[self.is_constrained]
+        )
+        return step
+
+
+def eliminate(
+    observations: LandmarkObservations,
+    linear: LinearObservations,
+    weight: Float[np.ndarray, " N"],
+    kept: int,
+    epochs: int,
+) -> Eliminated:
+    """Eliminate the landmarks from weighted observations.
+
+    Observations of landmarks that are then not well-constrained do not count.
+
+    Parameters
+    ----------
+    kept: number of unknowns that remain, poses first.
+    """
+    library = kernels()
+    if library is None:
+        return eliminate_in_numpy(observations, linear, weight, kept, epochs)
+    L, N = observations.landmarks, len(observations)
+    is_constrained, gradient = np.empty(L, dtype=bool), np.empty((L, 3))
+    information_sqrt = np.empty((L, 3, 3))
+    coupling, slope = pooled_array(N, 3, POSE), np.zeros(kept)
+    blocks, information = pooled_array(epochs * (epochs + 1) // 2 * POSE * WIDE), pooled_zeros(kept + 1, kept)
+    weight, rows = np.ascontiguousarray(weight), np.ascontiguousarray(linear.rows)
+    failed = library.eliminate_landmarks(
+        L,
+        epochs,
+        *map(address, (observations.start, observations.epoch, rows, weight)),
+        FLATTEST,
+        *map(address, (is_constrained, information_sqrt, gradient, coupling, blocks, slope)),
+    )
+    if failed:
+        raise MemoryError("no memory to eliminate the landmarks")
+    library.spread_blocks(epochs, kept, address(blocks), address(information))
+    used = (weight > 0) & is_constrained[observations.landmark]
+    return Eliminated(
+        observations, weight, is_constrained, used, information_sqrt, gradient, coupling, information, slope
+    )
+
+
+def eliminate_in_numpy(
+    observations: LandmarkObservations,
+    linear: LinearObservations,
+    weight: Float[np.ndarray, " N"],
+    kept: int,
+    epochs: int,
+) -> Eliminated:
+    """`eliminate` for machines without a compiler."""
+    landmark, epoch, L = observations.landmark, observations.epoch, observations.landmarks
+    is_constrained, used, information_sqrt = _constrained(observations, linear, weight)
+    root, each_used = np.sqrt(np.where(used, weight, 0.0))[:, None, None], used[:, None, None]
+    scaled = root * np.where(each_used, linear.rows, 0.0)
+    by_pose, by_point, y = scaled[:, :, :POSE], scaled[:, :, POSE:-1], scaled[:, :, -1:]
+    gradient, whole = np.zeros((L, 3)), np.zeros((L, 3, epochs, POSE))
+    turned = by_point.swapaxes(1, 2)
+    np.add.at(gradient, landmark, (turned @ y)[..., 0])
+    gradient = _solved(information_sqrt, gradient)
+    each = np.linalg.solve(information_sqrt[landmark], turned @ by_pose)
+    np.add.at(whole, (landmark, slice(None), epoch), each)  # pyright: ignore[reportArgumentType]
+    blocks, jacobian = np.zeros((epochs, POSE, POSE)), np.zeros((epochs, POSE))
+    np.add.at(blocks, epoch, by_pose.swapaxes(1, 2) @ by_pose)
+    np.add.at(jacobian, epoch, (by_pose.swapaxes(1, 2) @ y)[..., 0])
+    Y, size = whole.reshape(3 * L, epochs * POSE), epochs * POSE
+    information, slope = np.zeros((kept + 1, kept)), np.zeros(kept)
+    information[:size, :size] = _added_on_diagonal(-np.tril(Y.T @ Y), blocks)
+    slope[:size] = jacobian.reshape(-1) - Y.T @ gradient.reshape(-1)
+    coupling = whole.swapaxes(1, 2)[landmark, epoch] * _firsts(observations, used)[:, None, None]
+    lower = np.tril(information)
+    return Eliminated(
+        observations, weight, is_constrained, used, information_sqrt, gradient, coupling, lower, slope
+    )
+
+
+def _added_on_diagonal(
+    information: Float[np.ndarray, "s s"], blocks: Float[np.ndarray, "k p p"]
+) -> Float[np.ndarray, "s s"]:
+    """A matrix with a block added for every pose on its diagonal; in place."""
+    for k, block in enumerate(blocks):
+        at = slice(k * POSE, (k + 1) * POSE)
+        information[at, at] += block
+    return information
+
+
+def _constrained(
+    observations: LandmarkObservations, linear: LinearObservations, weight: Float[np.ndarray, " N"]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Well-constrained landmarks, observations that count, and square-root information.
+
+    The latter is I where a landmark is not well-constrained.
+    """
+    L, landmark = observations.landmarks, observations.landmark
+    by_point = np.where((weight > 0)[:, None, None], linear.rows[:, :, POSE:-1], 0.0)
+    information = np.zeros((L, 3, 3))
+    np.add.at(information, landmark, weight[:, None, None] * by_point.swapaxes(1, 2) @ by_point)
+    hits = np.bincount(landmark[weight > 0], minlength=L)
+    diagonal = np.einsum("kii->ki", information)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        shape = np.linalg.det(information) / diagonal.prod(axis=1)
+    is_constrained = (hits >= OBSERVATIONS_NEEDED) & (shape > FLATTEST)
+    information_sqrt = np.tile(np.eye(3), (L, 1, 1))
+    information_sqrt[is_constrained] = np.linalg.cholesky(information[is_constrained])
+    return is_constrained, (weight > 0) & is_constrained[landmark], information_sqrt
+
+
+def _firsts(observations: LandmarkObservations, used: Bool[np.ndarray, " N"]) -> Bool[np.ndarray, " N"]:
+    """The first used observation of each landmark in each epoch."""
+    rows = np.flatnonzero(used)
+    place = (
+        observations.landmark[rows] * (int(observations.epoch.max(initial=0)) + 1) + observations.epoch[rows]
+    )
+    result = np.zeros(len(used), dtype=bool)
+    result[rows[np.flatnonzero(np.diff(place, prepend=-1))]] = True
+    return result
+
+
+def _solved(
+    information_sqrt: Float[np.ndarray, "k 3 3"], right: Float[np.ndarray, "k 3"]
+) -> Float[np.ndarray, "k 3"]:
+    return np.linalg.solve(information_sqrt, right[..., None])[..., 0]
+
+
+FADED = 1e-17
+"""Of the largest element that a pose had in X: products with less are below the rounding of what they would be taken from."""
+GROUP = 16
+"""Epochs whose X are multiplied at once."""
+
+
+@dataclass(frozen=True)
+class VelocityElimination:
+    """An eliminated chain.
+
+    Attributes
+    ----------
+    information_sqrts: (k, v, v) L_k.   next: (k - 1, v, v) F_k.   coupling: (k, v, w) X_k, columns: poses, constants,
+        right-hand side.
+    begin: (k,) first pose that X_k still feels.   pose: columns of a pose.   reach: poses that every epoch may feel.
+    failed: epoch whose information is not positive definite, or -1.
+    """
+
+    information_sqrts: Float[np.ndarray, "k v v"]
+    next: Float[np.ndarray, "j v v"]
+    coupling: Float[np.ndarray, "k v w"]
+    begin: Int[np.ndarray, " k"]
+    pose: int
+    reach: int
+    failed: int
+
+    def reduce(self, M: Float[np.ndarray, "w r"]) -> None:
+        """Subtract X'X of the eliminated velocities from the separator, in place.
+
+        From the lower triangle over poses and constants, and from the right-hand side in the last row.
+        """
+        K, v, width = self.coupling.shape
+        p, rest = self.pose, K * self.pose
+        X = self.coupling.reshape(K * v, width)
+        tail = X[:, rest:]
+        M[rest:, rest:] -= tail.T @ tail[:, :-1]
+        if not p:
+            return
+        for first in range(0, K, GROUP):
+            rows = slice(first * v, min(first + GROUP, K) * v)
+            last = max(first + GROUP + 1, self.reach)
+            columns = slice(int(self.begin[first]) * p, min(last, K) * p)
+            part = X[rows, columns]
+            take_products(part, M[columns, columns])
+            M[rest:, columns] -= tail[rows].T @ part
+
+    def back(self, separator_step: Float[np.ndarray, " r"]) -> Float[np.ndarray, "k v"]:
+        """Eliminated errors by back-substitution of the separator's solution."""
+        width, library = self.coupling.shape[2], kernels()
+        right = self.coupling[:, :, -1] - self.coupling[:, :, : width - 1] @ separator_step
+        if library is None:
+            return self._back(right)
+        library.solve_velocities(*right.shape, *map(address, (self.information_sqrts, self.next, right)))
+        return right
+
+    def _back(self, right: Float[np.ndarray, "k v"]) -> Float[np.ndarray, "k v"]:
+        for k in range(len(right) - 1, -1, -1):
+            if k + 1 < len(right):
+                right[k] -= self.next[k] @ right[k + 1]
+            right[k] = solve_triangular(
+                self.information_sqrts[k], right[k], lower=True, trans=1, check_finite=False
+            )
+        return right
+
+
+def eliminate_velocities(
+    D: Float[np.ndarray, "k v v"],
+    E: Float[np.ndarray, "j v v"],
+    G: Float[np.ndarray, "k v w"],
+    pose: int,
+    reach: int,
+) -> VelocityElimination:
+    """Eliminate; the arrays are overwritten.
+
+    Parameters
+    ----------
+    pose: number of leading columns of G per epoch.   reach: poses that G_0 may hold; G_k holds those up to k + 1.
+    """
+    (K, v, width), library = G.shape, kernels()
+    begin = np.zeros(K, dtype=np.int64)
+    if library is None:
+        return VelocityElimination(D, E, G, begin, pose, reach, _eliminated(D, E, G))
+    blocks = K if pose else 0
+    failed = library.eliminate_velocities(
+        *(K, v, pose, blocks, width, reach),
+        FADED,
+        *map(address, (D, E, G, begin)),
+    )
+    if failed < 0:
+        raise MemoryError("no memory to eliminate the velocities")
+    return VelocityElimination(D, E, G, begin, pose, reach, int(failed) - 1)
+
+
+def _eliminated(D: np.ndarray, E: np.ndarray, G: np.ndarray) -> int:
+    """`eliminate_velocities` for machines without a compiler, in place."""
+    for k in range(len(D)):
+        if k:
+            D[k] -= E[k - 1].T @ E[k - 1]
+            G[k] -= E[k - 1].T @ G[k - 1]
+        try:
+            D[k] = np.linalg.cholesky(D[k])
+        except np.linalg.LinAlgError:
+            return k
+        if not np.isfinite(D[k]).all():
+            return k
+        G[k] = solve_triangular(D[k], G[k], lower=True, check_finite=False)
+        if k + 1 < len(D):
+            E[k] = solve_triangular(D[k], E[k], lower=True, check_finite=False)
+    return -1

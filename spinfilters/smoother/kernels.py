@@ -1,0 +1,57 @@
+"""Compiled kernels of the elimination, or none without a compiler. NumPy does the same then."""
+
+import ctypes
+from collections.abc import Callable
+from functools import cache
+from importlib import import_module
+from importlib.resources import files
+
+import numpy as np
+
+from spinfilters.core.c_library import KERNEL_FLAGS, Signature, load_text, with_signatures
+
+SOURCES = ("kernels.h", "landmarks.c", "velocities.c")
+_SIGNATURES = {
+    "eliminate_landmarks": Signature("ii" + "pppp" + "d" + "pppppp", ctypes.c_int),
+    "spread_blocks": Signature("ii" + "pp", None),
+    "follow_poses": Signature("i" + "pppppppp", None),
+    "step_rows": Signature("iiiii" + "pp" + "d" + "ppppp", ctypes.c_int),
+    "add_information_blocks": Signature("iiiiii" + "ppppp", ctypes.c_int),
+    "eliminate_velocities": Signature("iiiiii" + "d" + "pppp", ctypes.c_longlong),
+    "solve_velocities": Signature("ii" + "ppp", None),
+    "chained_covariances": Signature("iii" + "ppppp", ctypes.c_int),
+}
+"""Arguments of each loop (integers, numbers, addresses of contiguous arrays) and what it returns."""
+
+
+@cache
+def kernels() -> ctypes.PyDLL | None:
+    """The library, or None."""
+    folder = files("spinfilters.smoother")
+    text = "".join(folder.joinpath(name).read_text() for name in SOURCES)
+    return with_signatures(load_text("smoother_kernels", text, KERNEL_FLAGS), _SIGNATURES)
+
+
+def take_products(rows: np.ndarray, matrix: np.ndarray) -> None:
+    """Subtract rows' rows from the lower triangle of a matrix (BLAS dsyrk).
+
+    Both may be parts of larger arrays, row by row in memory.
+    """
+    width, pitch = rows.strides[0] // rows.itemsize, matrix.strides[0] // matrix.itemsize
+    count, order = ctypes.c_int(len(rows)), ctypes.c_int(rows.shape[1])
+    sizes = [ctypes.byref(number) for number in (order, count, ctypes.c_int(width), ctypes.c_int(pitch))]
+    _dsyrk()(b"U", b"N", *sizes[:2], _MINUS, rows.ctypes.data, sizes[2], _ONE, matrix.ctypes.data, sizes[3])
+
+
+_MINUS, _ONE = (ctypes.byref(ctypes.c_double(number)) for number in (-1.0, 1.0))
+
+
+@cache
+def _dsyrk() -> Callable[..., None]:
+    """SciPy's own BLAS, which takes parts of matrices as they lie."""
+    capsule = import_module("scipy.linalg.cython_blas").__pyx_capi__["dsyrk"]
+    name, place = ctypes.pythonapi.PyCapsule_GetName, ctypes.pythonapi.PyCapsule_GetPointer
+    name.restype, name.argtypes = ctypes.c_char_p, [ctypes.py_object]
+    place.restype, place.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]
+    signature = ctypes.PYFUNCTYPE(None, *[ctypes.c_char_p] * 2, *[ctypes.c_void_p] * 8)
+    return signature(place(capsule, name(capsule)))

@@ -1,0 +1,179 @@
+"""Latest epoch of a window: its pose by consensus, and the inliers among its observations."""
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from spinfilters.core.absolute_orientation import absolute_orientation, rigid_motions
+from spinfilters.core.attitude_conversions import matrix_from_quaternion, quaternion_from_matrix
+from spinfilters.core.errors import InputError
+from spinfilters.smoother.landmark_factors import OBSERVATIONS_NEEDED, linearise_observations, reinitialised
+from spinfilters.smoother.losses import RobustLoss
+from spinfilters.smoother.problem import LinearizationPoint, LinearProblem, NormalEquations, Problem, Stage
+from spinfilters.smoother.window import Window
+
+POOR_GUESS_SHARE = 0.3
+"""Share of the latest epoch's observations without weight from which the epoch's guess, not the observations, is taken to be
+wrong."""
+WIDTH = 5.0
+"""Standard deviations within which observations' own points agree."""
+
+
+def is_poor_guess(problem: Problem, here: LinearizationPoint, loss: RobustLoss) -> bool:
+    """Whether the loss rejects most observations of the latest epoch."""
+    if here.linear is None or problem.observations is None:
+        return False
+    latest = np.flatnonzero(problem.observations.epoch == problem.ordering.epochs - 1)
+    lost = here.linear.weight(loss)[latest] == 0
+    return bool(np.count_nonzero(lost) > POOR_GUESS_SHARE * len(lost))
+
+
+def with_landmarks_put_right(problem: Problem, here: LinearizationPoint, stage: Stage) -> LinearizationPoint:
+    """Linearisation point with landmarks of fewer than two inliers re-initialised."""
+    if problem.observations is None or here.linear is None:
+        return here
+    inliers = here.linear.weight(stage.loss) > 0
+    if inliers.all():
+        return here
+    landmark, count = problem.observations.landmark, problem.observations.landmarks
+    every, good = np.bincount(landmark, minlength=count), np.bincount(landmark[inliers], minlength=count)
+    if not ((every > OBSERVATIONS_NEEDED) & (good < OBSERVATIONS_NEEDED)).any():
+        return here
+    points = reinitialised(problem.observations, here.trajectory, here.points, inliers, WIDTH)
+    if points is None:
+        return here
+    linear = linearise_observations(problem.observations, here.trajectory, points)
+    return replace(here, points=points, linear=linear)
+
+
+def linear_problem(problem: Problem, here: LinearizationPoint, loss: RobustLoss) -> LinearProblem:
+    """Linear problem about a point, or one at which misplaced landmarks are re-initialised."""
+    stage = Stage(loss)
+    here = with_landmarks_put_right(problem, here, stage)
+    return LinearProblem(here, problem.normal(here, stage))
+
+
+def observation_weights(
+    window: Window, normal: NormalEquations, epoch: int, ends: list[int]
+) -> list[Float[np.ndarray, " n"]]:
+    """Weights of the observations of an epoch between these ends; zero where there is no solution."""
+    fit, (first, last) = normal.eliminated, np.searchsorted(window.seen.epoch, [epoch, epoch + 1]).tolist()
+    weight = np.zeros(last - first)
+    if fit is not None:
+        order = np.argsort(window.seen.landmark[first:last], kind="stable")
+        weight[order] = fit.weight[fit.observations.epoch == epoch]
+    return [weight[begin - first : end - first] for begin, end in pairwise(ends)]
+
+
+AGREEMENT, ROUGH_AGREEMENT = 5.0, 15.0
+"""Mahalanobis distance within which a point agrees with a fitted pose, and with that of three points alone."""
+FEWEST, SMALLEST_SHARE, CLEAR_SHARE = 6, 0.2, 0.5
+"""Points that must agree with a pose: so many, and such a share. From the last share on no other pose can have more."""
+TRIPLES, REFITS, SEED = 200, 3, 0
+"""Of random points, from a seed of their own, so that the same observations give the same pose."""
+
+
+@dataclass(frozen=True)
+class _LatestMatches:
+    """Points in camera coordinates matched to landmarks in g.
+
+    Their distance (m) is divided by the factors (k, 3, 3).
+    """
+
+    seen: Float[np.ndarray, "k 3"]
+    landmarks: Float[np.ndarray, "k 3"]
+    whitening: Float[np.ndarray, "k 3 3"]
+
+    def distance(
+        self, R: Float[np.ndarray, "h 3 3"], t: Float[np.ndarray, "h 3"]
+    ) -> Float[np.ndarray, "h k"]:
+        """Mahalanobis distance of every match under h motions."""
+        away = self.seen - (self.landmarks @ R.swapaxes(1, 2) + t[:, None])
+        return np.sqrt(np.square(np.einsum("kab,hkb->hka", self.whitening, away)).sum(axis=2))
+
+    def agreeing(self, pose: Float[np.ndarray, " 7"], bound: float) -> Bool[np.ndarray, " k"]:
+        """Matches within a distance of a pose."""
+        return self.distance(matrix_from_quaternion(pose[3:])[None], pose[None, :3])[0] < bound
+
+
+def latest_pose(
+    problem: Problem, trajectory: Float[np.ndarray, "k m"], points: Float[np.ndarray, "L 3"]
+) -> Float[np.ndarray, " 7"] | None:
+    """Pose (t m, q_ig) of the latest epoch from its observations.
+
+    None where too few landmarks that were seen before agree on any.
+    """
+    matches = _matches(problem, trajectory, points)
+    if len(matches.seen) < FEWEST:
+        return None
+    layout = problem.layout
+    state = trajectory[-1]
+    predicted = np.concatenate([state[layout.mean_slice("t")], state[layout.mean_slice("a")]])
+    pose = _refitted(matches, predicted)
+    if pose is None or matches.agreeing(pose, AGREEMENT).mean() < CLEAR_SHARE:
+        other = _refitted(matches, _best_of_triples(matches))
+        pose = _better(matches, pose, other)
+    return pose
+
+
+def _better(matches: _LatestMatches, one: np.ndarray | None, other: np.ndarray | None) -> np.ndarray | None:
+    """The pose that more matches agree with."""
+    if one is None or other is None:
+        return other if one is None else one
+    return max((one, other), key=lambda pose: np.count_nonzero(matches.agreeing(pose, AGREEMENT)))
+
+
+def _matches(problem: Problem, trajectory: np.ndarray, points: np.ndarray) -> _LatestMatches:
+    """Observations of the last epoch that tell a point, of landmarks that were observed before."""
+    observations = problem.observations
+    assert observations is not None
+    last = problem.ordering.epochs - 1
+    before = np.zeros(observations.landmarks, dtype=bool)
+    before[observations.landmark[observations.epoch < last]] = True
+    rows = (observations.epoch == last) & before[observations.landmark]
+    origin = problem.layout.origin()
+    found = [(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3, 3)))]
+    for group in observations.groups:
+        at = np.flatnonzero(rows[group.rows])
+        if not len(at):
+            continue
+        parameters = np.concatenate([np.zeros((len(at), 3)), group.parameters[at]], axis=1)
+        made = group.model.new_landmarks(origin, parameters, group.values[at])
+        good = made.determined & np.isfinite(made.points).all(axis=1)
+        at, here = at[good], made.points[good]
+        whitening = np.linalg.inv(
+            np.sqrt(2) * made.root[good]
+        )  # the landmark is about as uncertain as the observation
+        found.append((here, points[observations.landmark[group.rows[at]]], whitening))
+    return _LatestMatches(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
+
+
+def _refitted(matches: _LatestMatches, pose: Float[np.ndarray, " 7"]) -> Float[np.ndarray, " 7"] | None:
+    """Fitted again and again to what agrees with it; None where too little does."""
+    weight = np.square(matches.whitening).sum(axis=(1, 2))
+    for bound in np.linspace(ROUGH_AGREEMENT, AGREEMENT, REFITS):
+        good = matches.agreeing(pose, bound)
+        if not _require_a_step(good):
+            return None
+        try:
+            q, t = absolute_orientation(matches.seen[good], matches.landmarks[good], weight[good])
+        except InputError:  # on one line
+            return None
+        pose = np.concatenate([t, q])
+    return pose if _require_a_step(matches.agreeing(pose, AGREEMENT)) else None
+
+
+def _require_a_step(good: Bool[np.ndarray, " k"]) -> bool:
+    return bool(good.sum() >= FEWEST and good.mean() >= SMALLEST_SHARE)
+
+
+def _best_of_triples(matches: _LatestMatches) -> Float[np.ndarray, " 7"]:
+    """The motion of three points that all others fit best."""
+    generator = np.random.default_rng(SEED)
+    chosen = generator.random((TRIPLES, len(matches.seen))).argpartition(2, axis=1)[:, :3]
+    R, t = rigid_motions(matches.seen[chosen], matches.landmarks[chosen])
+    cost = np.square(np.minimum(matches.distance(R, t), ROUGH_AGREEMENT)).sum(axis=1)
+    best = int(np.argmin(cost))
+    return np.concatenate([t[best], quaternion_from_matrix(R[best])])

@@ -1,0 +1,429 @@
+"""Whitened factors of a motion: dynamics, prior, and observations that depend on the state of one epoch alone."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from spinfilters.core.compiled import address
+from spinfilters.filters.estimator import ProcessModel
+from spinfilters.filters.timeline import Timeline, by_sensor, times_of
+from spinfilters.models.measurement import MeasurementModel
+from spinfilters.smoother.kernels import kernels
+from spinfilters.smoother.losses import LeastSquares, RobustLoss
+from spinfilters.smoother.priors import StatePrior, VariableOrdering
+
+
+@dataclass(frozen=True)
+class EpochRows:
+    """Rows [J | y] of measurements in the order of their epochs.
+
+    Products are those of whole epochs: of single landmarks, added up afterwards, they take ten to fifty times as long.
+
+    Attributes
+    ----------
+    rows: (r, i, c + 1), contiguous.   epoch: (r,) ascending.
+    """
+
+    rows: Float[np.ndarray, "r i c1"]
+    epoch: Int[np.ndarray, " r"]
+
+    @property
+    def jacobian(self) -> Float[np.ndarray, "r i c"]:
+        """J."""
+        return self.rows[:, :, :-1]
+
+    @cached_property
+    def first(self) -> Int[np.ndarray, " f"]:
+        """First row of every epoch that has any."""
+        return np.flatnonzero(np.diff(self.epoch, prepend=-1))
+
+    @property
+    def are_single(self) -> bool:
+        """Whether no epoch has more than one measurement."""
+        return len(self.first) == len(self.rows)
+
+    @property
+    def information(self) -> Float[np.ndarray, "f c1 c1"]:
+        """[J | y]'[J | y] of the epochs of `first`."""
+        if self.are_single:
+            return self.rows.swapaxes(1, 2) @ self.rows
+        found = np.empty((len(self.first), self.rows.shape[2], self.rows.shape[2]))
+        whole = self.rows.reshape(-1, self.rows.shape[2])
+        for k, part in enumerate(self._parts):
+            np.matmul(whole[part].T, whole[part], out=found[k])
+        return found
+
+    def gradient(self, right: Float[np.ndarray, "r i m"], count: int) -> Float[np.ndarray, "k c m"]:
+        """J'u of each of ``count`` epochs, for m right-hand sides u."""
+        m, J = right.shape[2], self.jacobian
+        found = np.zeros((count, J.shape[2], m))
+        if self.are_single:
+            found[self.epoch] = J.swapaxes(1, 2) @ right
+            return found
+        flat, by_row = self._flat, right.reshape(-1, m)
+        for part, k in zip(self._parts, self._epochs, strict=True):
+            np.matmul(flat[part].T, by_row[part], out=found[k])
+        return found
+
+    def products(self, errors: Float[np.ndarray, "k c m"]) -> Float[np.ndarray, "r i m"]:
+        """J e with the errors e of each row's epoch."""
+        J = self.jacobian
+        if self.are_single:
+            return J @ errors[self.epoch]
+        found = np.empty((J.shape[0] * J.shape[1], errors.shape[2]))
+        for part, k in zip(self._parts, self._epochs, strict=True):
+            np.matmul(self._flat[part], errors[k], out=found[part])
+        return found.reshape(*J.shape[:2], -1)
+
+    @property
+    def _flat(self) -> Float[np.ndarray, "q c"]:
+        return self.rows.reshape(-1, self.rows.shape[2])[:, :-1]
+
+    @property
+    def _epochs(self) -> list[int]:
+        return self.epoch[self.first].tolist()
+
+    @cached_property
+    def _parts(self) -> list[slice]:
+        """Lines of `_flat` of each epoch that has any."""
+        ends = (self.rows.shape[1] * np.append(self.first, len(self.rows))).tolist()
+        return [slice(begin, end) for begin, end in pairwise(ends)]
+
+
+STRETCH = 2048
+"""Epochs whose rows are in memory together: rows of an epoch take ten times the room of what they add to the linear problem."""
+
+
+class WeightedRows(NamedTuple):
+    """One sensor's measurements about a trajectory, whitened and weighted by a robust loss.
+
+    Attributes
+    ----------
+    rows: (r, i, c + 1) Jacobian by the model's columns, with the right-hand side as the last column.
+    costs: (r,) robust costs.   squares: (r,) squared lengths of the whitened innovations; infinite where the model does not apply.
+    counted: (r,) whether they have a weight; rows of others are zero.
+    """
+
+    rows: Float[np.ndarray, "r i c1"]
+    costs: Float[np.ndarray, " r"]
+    squares: Float[np.ndarray, " r"]
+    counted: Bool[np.ndarray, " r"]
+
+
+@dataclass(frozen=True)
+class SensorRows:
+    """All measurements of one sensor that sees no landmark."""
+
+    model: MeasurementModel
+    epoch: Int[np.ndarray, " r"]
+    values: Float[np.ndarray, "r v"]
+    parameters: Float[np.ndarray, "r p"]
+    scale: Float[np.ndarray, " i"] | None = None
+    """Of the standard deviations that the model states, by component of the innovation; None for 1."""
+
+    @classmethod
+    def joined(cls, parts: Sequence["SensorRows"]) -> "SensorRows":
+        """Parts of one sensor, one after the other."""
+        columns = ([getattr(part, name) for part in parts] for name in ("epoch", "values", "parameters"))
+        return cls(parts[0].model, *map(np.concatenate, columns))
+
+    def part(self, rows: slice, first: int = 0) -> "SensorRows":
+        """Some of the measurements, their frames counted from epoch ``first`` on."""
+        epoch = self.epoch[rows] - first
+        return SensorRows(self.model, epoch, self.values[rows], self.parameters[rows], self.scale)
+
+    def chosen(self, which: Bool[np.ndarray, " r"]) -> "SensorRows":
+        """The measurements that are true in ``which``."""
+        return replace(
+            self, epoch=self.epoch[which], values=self.values[which], parameters=self.parameters[which]
+        )
+
+    def counted_among(self, some: "SensorRows", counted: Bool[np.ndarray, " s"]) -> Bool[np.ndarray, " r"]:
+        """Which of these measurements count among ``some`` of them."""
+        if len(some.epoch) == len(self.epoch):
+            return counted
+        chosen = {key for key, own in zip(some._keys(), counted, strict=True) if own}
+        return np.array([key in chosen for key in self._keys()], dtype=bool)
+
+    def _keys(self) -> list[bytes]:
+        """Keys by which measurements differ."""
+        return [row.tobytes() for row in np.column_stack([self.epoch, self.values, self.parameters])]
+
+    def within(self, begin: int, end: int) -> "SensorRows":
+        """The measurements of the epochs from ``begin`` to before ``end``, counted from ``begin`` on."""
+        first, last = np.searchsorted(self.epoch, (begin, end))
+        return self.part(slice(int(first), int(last)), begin)
+
+
+def without_refused(epochs: Timeline, refused: Mapping[MeasurementModel, Bool[np.ndarray, " r"]]) -> Timeline:
+    """Epochs without the measurements that are true in ``refused``, by sensor in the order of time."""
+    if not any(each.any() for each in refused.values()):
+        return epochs
+    left, found = dict(refused), []
+    for epoch in epochs:
+        kept = []
+        for m in epoch.measurements:
+            if m.model in left:
+                own, left[m.model] = np.split(left[m.model], [len(m.values)])
+                m = replace(m, values=m.values[~own], parameters=m.parameters[~own])
+            kept.append(m)
+        found.append(replace(epoch, measurements=tuple(kept)))
+    return found
+
+
+def collect_sensors(epochs: Timeline) -> tuple[SensorRows, ...]:
+    """Measurements without ids, by sensor; of a long timeline one stretch after the other."""
+    parts: dict[int, list[SensorRows]] = {}
+    for begin in range(0, len(epochs), STRETCH):
+        for rows in _collected(epochs[begin : begin + STRETCH], begin):
+            parts.setdefault(id(rows.model), []).append(rows)
+    return tuple(map(SensorRows.joined, parts.values()))
+
+
+def _collected(epochs: Timeline, begin: int) -> list[SensorRows]:
+    """Sensors' measurements of a stretch whose first epoch has the number ``begin``."""
+    return [
+        SensorRows(m.model, found.epoch + begin, m.values, m.parameters)
+        for found in by_sensor(epochs)
+        if (m := found.measurement).ids is None and len(m.values)
+    ]
+
+
+NOTHING = np.zeros((0, 1, 1))
+NOISE_FLOOR = 1e-8
+"""Of every moving component per step (m, rad, m/s, rad/s): far below any sensor, it stands in where a disturbance is zero."""
+
+
+@dataclass(frozen=True)
+class InformationBlocks:
+    """Gram matrices of rows [J | y] and how much they cost.
+
+    Attributes
+    ----------
+    epochs: (k, n + 1, n + 1) of each epoch alone, components in `VariableOrdering.order`, then the right-hand side.
+    steps: (k - 1, 2 d + c + 1, ...) of each step: moving here, moving there, constants, right-hand side.
+    cost: sum of (robust) squares.   rows: (k - 1, d, 2 d + c + 1) of the steps, whitened.
+    mean_squares: (r,) squared length of each observation's whitened innovation over its dimension; infinite where the model does
+        not apply.
+    sensor_rows: of each sensor.   noise: (k - 1, n, q) noise factors of the steps, None where they are not in memory.
+    """
+
+    epochs: Float[np.ndarray, "k n1 n1"]
+    steps: Float[np.ndarray, "j s1 s1"]
+    cost: float
+    rows: Float[np.ndarray, "j d s1"]
+    mean_squares: Float[np.ndarray, " r"] = field(default_factory=lambda: np.zeros(0))
+    sensor_rows: tuple[WeightedRows, ...] = ()
+    noise: Float[np.ndarray, "j n q"] | None = None
+
+
+@dataclass(frozen=True)
+class EpochFactors:
+    """The dynamics, prior and sensors of some epochs.
+
+    Attributes
+    ----------
+    dt: (k - 1,) s.   prior: of the first state, or None where something else holds it.
+    loss: of each measurement's whitened length.   first: (m,) whose constants the steps are linearised about, or None for
+    their own.
+    """
+
+    process: ProcessModel
+    ordering: VariableOrdering
+    dt: Float[np.ndarray, " j"]
+    sensors: tuple[SensorRows, ...]
+    prior: StatePrior | None = None
+    loss: RobustLoss = field(default_factory=LeastSquares)
+    first: Float[np.ndarray, " m"] | None = None
+
+    @cached_property
+    def measured(self) -> int:
+        """Scalar measurements of sensors that see no landmark."""
+        return sum(rows.values.shape[0] * rows.model.dim for rows in self.sensors)
+
+    def dynamics(self, trajectory: Float[np.ndarray, "k m"]) -> InformationBlocks:
+        """Steps from epoch to epoch, linearised about a trajectory.
+
+        Its constants are the same in every epoch.
+        """
+        if not len(self.dt):
+            return InformationBlocks(NOTHING, NOTHING, 0.0, NOTHING)
+        about = None if self.first is None else self._at_first_constants(trajectory[:-1])
+        steps = self.process.linearise_steps(trajectory[:-1], trajectory[1:], self.dt, about)
+        rows, blocks = whitened_steps(self.ordering, *map(np.ascontiguousarray, steps))
+        cost = float(blocks[:, -1, -1].sum())
+        return InformationBlocks(NOTHING, blocks, cost, rows, noise=steps[2] if about is None else None)
+
+    def _at_first_constants(self, trajectory: Float[np.ndarray, "k m"]) -> Float[np.ndarray, "k m"]:
+        """Trajectory at the constants of the marginalization prior's first estimates.
+
+        Jacobians at other constants would add information that no measurement has.
+        """
+        assert self.first is not None
+        at, constant = trajectory.copy(), self.process.layout.constant_indices
+        at[:, constant] = self.first[constant]
+        return at
+
+    def measurements(
+        self, trajectory: Float[np.ndarray, "k m"], pose_only_loss: RobustLoss | None = None
+    ) -> InformationBlocks:
+        """The prior, and every sensor that sees no landmark.
+
+        Parameters
+        ----------
+        pose_only_loss: of each measurement in place of `loss`.
+        """
+        n, made = self.process.layout.error_dim, []
+        blocks, cost = np.zeros((len(trajectory), n + 1, n + 1)), 0.0
+        if self.prior is not None:
+            rows = prior_rows(self.ordering, trajectory[0], self.prior)
+            blocks[0] += rows.T @ rows
+            cost += float(rows[:, -1] @ rows[:, -1])
+        for sensor in self.sensors:
+            made.append(self.sensor_rows(sensor, trajectory, pose_only_loss))
+            each, columns = EpochRows(made[-1].rows, sensor.epoch), self.sensor_columns(sensor)
+            epochs = sensor.epoch[each.first]
+            blocks[epochs[:, None, None], columns[:, None], columns] += each.information
+            cost += float(made[-1].costs.sum())
+        means = (own.squares / sensor.model.dim for sensor, own in zip(self.sensors, made, strict=True))
+        squares = np.concatenate([np.zeros(0), *means])
+        return InformationBlocks(blocks, NOTHING, cost, NOTHING, squares, tuple(made))
+
+    def sensor_columns(self, sensor: SensorRows) -> Int[np.ndarray, " c1"]:
+        """Places of `sensor_rows`' columns among the components in `VariableOrdering.order` and the right-hand side."""
+        return np.append(_inverse(self.ordering.order)[sensor.model.columns], self.process.layout.error_dim)
+
+    def sensor_rows(
+        self,
+        sensor: SensorRows,
+        trajectory: Float[np.ndarray, "k m"],
+        pose_only_loss: RobustLoss | None = None,
+    ) -> WeightedRows:
+        """Weighted whitened rows of one sensor about a trajectory."""
+        loss = self.loss if pose_only_loss is None else pose_only_loss
+        innovation, jacobian, valid, _ = sensor.model.linearise_each(
+            trajectory, sensor.epoch, sensor.parameters, sensor.values
+        )
+        if sensor.scale is not None:
+            innovation, jacobian = innovation / sensor.scale, jacobian / sensor.scale[:, None]
+        with np.errstate(invalid="ignore", over="ignore"):
+            square = np.einsum("nr,nr->n", innovation, innovation)
+        good = valid & np.isfinite(square)
+        square = np.where(good, square, np.inf)
+        weight = np.where(good, np.sqrt(loss.weight(square)), 0.0)
+        rows = np.concatenate([jacobian, innovation[..., None]], axis=2)
+        other = np.flatnonzero(weight != 1.0)
+        if len(other):
+            rows[other] *= weight[other, None, None]
+            rows[np.flatnonzero(~good)] = 0.0
+        return WeightedRows(rows, np.where(good, loss.cost(square), 0.0), square, weight > 0)
+
+    def inliers(
+        self,
+        sensor: SensorRows,
+        trajectory: Float[np.ndarray, "k m"],
+        pose_only_loss: RobustLoss | None = None,
+    ) -> Bool[np.ndarray, " r"]:
+        """Mask of a sensor's measurements with a weight."""
+        result = np.empty(len(sensor.epoch), dtype=bool)
+        for first in range(0, len(result), STRETCH):
+            rows = slice(first, first + STRETCH)
+            result[rows] = self.sensor_rows(sensor.part(rows), trajectory, pose_only_loss).counted
+        return result
+
+    def stretch(self, begin: int, end: int) -> "EpochFactors":
+        """Epochs from ``begin`` to before ``end``, and steps from them.
+
+        The prior belongs to the first epoch of all.
+        """
+        return replace(
+            self,
+            ordering=replace(self.ordering, epochs=min(end, self.ordering.epochs) - begin),
+            dt=self.dt[begin:end],
+            sensors=tuple(sensor.within(begin, end) for sensor in self.sensors),
+            prior=None if begin else self.prior,
+        )
+
+
+def motion_of(process: ProcessModel, epochs: Timeline, has_landmarks: bool) -> EpochFactors:
+    """The dynamics and sensors of some epochs, without a prior.
+
+    Parameters
+    ----------
+    has_landmarks: whether there are observations of landmarks.
+    """
+    dt = np.diff(times_of(epochs))
+    return EpochFactors(
+        process, VariableOrdering(process.layout, len(epochs), has_landmarks), dt, collect_sensors(epochs)
+    )
+
+
+def whitened_steps(
+    ordering: VariableOrdering,
+    defect: Float[np.ndarray, "k n"],
+    transition: Float[np.ndarray, "k n n"],
+    noise: Float[np.ndarray, "k n q"],
+) -> tuple[Float[np.ndarray, "k d w"], Float[np.ndarray, "k w w"]]:
+    """Dynamics rows whitened by noise noise' + floor^2, and their information blocks.
+
+    NaN where the covariance has no square root.
+    """
+    library = kernels()
+    if library is None:
+        return whitened_steps_in_numpy(ordering, defect, transition, noise)
+    (k, n, q), d, c = noise.shape, len(ordering.moving), len(ordering.constant)
+    width = 2 * d + c + 1
+    rows, blocks = np.empty((k, d, width)), np.empty((k, width, width))
+    failed = library.step_rows(
+        *(k, n, d, c, q),
+        *map(address, (ordering.moving, ordering.constant)),
+        NOISE_FLOOR,
+        *map(address, (defect, transition, noise, rows, blocks)),
+    )
+    if failed:
+        raise MemoryError("no memory to whiten the steps")
+    return rows, blocks
+
+
+def whitened_steps_in_numpy(
+    ordering: VariableOrdering, defect: np.ndarray, transition: np.ndarray, noise: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """`whitened_steps` for machines without a compiler."""
+    d, moving, constant = len(ordering.moving), ordering.moving, ordering.constant
+    rows = np.zeros((len(defect), d, 2 * d + len(constant) + 1))
+    rows[:, :, :d] = -transition[:, moving][:, :, moving]
+    rows[:, :, d : 2 * d] = np.eye(d)
+    rows[:, :, 2 * d : -1] = -transition[:, moving][:, :, constant]
+    rows[:, :, -1] = defect[:, moving]
+    spread = noise[:, moving] @ noise[:, moving].swapaxes(1, 2)
+    spread[:, np.arange(d), np.arange(d)] += NOISE_FLOOR**2
+    try:
+        rows = np.linalg.solve(np.linalg.cholesky(spread), rows)
+    except np.linalg.LinAlgError:  # a trial that is not finite: its cost says so
+        rows = np.full_like(rows, np.nan)
+    with np.errstate(invalid="ignore", over="ignore"):
+        return rows, rows.swapaxes(1, 2) @ rows
+
+
+def prior_rows(
+    ordering: VariableOrdering, first: Float[np.ndarray, " m"], prior: StatePrior
+) -> Float[np.ndarray, "n n1"]:
+    """Jacobian of the prior's error by that about the linearisation point.
+
+    The prior is Gaussian about its own mean.
+    """
+    layout = ordering.layout
+    away = layout.local(prior.mean, first)
+    by_trial = np.linalg.inv(layout.reset_jacobian(away))[:, ordering.order]
+    return prior.whitened(np.concatenate([by_trial, -away[:, None]], axis=1))
+
+
+def _inverse(order: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
+    result = np.empty(len(order), dtype=int)
+    result[order] = np.arange(len(order))
+    return result

@@ -1,0 +1,226 @@
+"""Order of the unknowns of a smoothing problem, and its priors: of the first state, and of what was marginalised."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from spinfilters.core.errors import InputError
+from spinfilters.models.gauge import gauge_directions
+from spinfilters.models.state_blocks import StateBlock
+from spinfilters.models.state_layout import POSE_BLOCKS, StateLayout
+
+
+class StatePrior(Protocol):
+    """A Gaussian of one state: a `FirstStatePrior`, or a `Gaussian`."""
+
+    @property
+    def mean(self) -> Float[np.ndarray, " m"]:
+        """(mean_dim,) state."""
+        ...
+
+    @property
+    def factor(self) -> Float[np.ndarray, "n n"]:
+        """(n, n) square root of its covariance."""
+        ...
+
+    def whitened(self, rows: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
+        """Rows of errors in its standard deviations: factor^-1 rows. LinAlgError: a singular factor."""
+        ...
+
+
+@dataclass(frozen=True)
+class FirstStatePrior:
+    """Mean (point of the layout) and standard deviations of the independent prior of the first state."""
+
+    mean: Float[np.ndarray, " m"]
+    std: Float[np.ndarray, " n"]
+
+    @property
+    def factor(self) -> Float[np.ndarray, "n n"]:
+        """Square root of the covariance."""
+        return self._factor
+
+    def whitened(self, rows: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "n k"]:
+        """Rows of errors in standard deviations, as `StatePrior.whitened`."""
+        if not self.std.all():
+            raise np.linalg.LinAlgError("a standard deviation is zero")
+        return rows * (1.0 / self.std)[:, None]
+
+    @cached_property
+    def _factor(self) -> Float[np.ndarray, "n n"]:
+        return np.diag(self.std)
+
+
+@dataclass(frozen=True)
+class VariableOrdering:
+    """Errors of ``epochs`` epochs over a layout.
+
+    Attributes
+    ----------
+    has_landmarks: whether observations tie the poses together.
+    """
+
+    layout: StateLayout
+    epochs: int
+    has_landmarks: bool
+
+    def __post_init__(self) -> None:
+        if self.has_landmarks and self.layout.blocks[:2] != POSE_BLOCKS:
+            raise InputError(
+                f"landmarks need a state that begins with blocks t, a; the layout has {self.layout.blocks}"
+            )
+
+    @cached_property
+    def pose(self) -> Int[np.ndarray, " p"]:
+        """Error components of an epoch coupled by landmark observations."""
+        return self._of([block for block in self.layout.moving if self._is_separator(block)])
+
+    @cached_property
+    def tridiagonal(self) -> Int[np.ndarray, " v"]:
+        """Error components of an epoch coupled only to its neighbours in time."""
+        return self._of([block for block in self.layout.moving if not self._is_separator(block)])
+
+    @cached_property
+    def constant(self) -> Int[np.ndarray, " c"]:
+        """Error components that are the same in every epoch."""
+        return self._of(self.layout.constant)
+
+    @cached_property
+    def moving(self) -> Int[np.ndarray, " d"]:
+        """Pose components, then tridiagonal ones."""
+        return np.concatenate([self.pose, self.tridiagonal])
+
+    @cached_property
+    def order(self) -> Int[np.ndarray, " n"]:
+        """All components of an epoch: pose, tridiagonal, constant.
+
+        Chains are eliminated first, where each meets only its neighbours; poses stay because landmarks tie them to one another, and
+        constants come last because every epoch meets them: what is eliminated before them stays sparse.
+        """
+        return np.concatenate([self.moving, self.constant])
+
+    @property
+    def separator_dim(self) -> int:
+        """Dimension of the separator: all poses, then the constants."""
+        return self.epochs * len(self.pose) + len(self.constant)
+
+    def errors(
+        self, separator_step: Float[np.ndarray, " r"], tridiagonal_step: Float[np.ndarray, "k v"]
+    ) -> Float[np.ndarray, "k n"]:
+        """Each epoch's error in the order of the layout."""
+        p = len(self.pose)
+        result = np.empty((self.epochs, self.layout.error_dim))
+        result[:, self.pose] = separator_step[: self.epochs * p].reshape(self.epochs, p)
+        result[:, self.tridiagonal] = tridiagonal_step
+        result[:, self.constant] = separator_step[self.epochs * p :]
+        return result
+
+    def _is_separator(self, block: StateBlock) -> bool:
+        return self.has_landmarks and block.name in POSE_BLOCKS
+
+    def _of(self, blocks: Sequence[StateBlock]) -> Int[np.ndarray, " b"]:
+        every = np.arange(self.layout.error_dim)
+        return np.concatenate([every[:0], *[every[self.layout.slice(block.name)] for block in blocks]])
+
+
+@dataclass(frozen=True)
+class MarginalizationPrior:
+    """A quadratic over F epochs.
+
+    Attributes
+    ----------
+    ordering: how the F epochs' errors are split; columns: their poses, the constants, the chain of the first epoch.
+    first: (F, m) points at which each was first carried.   information_sqrt: (q, q) R.   right: (q,) y.   constant_cost: the
+        least cost there is.
+    """
+
+    ordering: VariableOrdering
+    first: Float[np.ndarray, "F m"]
+    information_sqrt: Float[np.ndarray, "q q"]
+    right: Float[np.ndarray, " q"]
+    constant_cost: float
+
+    @cached_property
+    def gram(self) -> Float[np.ndarray, "q q"]:
+        """R'R."""
+        return self.information_sqrt.T @ self.information_sqrt
+
+    @cached_property
+    def _gauge(self) -> Float[np.ndarray, "q 6"]:
+        return gauge_columns(self.ordering, self.first)
+
+    @cached_property
+    def knows_constants(self) -> bool:
+        """Whether epochs were marginalized, since landmarks alone tell no constants or velocities."""
+        return bool(self.information_sqrt[:, len(self.first) * len(self.ordering.pose) :].any())
+
+    def at(self, trajectory: Float[np.ndarray, "k m"]) -> "LinearizedPrior":
+        """Linearised about a trajectory that begins with the F epochs."""
+        here = trajectory[: len(self.first)]
+        away = column_errors(self.ordering, self.ordering.layout.local(self.first, here))
+        rest = self.right - self.information_sqrt @ away
+        gram, gradient, p = self.gram.copy(), self.information_sqrt.T @ rest, len(self.ordering.pose)
+        if p:
+            shift = self.shift(here)
+            moved = self.gram @ shift
+            gram[:, :p] += moved
+            gram[:p] += moved.T
+            gram[:p, :p] += shift.T @ moved
+            gradient[:p] += shift.T @ gradient
+        return LinearizedPrior(self, gram, gradient, float(rest @ rest) + self.constant_cost)
+
+    def shift(self, here: Float[np.ndarray, "F m"]) -> Float[np.ndarray, "q p"]:
+        """D in R_now = R (I + D on the oldest pose's columns)."""
+        p = len(self.ordering.pose)
+        now = gauge_columns(self.ordering, here)
+        return np.linalg.solve(now[:p].T, (self._gauge - now).T).T
+
+
+@dataclass(frozen=True)
+class LinearizedPrior:
+    """Marginalization prior linearised: its Gram matrix, gradient and cost."""
+
+    marginal_prior: MarginalizationPrior
+    gram: Float[np.ndarray, "q q"]
+    gradient: Float[np.ndarray, " q"]
+    cost: float
+
+    @property
+    def epochs(self) -> int:
+        """Number of epochs that the prior reaches over."""
+        return len(self.marginal_prior.first)
+
+    def add_to(
+        self, M: Float[np.ndarray, "w r"], D: Float[np.ndarray, "k v v"], G: Float[np.ndarray, "k v w"]
+    ) -> None:
+        """Into the linear problem of a window, in place."""
+        ordering, K = self.marginal_prior.ordering, len(D)
+        p, c = len(ordering.pose), len(ordering.constant)
+        poses, constants = slice(0, self.epochs * p), slice(self.epochs * p, self.epochs * p + c)
+        tridiagonal, to = slice(constants.stop, None), slice(K * p, K * p + c)
+        M[poses, poses] += self.gram[poses, poses]
+        M[to, poses] += self.gram[constants, poses]
+        M[to, to] += self.gram[constants, constants]
+        M[-1, poses] += self.gradient[poses]
+        M[-1, to] += self.gradient[constants]
+        D[0] += self.gram[tridiagonal, tridiagonal]
+        G[0, :, poses] += self.gram[tridiagonal, poses]
+        G[0, :, to] += self.gram[tridiagonal, constants]
+        G[0, :, -1] += self.gradient[tridiagonal]
+
+
+def column_errors(ordering: VariableOrdering, errors: Float[np.ndarray, "F n"]) -> Float[np.ndarray, " q"]:
+    """Errors of F epochs in the order of the prior's columns."""
+    poses = errors[:, ordering.pose].reshape(-1)
+    return np.concatenate([poses, errors[0, ordering.constant], errors[0, ordering.tridiagonal]])
+
+
+def gauge_columns(ordering: VariableOrdering, points: Float[np.ndarray, "F m"]) -> Float[np.ndarray, "q 6"]:
+    """Directions of the gauge in the order of the prior's columns."""
+    every = gauge_directions(ordering.layout, points)
+    poses = every[:, ordering.pose].reshape(-1, every.shape[2])
+    return np.concatenate([poses, every[0, ordering.constant], every[0, ordering.tridiagonal]])

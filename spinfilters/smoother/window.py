@@ -1,0 +1,325 @@
+"""Window of a sliding smoother: arrays of its epochs, and the policies of what stays in it."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from spinfilters.core.errors import InputError
+from spinfilters.filters.estimator import Measurement, ProcessModel
+from spinfilters.filters.timeline import Epoch
+from spinfilters.models.measurement import LandmarkSensor
+from spinfilters.models.state_layout import StateLayout
+from spinfilters.smoother.landmark_factors import LandmarkObservations, SensorGroup
+from spinfilters.smoother.motion_factors import motion_of
+from spinfilters.smoother.priors import MarginalizationPrior, StatePrior
+from spinfilters.smoother.problem import Problem
+
+DETERMINED = 0.03
+"""Standard deviation of the mass distribution (logarithm of second moments) above which no epoch leaves a window: a linear model of
+the inertia made while it is hardly known would be kept for ever."""
+LONGEST_STARTUP = 120
+"""Epochs after which even an undetermined inertia must leave: a body in pure spin never tells it."""
+
+SHARE, LARGEST_BATCH = 5, 16
+"""A fifth of a window leaves together, so that its epochs share a decomposition; so many at most, also of a window that was longer
+while it started up."""
+
+SMALLEST_LANDMARK_BATCH = 100
+"""Landmarks that are frozen at once, at least: each time costs a decomposition."""
+
+
+class WindowPolicy(ABC):
+    """Policy of what leaves a window after an epoch was added.
+
+    Attributes
+    ----------
+    determined: standard deviation of the mass distribution above which no epoch leaves.
+    """
+
+    determined: float
+
+    @abstractmethod
+    def marginalized_landmarks(self, window: "Window", layout: StateLayout) -> Bool[np.ndarray, " L"]:
+        """Landmarks to marginalize."""
+
+    @abstractmethod
+    def batch_size(self, epochs: int, mass_std: float) -> int:
+        """Number of oldest epochs to marginalize, of so many."""
+
+
+@dataclass(frozen=True)
+class FullSmoothing(WindowPolicy):
+    """Window policy of full smoothing: nothing leaves."""
+
+    determined: float = DETERMINED
+
+    def marginalized_landmarks(self, window: "Window", layout: StateLayout) -> Bool[np.ndarray, " L"]:
+        """None."""
+        return np.zeros(len(window.ids), dtype=bool)
+
+    def batch_size(self, epochs: int, mass_std: float) -> int:
+        """None."""
+        return 0
+
+
+@dataclass(frozen=True)
+class LandmarkMarginalization(WindowPolicy):
+    """Marginalize landmarks that were unobserved for some revolutions.
+
+    The dynamics of every epoch stay, up to a largest window.
+
+    Attributes
+    ----------
+    revolutions: of the body, since a landmark was last seen.   epochs: that stay, at least.
+    """
+
+    revolutions: float = 8.0
+    epochs: int = 180
+    determined: float = DETERMINED
+
+    def __post_init__(self) -> None:
+        if not self.revolutions > 0:
+            raise InputError(f"revolutions is {self.revolutions}; give a positive number")
+        _require_a_step(self.epochs)
+
+    def marginalized_landmarks(self, window: "Window", layout: StateLayout) -> Bool[np.ndarray, " L"]:
+        """Landmarks unobserved for so many revolutions, once they are enough."""
+        if not len(window.epochs):
+            return np.zeros(len(window.ids), dtype=bool)
+        time = np.array([epoch.time for epoch in window.epochs])
+        turn = _turns(window.trajectory[:, layout.mean_slice("w")], time)
+        last = window.last_seen()
+        gone = (last >= 0) & (turn[-1] - turn[last] > self.revolutions)
+        return gone if np.count_nonzero(gone) >= SMALLEST_LANDMARK_BATCH else np.zeros_like(gone)
+
+    def batch_size(self, epochs: int, mass_std: float) -> int:
+        """Epochs beyond the window, once enough have gathered."""
+        return _batch_size(self, self.epochs, epochs, mass_std)
+
+
+@dataclass(frozen=True)
+class FixedLag(WindowPolicy):
+    """The latest epochs; older ones are marginalized, some together, once the inertia is determined.
+
+    Attributes
+    ----------
+    epochs: that stay, at least.
+    """
+
+    epochs: int = 20
+    determined: float = DETERMINED
+
+    def __post_init__(self) -> None:
+        _require_a_step(self.epochs)
+
+    def marginalized_landmarks(self, window: "Window", layout: StateLayout) -> Bool[np.ndarray, " L"]:
+        """No landmarks but those of marginalized epochs."""
+        return np.zeros(len(window.ids), dtype=bool)
+
+    def batch_size(self, epochs: int, mass_std: float) -> int:
+        """Epochs beyond the window, once enough have gathered."""
+        return _batch_size(self, self.epochs, epochs, mass_std)
+
+
+def _batch_size(policy: WindowPolicy, kept: int, epochs: int, mass_std: float) -> int:
+    """Number of epochs to remove at once, 0 until enough.
+
+    More are kept while the inertia is not determined.
+    """
+    over = epochs - (kept if mass_std <= policy.determined else max(kept, LONGEST_STARTUP))
+    return min(over, LARGEST_BATCH) if over >= smallest_batch(kept) else 0
+
+
+def smallest_batch(kept: int) -> int:
+    """Number of excess epochs gathered before marginalization."""
+    return min(LARGEST_BATCH, max(1, kept // SHARE))
+
+
+def _turns(rates: Float[np.ndarray, "k 3"], time: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+    """Revolutions since the first epoch."""
+    speed = np.linalg.norm(rates, axis=1)
+    steps = np.diff(time) * (speed[1:] + speed[:-1]) / 2
+    return np.concatenate([[0.0], np.cumsum(steps)]) / (2 * np.pi)
+
+
+def _require_a_step(epochs: int) -> None:
+    if epochs < 2:
+        raise InputError(f"a window of {epochs} epochs holds no step; give at least 2")
+
+
+@dataclass(frozen=True)
+class WindowObservations:
+    """Observations that still count, in the order of time.
+
+    Attributes
+    ----------
+    epoch: (N,) number in the window.   landmark: (N,) number among the window's.   sensor: (N,) number of the sensor.   values:
+    (N, v).   parameters: (N, p), without the landmark's point.
+    """
+
+    epoch: Int[np.ndarray, " N"]
+    landmark: Int[np.ndarray, " N"]
+    sensor: Int[np.ndarray, " N"]
+    values: Float[np.ndarray, "N v"]
+    parameters: Float[np.ndarray, "N p"]
+
+    def chosen(self, rows: Bool[np.ndarray, " N"]) -> "WindowObservations":
+        """Chosen observations."""
+        taken = np.flatnonzero(rows)
+        return WindowObservations(*(array.take(taken, axis=0) for array in vars(self).values()))
+
+    def plus(self, other: "WindowObservations") -> "WindowObservations":
+        """Others behind them."""
+        if not len(self.epoch):
+            return other
+        pairs = zip(vars(self).values(), vars(other).values(), strict=True)
+        return WindowObservations(*(np.concatenate(pair) for pair in pairs))
+
+
+@dataclass(frozen=True)
+class Window:
+    """Frames, their states, and landmarks.
+
+    A landmark whose observations have been used up is a new one when it is seen again: the old one's position is not
+    forgotten, it has
+    become part of what is carried.
+
+    Attributes
+    ----------
+    epochs: k of them, with what was measured beside landmarks.   trajectory: (k, m).   seen: their observations.
+    models: sensors of landmarks, by number.
+    ids: (L,) of the landmarks, each once.   points: (L, 3) m, frame g.   marginal_prior: what is left of those that have gone.
+    """
+
+    epochs: tuple[Epoch, ...]
+    trajectory: Float[np.ndarray, "k m"]
+    seen: WindowObservations
+    models: tuple[LandmarkSensor, ...]
+    ids: Int[np.ndarray, " L"]
+    points: Float[np.ndarray, "L 3"]
+    marginal_prior: MarginalizationPrior | None = None
+
+    @classmethod
+    def empty(cls, mean_dim: int) -> "Window":
+        """A window without an epoch."""
+        none = np.zeros(0, dtype=int)
+        seen = WindowObservations(none, none, none, np.zeros((0, 3)), np.zeros((0, 6)))
+        return cls((), np.zeros((0, mean_dim)), seen, (), none, np.zeros((0, 3)))
+
+    @cached_property
+    def observations(self) -> LandmarkObservations:
+        """Observations in the order of elimination: landmark after landmark."""
+        s, many = self.seen, len(self.ids) > np.iinfo(np.uint16).max
+        order = np.argsort(s.landmark if many else s.landmark.astype(np.uint16), kind="stable")
+        groups, every = [], np.arange(len(order))
+        for number, model in enumerate(self.models):
+            rows = every if len(self.models) == 1 else np.flatnonzero(s.sensor[order] == number)
+            at = order[rows]
+            groups.append(SensorGroup(model, rows, s.values.take(at, axis=0), s.parameters.take(at, axis=0)))
+        counts = np.bincount(s.epoch, minlength=len(self.epochs))
+        place = np.zeros(len(order), dtype=int)
+        chosen = tuple(group for group in groups if len(group.rows))
+        return LandmarkObservations(s.epoch[order], s.landmark[order], place, counts, len(self.ids), chosen)
+
+    def problem(self, process: ProcessModel, prior: StatePrior | None, has_landmarks: bool) -> Problem:
+        """The least-squares problem of the window."""
+        known = self.marginal_prior is not None and self.marginal_prior.knows_constants
+        first = self.marginal_prior.first[0] if self.marginal_prior is not None and known else None
+        motion = replace(motion_of(process, self.epochs, has_landmarks), prior=prior, first=first)
+        return Problem(motion, self.observations if has_landmarks else None, self.marginal_prior)
+
+    def last_seen(self) -> Int[np.ndarray, " L"]:
+        """The last epoch in which each landmark has an observation that counts."""
+        last = np.full(len(self.ids), -1)
+        np.maximum.at(last, self.seen.landmark, self.seen.epoch)
+        return last
+
+    def opened(self, time: float, state: Float[np.ndarray, " m"]) -> "Window":
+        """Window with one more epoch (s) at an initial guess, without measurements."""
+        trajectory = np.concatenate([self.trajectory, state[None]])
+        return replace(self, epochs=(*self.epochs, Epoch(time, ())), trajectory=trajectory)
+
+    def extended(self, m: Measurement) -> "Window":
+        """Window with one more measurement in the latest epoch, its new landmarks initialised."""
+        if m.ids is None:
+            latest = self.epochs[-1]
+            latest = Epoch(latest.time, (*latest.measurements, m))
+            return replace(self, epochs=(*self.epochs[:-1], latest))
+        if not len(m.ids):
+            return self
+        sensor = m.model.landmark_sensor
+        assert sensor is not None
+        return _with_observations(self, sensor, m.ids, m)
+
+    def placed(self, ids: Int[np.ndarray, " k"], points: Float[np.ndarray, "k 3"]) -> "Window":
+        """Window with the landmarks of these ids at these points (m, frame g)."""
+        at, moved = _numbers(self.ids, ids), self.points.copy()
+        moved[at[at >= 0]] = points[at >= 0]
+        return replace(self, points=moved)
+
+    def latest_at(self, pose: Float[np.ndarray, " 7"]) -> "Window":
+        """The window with the latest epoch at a pose (t m, q_ig).
+
+        Landmarks that no other epoch observed move with it.
+        """
+        seen, latest = self.seen, len(self.epochs) - 1
+        trajectory, points = self.trajectory.copy(), self.points.copy()
+        trajectory[-1, :7] = pose
+        only = np.ones(len(self.ids), dtype=bool)
+        only[seen.landmark[seen.epoch < latest]] = False
+        for number, model in enumerate(self.models):
+            rows = np.flatnonzero((seen.epoch == latest) & (seen.sensor == number) & only[seen.landmark])
+            parameters = np.concatenate([np.zeros((len(rows), 3)), seen.parameters[rows]], axis=1)
+            made = model.new_landmarks(trajectory[-1], parameters, seen.values[rows])
+            points[seen.landmark[rows]] = made.points
+        return replace(self, trajectory=trajectory, points=points)
+
+    def without(self, landmarks: Bool[np.ndarray, " L"]) -> "Window":
+        """The window without some landmarks and their observations."""
+        number = np.cumsum(~landmarks) - 1
+        seen = self.seen.chosen(~landmarks[self.seen.landmark])
+        seen = replace(seen, landmark=number[seen.landmark])
+        return replace(self, seen=seen, ids=self.ids[~landmarks], points=self.points[~landmarks])
+
+    def shifted(self, count: int, marginal_prior: MarginalizationPrior) -> "Window":
+        """Window without the oldest epochs, which must hold no observations."""
+        seen = replace(self.seen, epoch=self.seen.epoch - count)
+        epochs, trajectory = self.epochs[count:], self.trajectory[count:]
+        return replace(self, epochs=epochs, trajectory=trajectory, seen=seen, marginal_prior=marginal_prior)
+
+
+def _with_observations(
+    window: Window, model: LandmarkSensor, ids: Int[np.ndarray, " k"], measured: Measurement
+) -> Window:
+    """The window with one sensor's observations in the latest epoch.
+
+    Those that tell no landmark and are not of a known one are left out.
+    """
+    values, parameters = measured.values, measured.parameters
+    models = window.models if any(known is model for known in window.models) else (*window.models, model)
+    number = next(k for k, known in enumerate(models) if known is model)
+    landmark = _numbers(window.ids, ids)
+    fresh, every, points = np.flatnonzero(landmark < 0), window.ids, window.points
+    if len(fresh):
+        made = model.new_landmarks(window.trajectory[-1], parameters[fresh], values[fresh])
+        good = np.flatnonzero(made.determined & np.isfinite(made.points).all(axis=1))
+        good = good[np.sort(np.unique(ids[fresh[good]], return_index=True)[1])]
+        landmark[fresh[good]] = len(every) + np.arange(len(good))
+        every = np.concatenate([every, ids[fresh[good]]])
+        points = np.concatenate([points, made.points[good]])
+    use = np.flatnonzero(landmark >= 0)
+    epoch, sensor = np.full(len(use), len(window.epochs) - 1), np.full(len(use), number)
+    here = WindowObservations(epoch, landmark[use], sensor, values[use], parameters[use, 3:])
+    return replace(window, models=models, ids=every, points=points, seen=window.seen.plus(here))
+
+
+def _numbers(known: Int[np.ndarray, " L"], ids: Int[np.ndarray, " k"]) -> Int[np.ndarray, " k"]:
+    """Index of each id among the known ones, or -1."""
+    if not len(known):
+        return np.full(len(ids), -1)
+    order = np.argsort(known, kind="stable")  # ids in runs that ascend, which a stable sort is quick with
+    at = order[np.minimum(np.searchsorted(known.take(order), ids), len(order) - 1)]
+    return np.where(known[at] == ids, at, -1)

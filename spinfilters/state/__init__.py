@@ -1,1 +1,0 @@
-"""State layout, Gaussian beliefs and status."""

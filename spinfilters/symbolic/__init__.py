@@ -1,1 +1,0 @@
-"""CasADi expressions turned into numbers: the only place that knows buffers, densifying and C caches."""

@@ -1,0 +1,279 @@
+"""Share of calibration errors in the covariance of estimates, by the sensitivity of the smoothed motion (Schmidt 1966)."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from spinfilters.core.camera_trajectory import displaced
+from spinfilters.core.errors import NUMERICAL_ERRORS
+from spinfilters.filters.estimator import Measurement
+from spinfilters.filters.history import EstimateHistory
+from spinfilters.filters.timeline import LogTimeline, Timeline, run, times_of
+from spinfilters.inference.estimator_entry import AnyEntry
+from spinfilters.inference.setup import Setup
+from spinfilters.io.consider_parameter import ConsideredDeviation, ConsiderParameter, Displaced
+from spinfilters.models.status import Verdict
+from spinfilters.settings.run_settings import Settings
+from spinfilters.smoother.batch_smoother import NO_LANDMARKS, smooth_problem
+from spinfilters.smoother.motion_factors import STRETCH
+from spinfilters.smoother.problem import problem_of
+from spinfilters.verdict.model_errors.hypotheses import solved_near
+from spinfilters.verdict.model_errors.linear_rows import Columns, Sensitivity
+from spinfilters.verdict.model_errors.smoothed_motion import KnownCamera, SmoothedMotion, displaced_camera
+from spinfilters.verdict.model_tests import MOST_EPOCHS_WITH_MAP, landmarks_placed, linear_problem
+
+
+def smoothed_sensitivity(motion: SmoothedMotion, considered: Sequence[ConsideredDeviation]) -> Sensitivity:
+    """Errors of states and landmarks by each independent error of the calibration, times its deviation."""
+    return motion.rows.sensitivity(_columns(motion, considered))
+
+
+def told_information(
+    motion: SmoothedMotion, considered: Sequence[ConsideredDeviation]
+) -> Float[np.ndarray, "c c"]:
+    """Information of residuals about errors of the calibration, H'M H, each in its deviations."""
+    left = motion.rows.residual(_columns(motion, considered))
+    return left.gram(left)
+
+
+def told_moments(
+    motion: SmoothedMotion, considered: Sequence[ConsideredDeviation]
+) -> Float[np.ndarray, "c c"]:
+    """Second moments of errors of the calibration about none, given the residuals, each in its deviations.
+
+    With the information F and the score u = H'M y the covariance is (I + F)^-1 and the mean e = (I + F)^-1 u. The estimates are of
+    no error, so that their own errors have the mean in them: the moments are (I + F)^-1 + e e'.
+    """
+    columns = _columns(motion, considered)
+    left = motion.rows.residual(columns)
+    covariance = np.linalg.inv(np.eye(columns.count) + left.gram(left))
+    e = covariance @ columns.gram(motion.rows.left)[:, 0]
+    return covariance + np.outer(e, e)
+
+
+def _columns(motion: SmoothedMotion, considered: Sequence[ConsideredDeviation]) -> Columns:
+    return Columns.joined(
+        [calibration_columns(motion, each.parameter).scaled(each.std) for each in considered]
+    )
+
+
+def calibration_columns(motion: SmoothedMotion, parameter: ConsiderParameter) -> Columns:
+    """Derivative of the whitened right-hand side by the calibration.
+
+    Per unit of a parameter, a column for each of its errors.
+    """
+    if parameter.of_clock:
+        return motion.longer()
+    if parameter.displaced is not None:
+        return _of_inspector(motion, parameter.displaced, parameter.size)
+    found = motion.shifted(lambda each: each.by_calibration(parameter))
+    return motion.rows.nothing(parameter.size) if found is None else found
+
+
+def _of_inspector(motion: SmoothedMotion, displaced: Displaced, size: int) -> Columns:
+    """Were the poses displaced: what is expected then is subtracted."""
+    camera = KnownCamera.of(motion)
+    if camera is None:
+        return motion.rows.nothing(size)
+    return displaced_camera(motion, displaced, camera).scaled(-1.0)
+
+
+UNKNOWN: Final = (
+    "what errors of the calibration do to it could not be computed: its deviations are of chance alone"
+)
+
+
+@dataclass(frozen=True)
+class CalibrationErrors:
+    """Effect of calibration errors on one run.
+
+    Attributes
+    ----------
+    ekf: of the table of estimators; its differences stand for those of a smoother that lets go of old epochs.
+    """
+
+    setup: Setup
+    settings: Settings
+    ekf: AnyEntry
+
+    @property
+    def considered(self) -> tuple[ConsideredDeviation, ...]:
+        """Considered deviations that are not zero."""
+        return tuple(each for each in self.setup.calibration if each.std > 0)
+
+    def counted(self, history: EstimateHistory, entry: AnyEntry) -> EstimateHistory:
+        """History with calibration errors counted in its covariance.
+
+        ``degraded`` where that cannot be computed.
+        """
+        if not self.considered or history.status.verdict is Verdict.FAILED:
+            return history
+        try:
+            with np.errstate(all="ignore"):  # what is not finite becomes a status
+                errors, untold = self._errors(history, entry), self._untold(history)
+                counted = None
+                if errors is not None and untold is not None and np.isfinite(errors).all():
+                    counted = history.considering(errors @ untold)
+        except NUMERICAL_ERRORS:
+            counted = None
+        if counted is None or not np.isfinite(counted.factor).all():
+            return replace(history, status=history.status.degraded(UNKNOWN, "calibration-uncounted"))
+        return counted
+
+    def _untold(self, history: EstimateHistory) -> Float[np.ndarray, "c c"] | None:
+        """Factor of the considered errors' second moments given the residuals, in their deviations.
+
+        The identity of what no residual shows. Errors of an inspector's poses are told from the motion where it does not move
+        evenly (`told_moments`). A larger one is named.
+        """
+        sizes = [each.parameter.size for each in self.considered]
+        every = np.eye(sum(sizes))
+        of_inspector = np.repeat([each.parameter.displaced is not None for each in self.considered], sizes)
+        if not of_inspector.any():
+            return every
+        epochs = self.setup.timeline[: min(len(history.time), MOST_EPOCHS_WITH_MAP)]
+        motion = self._motion(epochs, history.mean[: len(epochs)])
+        if motion is None:
+            return None
+        considered = [each for each in self.considered if each.parameter.displaced is not None]
+        every[np.ix_(of_inspector, of_inspector)] = np.linalg.cholesky(told_moments(motion, considered))
+        return every
+
+    def _errors(self, history: EstimateHistory, entry: AnyEntry) -> Float[np.ndarray, "n e c"] | None:
+        epochs, first = self.setup.timeline[: len(history.time)], len(self.setup.initial.mean)
+        if entry.continues:
+            return self._of_filter(entry, epochs, history.mean[history.initialisation :])
+        if not self.setup.initial.has_landmarks and len(epochs) > STRETCH:
+            return self._of_long_smoother(epochs, history.mean)
+        if not self.setup.initial.has_landmarks or len(epochs) <= MOST_EPOCHS_WITH_MAP:
+            found = self._sensitivity(epochs, history.mean)
+            return None if found is None else found.states
+        ekf, initial = self.ekf, self.setup.initial
+        means = self._run(ekf, epochs, np.zeros(initial.factor.shape[:2]), np.zeros(initial.points.shape))
+        return None if means is None else self._of_filter(ekf, epochs[: first + len(means)], means)
+
+    def _of_long_smoother(
+        self, epochs: Timeline, trajectory: Float[np.ndarray, "k m"]
+    ) -> Float[np.ndarray, "k e c"]:
+        """Differences of what all epochs together say of data with an error each."""
+
+        def smoothed(timeline: Timeline) -> Float[np.ndarray, "k m"]:
+            """The initialisation smoothed with these epochs."""
+            setup, loss = self.setup, self.settings.smoother.robust_loss
+            problem = problem_of(setup.process, timeline, NO_LANDMARKS, setup.initial.prior, 2, loss)
+            return smooth_problem(problem, trajectory).mean
+
+        local, here = self.setup.process.layout.local, smoothed(epochs)
+        return np.stack([local(here, smoothed(moved)) for moved in self._timelines(epochs)], axis=2)
+
+    def _of_filter(
+        self, entry: AnyEntry, epochs: Timeline, means: Float[np.ndarray, "j m"]
+    ) -> Float[np.ndarray, "k e c"] | None:
+        """Differences of a filter's estimates from those of faulty data.
+
+        Data with an error each; those of the initialisation in front.
+        """
+        begun, columns = self._initialisation, []
+        if begun is None:
+            return None
+        for number, moved in enumerate(self._timelines(epochs)):
+            before, landmarks = begun.states[:, :, number], begun.landmarks[:, :, number]
+            states = self._run(entry, moved, before, landmarks)
+            if states is None:
+                return None
+            away = self.setup.process.layout.local(means, states)
+            columns.append(np.concatenate([before, away]))
+        return np.stack(columns, axis=2)
+
+    def _run(
+        self,
+        entry: AnyEntry,
+        timeline: Timeline,
+        states: Float[np.ndarray, "k e"],
+        landmarks: Float[np.ndarray, "L 3"],
+    ) -> Float[np.ndarray, "n m"] | None:
+        """States of a filter behind an initialisation that has moved; None where it fails."""
+        setup = self.setup
+        mean = setup.process.layout.retract(setup.initial.mean, states)
+        initial = replace(setup.initial, mean=mean, points=setup.initial.points + landmarks)
+        belief = replace(setup.belief, mean=mean[-1])
+        if belief.joint is not None:  # whose map is in frame g yet
+            belief = replace(belief.joint, points=belief.joint.points + landmarks)
+        moved = replace(setup, timeline=timeline, initial=initial, belief=belief)
+        estimator = entry.build(moved, self.settings)
+        entry.begin(estimator, moved)
+        found = run(estimator, moved.end_of_initialisation, timeline[len(mean) :])
+        return None if found.status.verdict is Verdict.FAILED else found.mean
+
+    def _timelines(self, epochs: Timeline) -> Iterator[Timeline]:
+        """The epochs under each independent error, by one deviation."""
+        assert isinstance(epochs, LogTimeline)
+        for each in self.considered:
+            for error in each.std * np.eye(each.parameter.size):
+                yield with_error(epochs, each, error)
+
+    @cached_property
+    def _initialisation(self) -> Sensitivity | None:
+        """Sensitivity of the initialisation; none of one that was given."""
+        initial = self.setup.initial
+        if self.setup.is_given:
+            count = sum(each.parameter.size for each in self.considered)
+            states = np.zeros((*initial.factor.shape[:2], count))
+            return Sensitivity(states, np.zeros((*initial.points.shape, count)))
+        return self._sensitivity(self.setup.timeline[: len(initial.mean)], initial.mean, initial.ids)
+
+    def _sensitivity(
+        self, epochs: Timeline, trajectory: Float[np.ndarray, "k m"], ids: Int[np.ndarray, " L"] | None = None
+    ) -> Sensitivity | None:
+        """Sensitivity of epochs smoothed together."""
+        motion = self._motion(epochs, trajectory, ids)
+        return None if motion is None else smoothed_sensitivity(motion, self.considered)
+
+    def _motion(
+        self, epochs: Timeline, trajectory: Float[np.ndarray, "k m"], ids: Int[np.ndarray, " L"] | None = None
+    ) -> SmoothedMotion | None:
+        """The most probable motion near a trajectory; None where there is none."""
+        problem = linear_problem(self.setup, epochs, ids)
+        solved = solved_near(problem, trajectory, landmarks_placed(problem, trajectory))
+        return None if solved is None else SmoothedMotion(times_of(epochs), solved)
+
+
+def with_error(epochs: LogTimeline, considered: ConsideredDeviation, error: np.ndarray) -> LogTimeline:
+    """Epochs as they would be, were the calibration larger by an error."""
+    parameter = considered.parameter
+    if parameter.of_clock:
+        begin = epochs.time[0]
+        return replace(epochs, time=begin + (epochs.time - begin) * (1 + error[0]))
+    if parameter.displaced is not None:
+        return _with_displaced_camera(epochs, parameter.displaced, error)
+    assert parameter.moved is not None
+    sensors = []
+    for part in epochs.sensors:
+        every = part.every
+        if every.model.name in parameter.sensors:
+            changed = every.model.with_error(parameter.moved, error, every.values, every.parameters)
+            part = replace(part, every=Measurement(every.model, *changed, every.ids))
+        sensors.append(part)
+    return replace(epochs, sensors=tuple(sensors))
+
+
+def _with_displaced_camera(epochs: LogTimeline, displacement: Displaced, error: np.ndarray) -> LogTimeline:
+    """Epochs with the known poses of the camera displaced."""
+    sensors = []
+    for part in epochs.sensors:
+        pose, parameters = part.every.model.known_pose, part.every.parameters
+        if pose is not None:
+            rows = np.concatenate([np.arange(a, b) for a, b in zip(part.first, part.end, strict=True)])
+            time = epochs.time.repeat(part.end - part.first)
+            stamps, first, which = np.unique(time, return_index=True, return_inverse=True)
+            poses = parameters[rows, pose]
+            by = displacement(stamps, poses[first]) @ error
+            parameters = parameters.copy()
+            parameters[rows, pose] = displaced(poses, by[which.reshape(-1)])
+            part = replace(part, every=replace(part.every, parameters=parameters))
+        sensors.append(part)
+    return replace(epochs, sensors=tuple(sensors))

@@ -1,0 +1,243 @@
+"""Doubts about the estimates of a run, and their verdicts."""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate
+from spinfilters.evaluation.trajectory_errors import Alignment
+from spinfilters.filters.history import EstimateHistory
+from spinfilters.inference.estimator_entry import AnyEntry
+from spinfilters.inference.first_epochs import DETERMINED_STD, moments_std_of
+from spinfilters.inference.identified_noise import LARGEST_ERROR
+from spinfilters.inference.setup import Setup
+from spinfilters.inference.smoother_run import NAME as SMOOTHER
+from spinfilters.models.sensor_registry import sensor_of
+from spinfilters.models.state_blocks import CENTRE_OF_MASS
+from spinfilters.models.status import Finding, Verdict
+from spinfilters.settings.run_settings import Settings
+from spinfilters.verdict.agreement_tests import agreement_diagnostics, motion_diagnostics, reference_smoother
+from spinfilters.verdict.check import LARGEST_MOMENT_STD, LEFT_OUT, Evidence, rejected_share
+from spinfilters.verdict.checks import MOST_MOMENTUM, finding
+from spinfilters.verdict.flywheel_refit import with_flywheel_refit
+from spinfilters.verdict.judge import judge
+from spinfilters.verdict.model_tests import tested_epochs, tested_history, tested_models
+from spinfilters.verdict.noise_diagnostics import filter_noise_diagnostics, stated_level_diagnostics
+from spinfilters.verdict.recording_tests import front_end_slips, pose_findings
+from spinfilters.verdict.tested_models import NOT_TESTED, TestedModels, model_findings
+
+
+def shared_diagnostics(setup: Setup) -> list[Finding]:
+    """Findings that concern every estimator of a run."""
+    found = [*setup.initial.status.findings, *(Finding("data-set", text) for text in setup.dataset.doubts)]
+    found += [*_moving_camera(setup), *pose_findings(setup)]
+    noise = setup.gyro_noise
+    if noise is not None and not noise.is_of_flight:
+        numbers = {"percent": 100 * noise.relative_error, "limit": 100 * LARGEST_ERROR}
+        found.append(finding("not-a-free-flight", numbers))
+    for stream in setup.dataset.log.streams:
+        found += [Finding("sensor-data", text) for text in sensor_of(stream.sensor).diagnostics(stream)]
+    return found
+
+
+def _moving_camera(setup: Setup) -> list[Finding]:
+    """That a camera which is taken to be at rest may move, where the initialisation did not settle."""
+    initial, dataset = setup.initial, setup.dataset
+    is_at_rest = dataset.rig is not None and dataset.inspector is None
+    if not is_at_rest or initial.converged or not initial.momentum_residual > MOST_MOMENTUM:
+        return []
+    return [finding("camera-may-move", {"percent": 100 * initial.momentum_residual})]
+
+
+def filter_diagnostics(setup: Setup) -> list[Finding]:
+    """Findings that concern filters alone: a smoother revises its first epochs."""
+    if setup.initial.has_failed:
+        return []
+    std, count = moments_std_of(setup.initial), len(setup.initial.mean)
+    if not std <= DETERMINED_STD:
+        return [finding("vague-initialisation", {"epochs": count, "std": std})]
+    return []
+
+
+@dataclass(frozen=True)
+class Doubts:
+    """Doubts about the estimators of one run.
+
+    Attributes
+    ----------
+    shared: about every estimator.   of_filters: about those that continue from the initialisation, with no smoother beside.
+    smoother: that filters are held against, None where there is none.   models: tests of the models' errors.
+    baselines: names of others' estimators, whose noise levels say nothing of ours.
+    """
+
+    setup: Setup
+    settings: Settings
+    evaluations: Sequence[Evaluation]
+    shared: list[Finding]
+    of_filters: list[Finding]
+    smoother: EstimateHistory | None
+    models: TestedModels = NOT_TESTED
+    baselines: Collection[str] = ()
+    _agreements: dict[str, list[Finding]] = field(default_factory=dict)
+    _noise: dict[str, list[Finding]] = field(default_factory=dict)
+
+    def of(self, evaluation: Evaluation, entry: AnyEntry) -> list[Finding]:
+        """Doubts about one estimator."""
+        if self.setup.is_given:
+            own = self._agreement_of(evaluation) if entry.continues else []
+            return [*self.shared, *own]
+        if not entry.continues:
+            return [*self.shared, *self.of_levels, *self._of_landmarks]
+        agreement = self._agreement_of(evaluation)
+        noise = [] if entry.is_baseline or agreement else self._noise_of(evaluation)
+        levels = [] if entry.is_baseline else self.of_levels
+        return [*self.shared, *levels, *agreement, *noise]
+
+    @cached_property
+    def of_levels(self) -> list[Finding]:
+        """Doubts about stated levels of noise."""
+        own = [each.history for each in self.evaluations if each.name not in self.baselines]
+        first = [] if self.smoother is None else [self.smoother]
+        return stated_level_diagnostics(self.setup, self.settings, [*first, *own])
+
+    @cached_property
+    def _of_landmarks(self) -> list[Finding]:
+        """Doubts about noise by the first filter beside a landmark smoother.
+
+        What it says of the noise that both are told, if they agree.
+        """
+        if not self.setup.initial.has_landmarks:
+            return []
+        for each in self.evaluations:
+            if each.name != SMOOTHER and not self._agreement_of(each):
+                return self._noise_of(each)
+        return []
+
+    def _agreement_of(self, evaluation: Evaluation) -> list[Finding]:
+        """Agreement with the smoother, asked once of a filter."""
+        if evaluation.name not in self._agreements:
+            self._agreements[evaluation.name] = agreement_diagnostics(
+                evaluation, self.smoother, self.of_filters
+            )
+        return self._agreements[evaluation.name]
+
+    def _noise_of(self, evaluation: Evaluation) -> list[Finding]:
+        """Noise doubts from a filter's own epochs, where nothing has been said yet."""
+        if self.of_levels:
+            return []
+        if evaluation.name not in self._noise:
+            found = filter_noise_diagnostics(evaluation.history, self.setup, self.settings)
+            self._noise[evaluation.name] = found
+        return self._noise[evaluation.name]
+
+
+def doubts_of(
+    evaluations: Sequence[Evaluation], setup: Setup, settings: Settings, baselines: Collection[str] = ()
+) -> Doubts:
+    """The doubts of a run, as far as they are the same for several estimators.
+
+    A given initialisation means that filters alone are studied, by the thousand: what their innovations tell is all, and the
+    smoother where the belief is too wide for a linearisation.
+    """
+    if setup.is_given:
+        shared, reference = shared_diagnostics(setup), reference_smoother([], setup, settings)
+        own = filter_diagnostics(setup)
+        return Doubts(setup, settings, evaluations, shared, own, reference, baselines=baselines)
+    smoothers = [each.history for each in evaluations if each.name == SMOOTHER]
+    models = _explained(setup, settings, evaluations)
+    return Doubts(
+        setup,
+        settings,
+        evaluations,
+        [
+            *shared_diagnostics(setup),
+            *motion_diagnostics(setup, settings),
+            *model_findings(models, tested_history(setup, evaluations)),
+            *measurement_findings(smoothers, evaluations),
+        ],
+        filter_diagnostics(setup),
+        reference_smoother(smoothers, setup, settings),
+        models,
+        baselines,
+    )
+
+
+def _explained(setup: Setup, settings: Settings, evaluations: Sequence[Evaluation]) -> TestedModels:
+    """Score tests of the models, with slips of front ends, and a flywheel fitted where anything is suspected."""
+    models, best = tested_models(setup, evaluations), tested_history(setup, evaluations)
+    is_suspect = models.is_suspect or best is None or best.status.verdict is not Verdict.OK
+    models = replace(models, slips=front_end_slips(setup, with_fits=is_suspect))
+    if best is None or not is_suspect or models.slips:
+        return models
+    return with_flywheel_refit(models, setup, settings, best.mean[: tested_epochs(setup)])
+
+
+def measurement_findings(
+    smoothers: Sequence[EstimateHistory], evaluations: Sequence[Evaluation]
+) -> list[Finding]:
+    """Findings about a recording's measurements, the same for all of its estimators.
+
+    Of the smoother, which sees all measurements at once; without one, of the estimator that leaves out fewest. What another one
+    leaves out more is its own failing.
+    """
+    histories = [*smoothers] or [each.history for each in evaluations]
+    finished = [each for each in histories if each.status.verdict is not Verdict.FAILED]
+    if not finished:
+        return []
+    best = min(finished, key=lambda each: int(each.rejected[each.own].sum()))
+    numbers = rejected_share(best)
+    return [] if numbers is None else [finding(LEFT_OUT, numbers)]
+
+
+def evaluated(history: EstimateHistory, setup: Setup) -> Evaluation:
+    """A history of this data set, with its errors where there is a truth."""
+    alignment = Alignment.NONE if setup.known_frames else Alignment.FIRST_FRAME
+    observed = replace(history, observations=setup.observations[: len(history.time)])
+    return evaluate(observed, setup.dataset.truth, alignment)
+
+
+def with_verdicts(doubts: Doubts, settings: Settings, entries: Mapping[str, AnyEntry]) -> list[Evaluation]:
+    """Evaluations with their verdicts, for estimators of a table of entries by name."""
+    setup = doubts.setup
+    widened = {each.name: _widened(each, doubts) for each in doubts.evaluations}
+    peers = [each for each in widened.values() if not entries[each.name].is_baseline]
+    others = [peer for peer in peers if peer.history.status.verdict is not Verdict.FAILED]
+    found = []
+    for evaluation in doubts.evaluations:
+        entry, wider = entries[evaluation.name], widened[evaluation.name]
+        evidence = Evidence(
+            wider,
+            others,
+            entry.false_alarm_probability(setup, settings),
+            [*doubts.of(evaluation, entry), *_undetermined(evaluation, wider, doubts)],
+            _centre_prior_std(setup),
+        )
+        found.append(wider.with_status(judge(evidence)))
+    return found
+
+
+def _widened(evaluation: Evaluation, doubts: Doubts) -> Evaluation:
+    """With covariances that hold with possibly correlated errors."""
+    widening, history = doubts.models.correlated.widening, evaluation.history
+    failed = history.status.verdict is Verdict.FAILED
+    if widening is None or failed or history.layout != doubts.setup.process.layout:
+        return evaluation
+    return evaluated(history.widened(widening), doubts.setup)
+
+
+def _centre_prior_std(setup: Setup) -> float:
+    """Standard deviation of the centre of mass before anything was measured, m; infinite without a prior of it."""
+    layout, prior = setup.process.layout, setup.initial.prior
+    if not layout.has(CENTRE_OF_MASS) or prior is None:
+        return np.inf
+    std = np.linalg.norm(prior.factor[layout.slice(CENTRE_OF_MASS.name)], axis=1).max()
+    return float(std) if np.isfinite(std) else np.inf
+
+
+def _undetermined(evaluation: Evaluation, wider: Evaluation, doubts: Doubts) -> list[Finding]:
+    """Why moments are not determined that would be, were errors surely white."""
+    before, after = (float(np.max(each.body.principal_moments_std)) for each in (evaluation, wider))
+    undecided = doubts.models.correlated.undecided
+    return [undecided] if undecided is not None and before <= LARGEST_MOMENT_STD < after else []

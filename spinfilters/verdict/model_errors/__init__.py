@@ -1,0 +1,1 @@
+"""Score tests of errors that the models may have, and likelihoods of noise under several explanations."""

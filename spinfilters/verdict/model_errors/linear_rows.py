@@ -1,0 +1,405 @@
+"""What the columns of right-hand sides become while a linearised smoothing problem is solved for them.
+
+Right-hand sides of a linearised smoothing problem, one column for each.
+
+Whitened rows of a linearised smoothing problem, and what its solution leaves of any right-hand sides.
+
+At the solution of min |J e - y|^2 a right-hand side H leaves M H with M = I - J P J', P = (J'J)^-1. Columns of H are solved for
+together, from the factors that the problem's own solution left behind: landmarks, chained errors, then poses and constants.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.linalg import solve_triangular
+
+from spinfilters.smoother.linear_system import SchurSystem
+from spinfilters.smoother.motion_factors import EpochRows, SensorRows, prior_rows
+from spinfilters.smoother.problem import LinearizationPoint, NormalEquations, Problem
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+
+def flat(part: Float[np.ndarray, "a b m"]) -> Float[np.ndarray, "c m"]:
+    """All rows of a part below one another."""
+    return part.reshape(-1, part.shape[2])
+
+
+@dataclass(frozen=True)
+class Gradient:
+    """J'H: (k, d, m) of moving components, (c, m) of constants, (L, 3, m) of landmarks."""
+
+    moving: Float[np.ndarray, "k d m"]
+    constant: Float[np.ndarray, "c m"]
+    landmarks: Float[np.ndarray, "L 3 m"]
+
+    @classmethod
+    def joined(cls, parts: "Sequence[Gradient]") -> "Gradient":
+        """Side by side."""
+        return cls(
+            np.concatenate([each.moving for each in parts], axis=2),
+            np.concatenate([each.constant for each in parts], axis=1),
+            np.concatenate([each.landmarks for each in parts], axis=2),
+        )
+
+
+@dataclass(frozen=True)
+class HalfSolved:
+    """A^-1 b with J'J = A A', by blocks.
+
+    (L, 3, m) of landmarks, (k, v, m) of chained errors, (n, m) of poses and constants.
+    """
+
+    landmarks: Float[np.ndarray, "L 3 m"]
+    chained: Float[np.ndarray, "k v m"]
+    kept: Float[np.ndarray, "n m"]
+
+    @property
+    def gram(self) -> Float[np.ndarray, "m m"]:
+        """b'P b."""
+        parts = (flat(self.landmarks), flat(self.chained), self.kept)
+        return sum((part.T @ part for part in parts), np.zeros((self.kept.shape[1],) * 2))
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """Errors of a solution by m right-hand sides.
+
+    Attributes
+    ----------
+    states: (k, n, m) of every epoch, components in the order of the layout.   landmarks: (L, 3, m), zero of those not told.
+    """
+
+    states: Float[np.ndarray, "k n m"]
+    landmarks: Float[np.ndarray, "L 3 m"]
+
+
+@dataclass(frozen=True)
+class Columns:
+    """m right-hand sides: numbers for every whitened row.
+
+    Attributes
+    ----------
+    sensors: (r, i, m) of every sensor without landmarks.   steps: (k - 1, d, m).
+    observations: (N, 3, m), or None without any.   prior: (n, m) of the first state.
+    is_measured: False where all numbers of sensors and observations are zero.
+    """
+
+    sensors: tuple[Float[np.ndarray, "_ _ m"], ...]
+    steps: Float[np.ndarray, "k d m"]
+    observations: Float[np.ndarray, "N 3 m"] | None
+    prior: Float[np.ndarray, "n m"]
+    is_measured: bool = True
+
+    @property
+    def count(self) -> int:
+        """Of right-hand sides."""
+        return self.steps.shape[2]
+
+    @property
+    def parts(self) -> tuple[Float[np.ndarray, "_ _ m"], ...]:
+        """All rows by kind: sensors, steps, observations, prior."""
+        seen = () if self.observations is None else (self.observations,)
+        return (*self.sensors, self.steps, *seen, self.prior[None])
+
+    @property
+    def of_motion(self) -> "Columns":
+        """The rows of steps and prior alone."""
+        return Columns((), self.steps, None, self.prior, is_measured=False)
+
+    def gram(self, other: "Columns") -> Float[np.ndarray, "m o"]:
+        """Products of columns, summed over all rows."""
+        return sum(
+            (flat(a).T @ flat(b) for a, b in zip(self.parts, other.parts, strict=True)),
+            np.zeros((self.count, other.count)),
+        )
+
+    @property
+    def squares(self) -> Float[np.ndarray, " m"]:
+        """Squared length of every column."""
+        return np.asarray(sum(np.einsum("abm,abm->m", part, part) for part in self.parts))
+
+    def scaled(self, factor: float) -> "Columns":
+        """All columns times a number."""
+        return self.times(factor * np.eye(self.count))
+
+    def times(self, coefficients: Float[np.ndarray, "m o"]) -> "Columns":
+        """Combinations of the columns."""
+        seen = None if self.observations is None else _times(self.observations, coefficients)
+        sensors = tuple(_times(part, coefficients) for part in self.sensors)
+        return Columns(
+            sensors, _times(self.steps, coefficients), seen, self.prior @ coefficients, self.is_measured
+        )
+
+    def minus(self, other: "Columns") -> "Columns":
+        """Difference."""
+        seen = None
+        if self.observations is not None and other.observations is not None:
+            seen = self.observations - other.observations
+        sensors = tuple(a - b for a, b in zip(self.sensors, other.sensors, strict=True))
+        return Columns(sensors, self.steps - other.steps, seen, self.prior - other.prior)
+
+    def part(self, columns: slice) -> "Columns":
+        """Some of them."""
+        seen = None if self.observations is None else self.observations[:, :, columns]
+        sensors = tuple(part[:, :, columns] for part in self.sensors)
+        return Columns(sensors, self.steps[:, :, columns], seen, self.prior[:, columns], self.is_measured)
+
+    @classmethod
+    def joined(cls, parts: "list[Columns]") -> "Columns":
+        """Columns side by side."""
+        seen = None
+        if parts[0].observations is not None:
+            seen = np.concatenate([each.observations for each in parts if each.observations is not None], 2)
+        sensors = tuple(
+            np.concatenate(each, axis=2) for each in zip(*(p.sensors for p in parts), strict=True)
+        )
+        steps = np.concatenate([each.steps for each in parts], axis=2)
+        prior, measured = np.concatenate([e.prior for e in parts], axis=1), any(e.is_measured for e in parts)
+        return cls(sensors, steps, seen, prior, measured)
+
+
+def _times(part: Float[np.ndarray, "a b m"], coefficients: Float[np.ndarray, "m o"]) -> np.ndarray:
+    """One product of all rows."""
+    return (flat(part) @ coefficients).reshape(*part.shape[:2], -1)
+
+
+def summed(
+    index: Int[np.ndarray, " r"], count: int, part: Float[np.ndarray, "r a m"]
+) -> Float[np.ndarray, "k a m"]:
+    """Sums of the rows of each index."""
+    from scipy.sparse import csr_array
+
+    rows = len(index)
+    which = csr_array((np.ones(rows), index, np.arange(rows + 1)), shape=(rows, count)).T
+    flat = part.reshape(rows, part.shape[1] * part.shape[2])  # of no rows, -1 would tell no width
+    return (which @ flat).reshape(count, *part.shape[1:])
+
+
+@dataclass(frozen=True)
+class LinearRows:
+    """A solved linear problem; its rows must be in memory (`Problem.is_long` is false)."""
+
+    problem: Problem
+    here: LinearizationPoint
+    normal: NormalEquations
+
+    @property
+    def solution(self) -> SchurSystem:
+        """Factors of the normal equations."""
+        return self.normal.system
+
+    @cached_property
+    def right(self) -> Columns:
+        """y, one column."""
+        sensors = tuple(rows[:, :, -1:] for rows in self.sensor_rows)
+        seen = None if self.observation_rows is None else self.observation_rows[:, :, -1:]
+        return Columns(sensors, self.here.dynamics.rows[:, :, -1:], seen, self.prior_rows[:, -1:])
+
+    @cached_property
+    def sensor_rows(self) -> tuple[Float[np.ndarray, "_ _ _"], ...]:
+        """Rows [J | y] of every sensor that sees no landmark."""
+        motion, here = self.problem.motion, self.here
+        return tuple(here.sensor_rows(motion, k).rows for k in range(len(motion.sensors)))
+
+    @cached_property
+    def by_epoch(self) -> tuple[EpochRows, ...]:
+        """`sensor_rows` with their epochs."""
+        sensors = self.problem.motion.sensors
+        return tuple(EpochRows(r, s.epoch) for r, s in zip(self.sensor_rows, sensors, strict=True))
+
+    @property
+    def counted(self) -> tuple[Bool[np.ndarray, " _"], ...]:
+        """Which measurements of every such sensor have a weight."""
+        motion, here = self.problem.motion, self.here
+        return tuple(here.sensor_rows(motion, k).counted for k in range(len(motion.sensors)))
+
+    @cached_property
+    def left(self) -> Columns:
+        """M y, what the solution leaves of the measurements."""
+        return self.residual(self.right)
+
+    @cached_property
+    def observation_rows(self) -> Float[np.ndarray, "N 3 10"] | None:
+        """Rows [J | y] of observations by pose and landmark, zero of outliers."""
+        fit, linear = self.normal.eliminated, self.here.linear
+        if fit is None or linear is None:
+            return None
+        weight = np.where(fit.used, np.sqrt(fit.weight), 0.0)
+        return np.where(fit.used[:, None, None], linear.rows, 0.0) * weight[:, None, None]
+
+    def nothing(self, count: int, is_measured: bool = True) -> Columns:
+        """Zeros, of which those of the measurements stay so unless ``is_measured``."""
+        sensors = tuple(np.zeros((*rows.shape[:2], count)) for rows in self.sensor_rows)
+        seen = None if self.observation_rows is None else np.zeros((len(self.observation_rows), 3, count))
+        steps = np.zeros((*self.here.dynamics.rows.shape[:2], count))
+        return Columns(sensors, steps, seen, np.zeros((len(self.prior_rows), count)), is_measured)
+
+    def sensitivity(self, right: Columns) -> Sensitivity:
+        """P J'H: by how much the solution moves per unit of each right-hand side."""
+        ordering, solved = self.problem.ordering, self.solved(self.gradient(right))
+        states = np.empty((ordering.epochs, len(ordering.order), right.count))
+        states[:, ordering.moving] = solved.moving
+        states[:, ordering.constant] = solved.constant
+        return Sensitivity(states, solved.landmarks)
+
+    def residual(self, right: Columns) -> Columns:
+        """M H."""
+        return right.minus(self._explained(self.solved(self.gradient(right))))
+
+    @cached_property
+    def prior_rows(self) -> Float[np.ndarray, "n n1"]:
+        """Whitened rows [J | y] of the first state's prior; none without one."""
+        ordering, prior = self.problem.ordering, self.problem.motion.prior
+        if prior is None:
+            return np.zeros((0, len(ordering.order) + 1))
+        return prior_rows(ordering, self.here.trajectory[0], prior)
+
+    def columns_of(self, sensor: SensorRows) -> Int[np.ndarray, " c"]:
+        """Columns of the state's error that a sensor depends on."""
+        return self.problem.motion.sensor_columns(sensor)[:-1]
+
+    def gradient(self, right: Columns) -> Gradient:
+        """J'H."""
+        ordering, m = self.problem.ordering, right.count
+        d, J = len(ordering.moving), self.here.dynamics.rows[:, :, :-1]
+        every = np.zeros((ordering.epochs, len(ordering.order), m))
+        if right.is_measured:
+            for sensor, rows, part in zip(
+                self.problem.motion.sensors, self.by_epoch, right.sensors, strict=True
+            ):
+                every[:, self.columns_of(sensor)] += rows.gradient(part, ordering.epochs)
+        by_step = np.swapaxes(J, 1, 2) @ right.steps
+        every[:-1, :d] += by_step[:, :d]
+        every[1:, :d] += by_step[:, d : 2 * d]
+        every[0] += self.prior_rows[:, :-1].T @ right.prior
+        constant = every[:, d:].sum(axis=0) + by_step[:, 2 * d :].sum(axis=0)
+        landmarks = np.zeros((len(self.here.points), 3, m))
+        if self.observation_rows is not None and right.is_measured and right.observations is not None:
+            fit = self.normal.eliminated
+            assert fit is not None
+            by_row = np.swapaxes(self.observation_rows[:, :, :-1], 1, 2) @ right.observations
+            every[:, :6] += summed(fit.observations.epoch, ordering.epochs, by_row[:, :6])
+            landmarks += summed(fit.observations.landmark, len(landmarks), by_row[:, 6:])
+        return Gradient(every[:, :d], constant, landmarks)
+
+    def half_solved(self, b: Gradient) -> HalfSolved:
+        """A^-1 b."""
+        ordering, fit, s = self.problem.ordering, self.normal.eliminated, self.solution
+        K, p, m = ordering.epochs, len(ordering.pose), b.constant.shape[1]
+        pose, g = b.moving[:, :p].copy(), b.landmarks
+        if fit is not None:
+            g = np.linalg.solve(self._landmark_sqrts, np.where(fit.is_constrained[:, None, None], g, 0.0))
+            pose -= (self._coupling @ g.reshape(-1, m)).reshape(pose.shape)
+        chained, X = self._forward(b.moving[:, p:]), s.tridiagonal.coupling[:, :, :-1]
+        rest = np.concatenate([pose.reshape(K * p, m), b.constant])
+        rest -= X.reshape(-1, X.shape[2]).T @ chained.reshape(-1, m)
+        half = solve_triangular(s.information_sqrt, rest, lower=True, check_finite=False)
+        return HalfSolved(g, chained, half)
+
+    def solved(self, b: Gradient) -> Gradient:
+        """P b."""
+        ordering, fit, s = self.problem.ordering, self.normal.eliminated, self.solution
+        K, p, m = ordering.epochs, len(ordering.pose), b.constant.shape[1]
+        half = self.half_solved(b)
+        g, chained, X = half.landmarks, half.chained, s.tridiagonal.coupling[:, :, :-1]
+        kept = solve_triangular(s.information_sqrt, half.kept, lower=True, trans=1, check_finite=False)
+        moving = np.empty_like(b.moving)
+        moving[:, :p] = kept[: K * p].reshape(K, p, m)
+        moving[:, p:] = self._back(chained - X @ kept)
+        if fit is not None:
+            follow = (self._coupling.T @ moving[:, :p].reshape(-1, m)).reshape(g.shape)
+            g = np.linalg.solve(np.swapaxes(self._landmark_sqrts, 1, 2), g - follow)
+            g[~fit.is_constrained] = 0.0
+        return Gradient(moving, kept[K * p :], g)
+
+    def _forward(self, b: Float[np.ndarray, "k v m"]) -> Float[np.ndarray, "k v m"]:
+        """n_k = L_k^-1 (b_k - F_k-1' n_k-1)."""
+        inverses, F, n = self._inverses, self.solution.tridiagonal.next, b.copy()
+        for k in range(len(n)):
+            if k:
+                n[k] -= F[k - 1].T @ n[k - 1]
+            n[k] = inverses[k] @ n[k]
+        return n
+
+    def _back(self, n: Float[np.ndarray, "k v m"]) -> Float[np.ndarray, "k v m"]:
+        """e_k = L_k^-T (n_k - F_k e_k+1)."""
+        inverses, F = self._inverses, self.solution.tridiagonal.next
+        for k in range(len(n) - 1, -1, -1):
+            if k + 1 < len(n):
+                n[k] -= F[k] @ n[k + 1]
+            n[k] = inverses[k].T @ n[k]
+        return n
+
+    @cached_property
+    def _landmark_sqrts(self) -> Float[np.ndarray, "L 3 3"]:
+        """L of the landmarks that are told, the identity of others."""
+        fit = self.normal.eliminated
+        assert fit is not None
+        return np.where(fit.is_constrained[:, None, None], fit.information_sqrt, np.eye(3))
+
+    @cached_property
+    def _coupling(self) -> "csr_array":
+        """Of poses (rows, epoch by epoch) with landmarks (columns), as factors of the latter leave it."""
+        from scipy.sparse import csr_array
+
+        fit = self.normal.eliminated
+        assert fit is not None
+        p, seen, landmark = len(self.problem.ordering.pose), fit.observations.epoch, fit.observations.landmark
+        rows = np.broadcast_to((p * seen[:, None] + np.arange(p))[:, None], fit.coupling.shape)
+        columns = np.broadcast_to((3 * landmark[:, None] + np.arange(3))[:, :, None], fit.coupling.shape)
+        shape = p * self.problem.ordering.epochs, 3 * len(self.here.points)
+        told = np.where(fit.is_constrained[landmark, None, None], fit.coupling, 0.0)
+        return csr_array((told.ravel(), (rows.ravel(), columns.ravel())), shape=shape)
+
+    @cached_property
+    def _inverses(self) -> Float[np.ndarray, "k v v"]:
+        """L_k^-1."""
+        return np.linalg.inv(np.tril(self.solution.tridiagonal.information_sqrts))
+
+    def _explained(self, e: Gradient) -> Columns:
+        """J e."""
+        states = self.states(e)
+        sensors = tuple(
+            rows.products(states[:, self.columns_of(sensor)])
+            for sensor, rows in zip(self.problem.motion.sensors, self.by_epoch, strict=True)
+        )
+        return replace(self.explained_beside_sensors(e), sensors=sensors)
+
+    def seen(self, states: Float[np.ndarray, "k n m"]) -> Columns:
+        """Measured rows of errors of the states, components as in `VariableOrdering.order`."""
+        nothing = self.nothing(states.shape[2])
+        for number, (sensor, rows) in enumerate(zip(self.problem.motion.sensors, self.by_epoch, strict=True)):
+            nothing.sensors[number][:] = rows.products(states[:, self.columns_of(sensor)])
+        fit = self.normal.eliminated
+        if nothing.observations is not None and self.observation_rows is not None and fit is not None:
+            poses = states[fit.observations.epoch, :6]
+            nothing.observations[:] = self.observation_rows[:, :, :6] @ poses
+        return nothing
+
+    def explained_beside_sensors(self, e: Gradient) -> Columns:
+        """J e of all rows but those of the sensors that see no landmark."""
+        states, seen, fit = self.states(e), None, self.normal.eliminated
+        both = np.concatenate(
+            [
+                e.moving[:-1],
+                e.moving[1:],
+                np.broadcast_to(e.constant, (len(e.moving) - 1, *e.constant.shape)),
+            ],
+            axis=1,
+        )
+        if fit is not None and self.observation_rows is not None:
+            poses, points = e.moving[fit.observations.epoch, :6], e.landmarks[fit.observations.landmark]
+            seen = self.observation_rows[:, :, :-1] @ np.concatenate([poses, points], axis=1)
+        steps = self.here.dynamics.rows[:, :, :-1] @ both
+        return Columns((), steps, seen, self.prior_rows[:, :-1] @ states[0])
+
+    def states(self, e: Gradient) -> Float[np.ndarray, "k n m"]:
+        """Errors of every epoch, components as in `VariableOrdering.order`."""
+        constant = np.broadcast_to(e.constant, (len(e.moving), *e.constant.shape))
+        return np.concatenate([e.moving, constant], axis=1)

@@ -1,0 +1,356 @@
+"""Products of whitened rows by noise component: scores, information, and their distributions where the model is right."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.special import ndtr
+
+from spinfilters.core.linear_algebra import chi_square_tail, fisher_tail
+from spinfilters.filters.noise_levels import ComponentRows
+from spinfilters.smoother.motion_factors import EpochRows
+from spinfilters.verdict.model_errors.linear_rows import Columns, Gradient, LinearRows, flat, summed
+
+NEAR_MEAN: Final = 1e-4
+"""Signed root of the likelihood ratio below which the saddlepoint is at the mean, where its own formula is 0 / 0."""
+FEWEST: Final = 2.0
+"""Degrees of freedom left for a noise level, at least."""
+
+
+def weighted_chi_square_tail(weights: Float[np.ndarray, " n"], value: float, dof: float) -> float:
+    """P(sum of weights z^2 > value chi2_dof / dof).
+
+    Weights positive, ``dof`` infinite for a known noise level.
+    """
+    w = weights[weights > 0]
+    if not w.size or not value > 0:
+        return 1.0
+    if not np.isfinite(dof):
+        return _tail(w, np.ones(len(w)), value)
+    return _tail(np.append(w, -value / dof), np.append(np.ones(len(w)), dof), 0.0)
+
+
+def _tail(w: Float[np.ndarray, " n"], count: Float[np.ndarray, " n"], value: float) -> float:
+    """P(sum of w chi2_count > value)."""
+
+    def slope(t: float) -> float:
+        """Slope of the exponent at t."""
+        return float((count * w / (1 - 2 * t * w)).sum()) - value
+
+    low, high = -0.5 / abs(w.min()) if w.min() < 0 else -_far(slope, w), 0.5 / w.max()
+    margin = 1e-12
+    from scipy.optimize import brentq  # here alone: half a tenth of a second of every command's start
+
+    t = float(brentq(slope, low * (1 - margin), high * (1 - margin)))  # pyright: ignore[reportArgumentType]
+    cumulant = -0.5 * float((count * np.log1p(-2 * t * w)).sum())
+    curvature = 2 * float((count * (w / (1 - 2 * t * w)) ** 2).sum())
+    r = float(np.sign(t) * np.sqrt(max(2 * (t * value - cumulant), 0.0)))
+    if abs(r) < NEAR_MEAN:  # of Edgeworth's expansion
+        third = 8 * float((count * w**3).sum())
+        return 0.5 - third / (6 * np.sqrt(2 * np.pi) * curvature**1.5)
+    v = t * np.sqrt(curvature)
+    return float(np.clip(ndtr(-(r + np.log(v / r) / r)), 0.0, 1.0))
+
+
+def _far(slope: Callable[[float], float], w: Float[np.ndarray, " n"]) -> float:
+    """A t so far below zero that the slope is negative there."""
+    t = 1 / w.max()
+    while slope(-t) > 0:
+        t *= 4
+    return t
+
+
+def gain_tail(gain: float, count: float, dof: float) -> float:
+    """Probability of a greater gain by ``count`` constant errors.
+
+    Noise levels are known to ``dof`` degrees of freedom.
+    """
+    if not np.isfinite(dof):
+        return float(chi_square_tail(gain, count))
+    left = max(dof - count, FEWEST)
+    return fisher_tail(float(np.expm1(min(gain / dof, 500.0))) * left / count, count, left)
+
+
+TELLING: Final = 20.0
+"""Redundancy of a component from which a ratio of its squared residuals tells anything."""
+LEAST_SHARE: Final = -0.9
+"""Of its degrees of freedom by which a level is less likely with an error removed, at least."""
+
+
+@dataclass(frozen=True)
+class Gain:
+    """Fall of -2 ln likelihood, profiled over the noise levels.
+
+    Attributes
+    ----------
+    dof: degrees of freedom that tell these levels; infinite of known ones.
+    level: by how much ln variance falls of the level that falls most, among those that are identified from the same residuals: not
+        those that are known or hardly told, and none beside a level that stands for a correlated error.
+    """
+
+    value: float
+    dof: float
+    level: float
+
+
+@dataclass(frozen=True)
+class NoiseComponents:
+    """Which rows each noise level scales.
+
+    Attributes
+    ----------
+    components: of sensors.   factors: (k - 1, d, i) of each disturbance, L^-1 G of its share G G' of a step's covariance L L'.
+    redundancy: S of each, expected squared residuals, sensors first.   known: whether a level is stated, not identified.
+    correlation: samples that count as one, of a level that stands for a correlated error as white noise of its weight; else 1.
+    telling: degrees of freedom of the residuals that tell each level: its redundancy; of a correlated error what the states, which
+        are as slow, leave of its independent samples.
+    inflation: of stated variances for errors that rows have in common, at least 1.
+    """
+
+    components: tuple[ComponentRows, ...]
+    factors: tuple[Float[np.ndarray, "k d i"], ...]
+    redundancy: Float[np.ndarray, " c"]
+    known: Bool[np.ndarray, " c"]
+    correlation: Float[np.ndarray, " c"]
+    telling: Float[np.ndarray, " c"]
+    inflation: Float[np.ndarray, " c"]
+
+    def squares(self, rest: Columns) -> Float[np.ndarray, " c"]:
+        """Squared residuals of each component, of one column."""
+        return self.products(rest, rest)[:, 0, 0]
+
+    def products(self, one: Columns, other: Columns) -> Float[np.ndarray, "c m o"]:
+        """Products of columns by component.
+
+        Over the rows of each that the columns have.
+        """
+        found = np.zeros((len(self.redundancy), one.count, other.count))
+        for k, each in enumerate(self.components):
+            for sensor, rows in each.sensors.items() if one.sensors else ():
+                found[k] += _product(one.sensors[sensor], other.sensors[sensor], rows)
+            if each.landmarks and one.observations is not None and other.observations is not None:
+                found[k] += flat(one.observations).T @ flat(other.observations)
+        for k, W in enumerate(self.factors, start=len(self.components)):
+            explained = [flat(W.swapaxes(1, 2) @ each.steps) for each in (one, other)]
+            found[k] = explained[0].T @ explained[1]
+        return found
+
+    @property
+    def correlated(self) -> Bool[np.ndarray, " c"]:
+        """Whether a level stands for an error that is correlated."""
+        return self.correlation > 1
+
+    def beside_all(self, statistic: float, count: float, left: Float[np.ndarray, " c"]) -> float:
+        """Probability of a greater statistic of ``count`` errors, beside what all residuals leave.
+
+        Where a level stands for a correlated error, which an error of the models may have been taken for; else 1. Its white noise
+        makes residuals smaller than their redundancy, by the samples that count as one.
+
+        Parameters
+        ----------
+        left: squared residuals by component, the error in them.
+        """
+        if not self.correlated.any() or statistic <= 0:
+            return 1.0
+        dof = max(float(self.redundancy.sum() / self.correlation.max()), count + FEWEST)
+        rest = max(float(left.sum()) - statistic, np.finfo(float).tiny)
+        return fisher_tail(statistic / count * (dof - count) / rest, count, dof - count)
+
+    @property
+    def dof(self) -> Float[np.ndarray, " c"]:
+        """Degrees of freedom that tell each level, with those of its prior.
+
+        Infinite of known ones.
+        """
+        return np.where(self.known, np.inf, self.telling + 1)
+
+    @property
+    def sensor_dof(self) -> float:
+        """Of the sensors' level that is told by fewest."""
+        return float(self.dof[: len(self.components)].min(initial=np.inf))
+
+    def gain(self, before: Float[np.ndarray, " c"], after: Float[np.ndarray, " c"]) -> Gain:
+        """Gain from the `squares` of one residual to those of another.
+
+        Its degrees of freedom are those of the levels that fall, by their shares of the fall.
+        The squares of a correlated error tell the level that stands for it less than the recording did that it was identified from.
+        """
+        r, left, dof = before, after, self.dof
+        finite = np.where(self.known, 1.0, dof)
+        shares = np.maximum((r - left) / finite, LEAST_SHARE)
+        falls = np.where(self.correlated, np.log1p(shares), np.log((r + 1) / (left + 1)))
+        each = np.where(self.known, r - left, finite * falls)
+        falls = np.maximum(each, 0.0)
+        per_dof = float((falls / dof).sum())
+        shared = (self.redundancy > TELLING) & ~self.known & ~self.correlated.any()
+        level = float((falls / finite)[shared].max(initial=0.0))
+        return Gain(float(each.sum()), float(falls.sum()) / per_dof if per_dof > 0 else np.inf, level)
+
+
+def _product(
+    one: Float[np.ndarray, "r i m"], other: Float[np.ndarray, "r i o"], rows: tuple[int, ...]
+) -> Float[np.ndarray, "m o"]:
+    """Product over some of the i rows of every measurement."""
+    if rows != tuple(range(one.shape[1])):
+        one, other = one[:, list(rows)], other[:, list(rows)]
+    return flat(one).T @ flat(other)
+
+
+@dataclass(frozen=True)
+class ColumnProducts:
+    """Of m right-hand sides H beside rho, what the solution leaves of the measurements.
+
+    Attributes
+    ----------
+    places: of each of the given right-hand sides among the m.   squares: (m,) H'H.   score: (m,) H'rho.
+    information: (m, m) of M H.   left: (c,) rho'rho by noise component.   shared: (c, m) rho'M H.   own: (c, m, m) of M H.
+    """
+
+    places: tuple[slice, ...]
+    squares: Float[np.ndarray, " m"]
+    score: Float[np.ndarray, " m"]
+    information: Float[np.ndarray, "m m"]
+    left: Float[np.ndarray, " c"]
+    shared: Float[np.ndarray, "c m"]
+    own: Float[np.ndarray, "c m m"]
+
+    @classmethod
+    def of(cls, rows: LinearRows, noise: NoiseComponents, given: Sequence[Columns]) -> "ColumnProducts":
+        """Of all right-hand sides together; those of measurements stand first."""
+        order = sorted(range(len(given)), key=lambda k: not given[k].is_measured)
+        ends = np.cumsum([0, *(given[k].count for k in order)]).tolist()
+        places = {k: slice(a, b) for k, a, b in zip(order, ends, ends[1:], strict=False)}
+        driven = [replace(each, sensors=()) for each in given if not each.is_measured]
+        groups = [[each for each in given if each.is_measured], driven]
+        solved = _Solved.of(rows, [Columns.joined(group) for group in groups if group])
+        shared, own = solved.by_component(noise)
+        return cls(
+            tuple(places[k] for k in range(len(given))),
+            np.concatenate([each.squares for each in solved.right]),
+            np.concatenate([each.gram(_alike(rows.left, each))[:, 0] for each in solved.right]),
+            solved.information,
+            noise.squares(rows.left),
+            shared,
+            own,
+        )
+
+    def left_without(self, place: slice, size: Float[np.ndarray, " m"]) -> Float[np.ndarray, " c"]:
+        """Squared residuals of each noise component without errors of these sizes."""
+        gone = 2 * self.shared[:, place] @ size - size @ self.own[:, place, place] @ size
+        return np.maximum(self.left - gone, 0.0)
+
+
+@dataclass(frozen=True)
+class _Solved:
+    """Right-hand sides of measurements, then of the motion, with the solution for both.
+
+    Attributes
+    ----------
+    states: (k, n, m) e of every epoch.   beside: M H of all rows but those of sensors.
+    """
+
+    rows: LinearRows
+    right: tuple[Columns, ...]
+    states: Float[np.ndarray, "k n m"]
+    beside: Columns
+
+    @classmethod
+    def of(cls, rows: LinearRows, groups: Sequence[Columns]) -> "_Solved":
+        """Solved together."""
+        e = rows.solved(Gradient.joined([rows.gradient(each) for each in groups]))
+        beside = Columns.joined([replace(each, sensors=()) for each in groups])
+        right = tuple(each if each.is_measured else each.of_motion for each in groups)
+        return cls(rows, right, rows.states(e), beside.minus(rows.explained_beside_sensors(e)))
+
+    @property
+    def information(self) -> Float[np.ndarray, "m m"]:
+        """Products over all rows."""
+        found = self.beside.gram(self.beside)
+        return found + sum(self._of_sensor(k)[1] for k in range(len(self.rows.by_epoch)))
+
+    def by_component(
+        self, noise: NoiseComponents
+    ) -> tuple[Float[np.ndarray, "c m"], Float[np.ndarray, "c m m"]]:
+        """Products with rho, and of M H with itself, over the rows of each noise component."""
+        shared = noise.products(replace(self.rows.left, sensors=()), self.beside)[:, 0]
+        own = noise.products(self.beside, self.beside)
+        for k, each in enumerate(noise.components):
+            for number, rows in each.sensors.items():
+                with_left, with_own = self._of_sensor(number, rows)
+                shared[k] += with_left
+                own[k] += with_own
+        return shared, own
+
+    def _of_sensor(
+        self, number: int, chosen: tuple[int, ...] | None = None
+    ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m m"]]:
+        """Products over the chosen rows of every measurement of a sensor, or all."""
+        rows, left = self.rows.by_epoch[number], self.rows.left.sensors[number]
+        measured = next((each.sensors[number] for each in self.right if each.sensors), None)
+        if chosen is not None and chosen != tuple(range(left.shape[1])):
+            rows = EpochRows(rows.rows[:, list(chosen)], rows.epoch)
+            left = left[:, list(chosen)]
+            measured = None if measured is None else measured[:, list(chosen)]
+        sensor = self.rows.problem.motion.sensors[number]
+        e, count = self.states[:, self.rows.columns_of(sensor)], len(self.states)
+        information = np.zeros((count, e.shape[1], e.shape[1]))
+        information[rows.epoch[rows.first]] = rows.information[:, :-1, :-1]
+        own = flat(e).T @ flat(information @ e)
+        shared = -(flat(e).T @ flat(rows.gradient(left, count)))[:, 0]
+        if measured is not None:
+            m, across = measured.shape[2], flat(rows.gradient(measured, count)).T @ flat(e)
+            own[:m] -= across
+            own[:, :m] -= across.T
+            own[:m, :m] += flat(measured).T @ flat(measured)
+            shared[:m] += flat(measured).T @ flat(left)[:, 0]
+        return shared, own
+
+
+def _alike(left: Columns, right: Columns) -> Columns:
+    """Residuals in the rows that right-hand sides have."""
+    return left if right.is_measured else left.of_motion
+
+
+def information_by_epoch(
+    rows: LinearRows, columns: Columns, chosen: Int[np.ndarray, " c"]
+) -> Float[np.ndarray, "n n"]:
+    """F among the errors of the chosen epochs, epoch by epoch, of measured columns."""
+    q, count = columns.count, len(chosen)
+    F = -rows.half_solved(_gradient(rows, columns, chosen)).gram
+    own = np.zeros((rows.problem.ordering.epochs, q, q))
+    for sensor, part in zip(rows.problem.motion.sensors, columns.sensors, strict=True):
+        each = EpochRows(part, sensor.epoch)
+        own[sensor.epoch[each.first]] += each.information
+    observations = rows.problem.observations
+    if observations is not None and columns.observations is not None:
+        products = np.swapaxes(columns.observations, 1, 2) @ columns.observations
+        own += summed(observations.epoch, len(own), products)
+    number = np.arange(count)
+    blocks = F.reshape(count, q, count, q)
+    blocks[number, :, number] += own[chosen]
+    return F
+
+
+def _gradient(rows: LinearRows, columns: Columns, chosen: Int[np.ndarray, " c"]) -> Gradient:
+    """J'H, a column for each chosen epoch and error."""
+    ordering, fit, q, count = rows.problem.ordering, rows.normal.eliminated, columns.count, len(chosen)
+    K, d, number = ordering.epochs, len(ordering.moving), np.arange(count)
+    every = np.zeros((K, len(ordering.order), count, q))
+    for sensor, made, part in zip(rows.problem.motion.sensors, rows.by_epoch, columns.sensors, strict=True):
+        by_epoch = made.gradient(part, K)[chosen]
+        every[chosen[:, None], rows.columns_of(sensor), number[:, None]] += by_epoch
+    landmarks = np.zeros((len(rows.here.points), 3, count * q))
+    if fit is not None and rows.observation_rows is not None and columns.observations is not None:
+        place = np.full(K, -1)
+        place[chosen] = number
+        own = np.flatnonzero(place[fit.observations.epoch] >= 0)
+        at, landmark = place[fit.observations.epoch[own]], fit.observations.landmark[own]
+        by_row = np.swapaxes(rows.observation_rows[own, :, :-1], 1, 2) @ columns.observations[own]
+        every[chosen, :6, number] += summed(at, count, by_row[:, :6])
+        seen = summed(landmark * count + at, len(landmarks) * count, by_row[:, 6:])
+        seen = seen.reshape(len(landmarks), count, 3, q)
+        landmarks = np.swapaxes(seen, 1, 2).reshape(len(landmarks), 3, count * q)
+    flat = every.reshape(K, -1, count * q)
+    return Gradient(flat[:, :d], flat[:, d:].sum(axis=0), landmarks)

@@ -1,0 +1,463 @@
+"""An alternative to the models of the estimators.
+
+Score tests ask it for its right-hand sides.
+
+Score test of one model error: its size, gain and probability, and what its removal changes.
+
+Size of an error of the models by its score, before and beside a prior.
+
+Score tests: gain of each model error without a second fit.
+
+With y = J e + H theta + n and what the solution leaves, rho = M y (see `linear_rows`), the score of theta at zero is u = H'rho
+with the information F = H'M H, so that u'F^-1 u is chi-squared (Rao 1948). Of an error drawn anew at every epoch the variance
+s^2 has the likelihood ratio u'(F + I/s^2)^-1 u - ln|I + s^2 F|. Noise levels that were identified from the same data have taken
+part of an error for noise; the gain therefore counts by how much every variance component falls once the error is removed,
+
+    gain = sum over components of (S + 1) ln((r + 1) / (r' + 1)),
+
+with r and r' its squared residuals before and after, S its redundancy: u'F^-1 u for small errors, and the fall of -2 ln of the
+likelihood profiled over the noise levels for large ones; r - r' of a level that is stated. The error is removed at its most
+probable size, beside what is plausible of it, and a size beyond that costs what it is less probable. How likely as much is
+without the error: `null_distributions`.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import ClassVar, Final, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.core.linear_algebra import chi_square_tail
+from spinfilters.models.state_blocks import StateBlock
+from spinfilters.verdict.model_errors.linear_rows import Columns, summed
+from spinfilters.verdict.model_errors.noise_components import (
+    ColumnProducts,
+    NoiseComponents,
+    gain_tail,
+    information_by_epoch,
+    weighted_chi_square_tail,
+)
+from spinfilters.verdict.model_errors.smoothed_motion import SmoothedMotion
+
+
+class Alternative(ABC):
+    """An error that the models may have. A subclass states its attributes and writes `columns`.
+
+    Attributes
+    ----------
+    name: of the error.   phrase: in a sentence, with its article.   unit: of its size.   cure: what to do about it.
+    moving_cure: the same where poses of a moving camera are given; empty where that makes no difference.
+    trials: places in a recording among which it was sought where it is likeliest.
+    by_epoch: whether it is drawn anew at every epoch; if not, it is the same in all.
+    plausible: standard deviation of what its size is before anything is measured; infinite where nothing is known.
+    only_positive: whether its one size is of one sign: what brakes does not drive.
+    is_of_poses: whether it is one of the poses given of a moving camera.
+    block: of a state that holds it, None where none does.   held_by: settings that put it there, by table and key.
+    """
+
+    name: str
+    phrase: str
+    unit: str
+    cure: str
+    moving_cure: str = ""
+    trials: int = 1
+    by_epoch: ClassVar[bool] = False
+    plausible: ClassVar[float] = float("inf")
+    only_positive: ClassVar[bool] = False
+    is_of_poses: ClassVar[bool] = False
+    block: ClassVar[StateBlock | None] = None
+    held_by: ClassVar[Mapping[str, Mapping[str, bool | float]]] = MappingProxyType({})
+
+    def cure_before(self, has_inspector: bool) -> str:
+        """What to do about it, where poses of a moving camera are given or not."""
+        return self.moving_cure if has_inspector and self.moving_cure else self.cure
+
+    @abstractmethod
+    def columns(self, motion: SmoothedMotion) -> Columns | None:
+        """Whitened right-hand sides per unit of it, one for each component.
+
+        None where a data set cannot have it.
+        """
+
+    def is_possible(self, size: Float[np.ndarray, " m"], motion: SmoothedMotion) -> bool:
+        """Whether a recording can have an error of this size at all."""
+        return True
+
+    def is_held(self, motion: SmoothedMotion) -> bool:
+        """Whether the state has it already."""
+        return self.block is not None and motion.rows.problem.layout.has(self.block)
+
+
+TELLING: Final = 1e-2
+"""Probability of a test below which its error is removed from the solution, to see what that changes."""
+
+TINY: Final = float(np.finfo(float).tiny)
+
+
+class Effect(NamedTuple):
+    """Effect of an error on the state component it moves most.
+
+    In deviations: at one epoch, and root mean square over all.
+    """
+
+    largest: float
+    rms: float
+
+
+@dataclass(frozen=True)
+class ScoreTest:
+    """Score test of one model error.
+
+    Attributes
+    ----------
+    size, std: of its components, in its unit; of an error by epoch its standard deviation.
+    statistic, dof: of the score, chi-squared without the error.   gain: see the module.
+    p_value: probability of as much without the error.
+    shift: (k, n) by which the states of all epochs move once the error is removed; None of one that is not `TELLING`.
+    explained: what it explains of all whitened residuals, likewise.
+    level: by how much ln variance of an identified noise level falls with it removed, of the one that falls most.
+    level_dof: degrees of freedom that tell the levels that fall; infinite of stated ones.
+    beside_all: probability of a greater statistic beside what all residuals leave, at the level of a correlated error; else 1.
+    slow: share of what it explains (squared) that slow changes explain as well, of a gyro in a spin about one axis; else 0.
+    beside_slow: statistic of what it explains beside these; infinite where there are none.
+    is_possible: whether a recording can have an error of this size; one by epoch also whether it is in more than a few of these.
+    """
+
+    error: Alternative
+    size: Float[np.ndarray, " m"]
+    std: Float[np.ndarray, " m"]
+    statistic: float
+    dof: float
+    gain: float
+    p_value: float
+    shift: Float[np.ndarray, "k n"] | None = None
+    explained: Float[np.ndarray, " r"] | None = None
+    level: float = 0.0
+    level_dof: float = np.inf
+    beside_all: float = 1.0
+    slow: float = 0.0
+    beside_slow: float = np.inf
+    is_possible: bool = True
+
+    def likeness(self, other: "ScoreTest") -> float:
+        """Correlation of what two errors explain; 0 where it is not known."""
+        a, b = self.explained, other.explained
+        if a is None or b is None or a.shape != b.shape:
+            return 0.0
+        product = float(a @ b) / max(float(np.sqrt((a @ a) * (b @ b))), TINY)
+        return product if np.isfinite(product) else 0.0
+
+    def effect(self, std: Float[np.ndarray, "k n"]) -> Effect:
+        """How far the states would move, in their deviations; infinite where it is not known."""
+        if self.shift is None or not (np.isfinite(self.shift).all() and std.shape == self.shift.shape):
+            return Effect(np.inf, np.inf)
+        moved = np.abs(self.shift) / np.where(std > 0, std, np.inf)
+        return Effect(
+            float(moved.max(initial=0.0)), float(np.sqrt(np.mean(moved**2, axis=0)).max(initial=0.0))
+        )
+
+    @property
+    def is_telling(self) -> bool:
+        """Whether as much is improbable enough without the error to see what its removal changes."""
+        return self.p_value < TELLING
+
+    def removing(self, motion: SmoothedMotion, right: Columns, explained: Columns) -> "ScoreTest":
+        """With what its removal does, and whether there can be so much of it."""
+        shift = motion.rows.sensitivity(right).states[:, :, 0]
+        own, left = (
+            np.concatenate([p.ravel() for p in each.parts]) for each in (explained, motion.rows.left)
+        )
+        is_possible = self.is_possible and self.error.is_possible(self.size, motion)
+        found = replace(self, shift=shift, explained=own, is_possible=is_possible)
+        changes = motion.slow_changes
+        if changes is None:
+            return found
+        beside = own - changes @ (changes.T @ own)
+        square, every = float(beside @ beside), max(float(own @ own), TINY)
+        return replace(
+            found, slow=1 - square / every, beside_slow=float(beside @ left) ** 2 / max(square, TINY)
+        )
+
+    @property
+    def score_p_value(self) -> float:
+        """Probability of a greater statistic at the noise levels of the estimates."""
+        once = float(chi_square_tail(self.statistic, self.dof))
+        return min(self.error.trials * once, self.beside_all)
+
+    def p_value_of_inflated(self, inflation: float) -> float:
+        """Probability of a greater statistic than one that errors inflate by a factor."""
+        return min(1.0, self.error.trials * float(chi_square_tail(self.statistic / inflation, self.dof)))
+
+    @property
+    def p_value_beside_slow(self) -> float:
+        """Probability of a greater statistic beside slow changes."""
+        return float(chi_square_tail(self.beside_slow, self.dof))
+
+    @property
+    def merit(self) -> float:
+        """Gain beyond what so many free numbers take of noise (Akaike 1974)."""
+        return self.gain - 2 * self.dof
+
+
+LEAST_LEFT: Final = 5e-6
+"""Share of a direction's information that states and landmarks must leave; with less it is consistent with any size."""
+
+LEAST_BESIDE_PRIOR: Final = 0.1
+"""Likewise, relative to that of what is plausible: what data tell to three times that at best is what linearising errs by."""
+
+HARDLY_LEFT, FARTHEST = 1e-3, 10.0
+"""Share of a direction's information below which a size beyond so many plausible deviations is no size: the states follow such an
+error nearly, and what they leave of it is second order. A baseline larger by e makes a motion larger by e with all that disturbs
+it, so that residuals are least at e = -1 whatever the baseline is."""
+
+
+class ErrorSize(NamedTuple):
+    """Size of q numbers by their score and information.
+
+    Attributes
+    ----------
+    value, covariance: without a prior.   probable: most probable beside one.   improbability: -2 ln prior of that.
+    dof: numbers that are told.
+    """
+
+    value: Float[np.ndarray, " q"]
+    covariance: Float[np.ndarray, "q q"]
+    probable: Float[np.ndarray, " q"]
+    improbability: float
+    dof: float
+
+    @classmethod
+    def of(
+        cls, F: Float[np.ndarray, "q q"], u: Float[np.ndarray, " q"], prior: Float[np.ndarray, " q"]
+    ) -> "ErrorSize | None":
+        """The size along what the data tell of it; None where that is nothing.
+
+        Parameters
+        ----------
+        F, u: information and score.   prior: information of the diagonal prior.
+        """
+        values, vectors = np.linalg.eigh((F + F.T) / 2)
+        plausible = np.einsum("ij,i,ij->j", vectors, prior, vectors)
+        told = values > np.maximum(LEAST_LEFT, LEAST_BESIDE_PRIOR * plausible)
+        beyond = np.abs(vectors.T @ u) * np.sqrt(plausible) > FARTHEST * values
+        told &= ~(beyond & (values < HARDLY_LEFT))
+        if not told.any():
+            return None
+        along = vectors[:, told]
+        covariance = along / values[told] @ along.T
+        probable = along @ np.linalg.solve(along.T @ (F + np.diag(prior)) @ along, along.T @ u)
+        return cls(covariance @ u, covariance, probable, float(prior @ probable**2), float(told.sum()))
+
+
+MOST_EPOCHS: Final = 60
+"""At which an error drawn by epoch is looked for; of a longer recording they are chosen evenly."""
+VARIANCES: Final = np.logspace(-2, 6, 65)
+"""Of an error by epoch that are tried, in those that its most telling direction is known to."""
+UNEVEN: Final = 1e-3
+"""Probability of a larger error at some epoch among such, below which it is a jump there."""
+TESTED_VARIANCES: Final = (0.1, 1.0, 10.0, 100.0)
+"""Of an error by epoch, likewise, for each of which there is a test: the most powerful one against it."""
+
+
+class _Left(NamedTuple):
+    """What the solution leaves of the measurements, and its squares by noise component."""
+
+    columns: Columns
+    squares: Float[np.ndarray, " c"]
+
+
+class _ErrorColumns(NamedTuple):
+    """An error, and its right-hand sides H."""
+
+    error: Alternative
+    columns: Columns
+
+
+def score_tests(
+    motion: SmoothedMotion, noise: NoiseComponents, errors: Iterable[Alternative]
+) -> list[ScoreTest]:
+    """Score tests of all possible errors, the most explaining first.
+
+    Those that a data set can have and that its states leave room for.
+    """
+    left = _Left(motion.rows.left, noise.squares(motion.rows.left))
+    found: list[ScoreTest | None] = []
+    constant: list[_ErrorColumns] = []
+    for error in errors:
+        columns = None if error.is_held(motion) else error.columns(motion)
+        if columns is None:
+            continue
+        if error.by_epoch:
+            found.append(_by_epoch(motion, noise, _ErrorColumns(error, columns), left))
+        else:
+            constant.append(_ErrorColumns(error, columns))
+    found += _constant(motion, noise, constant)
+    return sorted((each for each in found if each is not None), key=lambda each: -each.merit)
+
+
+def likelier(found: list[ScoreTest], beside: list[ScoreTest], advantage: float) -> list[ScoreTest]:
+    """The better of two tests of each error.
+
+    Among noise that explains the misfit, and in the place of that noise.
+
+    Parameters
+    ----------
+    found: at noise levels as the data would have them.   beside: at those stated.
+    advantage: by how much -2 ln likelihood is less at the former, which an error has to make up for.
+    """
+    other = {each.error.name: each for each in beside}
+    best = []
+    for each in found:
+        instead = other.get(each.error.name)
+        gained = -np.inf if instead is None else instead.statistic - advantage
+        if instead is not None and gained > each.gain:
+            beyond = _probability(each.error, gained, instead.dof, instead.level_dof)
+            each = replace(
+                instead, statistic=gained, gain=gained, p_value=min(beyond, each.p_value), beside_all=1.0
+            )
+        best.append(each)
+    return sorted(best, key=lambda each: -each.merit)
+
+
+def _constant(
+    motion: SmoothedMotion, noise: NoiseComponents, errors: list[_ErrorColumns]
+) -> list[ScoreTest | None]:
+    if not errors:
+        return []
+    every = ColumnProducts.of(motion.rows, noise, [columns for _, columns in errors])
+    return [_tested(motion, noise, each, own, every) for each, own in zip(errors, every.places, strict=True)]
+
+
+def _tested(
+    motion: SmoothedMotion,
+    noise: NoiseComponents,
+    named: _ErrorColumns,
+    own: slice,
+    every: ColumnProducts,
+) -> ScoreTest | None:
+    """One error of the whole recording, with its place ``own`` among all columns."""
+    error, columns = named
+    scale = np.sqrt(every.squares[own])
+    if not (np.isfinite(scale).all() and scale.max(initial=0.0) > 0):
+        return None
+    scale = np.where(scale > 0, scale, 1.0)
+    F, u = every.information[own, own] / np.outer(scale, scale), every.score[own] / scale
+    size = ErrorSize.of(F, u, (scale * error.plausible) ** -2.0)
+    if size is None:
+        return None
+    removed = size.probable / scale
+    gain = noise.gain(every.left, every.left_without(own, removed))
+    gained, dof = gain.value - size.improbability, size.dof
+    std = np.sqrt(np.diag(size.covariance)) / scale
+    if error.only_positive and size.value[0] < 0:
+        return ScoreTest(error, size.value / scale, std, 0.0, dof, 0.0, 1.0)
+    p_value, statistic = _probability(error, gained, dof, gain.dof), float(u @ size.value)
+    found = ScoreTest(error, size.value / scale, std, statistic, dof, gained, p_value)
+    beside_all = noise.beside_all(statistic, dof, every.left)
+    found = replace(found, level=gain.level, level_dof=gain.dof, beside_all=beside_all)
+    if not found.is_telling:
+        return found
+    right = columns.times(removed[:, None])
+    return found.removing(motion, right, motion.rows.residual(right))
+
+
+def _probability(error: Alternative, gained: float, dof: float, level_dof: float) -> float:
+    """Probability of a greater gain without the error.
+
+    Of an error that has one sign half that of either, of one that was sought in many places that of the largest of all.
+    """
+    once = gain_tail(gained, dof, level_dof) / (2.0 if error.only_positive else 1.0)
+    return min(1.0, error.trials * once)
+
+
+def _by_epoch(
+    motion: SmoothedMotion, noise: NoiseComponents, named: _ErrorColumns, left: _Left
+) -> ScoreTest | None:
+    """An error drawn anew at every epoch, of the variance that is most likely."""
+    error, columns = named
+    K = len(motion.time)
+    chosen = np.unique(np.linspace(0, K - 1, min(K, MOST_EPOCHS)).astype(int))
+    F = information_by_epoch(motion.rows, columns, chosen)
+    u = _score_by_epoch(motion, columns, left.columns)[chosen].reshape(-1)
+    if not np.isfinite(F).all() or np.trace(F) <= LEAST_LEFT * float(np.trace(columns.gram(columns))):
+        return None
+    values, vectors = np.linalg.eigh(F)
+    values, along = np.maximum(values, 0.0), vectors.T @ u
+    variance, likelihood = _most_likely(values, along, error.plausible**2)
+    every = np.zeros((K, columns.count))
+    drawn = vectors @ (variance * along / (1 + variance * values))
+    every[chosen] = drawn.reshape(len(chosen), -1)
+    free = float((variance * values / (1 + variance * values)).sum())
+    right = _drawn(motion, columns, every[:, :, None])
+    explained = motion.rows.residual(right)
+    after = noise.gain(left.squares, noise.squares(left.columns.minus(explained)))
+    gain = max(likelihood, after.value - 2 * free) * K / len(chosen)
+    curvature = float(((values / (1 + variance * values)) ** 2).sum()) / 2
+    std = np.sqrt(1 / curvature) / (2 * np.sqrt(variance)) if variance else curvature**-0.25
+    p_value = _p_value(values, along, noise.sensor_dof)
+    found = ScoreTest(error, np.array([np.sqrt(variance)]), np.array([std]), likelihood, 1.0, gain, p_value)
+    spread = np.sqrt(vectors**2 @ (variance**2 * values / (1 + variance * values)))
+    found = replace(found, is_possible=_is_even(drawn, spread))
+    return found.removing(motion, right, explained) if found.is_telling else found
+
+
+def _is_even(drawn: Float[np.ndarray, " n"], spread: Float[np.ndarray, " n"]) -> bool:
+    """Whether no drawn error is too large for the distribution of all."""
+    square = float(np.max((drawn / np.where(spread > 0, spread, np.inf)) ** 2))
+    return len(drawn) * float(chi_square_tail(square, 1.0)) >= UNEVEN
+
+
+def _p_value(values: Float[np.ndarray, " n"], along: Float[np.ndarray, " n"], dof: float) -> float:
+    """Of the most telling of the tests against `TESTED_VARIANCES`, of which there are several."""
+    told = values > LEAST_LEFT * values.max(initial=0.0)
+    v, squares, found = values[told], along[told] ** 2, 1.0
+    for each in TESTED_VARIANCES:
+        share = each / max(float(v.max(initial=0.0)), np.finfo(float).tiny)
+        weights = share * v / (1 + share * v)
+        form = float((weights * squares / v).sum())
+        found = min(found, weighted_chi_square_tail(weights, form, dof))
+    return min(1.0, len(TESTED_VARIANCES) * found)
+
+
+def _most_likely(
+    values: Float[np.ndarray, " n"], along: Float[np.ndarray, " n"], largest: float
+) -> tuple[float, float]:
+    """Variance of independent errors with information ``values`` and scores ``along``, and its -2 ln likelihood ratio."""
+    share = np.concatenate([[0.0], VARIANCES / max(float(values.max()), np.finfo(float).tiny)])[:, None]
+    share = np.minimum(share, largest)
+    likelihood = (share * along**2 / (1 + share * values) - np.log1p(share * values)).sum(axis=1)
+    best = int(likelihood.argmax())
+    return float(share[best, 0]), float(likelihood[best])
+
+
+def _epochs_of(motion: SmoothedMotion) -> tuple[list[np.ndarray], np.ndarray | None]:
+    """Epochs of the rows of every sensor, and of the observations."""
+    problem = motion.rows.problem
+    seen = None if problem.observations is None else problem.observations.epoch
+    return [sensor.epoch for sensor in problem.motion.sensors], seen
+
+
+def _drawn(motion: SmoothedMotion, columns: Columns, sizes: Float[np.ndarray, "k q m"]) -> Columns:
+    """Right-hand sides of an error with these sizes at every epoch."""
+    sensors, seen = _epochs_of(motion)
+    nothing = motion.rows.nothing(sizes.shape[2])
+    made = tuple(part @ sizes[epoch] for part, epoch in zip(columns.sensors, sensors, strict=True))
+    observed = None
+    if columns.observations is not None and seen is not None:
+        observed = columns.observations @ sizes[seen]
+    return Columns(made, nothing.steps, observed, nothing.prior)
+
+
+def _score_by_epoch(motion: SmoothedMotion, columns: Columns, left: Columns) -> Float[np.ndarray, "k q m"]:
+    """H_k' rho for every epoch."""
+    sensors, seen = _epochs_of(motion)
+    count = len(motion.time)
+    found = np.zeros((count, columns.count, left.count))
+    for part, rest, epoch in zip(columns.sensors, left.sensors, sensors, strict=True):
+        found += summed(epoch, count, np.swapaxes(part, 1, 2) @ rest)
+    if columns.observations is not None and left.observations is not None and seen is not None:
+        found += summed(seen, count, np.swapaxes(columns.observations, 1, 2) @ left.observations)
+    return found

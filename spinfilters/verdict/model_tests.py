@@ -1,0 +1,281 @@
+"""Tests of the models of a recording: score tests about its smoothed motion, and its marginal likelihood under a setup."""
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from spinfilters.core.errors import NUMERICAL_ERRORS, numerical
+from spinfilters.evaluation.estimator_evaluation import Evaluation
+from spinfilters.filters.history import EstimateHistory
+from spinfilters.filters.noise_levels import DISTURBANCES
+from spinfilters.filters.timeline import Timeline, times_of
+from spinfilters.inference.identified_noise import Unstated, noise_model
+from spinfilters.inference.noise_model import NoiseModel
+from spinfilters.inference.setup import Setup
+from spinfilters.io.input_file import reason
+from spinfilters.io.sensor_format import sensor_format
+from spinfilters.models.sensor_registry import sensor_of
+from spinfilters.models.status import Verdict
+from spinfilters.smoother.batch_smoother import GATE
+from spinfilters.smoother.landmark_factors import OBSERVATIONS_NEEDED, reinitialised, seen_ids
+from spinfilters.smoother.problem import Problem, problem_of
+from spinfilters.verdict.model_errors.alternatives import table
+from spinfilters.verdict.model_errors.hypotheses import (
+    KnownLevels,
+    among_inliers,
+    is_contradicted,
+    is_doubtful,
+    is_settled,
+    measured_epochs,
+    minus_twice_log_likelihood,
+    noise_of,
+    solved_near,
+    with_identified,
+    with_refused_in_a_row,
+)
+from spinfilters.verdict.model_errors.linear_rows import LinearRows
+from spinfilters.verdict.model_errors.motion_alternatives import ContactAtBegin, ContactAtEnd, jumps
+from spinfilters.verdict.model_errors.noise_components import NoiseComponents
+from spinfilters.verdict.model_errors.score_tests import Alternative, ScoreTest, likelier, score_tests
+from spinfilters.verdict.model_errors.smoothed_motion import SmoothedMotion
+from spinfilters.verdict.recording_tests import wrong_units
+from spinfilters.verdict.tested_models import NOT_TESTED, TestedModels, possible_correlation
+
+SUSPECTED: Final = 0.05
+"""Probability of a test below which its error is tested at smaller densities too."""
+SHARES: Final = (1 / 4, 1 / 16)
+"""Of the identified densities."""
+
+
+def beside_lower_densities(
+    found: Sequence[ScoreTest], motion: SmoothedMotion, model: NoiseModel, told: KnownLevels
+) -> list[ScoreTest]:
+    """Tests, of `SUSPECTED` errors at the likeliest of some densities.
+
+    Of errors of the whole recording. The same tests where all densities are stated, or where no error is suspected.
+    """
+    lower = np.array([name not in told.stated for name in model.densities])
+    suspected = [each.error for each in found if each.p_value < SUSPECTED and not each.error.by_epoch]
+    best = list(found)
+    if not lower.any() or not suspected or told.correlation:
+        return best
+    likelihood = minus_twice_log_likelihood(motion.rows)
+    for share in SHARES:
+        log_variance = np.concatenate([np.zeros(len(model.components)), np.log(share) * lower])
+        own = model.at(log_variance)
+        rows = among_inliers(own.problem, motion.rows)
+        if rows is None:
+            continue
+        beside = score_tests(SmoothedMotion(motion.time, rows), noise_of(own, rows, told), suspected)
+        best = likelier(best, beside, max(minus_twice_log_likelihood(rows) - likelihood, 0.0))
+    return best
+
+
+BETTER: Final = 4.0
+"""By how much less the squared residuals are with a touch and one epoch more."""
+Noise = Callable[[LinearRows], NoiseComponents]
+"""Variance components of a solved problem."""
+
+
+def with_refused_ends(solved: LinearRows, time: Float[np.ndarray, " k"], noise: Noise) -> LinearRows:
+    """The problem with refused first and last epochs taken in.
+
+    Where a contact explains them; else as it is.
+    """
+    for epoch, contact in _refused_ends(solved):
+        taken = among_inliers(solved.problem, solved, np.array([epoch]))
+        if taken is None:
+            continue
+        found = score_tests(SmoothedMotion(time, taken), noise(taken), [contact])
+        explained = None if not found else found[0].explained
+        if explained is not None and _squares(taken, explained) < _squares(solved) - BETTER:
+            solved = taken
+    return solved
+
+
+def _refused_ends(solved: LinearRows) -> list[tuple[int, Alternative]]:
+    """First and last measured epochs none of whose measurements counts, with the contact there."""
+    measured, counted = measured_epochs(solved)
+    if solved.problem.observations is not None or not measured.any():
+        return []
+    first, last = np.flatnonzero(measured)[[0, -1]].tolist()
+    ends: list[tuple[int, Alternative]] = [(first, ContactAtBegin()), (last, ContactAtEnd())]
+    return [(epoch, contact) for epoch, contact in ends if not counted[epoch]]
+
+
+def _squares(solved: LinearRows, explained: Float[np.ndarray, " r"] | float = 0.0) -> float:
+    """Sum of squared residuals less what an error explains of them."""
+    left = np.concatenate([part.ravel() for part in solved.residual(solved.right).parts]) - explained
+    return float(left @ left)
+
+
+Placed = Callable[[SmoothedMotion], Iterable[Alternative]]
+MOST_EPOCHS_WITH_MAP, MOST_EPOCHS = 300, 1024
+"""Of a recording that are tested: those of landmarks tie all poses together."""
+
+
+def tested_models(setup: Setup, evaluations: Sequence[Evaluation]) -> TestedModels:
+    """Score tests about the motion of the best estimator.
+
+    None where nothing can be linearised.
+    """
+    best, units = tested_history(setup, evaluations), tuple(wrong_units(setup.dataset))
+    if best is None:
+        return replace(NOT_TESTED, units=units)
+    most = tested_epochs(setup)
+    std = np.linalg.norm(best.factor[:most], axis=2)
+    found = tested_about(setup, best.mean[:most], table().values(), jumps)
+    correlated = possible_correlation(setup, found.solved, stated_levels(setup))
+    has_inspector = setup.dataset.inspector is not None
+    return replace(
+        found, units=units, std=std, correlated=correlated, solved=None, has_inspector=has_inspector
+    )
+
+
+def tested_about(
+    setup: Setup,
+    trajectory: Float[np.ndarray, "k m"],
+    errors: Iterable[Alternative],
+    placed: Placed,
+) -> TestedModels:
+    """Score tests of the first epochs about a nearly most probable trajectory.
+
+    Where there are none, why.
+
+    Parameters
+    ----------
+    placed: errors at the places where a motion shows them most.
+    """
+    try:
+        with np.errstate(all="ignore"):
+            return _tested(setup, trajectory, errors, placed)
+    except NUMERICAL_ERRORS as error:
+        return TestedModels(trouble=reason(numerical(error)))
+
+
+def _tested(
+    setup: Setup, trajectory: Float[np.ndarray, "k m"], errors: Iterable[Alternative], placed: Placed
+) -> TestedModels:
+    """Score tests at the noise levels of the setup.
+
+    Where residuals contradict these, at those that the data would have, too.
+    """
+    epochs = setup.timeline[: len(trajectory)]
+    problem, time = linear_problem(setup, epochs), times_of(epochs)
+    near = solved_near(problem, trajectory, landmarks_placed(problem, trajectory))
+    solved = None if near is None else with_refused_in_a_row(near)
+    if solved is None:
+        return TestedModels(trouble="the smoothed motion cannot be linearised")
+    unknown = Unstated.of_all(setup.log, setup.process.noise)
+    model = noise_model(problem, setup.noise, unknown) or NoiseModel(problem, (), ())
+    every, told = tuple(errors), KnownLevels(stated_levels(setup), _correlation(setup), setup.inflation)
+    solved = with_refused_ends(solved, time, lambda rows: noise_of(model, rows, told))
+    noise, taken_in = noise_of(model, solved, told), solved is not near
+    contradicted = is_contradicted(noise, solved)
+    settled = not is_doubtful(noise, solved) or (not contradicted and (taken_in or bool(told.correlation)))
+    identified = None if settled else with_identified(model, solved, gated=not taken_in)
+    motion = SmoothedMotion(time, solved if identified is None else identified)
+    every = (*every, *placed(motion))
+    if identified is None:
+        found = beside_lower_densities(score_tests(motion, noise, every), motion, model, told)
+        inflation = told.score_inflation
+        return TestedModels(tuple(found), contradicted, solved=near, score_inflation=inflation)
+    found = score_tests(motion, noise_of(model, identified), every)
+    stated = among_inliers(problem, identified)
+    if stated is not None and is_settled(stated):
+        beside = score_tests(SmoothedMotion(time, stated), noise_of(model, stated, told), every)
+        found = likelier(found, beside, _advantage(identified, stated))
+    inflation = np.inf if told.counts_common_errors else None
+    return TestedModels(tuple(found), contradicted, solved=near, score_inflation=inflation)
+
+
+def _advantage(one: LinearRows, other: LinearRows) -> float:
+    """Fall of -2 ln likelihood from another solved problem to one, at least 0."""
+    return max(minus_twice_log_likelihood(other) - minus_twice_log_likelihood(one), 0.0)
+
+
+def _correlation(setup: Setup) -> dict[str, float]:
+    """Samples that count as one, of a correlated gyro's level.
+
+    The error is no error of the motion's model.
+    """
+    if setup.gyro_noise is None or not setup.gyro_noise.is_of_flight:
+        return {}
+    return {
+        option.name: setup.gyro_noise.correlation_time
+        for sensor in setup.log.sensors
+        if sensor_of(sensor).identified_option is not None
+        for option in sensor_format(sensor).noise
+    }
+
+
+def tested_history(setup: Setup, evaluations: Sequence[Evaluation]) -> EstimateHistory | None:
+    """The estimate about which models are tested: the estimator that used most measurements of each epoch.
+
+    The smoother if it runs, else the first that has not failed.
+    """
+    good = [
+        each.history
+        for each in evaluations
+        if each.history.status.verdict is not Verdict.FAILED
+        and each.history.layout == setup.process.layout
+        and np.isfinite(each.history.mean).all()
+    ]
+    return next((each for each in good if each.name == "smoother"), good[0] if good else None)
+
+
+def tested_epochs(setup: Setup) -> int:
+    """Number of first epochs in which models are tested, at most."""
+    return MOST_EPOCHS_WITH_MAP if setup.initial.has_landmarks else MOST_EPOCHS
+
+
+def stated_levels(setup: Setup) -> frozenset[str]:
+    """Names of the noise levels that are not identified."""
+    options = {option.name for name in setup.log.sensors for option in sensor_format(name).noise}
+    return frozenset((options | set(DISTURBANCES)) - setup.unstated | setup.inflation.keys())
+
+
+def linear_problem(setup: Setup, epochs: Timeline, ids: Int[np.ndarray, " L"] | None = None) -> Problem:
+    """The smoothing problem of some epochs, the first among them.
+
+    With landmarks of these ids, or of all where none are given.
+    """
+    if ids is None:
+        ids = np.unique(seen_ids(epochs)) if setup.initial.has_landmarks else np.zeros(0, dtype=int)
+    return problem_of(setup.process, epochs, ids, setup.initial.prior, OBSERVATIONS_NEEDED)
+
+
+def landmarks_placed(problem: Problem, trajectory: Float[np.ndarray, "k m"]) -> Float[np.ndarray, "L 3"]:
+    """Landmarks where most of their observations from a trajectory agree, m, frame g."""
+    observations = problem.observations
+    if observations is None:
+        return np.zeros((0, 3))
+    points, nobody = np.zeros((observations.landmarks, 3)), np.zeros(len(observations), dtype=bool)
+    placed = reinitialised(observations, trajectory, points, nobody, GATE)
+    return points if placed is None else placed
+
+
+def minus_twice_log_evidence(setup: Setup, trajectory: Float[np.ndarray, "k m"]) -> float | None:
+    """-2 ln evidence of the first epochs.
+
+    Up to a constant of priors and of the measurements' number. None where they cannot be linearised about a trajectory.
+    """
+    try:
+        with np.errstate(all="ignore"):
+            problem = linear_problem(setup, setup.timeline[: len(trajectory)])
+            solved = solved_near(problem, trajectory, landmarks_placed(problem, trajectory))
+            return None if solved is None else minus_twice_log_likelihood(solved)
+    except NUMERICAL_ERRORS:
+        return None
+
+
+def cost_of_first_epochs(setup: Setup) -> float:
+    """-2 ln marginal likelihood of the initialisation's epochs, with its prior; infinite where they could not be smoothed."""
+    start = setup.initial
+    if start.has_failed or not np.isfinite(start.mean).all():
+        return np.inf
+    found = minus_twice_log_evidence(setup, start.mean)
+    return np.inf if found is None else found + 2 * float(np.log(start.prior.std).sum())

@@ -1,0 +1,285 @@
+"""Doubts about noise: levels that the data contradict, innovations that are too large or not white."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.core.errors import NUMERICAL_ERRORS, numerical
+from spinfilters.evaluation.estimator_evaluation import without_calibration
+from spinfilters.evaluation.noise_tests import MEASUREMENTS, MOST_EPOCHS, FilterTests, NoiseTest, filter_tests
+from spinfilters.filters.history import EstimateHistory
+from spinfilters.filters.noise_levels import BLOCK, CYCLE, DISTURBANCES, VarianceComponent
+from spinfilters.inference.identification import Identified, LevelTest, identify, level_tests
+from spinfilters.inference.identified_noise import Unstated, noise_model
+from spinfilters.inference.noise_model import NoiseModel
+from spinfilters.inference.setup import Setup
+from spinfilters.io.input_file import reason
+from spinfilters.io.sensor_format import sensor_format
+from spinfilters.models.status import ALL, NOTHING, Finding, Verdict
+from spinfilters.settings.run_settings import Settings
+from spinfilters.smoother.batch_smoother import NO_LANDMARKS, NO_POINTS
+from spinfilters.smoother.landmark_factors import OBSERVATIONS_NEEDED
+from spinfilters.smoother.motion_factors import STRETCH
+from spinfilters.smoother.problem import problem_of, with_common_constants
+from spinfilters.verdict.checks import STATE_ANOTHER, finding
+
+LARGEST_SCORE = 5.0
+"""Standard deviations beyond which a test is no chance."""
+LARGEST_RATIO = 1.5
+"""Of a variance to the stated one, below which the difference does not matter: deviations of 1.22."""
+LARGEST_AUTOCORRELATION = 0.15
+"""Of a filter's corrections, below which what is left of a model error does not matter."""
+DENSITY_OF = {"torque": "torque_psd", "force": "force_psd"}
+"""Options of the process by the source of the disturbance."""
+
+
+def untested(error: Exception) -> Finding:
+    """Noise that numerical trouble kept from being tested."""
+    return finding("noise-not-tested", {"text": reason(numerical(error))})
+
+
+def filter_noise_diagnostics(history: EstimateHistory, setup: Setup, settings: Settings) -> list[Finding]:
+    """Findings of a filter's own epochs about noise.
+
+    None of one that has failed, or that adapts what it was told.
+    """
+    adapts = settings.adaptation.measurement or settings.adaptation.process
+    if adapts or history.status.verdict is Verdict.FAILED:
+        return []
+    with np.errstate(all="ignore"):
+        try:
+            found = filter_tests(without_calibration(history), setup.process, _tested_epochs(setup))
+        except NUMERICAL_ERRORS as error:
+            return [untested(error)]
+    tests = {DENSITY_OF.get(name, name): test for name, test in found.noise.items()}
+    measurements = tests.get(MEASUREMENTS)
+    if measurements is not None and _is_identified(setup):
+        tests |= {name: tests[name].beside(measurements) for name in tests.keys() & DISTURBANCES}
+    correlated = _of_whiteness(found, setup)
+    if correlated:  # which white noise of the measurements is not, whatever its size
+        tests.pop(MEASUREMENTS, None)
+    return [*noise_doubts(tests, setup), *correlated]
+
+
+def noise_doubts(tests: Mapping[str, NoiseTest], setup: Setup) -> list[Finding]:
+    """A finding about the level that the data contradict most.
+
+    One that is wrong shows in the tests of the others.
+    A level that nobody states may be too large, which its identification means it to be.
+    """
+    for name, test in sorted(tests.items(), key=lambda item: -abs(item[1].score)):
+        told = name not in setup.unstated if name in DISTURBANCES else not _is_identified(setup)
+        large = test.score > LARGEST_SCORE and test.ratio > LARGEST_RATIO
+        small = told and test.score < -LARGEST_SCORE and test.ratio < 1 / LARGEST_RATIO
+        if large or small:
+            return [_finding(name, test, told)]
+    return []
+
+
+def _is_identified(setup: Setup) -> bool:
+    """Whether the noise of a sensor of this data set is not stated."""
+    options = {
+        option.name
+        for stream in setup.dataset.log.streams
+        for option in sensor_format(stream.sensor).noise
+        if option.components is not None
+    }
+    return setup.gyro_noise is not None or bool(options & setup.unstated)
+
+
+def _tested_epochs(setup: Setup) -> int:
+    """Epochs of a filter that are tested: of identified levels those before it learns them further."""
+    return CYCLE - BLOCK if setup.identified else MOST_EPOCHS
+
+
+def _finding(name: str, test: NoiseTest, told: bool) -> Finding:
+    numbers = {
+        "times": float(np.sqrt(test.ratio)),
+        "ratio": test.ratio,
+        "score": abs(test.score),
+        "level": "stated deviation" if told else "deviation that was identified",
+    }
+    if name in DISTURBANCES:
+        before = "what is stated" if told else "what its first epochs have"
+        return finding("filter-disturbance", numbers | {"name": name, "before": before})
+    which = "measurements" if name == MEASUREMENTS else f"{name} measurements"
+    cure = "state another, or leave it out to have it identified"
+    if not told:
+        cure = "the noise changes or a model is wrong: state the level, or cut the recording"
+    return finding("filter-noise", numbers | {"name": which, "cure": cure})
+
+
+def _of_whiteness(found: FilterTests, setup: Setup) -> list[Finding]:
+    """Findings about white noise of a gyro of unknown error.
+
+    Its correlated noise is told to filters as white noise of more weight.
+    """
+    if setup.gyro_noise is not None:
+        return []
+    if found.whiteness_score <= LARGEST_SCORE or found.autocorrelation <= LARGEST_AUTOCORRELATION:
+        return []
+    numbers = {"correlation": found.autocorrelation, "score": found.whiteness_score}
+    return [finding("correlated-corrections", numbers)]
+
+
+LARGEST_LEVEL_SCORE: Final = 4.0
+"""Standard deviations beyond which a test is no chance: one of 8000 levels that are right."""
+LIKELY_SCORE: Final = 2.0
+"""Standard deviations below which no other level seems too small: where data have less noise than stated, deviations are only too
+large, and what they are about holds."""
+LARGEST_LEVEL_RATIO: Final = 1.5
+"""Of a variance to the stated one, below which the difference does not matter: deviations of 1.22."""
+
+
+def stated_level_diagnostics(
+    setup: Setup, settings: Settings, histories: Sequence[EstimateHistory]
+) -> list[Finding]:
+    """A finding about the level that the data contradict most.
+
+    One that is wrong shows in the tests of the others.
+    A level that nobody states may be too large, which its identification means it to be.
+
+    Parameters
+    ----------
+    histories: of which the first that has not failed gives the states; with landmarks the initialisation does.
+    """
+    if settings.adaptation.measurement or settings.adaptation.process:
+        return []
+    try:
+        with np.errstate(all="ignore"):
+            levels = _Levels.of(setup, settings, histories)
+            return [] if levels is None else levels.doubts
+    except NUMERICAL_ERRORS as error:
+        return [untested(error)]
+
+
+@dataclass(frozen=True)
+class _Levels:
+    """All levels of a problem, and states near the most probable ones.
+
+    Attributes
+    ----------
+    by_rows: those that every row of a sensor states for itself; they are held against the data without their inflation.
+    """
+
+    setup: Setup
+    by_rows: Mapping[str, float]
+    model: NoiseModel
+    trajectory: Float[np.ndarray, "k m"]
+    points: Float[np.ndarray, "L 3"]
+
+    @classmethod
+    def of(cls, setup: Setup, settings: Settings, histories: Sequence[EstimateHistory]) -> "_Levels | None":
+        """Epochs of the noise levels.
+
+        The initialisation's with landmarks, else all that an estimator came through, up to `STRETCH`.
+        """
+        start = setup.initial
+        trajectory, ids, points, needed, used = start.mean, start.ids, start.points, OBSERVATIONS_NEEDED, None
+        if not start.has_landmarks:
+            history = next((h for h in histories if h.status.verdict is not Verdict.FAILED), None)
+            if history is None or history.layout != setup.process.layout:
+                return None
+            mean = history.mean[:STRETCH]
+            trajectory = np.ascontiguousarray(with_common_constants(history.layout, mean[::-1])[::-1])
+            ids, points, needed, used = NO_LANDMARKS, NO_POINTS, 2, history.noise
+        if not np.isfinite(trajectory).all():
+            return None
+        epochs = setup.timeline[: len(trajectory)]
+        problem = problem_of(setup.process, epochs, ids, start.prior, needed, settings.smoother.robust_loss)
+        model = noise_model(problem, setup.noise, Unstated.of_all(setup.log, setup.process.noise))
+        if model is None:
+            return None
+        return cls(
+            setup, setup.inflation, _deflated(_at(model, used or ()), setup.inflation), trajectory, points
+        )
+
+    @cached_property
+    def doubts(self) -> list[Finding]:
+        """A finding about the level that the data contradict most."""
+        tests = self._tests()
+        unstated = self.setup.unstated - self.by_rows.keys()
+        inflated = max(self.by_rows.values(), default=1.0) > 1.0
+        white = (
+            self.setup.gyro_noise is None and not inflated
+        )  # correlated noise is told as white that weighs as much
+        asked = [test for test in tests if test.name not in unstated or (white and test.score > 0)]
+        worst = max(asked, key=lambda test: abs(test.score), default=None)
+        if worst is None or not abs(worst.score) > LARGEST_LEVEL_SCORE:
+            return []
+        count = len(self.model.components) + len(self.model.densities)
+        found = identify(self.model, self.trajectory, self.points, np.zeros(count))
+        if found is None:
+            return []
+        k = [each.name for each in found.components].index(worst.name)
+        if not abs(found.log_variance[k]) > np.log(LARGEST_LEVEL_RATIO):
+            return []
+        others = max((test.score for test in tests if test.name != worst.name), default=0.0)
+        about = NOTHING if worst.score < 0 and others < LIKELY_SCORE else ALL
+        return [self._finding(found, k, abs(worst.score), about)]
+
+    @property
+    def _of_poses(self) -> dict[str, float]:
+        """Inflation of levels that rows of sensors without landmarks state, where there is any."""
+        formats = [sensor_format(stream.sensor) for stream in self.setup.log.streams]
+        without = {option.name for form in formats if not form.has_landmarks for option in form.noise}
+        return {name: by for name, by in self.by_rows.items() if name in without and by > 1}
+
+    def _tests(self) -> list[LevelTest]:
+        """Tests of all levels, inflated rows of poses within their inflation.
+
+        Such rows are too small only where they are so with it, and never too large: they hold errors of the map, which all
+        poses share, and directions that a scan does not determine; residuals show neither.
+        Poses share the errors of a map, which residuals show as far as the view changes: how much nobody knows. Those of images
+        are slow.
+        """
+        tests, inflated = level_tests(self.model, self.trajectory, self.points), self._of_poses
+        if not inflated:
+            return list(tests)
+        whole = _deflated(self.model, {name: 1 / factor for name, factor in inflated.items()})
+        most = {t.name: max(t.score, 0.0) for t in level_tests(whole, self.trajectory, self.points)}
+        return [
+            LevelTest(t.name, max(min(t.score, most.get(t.name, 0.0)), 0.0)) if t.name in inflated else t
+            for t in tests
+        ]
+
+    def _finding(self, found: Identified, number: int, score: float, about: frozenset[str]) -> Finding:
+        level = found.components[number]
+        is_density = level.name in DISTURBANCES
+        half = 1.0 if is_density else 0.5
+        times = float(np.exp(half * found.log_variance[number]))
+        numbers: dict[str, float | str] = {"name": level.name, "times": times, "score": score}
+        if level.name in self.by_rows:
+            inflated = " without their inflation" if self.by_rows[level.name] > 1 else ""
+            std = times * half * level.log_std
+            return finding("row-noise", numbers | {"std": std, "inflated": inflated}, about)
+        seen = f"{level.value:.3g} +- {level.std:.1g}" if level.told else f"less than {level.upper:.2g}"
+        name = f"{'process' if is_density else 'sensors'}.{level.name}"
+        numbers |= {"name": name, "stated": level.value / times, "seen": seen}
+        if level.name in self.setup.unstated:
+            return finding("identified-noise", numbers, about)
+        cure = STATE_ANOTHER + ", or the model is wrong" * is_density
+        return finding("stated-noise", numbers | {"cure": cure}, about)
+
+
+def _at(model: NoiseModel, levels: Sequence[VarianceComponent]) -> NoiseModel:
+    """The model at levels that an estimator has identified by itself."""
+    own = {each.name: each for each in levels}
+    names = (*(each.name for each in model.components), *model.densities)
+    before = dict(zip(names, model.values(np.zeros(len(names))), strict=True))
+    by = np.zeros(len(names))
+    for k, name in enumerate(names):
+        if name in own and before[name] > 0:
+            half = 1.0 if name in DISTURBANCES else 0.5
+            by[k] = np.log(own[name].value / before[name]) / half
+    return model.at(by)
+
+
+def _deflated(model: NoiseModel, inflation: Mapping[str, float]) -> NoiseModel:
+    """The model at the levels of single rows, without what errors in common add."""
+    names = (*(each.name for each in model.components), *model.densities)
+    return model.at(-np.log([inflation.get(name, 1.0) for name in names]))

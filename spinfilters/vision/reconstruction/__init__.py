@@ -1,1 +1,0 @@
-"""Dense model of a body from stereo pairs and its estimated motion."""

@@ -1,1 +1,0 @@
-"""Rendered stereo images of a moving body, with truth."""
