@@ -4,9 +4,9 @@ RANSAC of OpenCV beside the house's own, and poses predicted in other ways.
     python -m experiments.association_variants FOLDER --step 1
 
 FOLDER holds rendered images with truth (`spinfilters simulate --kind stereo-images`). Poses between an image and the one `--step`
-later are fitted to SIFT matches by `spinfilters.models.tracks.track_poses` and by `cv2.solvePnPRansac`; then all images (every step-th) are
-tracked with the pose of the next epoch predicted by nothing, by a constant rate, and by the true motion: no prediction by estimated
-dynamics can be better than the last.
+later are fitted to SIFT matches by `spinfilters.models.tracks.track_poses` and by `cv2.solvePnPRansac`. Then all images (every
+step-th) are tracked with the pose of the next epoch predicted by nothing, by a constant rate, and by the true motion: no prediction
+by estimated dynamics can be better than the last.
 """
 
 import argparse

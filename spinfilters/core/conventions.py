@@ -13,7 +13,7 @@ Quaternions
 Attitude error
     4 x MRP, on the body side: q = q_ref (x) dq(a). A small ``a`` is a rotation vector in rad. The plain MRP is tan(angle/4) n,
     so ``a = 4 tan(angle/4) n`` (Tweddle 2013, Eq. 2.34).
-State blocks (error dimension; defined in `spinfilters.state.blocks`)
+State blocks (error dimension; defined in `spinfilters.models.state_blocks`)
     ``t`` 3  origin of g in i, m                 ``a`` 3  attitude error of q_ig, rad
     ``v`` 3  velocity of the centre of mass, i, m/s   ``w`` 3  body rate, g axes, rad/s
     ``c`` 3  centre of mass in g, m              ``s`` 5  mass distribution (see `spinfilters.core.mass_distribution`)

@@ -11,11 +11,8 @@ A layer below such a tuple that needs its members, as files need the formats of 
 """
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
-from functools import cache, cached_property
-from importlib import import_module
-from pkgutil import iter_modules
-from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
+from functools import cache
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from spinfilters.core.errors import InputError
 
@@ -165,63 +162,3 @@ def _loaded(group: str, kind: type[Entry], point: "EntryPoint") -> Entry:
     if not isinstance(entry, kind):
         raise InputError(f"{where} is {type(entry).__name__}, not a {kind.__name__}; mend or uninstall it")
     return entry
-
-
-@dataclass(frozen=True)
-class PluginGroup(Generic[Entry]):
-    """Entries of one kind, found when they are first asked for.
-
-    Every module of ``package`` that has ``attribute``, an entry or a tuple of them, contributes it, in the order of module names;
-    behind them so does every entry point of ``group``, which is called like the package where nobody says otherwise.
-    A layer that only knows the kind ``kind`` thus meets the entries of layers
-    above it, and those of distributions that did not exist when it was written.
-    """
-
-    package: str
-    attribute: str
-    kind: type[Entry]
-    group: str = ""
-
-    @cached_property
-    def entries(self) -> tuple[Entry, ...]:
-        """All entries.
-
-        Raises
-        ------
-        InputError: an entry point that cannot be imported, or is not of the kind; the text names it.
-        """
-        return (*self._own(), *installed_plugins(self._group, self.kind))
-
-    def entries_of(self, kind: type[Narrower]) -> tuple[Narrower, ...]:
-        """All entries, as the kind that a layer above knows them by.
-
-        Raises
-        ------
-        InputError: as `entries`; one that is not of that kind.
-        """
-        return entries_of_kind(self.entries, kind)
-
-    @property
-    def _group(self) -> str:
-        return self.group or self.package
-
-    def reload(self) -> None:
-        """Look for entries again: distributions may have come or gone."""
-        self.__dict__.pop("entries", None)
-        installed_plugins.cache_clear()
-
-    def _own(self) -> list[Entry]:
-        names = sorted(module.name for module in iter_modules(import_module(self.package).__path__))
-        modules = [import_module(f"{self.package}.{name}") for name in names]
-        found = [vars(module)[self.attribute] for module in modules if self.attribute in vars(module)]
-        return [entry for each in found for entry in (each if isinstance(each, tuple) else (each,))]
-
-
-def by_name(group: PluginGroup[Ordered], what: str) -> dict[str, Ordered]:
-    """Entries by name, in their order. InputError: as `PluginGroup.entries`; a name that stands twice.
-
-    Parameters
-    ----------
-    what: an entry is, in words.
-    """
-    return entries_by_name(in_order(group.entries), what)

@@ -42,7 +42,7 @@ class MultiplicativeFilter(Estimator):
     that reset, so that it always refers to the mean it stands beside.
 
     Where landmarks are not known, the factor goes on behind the state's n rows: with r modes of error that all landmarks share, and
-    with the move from the map's frame to frame g (`spinfilters.estimators.landmarks`). Neither changes with time, and no sensor
+    with the move from the map's frame to frame g (`spinfilters.filters.landmark_map`). Neither changes with time, and no sensor
     without landmarks sees them; what the state learns, they learn by correlation.
 
     Parameters

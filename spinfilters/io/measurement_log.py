@@ -31,7 +31,7 @@ class MeasurementStream:
 
     Parameters
     ----------
-    sensor: name of a sensor of the registry (`spinfilters.sensors`).
+    sensor: name of a sensor of the registry (`spinfilters.models.sensor_registry`).
     time: s, any origin, possibly irregular; strictly increasing, but non-decreasing for sensors with many rows an epoch.
     values: (n, columns) as the sensor's `SensorFormat` says; unit quaternions are normalised.
     ids: landmark of every row (sensors of landmarks only, and there required); no landmark twice at one time.

@@ -121,7 +121,7 @@ class ShownModel:
 
 def model_script() -> str:
     """The script of a page with a model, for `spinfilters.plots.page.page`."""
-    return files("spinfilters.pages").joinpath("model_view.js").read_text(encoding="utf-8")
+    return files("spinfilters.plots").joinpath("model_view.js").read_text(encoding="utf-8")
 
 
 def model_view(model: ShownModel, motion: ShownMotion) -> str:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from spinfilters.core.plugins import PluginGroup, installed_plugins
+from spinfilters.core.plugins import installed_plugins
 
 
 def program_of(page: Path) -> str:
@@ -17,19 +17,15 @@ def program_of(page: Path) -> str:
 
 
 @contextmanager
-def installed_plugin(
-    table: PluginGroup | str, entry_point: str, program: str, folder: Path
-) -> Iterator[Path]:
+def installed_plugin(group: str, entry_point: str, program: str, folder: Path) -> Iterator[Path]:
     """The file of the plug-in's module, while it is installed in a folder.
 
     Parameters
     ----------
-    table: the registry, or the name of its group of entry points.
+    group: name of the entry points.
     entry_point: as in entry_points.txt, ``name = module:OBJECT``.
     """
     name, module = re.fullmatch(r"(\S+) = (\w+):\w+", entry_point).groups()  # pyright: ignore[reportOptionalMemberAccess]
-    group = table if isinstance(table, str) else table.group
-    reload = installed_plugins.cache_clear if isinstance(table, str) else table.reload
     information = folder / "site" / f"{module}-1.0.dist-info"
     information.mkdir(parents=True)
     (information / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
@@ -38,7 +34,7 @@ def installed_plugin(
     file.write_text(program)
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(information.parent))
-        reload()
+        installed_plugins.cache_clear()
         yield file
     sys.modules.pop(module, None)
-    reload()
+    installed_plugins.cache_clear()

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from process_samples import LAYOUTS, difference_transition, random_point
-from spinfilters.symbolic import Compiled
 
 from spinfilters.core.attitude_conversions import (
     angle_between,
@@ -11,6 +10,7 @@ from spinfilters.core.attitude_conversions import (
     multiply,
     quaternion_from_matrix,
 )
+from spinfilters.core.compiled import Compiled
 from spinfilters.core.errors import InputError
 from spinfilters.core.mass_distribution import from_inertia, inertia_matrix
 from spinfilters.core.torque_free import torque_free_motion

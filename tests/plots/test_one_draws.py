@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 from matplotlib.figure import Figure
-from spinfilters.cli.doctor_checks import figure_drawn
 
 from spinfilters.campaigns import campaign_report as writing
+from spinfilters.cli.installation_checks import figure_drawn
 from spinfilters.plots import style
 
 
