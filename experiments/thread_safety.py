@@ -4,7 +4,8 @@
 
 A run is that many threads that begin to compare a small recording at the same moment: of a gyro, of poses or of stereo tracks,
 in every other run all threads the same one. The runs are shared out among fresh processes, because functions are built in the
-first run of each. Later the process compares every recording alone, which gives the numbers that are due.
+first run of each. Later the process compares every recording alone, which gives the numbers that are due. The environment does
+not limit the threads of BLAS there: to do so is the library's part.
 
 Printed are, for compiled code and for CasADi's virtual machine, the runs whose every number, status and reason is that of the
 comparison alone, the runs that differ, and those that are missing because their process ended early. Exit code 1 for any of these.
@@ -22,6 +23,7 @@ from typing import Final
 
 import spinfilters
 from experiments.command_line import run_study
+from spinfilters.api.blas_threads import ASKED_FOR
 
 KINDS: Final = ("gyro", "pose", "stereo-tracks")
 FRAMES: Final = 6
@@ -81,7 +83,8 @@ def runs_of(found: list[list[str]], alone: list[str]) -> ThreadedRuns:
 def runs_in_a_process(runs: int, threads: int, compiling: str) -> ThreadedRuns:
     """Counts of runs in a fresh process; all are missing where it ends early."""
     command = [sys.executable, "-m", "experiments.thread_safety", "--worker", str(runs), str(threads)]
-    environment = os.environ | {"SPINFILTERS_COMPILE": compiling}
+    unlimited = {name: value for name, value in os.environ.items() if name not in ASKED_FOR}
+    environment = unlimited | {"SPINFILTERS_COMPILE": compiling}
     ended = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
     if ended.returncode:
         last = (ended.stderr.strip().splitlines() or [""])[-1]

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from functools import wraps
 from typing import Final, ParamSpec, TypeVar
 
-from threadpoolctl import threadpool_limits
+from threadpoolctl import OpenBLASController, threadpool_limits
 
 ASKED_FOR: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """Environment variables by which somebody has said how many; then that holds."""
@@ -48,6 +48,7 @@ def _limit() -> Iterator[None]:
     """Within it BLAS has one thread; the first call in sets the limit, the last one out lifts it."""
     with _Limit.lock:
         if _Limit.limits is None:
+            _free_openblas()
             _Limit.limits = threadpool_limits(1, user_api="blas")
         _Limit.inside += 1
     try:
@@ -56,5 +57,18 @@ def _limit() -> Iterator[None]:
         with _Limit.lock:
             _Limit.inside -= 1
             if not _Limit.inside and _Limit.limits is not None:
+                _free_openblas()
                 _Limit.limits.restore_original_limits()
                 _Limit.limits = None
+                _free_openblas()
+
+
+def _free_openblas() -> None:
+    """Let any thread set OpenBLAS' number of threads.
+
+    Since threadpoolctl 3.8 the first thread that sets it keeps the right to, as long as it lives, and what others set is ignored in
+    silence. Here the first call in and the last one out may be of any threads.
+    """
+    clear = getattr(OpenBLASController, "clear_controlling_thread", None)
+    if clear is not None:
+        clear(force=True)

@@ -1,6 +1,8 @@
 """Calls of the Python interface on one thread of BLAS."""
 
 import threading
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
 
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
@@ -31,6 +33,46 @@ def test_a_call_has_one_thread_and_leaves_as_many_as_there_were():
 def test_threads_are_given_back_after_an_error():
     with pytest.raises(ZeroDivisionError):
         on_one_blas_thread(lambda: 1 / 0)()
+    assert blas_threads() == {2}
+
+
+def in_another_thread(call: Callable[[], set[int]]) -> set[int]:
+    with ThreadPoolExecutor(1) as pool:
+        return pool.submit(call).result()
+
+
+def test_a_call_in_another_thread_has_one_thread_after_one_in_this():
+    assert on_one_blas_thread(blas_threads)() == {1}
+    assert in_another_thread(on_one_blas_thread(blas_threads)) == {1}
+    assert blas_threads() == {2}
+
+
+def test_a_call_in_another_thread_has_one_thread_where_this_has_set_a_number():
+    with threadpool_limits(2, user_api="blas"):
+        assert in_another_thread(on_one_blas_thread(blas_threads)) == {1}
+    assert blas_threads() == {2}
+
+
+def test_threads_are_given_back_when_the_call_that_began_first_ends_first():
+    inner_may_end = threading.Event()
+
+    @on_one_blas_thread
+    def outlast() -> set[int]:
+        begun.set()
+        inner_may_end.wait()
+        return blas_threads()
+
+    @on_one_blas_thread
+    def begin_another(pool: ThreadPoolExecutor) -> Future[set[int]]:
+        future = pool.submit(outlast)
+        begun.wait()
+        return future
+
+    begun = threading.Event()
+    with ThreadPoolExecutor(1) as pool:
+        future = begin_another(pool)
+        inner_may_end.set()
+        assert future.result() == {1}
     assert blas_threads() == {2}
 
 
