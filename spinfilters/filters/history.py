@@ -90,6 +90,13 @@ class EstimateHistory:
         factor[finite] = lower_roots(np.concatenate([factor[finite], calibration[finite]], axis=2))
         return replace(self, factor=factor, calibration=calibration)
 
+    def with_larger_calibration(self, times: Float[np.ndarray, " c"]) -> "EstimateHistory":
+        """With every calibration error so many times as large, at least 1; the same without any."""
+        if self.calibration is None:
+            return self
+        added = self.calibration * np.sqrt(times**2 - 1.0)
+        return replace(self.considering(added), calibration=self.calibration * times)
+
     def widened(self, widening: Float[np.ndarray, "k e e"]) -> "EstimateHistory":
         """With covariances F B B' F' in place of F F'.
 

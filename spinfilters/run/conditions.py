@@ -16,6 +16,7 @@ from spinfilters.io.measurement_log import MeasurementStream
 from spinfilters.io.sensor_format import sensor_format
 from spinfilters.io.truth import Truth
 from spinfilters.models.sensor_registry import sensor_of
+from spinfilters.verdict.unstated_calibration import enlarged_words
 
 WINDOW: Final = 1.0
 """Rad of turn after which attitudes and rates start together again, so that a gyro's bias does not add up."""
@@ -236,6 +237,11 @@ class Conditions:
         counted = [_counted(each) for each in self.calibration if each.std > 0]
         calibration = [f"Deviations count errors of {', '.join(counted)}."] if counted else []
         assumed = [each.parameter.name for each in self.calibration if each.std > 0 and each.source == PRIOR]
+        grown = enlarged_words(self.calibration)
+        if grown:
+            calibration.append(
+                f"Those of {', '.join(grown)} count for more where the residuals leave larger ones possible."
+            )
         if assumed:
             keys = ", ".join(f"{name} = 0" for name in assumed)
             calibration.append(

@@ -27,6 +27,7 @@ from spinfilters.verdict.model_tests import tested_epochs, tested_history, teste
 from spinfilters.verdict.noise_diagnostics import filter_noise_diagnostics, stated_level_diagnostics
 from spinfilters.verdict.recording_tests import front_end_slips, pose_findings
 from spinfilters.verdict.tested_models import NOT_TESTED, TestedModels, model_findings
+from spinfilters.verdict.unstated_calibration import enlargements
 
 
 def shared_diagnostics(setup: Setup) -> list[Finding]:
@@ -219,12 +220,18 @@ def with_verdicts(doubts: Doubts, settings: Settings, entries: Mapping[str, AnyE
 
 
 def _widened(evaluation: Evaluation, doubts: Doubts) -> Evaluation:
-    """With covariances that hold with possibly correlated errors."""
-    widening, history = doubts.models.correlated.widening, evaluation.history
-    failed = history.status.verdict is Verdict.FAILED
-    if widening is None or failed or history.layout != doubts.setup.process.layout:
+    """With covariances that hold with possibly correlated errors, and with possible ones of the calibration."""
+    setup, history = doubts.setup, evaluation.history
+    if history.status.verdict is Verdict.FAILED or history.layout != setup.process.layout:
         return evaluation
-    return evaluated(history.widened(widening), doubts.setup)
+    widening = doubts.models.correlated.widening
+    if widening is not None:
+        history = history.widened(widening)
+    if history.calibration is not None:
+        considered = [each for each in setup.calibration if each.std > 0]
+        times = enlargements(considered, doubts.models.tests)
+        history = history if (times == 1).all() else history.with_larger_calibration(times)
+    return evaluation if history is evaluation.history else evaluated(history, setup)
 
 
 def _centre_prior_std(setup: Setup) -> float:

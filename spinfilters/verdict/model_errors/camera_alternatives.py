@@ -8,7 +8,6 @@ from jaxtyping import Float
 from numpy.polynomial.legendre import legvander
 
 from spinfilters.core.camera_trajectory import Displacement, later, levered, turning
-from spinfilters.io.consider_parameter import ConsiderParameter
 from spinfilters.models.calibration import BASELINE, FOCAL_LENGTH, PRINCIPAL_POINT
 from spinfilters.verdict.model_errors.linear_rows import Columns
 from spinfilters.verdict.model_errors.score_tests import Alternative
@@ -69,17 +68,15 @@ class CameraShake(_CameraAlternative):
 class _CalibrationAlternative(Alternative):
     """Error of the calibration, as estimates consider it.
 
-    The data are of a larger number than they are read with.
+    The data are of a larger number than they are read with. A subclass states its parameter.
     """
-
-    parameter: ClassVar[ConsiderParameter]
 
     def columns(self, motion: SmoothedMotion) -> Columns | None:
         """Negative shift of the expected pixels per unit of the parameter."""
 
         def of_data(each: MeasuredRows) -> Float[np.ndarray, "r i m"] | None:
             """Shift of the data by the parameter."""
-            by = each.by_calibration(self.parameter)
+            by = None if self.parameter is None else each.by_calibration(self.parameter)
             return None if by is None else -by
 
         return motion.shifted(of_data)

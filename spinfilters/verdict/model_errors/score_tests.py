@@ -31,6 +31,7 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.core.linear_algebra import chi_square_tail
+from spinfilters.io.consider_parameter import ConsiderParameter
 from spinfilters.models.state_blocks import StateBlock
 from spinfilters.verdict.model_errors.linear_rows import Columns, summed
 from spinfilters.verdict.model_errors.noise_components import (
@@ -56,6 +57,7 @@ class Alternative(ABC):
     only_positive: whether its one size is of one sign: what brakes does not drive.
     is_of_poses: whether it is one of the poses given of a moving camera.
     block: of a state that holds it, None where none does.   held_by: settings that put it there, by table and key.
+    parameter: of the calibration, where this is an error of one that estimates consider; else None.
     """
 
     name: str
@@ -70,6 +72,7 @@ class Alternative(ABC):
     is_of_poses: ClassVar[bool] = False
     block: ClassVar[StateBlock | None] = None
     held_by: ClassVar[Mapping[str, Mapping[str, bool | float]]] = MappingProxyType({})
+    parameter: ClassVar[ConsiderParameter | None] = None
 
     def cure_before(self, has_inspector: bool) -> str:
         """What to do about it, where poses of a moving camera are given or not."""
