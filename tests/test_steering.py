@@ -24,7 +24,9 @@ FOREIGN_VALUES = {
 }
 """Rooms of spinfilters that are handed values of any type, and which: they ask for types because nobody else has."""
 VALIDATED = {
-    "spinfilters/attitude/conversions.py": "an expression gives one matrix or several",
+    "spinfilters/core/attitude_conversions.py": "an expression gives one matrix or several",
+    "spinfilters/core/c_library.py": "errors of a compiler",
+    "spinfilters/core/compiled.py": "arrays or numbers for buffers",
     "spinfilters/filters/timeline.py": "an index is a number or a slice",
     "spinfilters/lidar/scan.py": "a file, and its times",
     "spinfilters/run/conditions.py": "a file",

@@ -65,8 +65,8 @@ def test_real_discs_are_not_told_another_unit(shared_data: Callable[[str], Path]
 def test_a_wrong_unit_is_named_with_its_cure(name: str, kind: str, size: float, cure: str) -> None:
     found = {each.name: each for each in wrong_units(in_unit(name, kind, size))}
     assert name in list(found)[:2]
-    assert cure in found[name].reason
-    assert len(found[name].reason) < 200
+    assert cure in found[name].cure
+    assert len(f"{found[name].sentence}: {found[name].cure}") < 200
 
 
 def poses_read(change: Callable[[np.ndarray], np.ndarray], offset: float = 1.0) -> Dataset:
@@ -106,8 +106,8 @@ def test_a_convention_that_places_contradict_is_named(
 ) -> None:
     (found,) = wrong_units(poses_read(change))
     assert found.name == "attitude-convention"
-    assert read in found.reason
-    assert "the scalar last" in found.reason
+    assert read in found.sentence
+    assert "the scalar last" in found.cure
 
 
 def test_nothing_tells_the_convention_of_poses_of_the_centre_of_mass() -> None:
