@@ -69,10 +69,7 @@ def _library(columns: int, size: int) -> ctypes.PyDLL | None:
 
 
 class Update(NamedTuple):
-    """A point, its correction, and the covariance factor about it.
-
-    (m,) and (n, n).
-    """
+    """Outcome of an update: corrected mean (m,), correction, and covariance factor (n, n) about that mean."""
 
     mean: Float[np.ndarray, " m"]
     correction: Correction

@@ -150,9 +150,9 @@ class Estimator(ABC):
         """Update with one sensor's values at the present time."""
 
     def update_all(self, measurements: Sequence[Measurement]) -> list[UpdateReport]:
-        """Update by everything of the present time, in its order.
+        """Update by all measurements of the present time, in their order.
 
-        An estimator that solves anew does so once.
+        An estimator that solves a whole problem anew (a smoother) does so once for all of them.
         """
         return [self.update(measurement) for measurement in measurements]
 
@@ -162,10 +162,7 @@ class Estimator(ABC):
 
     @abstractmethod
     def restore(self, snapshot: Snapshot) -> None:
-        """Continue from a `snapshot` of an estimator built alike.
-
-        The same numbers follow, bit for bit.
-        """
+        """Continue from a `snapshot` of an estimator built alike, with the same numbers bit for bit."""
 
 
 @dataclass(frozen=True)

@@ -221,10 +221,7 @@ class MultiplicativeFilter(Estimator):
     def _corrected(
         self, measurement: Measurement, guard: SensorOutlierRejection, scale: float
     ) -> Update | None:
-        """Mean corrected by a measurement with scaled noise covariance.
-
-        ``scale`` times it. None when no value is usable.
-        """
+        """Update by a measurement whose noise covariance is multiplied by ``scale``; None when no value is usable."""
 
     @abstractmethod
     def _solved(self, observations: MapObservations, guard: SensorOutlierRejection) -> SolvedObservations:

@@ -126,9 +126,7 @@ def _searched(
 
 @dataclass(frozen=True)
 class IteratedObservations:
-    """Observations in the coordinates y of a predicted belief.
-
-    error = factor @ y about its mean.
+    """Landmark observations in the coordinates y of a predicted belief, whose error about its mean is factor @ y.
 
     Attributes
     ----------

@@ -102,9 +102,9 @@ class LandmarkMap(LandmarkArrays):
         return removed
 
     def stalest(self, largest: int) -> Int[np.ndarray, " q"]:
-        """Rows observed longest ago, beyond the ``largest`` number of landmarks.
+        """Rows of the landmarks observed longest ago, to remove once there are more than ``largest``.
 
-        So many that a sixteenth is free again.
+        So many are named that afterwards a sixteenth of ``largest`` is free again.
         """
         if self.count <= largest:
             return np.zeros(0, dtype=np.int64)

@@ -197,10 +197,7 @@ class Spread(PoseSpread):
 def _solved_by_lower(
     root: Float[np.ndarray, "k d d"], right: Float[np.ndarray, "k d q"]
 ) -> Float[np.ndarray, "k d q"]:
-    """root^-1 right of lower triangular matrices, by batched substitution.
-
-    0 for a pivot of 0.
-    """
+    """root^-1 right for lower triangular roots, by batched substitution; 0 in the rows of a pivot of 0."""
     result = np.zeros(right.shape)
     for j in range(root.shape[1]):
         known = sum(root[:, j, i, None] * result[:, i] for i in range(j))

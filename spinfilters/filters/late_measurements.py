@@ -68,10 +68,7 @@ class OutOfSequenceResult:
 
 @dataclass(frozen=True)
 class _KeptEpoch:
-    """An epoch with the state before it, and its time, s.
-
-    ``keys`` name and order its measurements.
-    """
+    """An epoch, its time (s) and the state before it; ``keys`` name its measurements and give their order."""
 
     epoch: Epoch
     keys: tuple[MeasurementKey, ...]
@@ -168,9 +165,7 @@ class OutOfSequenceUpdates:
         return result
 
     def belief_at(self, time: float) -> Gaussian:
-        """Belief predicted to a time (s) at or after the latest epoch.
-
-        The estimator is not changed.
+        """Belief predicted to a time (s) at or after the latest epoch, without changing the estimator.
 
         Raises
         ------

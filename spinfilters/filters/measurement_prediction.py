@@ -112,10 +112,7 @@ def usable(values: Float[np.ndarray, "k r"], valid: Bool[np.ndarray, " k"]) -> B
 
 
 def _sliced(columns: list[int]) -> list[int] | slice:
-    """Increasing columns, as a slice where they are contiguous.
-
-    A slice indexes in a third of the time.
-    """
+    """Increasing column numbers, as a slice where contiguous: indexing by a slice takes a third of the time."""
     first, last = columns[0], columns[-1]
     return slice(first, last + 1) if last - first + 1 == len(columns) else columns
 

@@ -387,10 +387,7 @@ class NoiseAdaptation:
         return [source for source in SOURCES if self._horizon(f"process.{source}")]
 
     def _horizon(self, name: str) -> float:
-        """Updates over which a source's evidence is forgotten.
-
-        0 where nothing is learned now.
-        """
+        """Number of updates over which a source's evidence is forgotten; 0 where nothing is learned now."""
         stated = self.options.measurement if name.startswith("sensor.") else self.options.process
         if stated or name not in self.identified:
             return stated

@@ -88,10 +88,7 @@ def innovation_covariance(deviations: Float[np.ndarray, "k d r"]) -> Float[np.nd
 def squared_distances(
     innovation: Float[np.ndarray, "k d"], covariance: Float[np.ndarray, "k d d"]
 ) -> Float[np.ndarray, " k"]:
-    """Squared distances d2 = rho' S^-1 rho of all values by elimination.
-
-    Infinite where S is not positive definite or NaN.
-    """
+    """Squared distances d2 = rho' S^-1 rho of all values by elimination, infinite where S is not positive definite."""
     k, d = innovation.shape
     array = np.empty((d, d + 1, k))
     array[:, :d] = covariance.transpose(1, 2, 0)

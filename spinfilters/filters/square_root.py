@@ -109,10 +109,7 @@ def is_lower(rows: Float[np.ndarray, "k n"]) -> bool:
 
 
 def triangular_factor(rows: Float[np.ndarray, "k n"]) -> Float[np.ndarray, "n n"]:
-    """Lower triangular L with L L' = rows' rows, by QR.
-
-    k may be less than n.
-    """
+    """Lower triangular L with L L' = rows' rows, by QR; there may be fewer rows than columns."""
     k, n = rows.shape
     if k < n:
         rows = np.concatenate([rows, np.zeros((n - k, n))])

@@ -76,9 +76,7 @@ class SensorEpochs:
 
 @dataclass(frozen=True, eq=False)
 class LogTimeline(Sequence[Epoch]):
-    """Epochs of a log, made when they are asked for.
-
-    A long recording stays a few arrays.
+    """Epochs of a log, each made when it is asked for, so that a long recording stays a few arrays in memory.
 
     Attributes
     ----------
@@ -285,10 +283,7 @@ def rehearse(estimator: Estimator, time: float, timeline: Timeline) -> None:
 
 
 def advance(estimator: Estimator, epoch: Epoch, dt: float) -> list[UpdateReport]:
-    """Advance an estimator to an epoch and update it.
-
-    ``dt`` >= 0 seconds ahead; measurements in their order.
-    """
+    """Predict an estimator ``dt`` >= 0 seconds ahead to an epoch, and update it by the epoch's measurements in order."""
     if dt > 0:
         estimator.predict(dt)
     return estimator.update_all(epoch.measurements)

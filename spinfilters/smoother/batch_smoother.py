@@ -59,10 +59,7 @@ def process_noise_inflation(
 
 
 def residual_scale(here: LinearizationPoint) -> float:
-    """Robust scale of the innovations in standard deviations, at least 1.
-
-    More where the noise is larger than stated.
-    """
+    """Robust scale of the innovations in standard deviations: 1, or more where the noise exceeds its stated level."""
     squares = [here.sensors.mean_squares]
     if here.linear is not None:
         squares.append(here.linear.square / ROWS)
@@ -207,9 +204,7 @@ def smooth_recording(
     loss: RobustLoss,
     annealed_iterations: int = 0,
 ) -> BatchSmoothing:
-    """Smooth measurements without landmark ids from an initial trajectory.
-
-    Its constants are those of the last epoch.
+    """Smooth measurements without landmark ids from an initial trajectory, whose constants are the last epoch's.
 
     Parameters
     ----------

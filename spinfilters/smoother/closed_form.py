@@ -146,9 +146,9 @@ def _too_far_apart(
 
 
 def _rates(time: Float[np.ndarray, " k"], q: Float[np.ndarray, "k 4"]) -> Float[np.ndarray, "k 3"]:
-    """Slope at every pose of a polynomial through the rotation vectors to the poses around it.
+    """Derivative at every pose of a polynomial through the rotation vectors to the poses around it.
 
-    NaN where both neighbours are farther than `LARGEST_TURN`.
+    It is NaN where both neighbours are farther away than `LARGEST_TURN`.
     """
     half = LARGEST_WINDOW // 2
     around = np.arange(len(time))[:, None] + np.arange(-half, half + 1)

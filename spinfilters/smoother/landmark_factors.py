@@ -230,9 +230,7 @@ def reinitialised(
     inliers: Bool[np.ndarray, " N"],
     gate: float,
 ) -> Float[np.ndarray, "L 3"] | None:
-    """Landmark points, those with fewer than two inliers re-initialised.
-
-    m, frame g; None when there are none.
+    """Landmark points (m, frame g) with those of fewer than two inliers re-initialised; None where none can be.
 
     Parameters
     ----------

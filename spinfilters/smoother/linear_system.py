@@ -85,10 +85,7 @@ class SchurSystem:
         return self.separator_step[:size].reshape(self.ordering.epochs, -1)
 
     def rise(self, errors: Float[np.ndarray, "k n"]) -> float:
-        """Rise of the linear problem's cost by errors of poses and constants about its optimum.
-
-        The least for any errors of the rest.
-        """
+        """Rise of the linear problem's cost by errors of poses and constants, least over the errors of all the rest."""
         poses, constants = errors[:, self.ordering.pose].reshape(-1), errors[0, self.ordering.constant]
         whitened = np.tril(self.information_sqrt).T @ np.concatenate([poses, constants])
         return float(whitened @ whitened)

@@ -74,9 +74,9 @@ class Huber(RobustLoss):
 
 @dataclass(frozen=True)
 class PseudoHuber(RobustLoss):
-    """Smooth loss rho = 2 b^2 (sqrt(1 + s / b^2) - 1).
+    """Smooth loss rho = 2 b^2 (sqrt(1 + s / b^2) - 1), b the threshold.
 
-    Tweddle 2013, sec. 4.7.4; Hartley and Zisserman 2003, A6.8.
+    Sources: Tweddle 2013, sec. 4.7.4; Hartley and Zisserman 2003, appendix A6.8.
     """
 
     threshold: float = 2.0

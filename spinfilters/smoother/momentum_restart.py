@@ -126,10 +126,7 @@ def _best(
 def trajectory_from_momentum(
     layout: StateLayout, given: Float[np.ndarray, "k m"], times: Float[np.ndarray, " k"]
 ) -> Float[np.ndarray, "k m"] | None:
-    """Trajectory with rates and constants of conserved momentum.
-
-    None where its poses tell no motion.
-    """
+    """Trajectory with rates and constants of conserved angular momentum; None where its poses show no motion."""
     poses = np.concatenate([given[:, layout.mean_slice(b)] for b in POSE_BLOCKS], axis=1)
     try:
         evidence = initial_motion(MotionSamples(times, poses[:, 3:], positions=poses[:, :3]), len(times))

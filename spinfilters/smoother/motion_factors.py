@@ -247,10 +247,7 @@ class EpochFactors:
         return sum(rows.values.shape[0] * rows.model.dim for rows in self.sensors)
 
     def dynamics(self, trajectory: Float[np.ndarray, "k m"]) -> InformationBlocks:
-        """Steps from epoch to epoch, linearised about a trajectory.
-
-        Its constants are the same in every epoch.
-        """
+        """Whitened steps from epoch to epoch, linearised about a trajectory whose constants are the same in all epochs."""
         if not len(self.dt):
             return InformationBlocks(NOTHING, NOTHING, 0.0, NOTHING)
         about = None if self.first is None else self._at_first_constants(trajectory[:-1])
@@ -337,10 +334,7 @@ class EpochFactors:
         return result
 
     def stretch(self, begin: int, end: int) -> "EpochFactors":
-        """Epochs from ``begin`` to before ``end``, and steps from them.
-
-        The prior belongs to the first epoch of all.
-        """
+        """Factors of the epochs ``begin`` to before ``end`` and of the steps from them; the prior goes with epoch 0 alone."""
         return replace(
             self,
             ordering=replace(self.ordering, epochs=min(end, self.ordering.epochs) - begin),
@@ -369,10 +363,7 @@ def whitened_steps(
     transition: Float[np.ndarray, "k n n"],
     noise: Float[np.ndarray, "k n q"],
 ) -> tuple[Float[np.ndarray, "k d w"], Float[np.ndarray, "k w w"]]:
-    """Dynamics rows whitened by noise noise' + floor^2, and their information blocks.
-
-    NaN where the covariance has no square root.
-    """
+    """Dynamics rows whitened by noise noise' + floor^2, and their information blocks; NaN where that has no root."""
     library = kernels()
     if library is None:
         return whitened_steps_in_numpy(ordering, defect, transition, noise)
@@ -413,10 +404,7 @@ def whitened_steps_in_numpy(
 def prior_rows(
     ordering: VariableOrdering, first: Float[np.ndarray, " m"], prior: StatePrior
 ) -> Float[np.ndarray, "n n1"]:
-    """Jacobian of the prior's error by that about the linearisation point.
-
-    The prior is Gaussian about its own mean.
-    """
+    """Rows of the prior in the error about the linearisation point, whitened; it is Gaussian about its own mean."""
     layout = ordering.layout
     away = layout.local(prior.mean, first)
     by_trial = np.linalg.inv(layout.reset_jacobian(away))[:, ordering.order]

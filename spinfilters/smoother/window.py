@@ -125,10 +125,7 @@ class FixedLag(WindowPolicy):
 
 
 def _batch_size(policy: WindowPolicy, kept: int, epochs: int, mass_std: float) -> int:
-    """Number of epochs to remove at once, 0 until enough.
-
-    More are kept while the inertia is not determined.
-    """
+    """Number of epochs to remove at once, 0 until enough are due; more are kept while the inertia is undetermined."""
     over = epochs - (kept if mass_std <= policy.determined else max(kept, LONGEST_STARTUP))
     return min(over, LARGEST_BATCH) if over >= smallest_batch(kept) else 0
 
@@ -261,10 +258,7 @@ class Window:
         return replace(self, points=moved)
 
     def latest_at(self, pose: Float[np.ndarray, " 7"]) -> "Window":
-        """The window with the latest epoch at a pose (t m, q_ig).
-
-        Landmarks that no other epoch observed move with it.
-        """
+        """The window with its latest epoch at another pose (t m, q_ig), and with it the landmarks that it alone observed."""
         seen, latest = self.seen, len(self.epochs) - 1
         trajectory, points = self.trajectory.copy(), self.points.copy()
         trajectory[-1, :7] = pose
