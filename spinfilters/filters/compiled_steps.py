@@ -99,7 +99,10 @@ class CompiledUpdate:
 
         Parameters
         ----------
-        scale: of the noise covariance, over the stated one.   limit: of the gate, a squared distance; negative for another rule.
+        scale : float
+            Of the noise covariance, over the stated one.
+        limit : float
+            Of the gate, a squared distance; negative for another rule.
         """
         count, n = len(measurement.values), self._size
         if not count or limit < 0 or factor.shape != (n, n):

@@ -32,8 +32,16 @@ class MultiplicativeEkf(MultiplicativeFilter):
 
     Parameters
     ----------
-    process, robust, adaptation, landmarks: see `MultiplicativeFilter`.
-    iteration: of an update whose measurement is far from linear.
+    process : ProcessModel
+        See `MultiplicativeFilter`.
+    robust : RobustOptions or None
+        See `MultiplicativeFilter`.
+    adaptation : AdaptationOptions or None
+        See `MultiplicativeFilter`.
+    landmarks : LandmarkOptions or None
+        See `MultiplicativeFilter`.
+    iteration : IterationOptions or None
+        Of an update whose measurement is far from linear.
     """
 
     name = "mekf"
@@ -161,7 +169,8 @@ class IteratedUpdate:
 
     Attributes
     ----------
-    rows: linearised at the mean; the noise is what it is there.
+    rows : LinearisedRows
+        Linearised at the mean; the noise is what it is there.
     """
 
     layout: StateLayout

@@ -23,10 +23,14 @@ class Measurement:
 
     Attributes
     ----------
-    model: the sensor.
-    values: (k, value_dim) measured values, k at least 0.
-    parameters: (k, parameter_dim) what accompanies each value (landmark, calibration, noise).
-    ids: (k,) landmarks that an estimator holds in its own state, each once; their points in ``parameters`` are then not read.
+    model : MeasurementModel
+        The sensor.
+    values : ndarray of float, shape (k, v)
+        Measured values, k at least 0.
+    parameters : ndarray of float, shape (k, p)
+        What accompanies each value (landmark, calibration, noise).
+    ids : ndarray of int, shape (k,) or None
+        Landmarks that an estimator holds in its own state, each once; their points in ``parameters`` are then not read.
         None where the map is known, and for sensors without landmarks.
     """
 
@@ -58,12 +62,17 @@ class UpdateReport:
 
     Attributes
     ----------
-    nis: normalised innovation squared, chi-square distributed with ``dof`` degrees of freedom when the filter is consistent.
-    dof: number of scalar measurements used.
-    accepted, rejected: numbers of measurements used, the first of a landmark among them, and left out (point at or behind the
-        camera, not finite, refused).
-    log_likelihood: of the values used, given everything before.
-    map_change: of an estimator that holds landmarks in its state, None otherwise.
+    nis : float
+        Normalised innovation squared, chi-square distributed with ``dof`` degrees of freedom when the filter is consistent.
+    dof : int
+        Number of scalar measurements used.
+    accepted, rejected : int
+        Numbers of measurements used, the first of a landmark among them, and left out (point at or behind the camera, not
+        finite, refused).
+    log_likelihood : float
+        Of the values used, given everything before.
+    map_change : MapChange or None
+        Of an estimator that holds landmarks in its state, None otherwise.
     """
 
     nis: float
@@ -247,10 +256,22 @@ class LandmarkBelief:
 
     Attributes
     ----------
-    layout: of the state.   mean: (m,) its point.   move: (6,) most probable move from the map's frame to g (`models.gauge`).
-    ids: (k,) of the landmarks, each once.   points: (k, 3) m.
-    modes: (k, 3, r).   roots: (k, 3, 3).
-    factor: (n + r + p, n + r + p) of the errors of state, modes and, where p is 6 and not 0, the move.
+    layout : StateLayout
+        Of the state.
+    mean : ndarray of float, shape (m,)
+        Its point.
+    move : ndarray of float, shape (6,)
+        Most probable move from the map's frame to g (`models.gauge`).
+    ids : ndarray of int, shape (k,)
+        The landmarks, each once.
+    points : ndarray of float, shape (k, 3)
+        (k, 3) m.
+    modes : ndarray of float, shape (k, 3, r)
+        (k, 3, r).
+    roots : ndarray of float, shape (k, 3, 3)
+        (k, 3, 3).
+    factor : ndarray of float, shape (N, N)
+        The errors of state, modes and, where p is 6 and not 0, the move.
     """
 
     layout: StateLayout

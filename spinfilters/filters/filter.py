@@ -47,10 +47,14 @@ class MultiplicativeFilter(Estimator):
 
     Parameters
     ----------
-    process: the process model.
-    robust: gate and weights of measured values.
-    adaptation: of stated noise to what is seen.
-    landmarks: how those of an unknown map are held.
+    process : ProcessModel
+        The process model.
+    robust : RobustOptions or None
+        Gate and weights of measured values.
+    adaptation : AdaptationOptions or None
+        Of stated noise to what is seen.
+    landmarks : LandmarkOptions or None
+        How those of an unknown map are held.
     """
 
     def __init__(

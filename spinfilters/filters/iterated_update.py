@@ -38,8 +38,10 @@ class IterationOptions:
 
     Attributes
     ----------
-    iterations: linearisations at most; 1 is the plain update.
-    tolerance: standard deviations; an update is done when what is left to move is smaller, and needs no second linearisation when
+    iterations : int
+        Linearisations at most; 1 is the plain update.
+    tolerance : float
+        Standard deviations; an update is done when what is left to move is smaller, and needs no second linearisation when
         its residual is nowhere so far, in all, from what was expected to be left.
     """
 
@@ -81,7 +83,10 @@ def iterate(
 
     Parameters
     ----------
-    first: the solution about y = 0.   solve: gives the solution about a trial.
+    first : Found
+        The solution about y = 0.
+    solve : Callable[[ndarray of float, shape (r,)], Found]
+        Gives the solution about a trial.
     """
     y = np.zeros(len(first.coordinates))
     value, solution = objective(y), first
@@ -130,7 +135,8 @@ class IteratedObservations:
 
     Attributes
     ----------
-    first: the solution about the mean.
+    first : SolvedObservations
+        The solution about the mean.
     """
 
     observations: MapObservations

@@ -62,7 +62,10 @@ class LandmarkMap(LandmarkArrays):
 
         Parameters
         ----------
-        modes: by those of the present epoch.   confirmed: observations that agree about each of them.
+        modes : ndarray of float, shape (q, 3, r)
+            By those of the present epoch.
+        confirmed : int
+            Observations that agree about each of them.
         """
         begin, end = self.count, self.count + len(ids)
         self._make_room(end)
@@ -244,11 +247,13 @@ class HeldMap:
 
         Parameters
         ----------
-        rows: of the map, of the measurement's landmarks; -1 where it does not hold one.
+        rows : ndarray of int, shape (m,)
+            Of the map, of the measurement's landmarks; -1 where it does not hold one.
 
         Raises
         ------
-        InputError: for a sensor that cannot see landmarks.
+        InputError
+            For a sensor that cannot see landmarks.
         """
         sensor, held = measurement.model.landmark_sensor, self.landmarks
         if sensor is None:

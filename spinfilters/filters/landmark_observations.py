@@ -37,8 +37,10 @@ class SolvedObservations(NamedTuple):
 
     Attributes
     ----------
-    used: (u,) which of the k count, and their weights.
-    whitened: rows of those; the last linearisation's, told about the point before the update.
+    used : ndarray of int, shape (u,)
+        Which of the k count, and their weights.
+    whitened : WhitenedLandmarks
+        Rows of those; the last linearisation's, told about the point before the update.
     """
 
     correction: Correction

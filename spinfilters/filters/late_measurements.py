@@ -55,9 +55,12 @@ class OutOfSequenceResult:
 
     Attributes
     ----------
-    reason: in words, empty where it went in.
-    report: of its update, None where it was left out.
-    replayed: how many epochs after it were done again.
+    reason : str
+        In words, empty where it went in.
+    report : UpdateReport or None
+        Of its update, None where it was left out.
+    replayed : int
+        How many epochs after it were done again.
     """
 
     outcome: Outcome
@@ -86,9 +89,12 @@ class OutOfSequenceUpdates:
 
     Parameters
     ----------
-    estimator: started at ``time`` (s); it belongs to this object from now on.
-    horizon_s: how much older than the latest epoch a measurement may be.
-    capacity: epochs that are kept at most, at least 1; where they span less than the horizon, that is what can be gone back to.
+    estimator : Estimator
+        Started at ``time`` (s); it belongs to this object from now on.
+    horizon_s : float
+        How much older than the latest epoch a measurement may be.
+    capacity : int
+        Epochs that are kept at most, at least 1; where they span less than the horizon, that is what can be gone back to.
     """
 
     def __init__(
@@ -153,7 +159,8 @@ class OutOfSequenceUpdates:
 
         Raises
         ------
-        InputError: a time that is not finite.
+        InputError
+            A time that is not finite.
         """
         if not np.isfinite(time):
             raise InputError(
@@ -169,7 +176,8 @@ class OutOfSequenceUpdates:
 
         Raises
         ------
-        InputError: a time before the latest epoch, or not finite.
+        InputError
+            A time before the latest epoch, or not finite.
         """
         if not (np.isfinite(time) and time >= self._time):
             raise InputError(

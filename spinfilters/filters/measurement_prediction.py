@@ -27,10 +27,16 @@ class LinearisedRows:
 
     Attributes
     ----------
-    measurement: the values that are used.
-    innovation: (k, d).   jacobian: (k, d, c) with respect to the error's ``columns``.
-    log_noise: (k,) log determinant of the factor by which each was whitened.
-    root_weights: (k,) square roots of the weights that are in all this, None for 1.
+    measurement : Measurement
+        The values that are used.
+    innovation : ndarray of float, shape (k, d)
+        (k, d).
+    jacobian : ndarray of float, shape (k, d, c)
+        With respect to the error's ``columns``.
+    log_noise : ndarray of float, shape (k,)
+        Log determinant of the factor by which each was whitened.
+    root_weights : ndarray of float, shape (k,) or None
+        Square roots of the weights that are in all this, None for 1.
     """
 
     measurement: Measurement
@@ -133,7 +139,8 @@ class SigmaPointOptions:
 
         Raises
         ------
-        InputError: when a covariance weight is negative, with which a covariance could become indefinite.
+        InputError
+            When a covariance weight is negative, with which a covariance could become indefinite.
         """
         # slow to import, and settings alone need none of it
         from filterpy.kalman import MerweScaledSigmaPoints
@@ -153,7 +160,12 @@ class SigmaPoints:
 
     Attributes
     ----------
-    offsets: (p, n).   mean_weights: (p,).   root_weights: (p,) square roots of the covariance weights.
+    offsets : ndarray of float, shape (p, n)
+        (p, n).
+    mean_weights : ndarray of float, shape (p,)
+        (p,).
+    root_weights : ndarray of float, shape (p,)
+        Square roots of the covariance weights.
     """
 
     offsets: Float[np.ndarray, "p n"]
@@ -189,7 +201,12 @@ class Prediction:
 
     Attributes
     ----------
-    times: (k,) s ahead of the belief that was carried on.   mean: (k, m).   factor: (k, n, n), P = factor factor'.
+    times : ndarray of float, shape (k,)
+        S ahead of the belief that was carried on.
+    mean : ndarray of float, shape (k, m)
+        (k, m).
+    factor : ndarray of float, shape (k, n, n)
+        P = factor factor'.
     """
 
     layout: StateLayout
@@ -207,11 +224,14 @@ def predict_ahead(process: ProcessModel, belief: Gaussian, dt: Float[np.ndarray,
 
     Parameters
     ----------
-    dt: seconds ahead of the belief, positive and increasing; every one is a step from the one before, the first from the belief.
+    dt : ndarray of float, shape (k,)
+        Seconds ahead of the belief, positive and increasing; every one is a step from the one before, the first from the
+        belief.
 
     Raises
     ------
-    InputError: times that are none, not finite, not ahead or not increasing.
+    InputError
+        Times that are none, not finite, not ahead or not increasing.
     """
     gaps = np.diff(dt, prepend=0.0)
     if not (len(dt) and np.isfinite(dt).all() and (gaps > 0).all()):

@@ -59,8 +59,10 @@ def raised_logarithm(variance: float, share: float = 1.0) -> float:
 
     Parameters
     ----------
-    variance: of the density's logarithm, prior included.
-    share: of the density in what tells it; at most the data's share of the information, so that s is positive.
+    variance : float
+        Of the density's logarithm, prior included.
+    share : float
+        Of the density in what tells it; at most the data's share of the information, so that s is positive.
     """
     variance = max(variance, SMALLEST_VARIANCE)
     information = max(1 / variance - PRIOR_INFORMATION, LEAST_INFORMATION)
@@ -89,10 +91,16 @@ class ComponentRows:
 
     Attributes
     ----------
-    name: of the noise option.   value: that the problem was stated with, in the option's unit.
-    sensors: rows of the innovation, by the sensor's number in `Motion.sensors`.
-    landmarks: whether observations of landmarks are scaled by it.
-    smallest: level below which an identification does not go, in the option's unit; 0 for no bound.
+    name : str
+        Of the noise option.
+    value : float
+        That the problem was stated with, in the option's unit.
+    sensors : Mapping[int, tuple[int, ...]]
+        Rows of the innovation, by the sensor's number in `Motion.sensors`.
+    landmarks : bool
+        Whether observations of landmarks are scaled by it.
+    smallest : float
+        Level below which an identification does not go, in the option's unit; 0 for no bound.
     """
 
     name: str
@@ -108,9 +116,12 @@ class VarianceComponent:
 
     Attributes
     ----------
-    value: standard deviation of a sensor in the unit of its option, or density of a disturbance.
-    log_std: standard deviation of ln variance (of a density, of its ln).
-    share: of the level in the variance of what tells it, beside all other noise.
+    value : float
+        Standard deviation of a sensor in the unit of its option, or density of a disturbance.
+    log_std : float
+        Standard deviation of ln variance (of a density, of its ln).
+    share : float
+        Of the level in the variance of what tells it, beside all other noise.
     """
 
     name: str
@@ -177,8 +188,10 @@ class AdaptationOptions:
 
     Attributes
     ----------
-    measurement: horizon of the sensors' scales, in updates of the sensor; 0 keeps the stated noise.
-    process: horizon of the disturbances' scales, in predictions; 0 keeps the stated densities.
+    measurement : float
+        Horizon of the sensors' scales, in updates of the sensor; 0 keeps the stated noise.
+    process : float
+        Horizon of the disturbances' scales, in predictions; 0 keeps the stated densities.
     """
 
     measurement: Annotated[float, HORIZON] = 0.0
@@ -267,9 +280,10 @@ class NoiseAdaptation:
 
     Parameters
     ----------
-    identified: scales by source ("sensor.pose", "process.torque") with the information that an identification has gathered. They go
-        on from there, by a part of the epochs (`BLOCK`) and forgetting nothing where the options give no horizon; a density is
-        scaled to its mean (`density_mean`).
+    identified : Mapping[str, NoiseScale] or None
+        Scales by source ("sensor.pose", "process.torque") with the information that an identification has gathered. They go
+        on from there, by a part of the epochs (`BLOCK`) and forgetting nothing where the options give no horizon; a density
+        is scaled to its mean (`density_mean`).
     """
 
     def __init__(

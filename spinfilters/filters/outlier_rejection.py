@@ -21,10 +21,14 @@ class RobustOptions:
 
     Attributes
     ----------
-    gate_probability: of a true value to pass the gate, in (0, 1]; 1 for no gate.
-    loss: "none" (least squares), "huber" (w = min(1, width / r)) or "barron" (Barron 2019, c = width, scaled to w(0) = 1).
-    width: where the loss begins to bend, in standard deviations.
-    shape: Barron's alpha, at most 2: 2 least squares, 1 pseudo-Huber, 0 Cauchy, -2 Geman-McClure.
+    gate_probability : float
+        Of a true value to pass the gate, in (0, 1]; 1 for no gate.
+    loss : str
+        "none" (least squares), "huber" (w = min(1, width / r)) or "barron" (Barron 2019, c = width, scaled to w(0) = 1).
+    width : float
+        Where the loss begins to bend, in standard deviations.
+    shape : float
+        Barron's alpha, at most 2: 2 least squares, 1 pseudo-Huber, 0 Cauchy, -2 Geman-McClure.
     """
 
     gate_probability: Annotated[float, NumberRange(1e-15, 1)] = 0.9999
@@ -54,7 +58,10 @@ def weights(
 
     Parameters
     ----------
-    innovation: whitened.   covariance: S of the innovation in the same units, that of the predicted state included.
+    innovation : ndarray of float, shape (k, d)
+        Whitened.
+    covariance : ndarray of float, shape (k, d, d)
+        S of the innovation in the same units, that of the predicted state included.
     """
     return distance_weights(squared_distances(innovation, covariance), innovation.shape[1], options)
 
@@ -176,7 +183,8 @@ class DuplicateImages:
 
         Parameters
         ----------
-        keys: (k,) ids of landmarks or (k, p) parameters of the rows, by which a landmark is known again.
+        keys : Num[ndarray, k ...]
+            (k,) ids of landmarks or (k, p) parameters of the rows, by which a landmark is known again.
         """
         if not len(values):
             return False

@@ -23,10 +23,14 @@ class LandmarkOptions:
 
     Attributes
     ----------
-    modes: errors that all landmarks share, at most; they stand in the state.
-    explained: of the landmarks of a start, in all, that a mode must explain to be held, in squared standard deviations.
-    largest_map: landmarks at most; those observed longest ago go first.
-    precision: of what is kept of every landmark, "float64" or "float32".
+    modes : int
+        Errors that all landmarks share, at most; they stand in the state.
+    explained : float
+        Of the landmarks of a start, in all, that a mode must explain to be held, in squared standard deviations.
+    largest_map : int
+        Landmarks at most; those observed longest ago go first.
+    precision : str
+        Of what is kept of every landmark, "float64" or "float32".
     """
 
     modes: Annotated[int, NumberRange(1, 60, whole=True)] = 12
@@ -56,7 +60,12 @@ class SharedErrors:
 
     Attributes
     ----------
-    state_rows: (n, w).   follow: (k, 3, R), by the first R of the w.   own: (k, 3, 3).
+    state_rows : ndarray of float, shape (n, w)
+        (n, w).
+    follow : ndarray of float, shape (k, 3, R)
+        By the first R of the w.
+    own : ndarray of float, shape (k, 3, 3)
+        (k, 3, 3).
     """
 
     layout: StateLayout

@@ -21,12 +21,18 @@ class MeasurementPrediction:
 
     Attributes
     ----------
-    innovation: (k,) whitened innovation rho.
-    measurement_factor: (k, r) Y.
-    state_factor: (n, r) X.
-    residual: squared norm of innovation components that no state can explain (left out of ``innovation`` by compression).
-    dof: number of scalar measurements, before compression.
-    log_noise: log determinant of the factor by which the measurement was whitened.
+    innovation : ndarray of float, shape (k,)
+        Whitened innovation rho.
+    measurement_factor : ndarray of float, shape (k, r)
+        (k, r) Y.
+    state_factor : ndarray of float, shape (n, r)
+        (n, r) X.
+    residual : float
+        Squared norm of innovation components that no state can explain (left out of ``innovation`` by compression).
+    dof : int
+        Number of scalar measurements, before compression.
+    log_noise : float
+        Log determinant of the factor by which the measurement was whitened.
     """
 
     innovation: Float[np.ndarray, " k"]
@@ -43,10 +49,20 @@ class Correction:
 
     Attributes
     ----------
-    error: (n,) estimate d.   factor: (n, n) of its covariance.
-    nis: normalised innovation squared.   log_likelihood: of the measurement.   dof: number of its scalars.
-    root: (r, r) U in the upper triangle; the first r coordinates of the state's factor are what the measurement sees.
-    shift: (r,) U y, the estimate in standard deviations of what is left, y those coordinates (d = X y).
+    error : ndarray of float, shape (n,)
+        Estimate d.
+    factor : ndarray of float, shape (n, n)
+        Its covariance.
+    nis : float
+        Normalised innovation squared.
+    log_likelihood : float
+        Of the measurement.
+    dof : int
+        Number of its scalars.
+    root : ndarray of float, shape (r, r)
+        U in the upper triangle; the first r coordinates of the state's factor are what the measurement sees.
+    shift : ndarray of float, shape (r,)
+        U y, the estimate in standard deviations of what is left, y those coordinates (d = X y).
     """
 
     error: Float[np.ndarray, " n"]

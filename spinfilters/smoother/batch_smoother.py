@@ -74,9 +74,11 @@ class AnnealedSchedule:
 
     Attributes
     ----------
-    iterations: in which the process noise may be inflated, and gates wide.
-    gate: length of a whitened innovation of three components beyond which an observation counts as wrong (of others the length of
-        the same probability); None for the losses that the problem has.
+    iterations : int
+        In which the process noise may be inflated, and gates wide.
+    gate : float or None
+        Length of a whitened innovation of three components beyond which an observation counts as wrong (of others the
+        length of the same probability); None for the losses that the problem has.
     """
 
     problem: Problem
@@ -183,9 +185,14 @@ class BatchSmoothing:
 
     Attributes
     ----------
-    mean: (k, m).   factor: (k, n, n) of each epoch's covariance given everything; not finite where something is not determined.
-    accepted, rejected: (k,) measurements of each epoch that count, and that do not.
-    unobservable: findings of what the measurements do not determine.
+    mean : ndarray of float, shape (k, m)
+        (k, m).
+    factor : ndarray of float, shape (k, n, n)
+        Each epoch's covariance given everything; not finite where something is not determined.
+    accepted, rejected : ndarray of int, shape (k,)
+        Measurements of each epoch that count, and that do not.
+    unobservable : list[Finding]
+        Findings of what the measurements do not determine.
     """
 
     mean: Float[np.ndarray, "k m"]
@@ -208,8 +215,8 @@ def smooth_recording(
 
     Parameters
     ----------
-    annealed_iterations: in which disturbances are taken for larger than they are, at most, for a trajectory that does not obey
-        its dynamics.
+    annealed_iterations : int
+        In which disturbances are taken for larger than they are, at most, for a trajectory that does not obey its dynamics.
     """
     problem = problem_of(process, epochs, NO_LANDMARKS, prior, 2, loss)
     return smooth_problem(problem, trajectory, annealed_iterations)

@@ -52,9 +52,16 @@ class InitialMotion:
 
     Attributes
     ----------
-    time: (k,) s.   attitude: (k, 4) q_ig.   rates: (k, 3) body rates, rad/s, g axes.
-    positions: (k, 3) origins of g in i, m, or None when nothing measures them.
-    defines_attitude: whether the first attitude is a definition of frame i rather than measured.
+    time : ndarray of float, shape (k,)
+        (k,) s.
+    attitude : ndarray of float, shape (k, 4)
+        Q_ig.
+    rates : ndarray of float, shape (k, 3)
+        Body rates, rad/s, g axes.
+    positions : ndarray of float, shape (k, 3) or None
+        Origins of g in i, m, or None when nothing measures them.
+    defines_attitude : bool
+        Whether the first attitude is a definition of frame i rather than measured.
     """
 
     time: Float[np.ndarray, " k"]
@@ -79,7 +86,8 @@ def initial_motion(samples: MotionSamples, epochs: int) -> InitialMotion:
 
     Raises
     ------
-    InputError: neither attitudes nor rates; without rates fewer than 4 attitudes, or more than `MOST_APART` of them farther than
+    InputError
+        Neither attitudes nor rates; without rates fewer than 4 attitudes, or more than `MOST_APART` of them farther than
         `LARGEST_TURN` from their neighbours.
     """
     first = {name: getattr(samples, name) for name in ("attitude", "rates", "positions")}
@@ -110,7 +118,8 @@ def _differenced(
 
     Parameters
     ----------
-    shared: landmarks in common with the epoch before, where the attitudes come from tracks.
+    shared : ndarray of int, shape (k,) or None
+        Landmarks in common with the epoch before, where the attitudes come from tracks.
     """
     if len(time) < 4:
         raise InputError(
@@ -335,7 +344,8 @@ def fit_momentum(
 
     Raises
     ------
-    InputError: with fewer than 4 epochs, or a body that does not rotate.
+    InputError
+        With fewer than 4 epochs, or a body that does not rotate.
     """
     if len(rates) < 4:
         raise InputError(

@@ -79,13 +79,22 @@ class Eliminated:
 
     Attributes
     ----------
-    weight: (N,) of each observation.   is_constrained: (L,) which of the observations' landmarks.   used: (N,) observations
-        that count: those of a
-    told landmark with a weight.
-    information_sqrt: (L, 3, 3) lower triangular L.   gradient: (L, 3) y.   coupling: (N, 3, 6) Y of each observation; that of
-        the first of a
-    landmark's observations in an epoch holds them all.
-    information: (r + 1, r) what is left to the poses, in the lower triangle, and an empty row.   pose_gradient: (r,).
+    weight : ndarray of float, shape (N,)
+        Each observation.
+    is_constrained : ndarray of bool, shape (L,)
+        Which of the observations' landmarks.
+    used : ndarray of bool, shape (N,)
+        Observations that count: those of a told landmark with a weight.
+    information_sqrt : ndarray of float, shape (L, 3, 3)
+        Lower triangular L.
+    gradient : ndarray of float, shape (L, 3)
+        (L, 3) y.
+    coupling : ndarray of float, shape (N, 3, 6)
+        Y of each observation; that of the first of a landmark's observations in an epoch holds them all.
+    information : ndarray of float, shape (w, r)
+        What is left to the poses, in the lower triangle, and an empty row.
+    pose_gradient : ndarray of float, shape (r,)
+        (r,).
     """
 
     observations: LandmarkObservations
@@ -149,7 +158,8 @@ def eliminate(
 
     Parameters
     ----------
-    kept: number of unknowns that remain, poses first.
+    kept : int
+        Number of unknowns that remain, poses first.
     """
     library = kernels()
     if library is None:
@@ -269,10 +279,20 @@ class VelocityElimination:
 
     Attributes
     ----------
-    information_sqrts: (k, v, v) L_k.   next: (k - 1, v, v) F_k.   coupling: (k, v, w) X_k, columns: poses, constants,
-        right-hand side.
-    begin: (k,) first pose that X_k still feels.   pose: columns of a pose.   reach: poses that every epoch may feel.
-    failed: epoch whose information is not positive definite, or -1.
+    information_sqrts : ndarray of float, shape (k, v, v)
+        L_k.
+    next : ndarray of float, shape (j, v, v)
+        F_k.
+    coupling : ndarray of float, shape (k, v, w)
+        X_k, columns: poses, constants, right-hand side.
+    begin : ndarray of int, shape (k,)
+        First pose that X_k still feels.
+    pose : int
+        Columns of a pose.
+    reach : int
+        Poses that every epoch may feel.
+    failed : int
+        Epoch whose information is not positive definite, or -1.
     """
 
     information_sqrts: Float[np.ndarray, "k v v"]
@@ -333,7 +353,10 @@ def eliminate_velocities(
 
     Parameters
     ----------
-    pose: number of leading columns of G per epoch.   reach: poses that G_0 may hold; G_k holds those up to k + 1.
+    pose : int
+        Number of leading columns of G per epoch.
+    reach : int
+        Poses that G_0 may hold; G_k holds those up to k + 1.
     """
     (K, v, width), library = G.shape, kernels()
     begin = np.zeros(K, dtype=np.int64)

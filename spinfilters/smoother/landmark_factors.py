@@ -41,9 +41,14 @@ class LandmarkObservations:
 
     Attributes
     ----------
-    epoch, landmark: (N,) number of the epoch and of the landmark.
-    place: (N,) where an observation stands among all of its epoch.   counts: (k,) how many observations each epoch has.
-    landmarks: how many landmarks there are.
+    epoch, landmark : ndarray of int, shape (N,)
+        Number of the epoch and of the landmark.
+    place : ndarray of int, shape (N,)
+        Where an observation stands among all of its epoch.
+    counts : ndarray of int, shape (k,)
+        How many observations each epoch has.
+    landmarks : int
+        How many landmarks there are.
     """
 
     epoch: Int[np.ndarray, " N"]
@@ -78,8 +83,10 @@ class LinearObservations:
 
     Attributes
     ----------
-    rows: (N, 3, 10), see `COLUMNS`.
-    square: (N,) squared length of the innovation, infinite where the sensor's model does not apply.
+    rows : ndarray of float, shape (N, 3, 10)
+        See `COLUMNS`.
+    square : ndarray of float, shape (N,)
+        Squared length of the innovation, infinite where the sensor's model does not apply.
     """
 
     rows: Float[np.ndarray, "N 3 10"]
@@ -125,7 +132,8 @@ def collect_observations(epochs: Timeline, ids: Int[np.ndarray, " L"], needed: i
 
     Raises
     ------
-    InputError: when a sensor of landmarks sees more than the pose.
+    InputError
+        When a sensor of landmarks sees more than the pose.
     """
     seen = _seen(epochs)
     row = np.clip(np.searchsorted(ids, seen.ids), 0, max(len(ids) - 1, 0))
@@ -234,7 +242,8 @@ def reinitialised(
 
     Parameters
     ----------
-    gate: Mahalanobis distance within which two observations' own points agree.
+    gate : float
+        Mahalanobis distance within which two observations' own points agree.
     """
     rows = _lost(observations, inliers)
     if not len(rows):

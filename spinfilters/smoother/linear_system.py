@@ -34,7 +34,10 @@ class LinearSystem:
 
     Attributes
     ----------
-    M: (r + 1, r) lower triangle over poses and constants, then the right-hand side as a row.   tridiagonal: D, E, G.
+    M : ndarray of float, shape (w, r)
+        Lower triangle over poses and constants, then the right-hand side as a row.
+    tridiagonal : Blocks
+        D, E, G.
     """
 
     M: Float[np.ndarray, "w r"]
@@ -58,11 +61,18 @@ class SchurSystem:
 
     Attributes
     ----------
-    information_sqrt: (r, r) Cholesky factor of what remains, in the lower triangle; the rest is not zero.   tridiagonal: what
-        was eliminated before.
-    gradient: (r,) right-hand side of what remains.
-    separator_step: (r,) step of poses and constants.   tridiagonal_step: (k, v) of the rest.
-    predicted_reduction: by how much the linear problem's cost falls.
+    information_sqrt : ndarray of float, shape (r, r)
+        Cholesky factor of what remains, in the lower triangle; the rest is not zero.
+    tridiagonal : VelocityElimination
+        What was eliminated before.
+    gradient : ndarray of float, shape (r,)
+        Right-hand side of what remains.
+    separator_step : ndarray of float, shape (r,)
+        Step of poses and constants.
+    tridiagonal_step : ndarray of float, shape (k, v)
+        The rest.
+    predicted_reduction : float
+        By how much the linear problem's cost falls.
     """
 
     ordering: VariableOrdering
@@ -279,7 +289,10 @@ class Marginals:
 
     Attributes
     ----------
-    solution: of the linear problem at the estimate.   eliminated: its landmarks, or None.
+    solution : SchurSystem
+        Of the linear problem at the estimate.
+    eliminated : Eliminated or None
+        Its landmarks, or None.
     """
 
     solution: SchurSystem
@@ -471,7 +484,8 @@ def joint_belief(
 
     Parameters
     ----------
-    mean: of the latest epoch.   ids, points (m, frame g): of the well-constrained landmarks, in their order.
+    mean : ndarray of float, shape (m,)
+        Of the latest epoch. ids, points (m, frame g): of the well-constrained landmarks, in their order.
     """
     assert marginals.eliminated is not None
     constrained = np.flatnonzero(marginals.eliminated.is_constrained)

@@ -100,7 +100,10 @@ class Barron(RobustLoss):
 
     Attributes
     ----------
-    shape: alpha: 2 is least squares, 1 pseudo-Huber, 0 Cauchy, -2 Geman-McClure.   scale: c, standard deviations.
+    shape : float
+        Alpha: 2 is least squares, 1 pseudo-Huber, 0 Cauchy, -2 Geman-McClure.
+    scale : float
+        C, standard deviations.
     """
 
     shape: float = 0.0
@@ -137,7 +140,8 @@ class Gate(RobustLoss):
 
     Attributes
     ----------
-    among: (N,) residuals that count at all, or None for all.
+    among : ndarray or None
+        (N,) residuals that count at all, or None for all.
     """
 
     inner: float
@@ -168,7 +172,12 @@ class Graduated(RobustLoss):
 
     Attributes
     ----------
-    threshold: b, standard deviations.   first, rate: of m, greater than 1.   stage: iterations so far.
+    threshold : float
+        B, standard deviations.
+    first, rate : float
+        Of m, greater than 1.
+    stage : int
+        Iterations so far.
     """
 
     threshold: float = 3.0

@@ -92,7 +92,8 @@ def without_landmarks(
 
     Parameters
     ----------
-    linear: the linear problem in which they are eliminated, and the point it is about.
+    linear : LinearProblem
+        The linear problem in which they are eliminated, and the point it is about.
     """
     here, ordering = linear.point.trajectory, problem.ordering
     first = _first_estimates(window, ordering, here)
@@ -118,7 +119,10 @@ def without_oldest(
 
     Parameters
     ----------
-    linear: as for `without_landmarks`.   count: of the epochs that leave; one stays at least.
+    linear : LinearProblem
+        As for `without_landmarks`.
+    count : int
+        Of the epochs that leave; one stays at least.
     """
     ordering, here = problem.ordering, linear.point.trajectory
     first, more = _first_estimates(window, ordering, here), count * len(ordering.tridiagonal)
@@ -235,7 +239,8 @@ def _at_first_estimates(
 
     Parameters
     ----------
-    more: columns between those of a carried quadratic and the right-hand side, of errors whose first estimate is that of now.
+    more : int
+        Columns between those of a carried quadratic and the right-hand side, of errors whose first estimate is that of now.
     """
     result, p, last = rows.copy(), len(ordering.pose), rows.shape[1] - 1 - more
     if p:

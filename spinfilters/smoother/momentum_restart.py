@@ -77,7 +77,10 @@ def restarted_from_momentum(
 
     Parameters
     ----------
-    window: at its present optimum.   linear: the last linear problem on the way to it.
+    window : Window
+        At its present optimum.
+    linear : LinearProblem
+        The last linear problem on the way to it.
     """
     layout, here, candidates, count = problem.layout, window.trajectory, [], 0
     if not layout.translates or problem.observations is None:

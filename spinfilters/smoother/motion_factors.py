@@ -26,7 +26,10 @@ class EpochRows:
 
     Attributes
     ----------
-    rows: (r, i, c + 1), contiguous.   epoch: (r,) ascending.
+    rows : ndarray of float, shape (r, i, c1)
+        Contiguous.
+    epoch : ndarray of int, shape (r,)
+        Ascending.
     """
 
     rows: Float[np.ndarray, "r i c1"]
@@ -104,9 +107,14 @@ class WeightedRows(NamedTuple):
 
     Attributes
     ----------
-    rows: (r, i, c + 1) Jacobian by the model's columns, with the right-hand side as the last column.
-    costs: (r,) robust costs.   squares: (r,) squared lengths of the whitened innovations; infinite where the model does not apply.
-    counted: (r,) whether they have a weight; rows of others are zero.
+    rows : ndarray of float, shape (r, i, c1)
+        Jacobian by the model's columns, with the right-hand side as the last column.
+    costs : ndarray of float, shape (r,)
+        Robust costs.
+    squares : ndarray of float, shape (r,)
+        Squared lengths of the whitened innovations; infinite where the model does not apply.
+    counted : ndarray of bool, shape (r,)
+        Whether they have a weight; rows of others are zero.
     """
 
     rows: Float[np.ndarray, "r i c1"]
@@ -205,12 +213,21 @@ class InformationBlocks:
 
     Attributes
     ----------
-    epochs: (k, n + 1, n + 1) of each epoch alone, components in `VariableOrdering.order`, then the right-hand side.
-    steps: (k - 1, 2 d + c + 1, ...) of each step: moving here, moving there, constants, right-hand side.
-    cost: sum of (robust) squares.   rows: (k - 1, d, 2 d + c + 1) of the steps, whitened.
-    mean_squares: (r,) squared length of each observation's whitened innovation over its dimension; infinite where the model does
-        not apply.
-    sensor_rows: of each sensor.   noise: (k - 1, n, q) noise factors of the steps, None where they are not in memory.
+    epochs : ndarray of float, shape (k, n1, n1)
+        Each epoch alone, components in `VariableOrdering.order`, then the right-hand side.
+    steps : ndarray of float, shape (j, s1, s1)
+        Each step: moving here, moving there, constants, right-hand side.
+    cost : float
+        Sum of (robust) squares.
+    rows : ndarray of float, shape (j, d, s1)
+        The steps, whitened.
+    mean_squares : ndarray of float, shape (r,)
+        Squared length of each observation's whitened innovation over its dimension; infinite where the model does not
+        apply.
+    sensor_rows : tuple[WeightedRows, ...]
+        Of each sensor.
+    noise : ndarray of float, shape (j, n, q) or None
+        Noise factors of the steps, None where they are not in memory.
     """
 
     epochs: Float[np.ndarray, "k n1 n1"]
@@ -228,9 +245,14 @@ class EpochFactors:
 
     Attributes
     ----------
-    dt: (k - 1,) s.   prior: of the first state, or None where something else holds it.
-    loss: of each measurement's whitened length.   first: (m,) whose constants the steps are linearised about, or None for
-    their own.
+    dt : ndarray of float, shape (j,)
+        (k - 1,) s.
+    prior : StatePrior or None
+        Of the first state, or None where something else holds it.
+    loss : RobustLoss
+        Of each measurement's whitened length.
+    first : ndarray of float, shape (m,) or None
+        Whose constants the steps are linearised about, or None for their own.
     """
 
     process: ProcessModel
@@ -273,7 +295,8 @@ class EpochFactors:
 
         Parameters
         ----------
-        pose_only_loss: of each measurement in place of `loss`.
+        pose_only_loss : RobustLoss or None
+            Of each measurement in place of `loss`.
         """
         n, made = self.process.layout.error_dim, []
         blocks, cost = np.zeros((len(trajectory), n + 1, n + 1)), 0.0
@@ -349,7 +372,8 @@ def motion_of(process: ProcessModel, epochs: Timeline, has_landmarks: bool) -> E
 
     Parameters
     ----------
-    has_landmarks: whether there are observations of landmarks.
+    has_landmarks : bool
+        Whether there are observations of landmarks.
     """
     dt = np.diff(times_of(epochs))
     return EpochFactors(

@@ -61,7 +61,8 @@ class VariableOrdering:
 
     Attributes
     ----------
-    has_landmarks: whether observations tie the poses together.
+    has_landmarks : bool
+        Whether observations tie the poses together.
     """
 
     layout: StateLayout
@@ -133,9 +134,16 @@ class MarginalizationPrior:
 
     Attributes
     ----------
-    ordering: how the F epochs' errors are split; columns: their poses, the constants, the chain of the first epoch.
-    first: (F, m) points at which each was first carried.   information_sqrt: (q, q) R.   right: (q,) y.   constant_cost: the
-        least cost there is.
+    ordering : VariableOrdering
+        How the F epochs' errors are split; columns: their poses, the constants, the chain of the first epoch.
+    first : ndarray of float, shape (F, m)
+        Points at which each was first carried.
+    information_sqrt : ndarray of float, shape (q, q)
+        (q, q) R.
+    right : ndarray of float, shape (q,)
+        (q,) y.
+    constant_cost : float
+        The least cost there is.
     """
 
     ordering: VariableOrdering

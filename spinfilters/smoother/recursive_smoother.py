@@ -36,7 +36,8 @@ class RecursiveSmoother(Estimator):
 
     Parameters
     ----------
-    sensors: those of a run whose snapshot another object is to restore, in the same order; others join as they speak.
+    sensors : Sequence[MeasurementModel]
+        Those of a run whose snapshot another object is to restore, in the same order; others join as they speak.
     """
 
     name = "smoother"
@@ -74,7 +75,8 @@ class RecursiveSmoother(Estimator):
 
         Parameters
         ----------
-        prior: of the first epoch's state; its pose says where g is.
+        prior : StatePrior
+            Of the first epoch's state; its pose says where g is.
         """
         self._begun(prior)
         for epoch in epochs:
@@ -214,7 +216,8 @@ def window_of(layout: StateLayout, arrays: Snapshot, sensors: Sequence[Measureme
 
     Raises
     ------
-    InputError: a sensor that is not among ``sensors``, or is another.
+    InputError
+        A sensor that is not among ``sensors``, or is another.
     """
     models = tuple(_landmark_sensor(sensors, number) for number in arrays["window_sensors"].tolist())
     return Window(
@@ -289,10 +292,14 @@ class ConvergenceRecord:
 
     Attributes
     ----------
-    time: (f,) s, of the epochs; solve number k took in epoch number k.
-    values: by name (f, f, q), solves by epochs by components; not a number where the epoch was not in the window.
-    latest: the epoch that each solve took in, as that solve saw it; it holds the constants of the solve.
-    trusted: (f,) whether the smoother vouched for its solve; before, it may sit in a wrong minimum.
+    time : ndarray of float, shape (f,)
+        S, of the epochs; solve number k took in epoch number k.
+    values : dict[str, ndarray of float, shape (f, f, q)]
+        By name (f, f, q), solves by epochs by components; not a number where the epoch was not in the window.
+    latest : tuple[MarginalizedState, ...]
+        The epoch that each solve took in, as that solve saw it; it holds the constants of the solve.
+    trusted : ndarray of bool, shape (f,)
+        Whether the smoother vouched for its solve; before, it may sit in a wrong minimum.
     """
 
     time: Float[np.ndarray, " f"]
@@ -321,7 +328,8 @@ def record_convergence(
 
     Raises
     ------
-    InputError: no epoch, or more than `MOST_EPOCHS`.
+    InputError
+        No epoch, or more than `MOST_EPOCHS`.
     """
     count = len(timeline)
     if not 1 <= count <= MOST_EPOCHS:

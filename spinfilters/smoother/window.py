@@ -36,7 +36,8 @@ class WindowPolicy(ABC):
 
     Attributes
     ----------
-    determined: standard deviation of the mass distribution above which no epoch leaves.
+    determined : float
+        Standard deviation of the mass distribution above which no epoch leaves.
     """
 
     determined: float
@@ -73,7 +74,10 @@ class LandmarkMarginalization(WindowPolicy):
 
     Attributes
     ----------
-    revolutions: of the body, since a landmark was last seen.   epochs: that stay, at least.
+    revolutions : float
+        Of the body, since a landmark was last seen.
+    epochs : int
+        That stay, at least.
     """
 
     revolutions: float = 8.0
@@ -106,7 +110,8 @@ class FixedLag(WindowPolicy):
 
     Attributes
     ----------
-    epochs: that stay, at least.
+    epochs : int
+        That stay, at least.
     """
 
     epochs: int = 20
@@ -153,8 +158,16 @@ class WindowObservations:
 
     Attributes
     ----------
-    epoch: (N,) number in the window.   landmark: (N,) number among the window's.   sensor: (N,) number of the sensor.   values:
-    (N, v).   parameters: (N, p), without the landmark's point.
+    epoch : ndarray of int, shape (N,)
+        Number in the window.
+    landmark : ndarray of int, shape (N,)
+        Number among the window's.
+    sensor : ndarray of int, shape (N,)
+        Number of the sensor.
+    values : ndarray of float, shape (N, v)
+        (N, v).
+    parameters : ndarray of float, shape (N, p)
+        Without the landmark's point.
     """
 
     epoch: Int[np.ndarray, " N"]
@@ -186,9 +199,20 @@ class Window:
 
     Attributes
     ----------
-    epochs: k of them, with what was measured beside landmarks.   trajectory: (k, m).   seen: their observations.
-    models: sensors of landmarks, by number.
-    ids: (L,) of the landmarks, each once.   points: (L, 3) m, frame g.   marginal_prior: what is left of those that have gone.
+    epochs : tuple[Epoch, ...]
+        K of them, with what was measured beside landmarks.
+    trajectory : ndarray of float, shape (k, m)
+        (k, m).
+    seen : WindowObservations
+        Their observations.
+    models : tuple[LandmarkSensor, ...]
+        Sensors of landmarks, by number.
+    ids : ndarray of int, shape (L,)
+        The landmarks, each once.
+    points : ndarray of float, shape (L, 3)
+        M, frame g.
+    marginal_prior : MarginalizationPrior or None
+        What is left of those that have gone.
     """
 
     epochs: tuple[Epoch, ...]
