@@ -100,9 +100,9 @@ class CompiledUpdate:
         Parameters
         ----------
         scale : float
-            Of the noise covariance, over the stated one.
+            Ratio of the noise covariance to the stated one.
         limit : float
-            Of the gate, a squared distance; negative for another rule.
+            Squared Mahalanobis distance of the gate; negative where another rule than a gate applies.
         """
         count, n = len(measurement.values), self._size
         if not count or limit < 0 or factor.shape != (n, n):

@@ -70,9 +70,9 @@ class UpdateReport:
         Numbers of measurements used, the first of a landmark among them, and left out (point at or behind the camera, not
         finite, refused).
     log_likelihood : float
-        Of the values used, given everything before.
+        Log likelihood of the values used, given everything before.
     map_change : MapChange or None
-        Of an estimator that holds landmarks in its state, None otherwise.
+        Change of the map by an estimator with landmarks in its state, None otherwise.
     """
 
     nis: float
@@ -248,30 +248,29 @@ class LatestBelief(Estimator):
 class LandmarkBelief:
     """Belief of a state, shared modes and landmarks.
 
-    r shared modes of the landmarks' errors, and each landmark's own error.
-    d_i = modes_i m + roots_i e_i.
+    The error of landmark i is d_i = modes_i m + roots_i e_i, with r modes m that all landmarks share and an error e_i of its own.
 
-    All of it is told in the map's frame, in which no rigid motion of all landmarks together is uncertain. Frame g of the state that
+    All of it refers to the map's frame, in which no rigid motion of all landmarks together is uncertain. Frame g of the state that
     is asked for differs by a small move (theta, rho), whose error stands in the factor too: nothing observed depends on it.
 
     Attributes
     ----------
     layout : StateLayout
-        Of the state.
+        Layout of the state.
     mean : ndarray of float, shape (m,)
-        Its point.
+        Mean of the state.
     move : ndarray of float, shape (6,)
         Most probable move from the map's frame to g (`models.gauge`).
     ids : ndarray of int, shape (k,)
-        The landmarks, each once.
+        Ids of the landmarks, each once.
     points : ndarray of float, shape (k, 3)
-        (k, 3) m.
+        Landmark points, m, in the map's frame.
     modes : ndarray of float, shape (k, 3, r)
-        (k, 3, r).
+        Dependence of the landmarks' errors on the shared modes.
     roots : ndarray of float, shape (k, 3, 3)
-        (k, 3, 3).
+        Square roots of the covariances of their own errors.
     factor : ndarray of float, shape (N, N)
-        The errors of state, modes and, where p is 6 and not 0, the move.
+        Covariance factor of the errors of state (n), modes (r) and, where N = n + r + 6, the move.
     """
 
     layout: StateLayout

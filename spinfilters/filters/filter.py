@@ -52,9 +52,9 @@ class MultiplicativeFilter(Estimator):
     robust : RobustOptions or None
         Gate and weights of measured values.
     adaptation : AdaptationOptions or None
-        Of stated noise to what is seen.
+        Adaptation of the stated noise to the innovations.
     landmarks : LandmarkOptions or None
-        How those of an unknown map are held.
+        How landmarks of an unknown map are represented.
     """
 
     def __init__(

@@ -29,30 +29,30 @@ class EstimateHistory:
     Attributes
     ----------
     name : str
-        Of the estimator.
+        Name of the estimator.
     layout : StateLayout
         Of its state.
     time : ndarray of float, shape (n,)
-        (n,) s.
+        Time of each epoch, s.
     mean : ndarray of float, shape (n, m)
-        (n, mean_dim).
+        Mean of the state after each epoch.
     factor : ndarray of float, shape (n, e, e)
-        P = factor factor'.
+        Square root of the error covariance, P = factor factor'.
     nis : ndarray of float, shape (n,)
-        Normalised innovation squared of each epoch and its degrees of freedom.
+        Normalised innovation squared of each epoch.
     dof : ndarray of int, shape (n,)
-        Normalised innovation squared of each epoch and its degrees of freedom.
+        Its degrees of freedom.
     log_likelihood : ndarray of float, shape (n,)
-        Each epoch's measurements given everything before.
+        Log likelihood of each epoch's measurements given everything before.
     accepted, rejected : ndarray of int, shape (n,)
         Measurements used and left out.
     runtime : ndarray of float, shape (n,)
-        S per epoch, prediction and update.
+        Seconds per epoch, prediction and update.
     initialisation : int
         How many of the first epochs are a filter's initialisation, which a smoother has made; nothing of them is counted.
         The filter's own begin behind them.
     observations : ndarray of int, shape (n,) or None
-        What was measured in each epoch, used or not; None where that is not told.
+        Number of measurements of each epoch, used or not; None where it is unknown.
     noise : tuple[VarianceComponent, ...]
         Levels identified that the estimate rests on in the end; empty where they are those of the initialisation.
     calibration : ndarray of float, shape (n, e, c) or None

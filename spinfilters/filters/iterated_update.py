@@ -1,7 +1,6 @@
 """The iterated update: Gauss-Newton on the most probable state, with a line search.
 
-The state sought, in the coordinates y of the predicted belief (error = F y, y standard normal), is the
-least of
+The state sought, in the coordinates y of the predicted belief (error = F y, y standard normal), is the least of
 
     |y|^2 + |r(y)|^2,   r the whitened residual of the measurement at retract(mean, F y).
 
@@ -9,10 +8,8 @@ About a trial y the residual is linear in y; the least of that model is the next
 falls. Every model holds the one prior and the one measurement, so that however often it iterates the measurement counts once (Bell
 and Cathey 1993); the covariance is that of the last model. See Skoglund, Hendeby, Axehill (2015) for the line search.
 
-Iterated update by landmark observations, for strong nonlinearity.
-
-What the landmarks' own errors make of the observations is noise, whitened as at the point before the update; see
-`spinfilters.filters.iterated_update`.
+`IteratedObservations` does the same for landmark observations. The landmarks' own errors count as noise of the observations there,
+whitened as at the point before the update.
 """
 
 from collections.abc import Callable
@@ -86,7 +83,7 @@ def iterate(
     first : Found
         The solution about y = 0.
     solve : Callable[[ndarray of float, shape (r,)], Found]
-        Gives the solution about a trial.
+        Solution of the model linearised about a trial.
     """
     y = np.zeros(len(first.coordinates))
     value, solution = objective(y), first

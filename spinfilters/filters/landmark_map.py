@@ -1,14 +1,13 @@
-"""Landmarks of a filter: positions, dependence on the shared modes, own covariances.
+"""The map of a filter: landmarks with their errors, and the updates that keep it correlated with the state.
 
-Modes change in every epoch. Landmarks that are not observed are not touched: for each of the latest `SLOTS` epochs it is kept how
-the modes of then follow from those of now,
+`LandmarkMap` holds positions, dependence on the shared modes and own covariances; `HeldMap` adds its update. Modes change in
+every epoch. Landmarks that are not observed are not touched: for each of the latest `SLOTS` epochs it is kept how the modes of
+then follow from those of now,
 
     m_then = transform m_now + shift + f,   cov f = spread,
 
 and a landmark is brought up to date when it is observed next, or when its turn comes: every epoch takes a share of the map in turn,
 so that hardly any falls behind by as many epochs as there are slots, and no epoch costs more than another.
-
-The map of a filter: its updates, and its correlation with the state.
 """
 
 from functools import cache

@@ -1,10 +1,9 @@
 """Observations of landmarks of the map, from their rows to a correction of state and modes.
 
-Statistical linear regression of landmark observations. On sigma points of the pose and of each landmark.
-
-(Lefebvre, Bruyninckx, De Schutter 2002.) The pose moves with the first s coordinates of the factor; a landmark with them, and with
-three coordinates of what else it depends on: later coordinates of the modes, and its own error. What the regression leaves is
-noise.
+They are linearised by first derivatives (`solve_at`), or by statistical linear regression on sigma points of the pose and of
+each landmark (`Regression`; Lefebvre, Bruyninckx, De Schutter 2002). In the regression the pose moves with the first s
+coordinates of the factor; a landmark with them, and with three coordinates of what else it depends on: later coordinates of the
+modes, and its own error. What the regression leaves is noise.
 """
 
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Data exchanged between the steps of a landmark update.
+"""Steps of a landmark update: the data that they exchange, and `NumpySteps`, the reference of the compiled ones.
 
 The error of landmark i is split, d_i = A_i m + e_i: modes m that all landmarks share, whose errors stand with those of the state
 in one factor F (P = F F'), and e_i of its own, independent of everything, with covariance L_i L_i'. An observation of it depends on
@@ -16,8 +16,6 @@ were that explain most of what the (x, m) of all landmarks make of their observa
 and G the sum of squares of those observations by (x, m), the leading eigenvectors V of R'GR give the modes V'q. The others are
 taken for every landmark's own (`observe`). Landmarks that were not observed follow with one transformation for all
 (`landmark_map`).
-
-Steps of an epoch in NumPy, the reference without a compiler.
 """
 
 from dataclasses import dataclass
@@ -53,7 +51,7 @@ class LinearisedObservations(NamedTuple):
     rows : ndarray of float, shape (k, d, w)
         By the columns of the state, by the landmark (3), and the innovation.
     valid : ndarray of bool, shape (k,)
-        (k,).
+        Whether the sensor's model applies.
     log_noise : ndarray of float, shape (k,)
         Log determinant of the sensor's noise factor.
     """
@@ -69,15 +67,15 @@ class LandmarkArrays:
     Attributes
     ----------
     ids
-        (k,).
+        (k,) ids of the landmarks.
     points
         (k, 3) m, in the map's frame.
     modes
-        (k, 3, r) A.
+        (k, 3, r) dependence A on the shared modes.
     roots
-        (k, 3, 3) L.
+        (k, 3, 3) root L of the own covariance, lower triangular.
     epoch
-        (k,) of whose modes ``modes`` speak.
+        (k,) epoch to whose modes ``modes`` refer.
     hits
         (k,) observations that agree.
     wrong
@@ -88,10 +86,10 @@ class LandmarkArrays:
         The present epoch.
     turn
         Row from which the next share begins.
-    transform
-        (SLOTS, r, r), shift: (SLOTS, r), see `landmark_map`; slot of an epoch: its number modulo SLOTS.
-    spread
-        (SLOTS, r, r), shift: (SLOTS, r), see `landmark_map`; slot of an epoch: its number modulo SLOTS.
+    transform, spread
+        (SLOTS, r, r) how the modes of an epoch follow from those of now, see `landmark_map`; its slot is its number modulo SLOTS.
+    shift
+        (SLOTS, r) likewise.
     steps : LandmarkSteps
         Of an epoch, compiled where possible.
     """
@@ -123,9 +121,9 @@ class MapObservations:
     Attributes
     ----------
     values : ndarray of float, shape (k, v)
-        (k, p).
+        Measured values.
     parameters : ndarray of float, shape (k, p)
-        (k, p).
+        What accompanies each value, the place of the landmark's point first.
     at : ndarray of int, shape (k,)
         Rows of the map, which are up to date.
     known : ndarray of bool, shape (m,)

@@ -30,7 +30,7 @@ class LinearisedRows:
     measurement : Measurement
         The values that are used.
     innovation : ndarray of float, shape (k, d)
-        (k, d).
+        Whitened innovations.
     jacobian : ndarray of float, shape (k, d, c)
         With respect to the error's ``columns``.
     log_noise : ndarray of float, shape (k,)
@@ -161,9 +161,9 @@ class SigmaPoints:
     Attributes
     ----------
     offsets : ndarray of float, shape (p, n)
-        (p, n).
+        Sigma points about the mean, in units of the covariance factor's columns.
     mean_weights : ndarray of float, shape (p,)
-        (p,).
+        Weights of the mean.
     root_weights : ndarray of float, shape (p,)
         Square roots of the covariance weights.
     """
@@ -202,11 +202,11 @@ class Prediction:
     Attributes
     ----------
     times : ndarray of float, shape (k,)
-        S ahead of the belief that was carried on.
+        Seconds ahead of the belief that was predicted.
     mean : ndarray of float, shape (k, m)
-        (k, m).
+        Predicted means.
     factor : ndarray of float, shape (k, n, n)
-        P = factor factor'.
+        Their covariance factors, P = factor factor'.
     """
 
     layout: StateLayout

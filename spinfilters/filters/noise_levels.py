@@ -1,7 +1,8 @@
-"""Posterior mean of a disturbance density, from its identified most probable value.
+"""Noise levels: posterior mean of a density, identified variance components, and adaptation to the innovations.
 
-n squares tell a density theta beside other noise: their variance is 1 - q + q theta / theta_0, with q the share of the density in
-it and theta_0 the most probable density under a prior that is flat in its standard deviation. With y = ln theta / theta_0,
+Posterior mean of a disturbance density. n squares determine a density theta in the presence of other noise: their variance is 1
+- q + q theta / theta_0, with q the share of the density in it and theta_0 the most probable density under a prior that is flat
+in its standard deviation. With y = ln theta / theta_0,
 
     ln p(y) = -n/2 (ln w + s / w) + y / 2,   w = 1 - q + q e^y,   s = 1 - 1 / (n q),   information of the data n q^2 / 2.
 
@@ -9,15 +10,12 @@ Squares of the density alone (q = 1) are skewed upwards: its mean lies by 2 / n 
 likelihood and prior reach down to zero, and the mean lies below the most probable value. A covariance in proportion to the mean
 is that of the errors, whatever the density is.
 
-Variance components of the whitened residuals.
+Variance components. `ComponentRows` says which innovations a noise level explains, `VarianceComponent` what is identified of
+it.
 
-Which part of them each noise level explains, and what is identified of it.
-
-Adaptation of noise densities to the innovations.
-
-Scale factors of each sensor's covariance and of the disturbances' densities.
-
-For the logarithm of a scale that the covariance of the innovations depends on, the derivative of their log-likelihood is half of
+Adaptation. `NoiseAdaptation` follows the innovations by scale factors of each sensor's covariance and of the disturbances'
+densities. For the logarithm of a scale that the covariance of the innovations depends on, the derivative of their
+log-likelihood is half of
 
     y'Dy - tr D K,   its Fisher information half of tr (D K)^2,   cov y = K,
 
@@ -60,9 +58,9 @@ def raised_logarithm(variance: float, share: float = 1.0) -> float:
     Parameters
     ----------
     variance : float
-        Of the density's logarithm, prior included.
+        Variance of the density's logarithm, prior included.
     share : float
-        Of the density in what tells it; at most the data's share of the information, so that s is positive.
+        Share q of the density in the variance of its data; at most the data's share of the information, so that s > 0.
     """
     variance = max(variance, SMALLEST_VARIANCE)
     information = max(1 / variance - PRIOR_INFORMATION, LEAST_INFORMATION)
@@ -92,9 +90,9 @@ class ComponentRows:
     Attributes
     ----------
     name : str
-        Of the noise option.
+        Name of the noise option.
     value : float
-        That the problem was stated with, in the option's unit.
+        Value with which the problem was stated, in the option's unit.
     sensors : Mapping[int, tuple[int, ...]]
         Rows of the innovation, by the sensor's number in `Motion.sensors`.
     landmarks : bool
@@ -121,7 +119,7 @@ class VarianceComponent:
     log_std : float
         Standard deviation of ln variance (of a density, of its ln).
     share : float
-        Of the level in the variance of what tells it, beside all other noise.
+        Share of the level in the variance of the data that identify it; the rest is other noise.
     """
 
     name: str
@@ -218,7 +216,7 @@ class NoiseEvidence:
 
 @dataclass(frozen=True)
 class NoiseScale:
-    """Logarithm of a covariance scale, its information, and a density's share (`density_mean`)."""
+    """Logarithm of a covariance scale, its information, and a density's share (`raised_logarithm`)."""
 
     logarithm: float = 0.0
     information: float = 0.0
@@ -283,7 +281,7 @@ class NoiseAdaptation:
     identified : Mapping[str, NoiseScale] or None
         Scales by source ("sensor.pose", "process.torque") with the information that an identification has gathered. They go
         on from there, by a part of the epochs (`BLOCK`) and forgetting nothing where the options give no horizon; a density
-        is scaled to its mean (`density_mean`).
+        is scaled to its mean (`raised_logarithm`).
     """
 
     def __init__(

@@ -22,7 +22,7 @@ class RobustOptions:
     Attributes
     ----------
     gate_probability : float
-        Of a true value to pass the gate, in (0, 1]; 1 for no gate.
+        Probability that a correct value passes the gate, in (0, 1]; 1 for no gate.
     loss : str
         "none" (least squares), "huber" (w = min(1, width / r)) or "barron" (Barron 2019, c = width, scaled to w(0) = 1).
     width : float
@@ -59,7 +59,7 @@ def weights(
     Parameters
     ----------
     innovation : ndarray of float, shape (k, d)
-        Whitened.
+        Whitened innovations rho.
     covariance : ndarray of float, shape (k, d, d)
         S of the innovation in the same units, that of the predicted state included.
     """
@@ -183,7 +183,7 @@ class DuplicateImages:
 
         Parameters
         ----------
-        keys : Num[ndarray, k ...]
+        keys : ndarray, shape (k,) or (k, p)
             (k,) ids of landmarks or (k, p) parameters of the rows, by which a landmark is known again.
         """
         if not len(values):

@@ -61,11 +61,11 @@ class SharedErrors:
     Attributes
     ----------
     state_rows : ndarray of float, shape (n, w)
-        (n, w).
+        Errors of the state by the coordinates y.
     follow : ndarray of float, shape (k, 3, R)
-        By the first R of the w.
+        Errors of the landmarks by the first R of the w coordinates.
     own : ndarray of float, shape (k, 3, 3)
-        (k, 3, 3).
+        Square roots of the covariances of their own errors.
     """
 
     layout: StateLayout

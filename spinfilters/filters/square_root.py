@@ -24,9 +24,9 @@ class MeasurementPrediction:
     innovation : ndarray of float, shape (k,)
         Whitened innovation rho.
     measurement_factor : ndarray of float, shape (k, r)
-        (k, r) Y.
+        Factor Y of the predicted measurement.
     state_factor : ndarray of float, shape (n, r)
-        (n, r) X.
+        Factor X of the state.
     residual : float
         Squared norm of innovation components that no state can explain (left out of ``innovation`` by compression).
     dof : int
@@ -50,13 +50,13 @@ class Correction:
     Attributes
     ----------
     error : ndarray of float, shape (n,)
-        Estimate d.
+        Estimate d of the error.
     factor : ndarray of float, shape (n, n)
         Its covariance.
     nis : float
         Normalised innovation squared.
     log_likelihood : float
-        Of the measurement.
+        Log likelihood of the measurement.
     dof : int
         Number of its scalars.
     root : ndarray of float, shape (r, r)

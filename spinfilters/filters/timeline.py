@@ -84,7 +84,7 @@ class LogTimeline(Sequence[Epoch]):
     Attributes
     ----------
     time : ndarray of float, shape (k,)
-        (k,) s.
+        Time of each epoch, s.
     sensors : tuple[SensorTimeline, ...]
         In the order in which each epoch takes them in.
     """

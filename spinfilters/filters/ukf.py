@@ -193,7 +193,7 @@ class _SigmaSubset:
     offsets : ndarray of float, shape (p, n)
         Centre, plus and minus points in units of L.
     mean_weights : ndarray of float, shape (p,)
-        (2r + 1,).
+        Weights of the mean, p = 2r + 1 points.
     mixing : ndarray of float, shape (p, r)
         (2r + 1, r + 1 + n).
     """

@@ -75,7 +75,7 @@ class AnnealedSchedule:
     Attributes
     ----------
     iterations : int
-        In which the process noise may be inflated, and gates wide.
+        Number of first iterations in which the process noise may be inflated and the gates wide.
     gate : float or None
         Length of a whitened innovation of three components beyond which an observation counts as wrong (of others the
         length of the same probability); None for the losses that the problem has.
@@ -186,11 +186,11 @@ class BatchSmoothing:
     Attributes
     ----------
     mean : ndarray of float, shape (k, m)
-        (k, m).
+        Most probable state of each epoch.
     factor : ndarray of float, shape (k, n, n)
-        Each epoch's covariance given everything; not finite where something is not determined.
+        Factor of each epoch's covariance given all measurements; not finite where something is undetermined.
     accepted, rejected : ndarray of int, shape (k,)
-        Measurements of each epoch that count, and that do not.
+        Number of measurements of each epoch that are inliers, and that are not.
     unobservable : list[Finding]
         Findings of what the measurements do not determine.
     """
@@ -216,7 +216,7 @@ def smooth_recording(
     Parameters
     ----------
     annealed_iterations : int
-        In which disturbances are taken for larger than they are, at most, for a trajectory that does not obey its dynamics.
+        Largest number of iterations with inflated process noise, for a trajectory that does not obey its dynamics.
     """
     problem = problem_of(process, epochs, NO_LANDMARKS, prior, 2, loss)
     return smooth_problem(problem, trajectory, annealed_iterations)

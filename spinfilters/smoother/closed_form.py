@@ -1,12 +1,10 @@
-"""Attitudes, body rates and positions measured directly in the first epochs.
+"""Motion of the first epochs in closed form, from directly measured attitudes, body rates and positions.
 
 Single gross errors are removed before closed-form estimation. A sample counts as wrong where it lies far from the line through
 its neighbours, and where without it they lie on one. A motion that is fast for a few samples is left alone: without one of them
 the others lie no better.
 
-Motion of the first epochs in closed form: inertia from conserved angular momentum, a straight path.
-
-R_k J w_k = h is linear in J and h.
+The inertia follows from conserved angular momentum, R_k J w_k = h, which is linear in J and h; the path is a straight line.
 """
 
 from dataclasses import dataclass, field, replace
@@ -53,9 +51,9 @@ class InitialMotion:
     Attributes
     ----------
     time : ndarray of float, shape (k,)
-        (k,) s.
+        Time of each epoch, s.
     attitude : ndarray of float, shape (k, 4)
-        Q_ig.
+        Attitude quaternions q_ig.
     rates : ndarray of float, shape (k, 3)
         Body rates, rad/s, g axes.
     positions : ndarray of float, shape (k, 3) or None

@@ -80,21 +80,21 @@ class Eliminated:
     Attributes
     ----------
     weight : ndarray of float, shape (N,)
-        Each observation.
+        Weight of each observation.
     is_constrained : ndarray of bool, shape (L,)
-        Which of the observations' landmarks.
+        Whether each landmark is well constrained.
     used : ndarray of bool, shape (N,)
-        Observations that count: those of a told landmark with a weight.
+        Whether each observation counts: it has a weight and its landmark is well constrained.
     information_sqrt : ndarray of float, shape (L, 3, 3)
-        Lower triangular L.
+        Lower triangular Cholesky factor L of each landmark's information; I where it is not well constrained (NumPy).
     gradient : ndarray of float, shape (L, 3)
-        (L, 3) y.
+        Gradient of each landmark, L y = J_p' r.
     coupling : ndarray of float, shape (N, 3, 6)
-        Y of each observation; that of the first of a landmark's observations in an epoch holds them all.
+        Y = L^-1 J_p' J_x; the first used observation of a landmark in an epoch holds the sum, further ones hold 0.
     information : ndarray of float, shape (w, r)
-        What is left to the poses, in the lower triangle, and an empty row.
+        Schur complement on the poses in the lower triangle, and an empty row.
     pose_gradient : ndarray of float, shape (r,)
-        (r,).
+        Right-hand side that is left to the poses.
     """
 
     observations: LandmarkObservations
@@ -280,17 +280,17 @@ class VelocityElimination:
     Attributes
     ----------
     information_sqrts : ndarray of float, shape (k, v, v)
-        L_k.
+        Cholesky factors L_k.
     next : ndarray of float, shape (j, v, v)
-        F_k.
+        Couplings F_k = L_k^-1 E_k to the next epoch.
     coupling : ndarray of float, shape (k, v, w)
-        X_k, columns: poses, constants, right-hand side.
+        X_k, coupling to what remains; columns: poses, constants, right-hand side.
     begin : ndarray of int, shape (k,)
-        First pose that X_k still feels.
+        First pose whose columns of X_k are not negligible.
     pose : int
         Columns of a pose.
     reach : int
-        Poses that every epoch may feel.
+        Number of leading poses that every epoch may be coupled to.
     failed : int
         Epoch whose information is not positive definite, or -1.
     """

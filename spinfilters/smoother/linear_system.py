@@ -37,7 +37,7 @@ class LinearSystem:
     M : ndarray of float, shape (w, r)
         Lower triangle over poses and constants, then the right-hand side as a row.
     tridiagonal : Blocks
-        D, E, G.
+        D, E, G of the velocities.
     """
 
     M: Float[np.ndarray, "w r"]
@@ -485,7 +485,7 @@ def joint_belief(
     Parameters
     ----------
     mean : ndarray of float, shape (m,)
-        Of the latest epoch. ids, points (m, frame g): of the well-constrained landmarks, in their order.
+        Mean of the latest epoch.
     """
     assert marginals.eliminated is not None
     constrained = np.flatnonzero(marginals.eliminated.is_constrained)

@@ -101,9 +101,9 @@ class Barron(RobustLoss):
     Attributes
     ----------
     shape : float
-        Alpha: 2 is least squares, 1 pseudo-Huber, 0 Cauchy, -2 Geman-McClure.
+        alpha: 2 is least squares, 1 pseudo-Huber, 0 Cauchy, -2 Geman-McClure.
     scale : float
-        C, standard deviations.
+        c, standard deviations.
     """
 
     shape: float = 0.0
@@ -173,9 +173,9 @@ class Graduated(RobustLoss):
     Attributes
     ----------
     threshold : float
-        B, standard deviations.
+        b, standard deviations.
     first, rate : float
-        Of m, greater than 1.
+        First value of m, and the divisor of m per iteration; both greater than 1.
     stage : int
         Iterations so far.
     """

@@ -246,11 +246,11 @@ class EpochFactors:
     Attributes
     ----------
     dt : ndarray of float, shape (j,)
-        (k - 1,) s.
+        Steps between the k epochs, s; j = k - 1.
     prior : StatePrior or None
-        Of the first state, or None where something else holds it.
+        Prior of the first state, or None where something else constrains it.
     loss : RobustLoss
-        Of each measurement's whitened length.
+        Robust loss of each measurement's whitened innovation.
     first : ndarray of float, shape (m,) or None
         Whose constants the steps are linearised about, or None for their own.
     """

@@ -62,7 +62,7 @@ class VariableOrdering:
     Attributes
     ----------
     has_landmarks : bool
-        Whether observations tie the poses together.
+        Whether landmark observations couple the poses of different epochs.
     """
 
     layout: StateLayout
@@ -137,13 +137,13 @@ class MarginalizationPrior:
     ordering : VariableOrdering
         How the F epochs' errors are split; columns: their poses, the constants, the chain of the first epoch.
     first : ndarray of float, shape (F, m)
-        Points at which each was first carried.
+        Points about which each epoch was first linearised in a prior.
     information_sqrt : ndarray of float, shape (q, q)
-        (q, q) R.
+        Square root R of the information.
     right : ndarray of float, shape (q,)
-        (q,) y.
+        Right-hand side y.
     constant_cost : float
-        The least cost there is.
+        Constant of the marginalized cost: its least value.
     """
 
     ordering: VariableOrdering

@@ -48,9 +48,9 @@ class InitialGuess:
     Attributes
     ----------
     ids : ndarray of int, shape (L,)
-        Ascending.
+        Landmark ids, ascending.
     points : ndarray of float, shape (L, 3)
-        (L, 3) m.
+        Landmark points, m, frame g.
     """
 
     trajectory: Float[np.ndarray, "k m"]

@@ -293,7 +293,7 @@ class ConvergenceRecord:
     Attributes
     ----------
     time : ndarray of float, shape (f,)
-        S, of the epochs; solve number k took in epoch number k.
+        Times of the epochs, s; solve number k took in epoch number k.
     values : dict[str, ndarray of float, shape (f, f, q)]
         By name (f, f, q), solves by epochs by components; not a number where the epoch was not in the window.
     latest : tuple[MarginalizedState, ...]

@@ -41,7 +41,7 @@ class SmootherOptions:
     Attributes
     ----------
     policy : WindowPolicy
-        What it keeps.
+        Which epochs and landmarks the window keeps.
     gate : float
         Standard deviations beyond which an observation counts as a wrong association.
     iterations : int
@@ -88,9 +88,9 @@ class UpdateResult:
     accepted, rejected : int
         Values that count and that do not.
     linearisations : int
-        How many it took.
+        Number of linearisations.
     marginalized : tuple[MarginalizedState, ...]
-        Epochs that left.
+        Epochs that left the window.
     counts : tuple[tuple[int, int], ...]
         Accepted and rejected by measurement.
     """
@@ -123,7 +123,7 @@ class SmootherState:
     prior_alive : bool
         Whether the first epoch's prior still stands by itself.
     poor_guess : bool
-        Whether the latest epoch was not believed.
+        Whether the latest epoch's initial guess was poor.
     determined : int
         Epochs in a row after which the inertia was determined.
     retry_schedule : RetrySchedule

@@ -28,9 +28,9 @@ class Step:
     Attributes
     ----------
     errors : ndarray of float, shape (k, n)
-        The epochs.
+        Step of each epoch's error state.
     points : ndarray of float, shape (L, 3) or None
-        (L, 3) m.
+        Steps of the landmark points, m.
     normal : NormalEquations
         The linear problem it came from.
     predicted : float

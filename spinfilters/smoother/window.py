@@ -165,7 +165,7 @@ class WindowObservations:
     sensor : ndarray of int, shape (N,)
         Number of the sensor.
     values : ndarray of float, shape (N, v)
-        (N, v).
+        Measured values.
     parameters : ndarray of float, shape (N, p)
         Without the landmark's point.
     """
@@ -200,19 +200,19 @@ class Window:
     Attributes
     ----------
     epochs : tuple[Epoch, ...]
-        K of them, with what was measured beside landmarks.
+        The k epochs, with their landmark-free measurements.
     trajectory : ndarray of float, shape (k, m)
-        (k, m).
+        State of each epoch.
     seen : WindowObservations
         Their observations.
     models : tuple[LandmarkSensor, ...]
         Sensors of landmarks, by number.
     ids : ndarray of int, shape (L,)
-        The landmarks, each once.
+        Ids of the landmarks, each once.
     points : ndarray of float, shape (L, 3)
-        M, frame g.
+        Landmark points, m, frame g.
     marginal_prior : MarginalizationPrior or None
-        What is left of those that have gone.
+        Marginalization prior of the epochs and landmarks that were removed.
     """
 
     epochs: tuple[Epoch, ...]
