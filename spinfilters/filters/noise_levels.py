@@ -1,7 +1,7 @@
 """Noise levels: posterior mean of a density, identified variance components, and adaptation to the innovations.
 
-Posterior mean of a disturbance density. n squares determine a density theta in the presence of other noise: their variance is 1
-- q + q theta / theta_0, with q the share of the density in it and theta_0 the most probable density under a prior that is flat
+Posterior mean of a disturbance density. n squares determine a density theta in the presence of other noise: their variance is
+1 - q + q theta / theta_0, with q the share of the density in it and theta_0 the most probable density under a prior that is flat
 in its standard deviation. With y = ln theta / theta_0,
 
     ln p(y) = -n/2 (ln w + s / w) + y / 2,   w = 1 - q + q e^y,   s = 1 - 1 / (n q),   information of the data n q^2 / 2.
