@@ -170,7 +170,7 @@ def compiled_propagation(size: int) -> CompiledPropagation | None:
 SHAPE = (3, 6)
 """Components of an observation, and columns of the state that it depends on: of a stereo pair; others go through NumPy."""
 ROWS_BESIDE_MODES = 48
-"""Rows of the factor beside the modes: state and move."""
+"""Rows of the factor besides those of the modes: state and move."""
 _EPOCH_SIGNATURES = {
     "refresh": Signature("ipiiiip", None),
     "whiten": Signature("ippppp", ctypes.c_double),

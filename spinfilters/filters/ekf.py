@@ -199,9 +199,11 @@ class IteratedUpdate:
         point = self._point(y)
         m = self.rows.measurement
         rows = linear_rows(m, point)
+        # Errors about the point by y: reset Jacobian times factor, so that the prior mean lies at -moved y.
         moved = self.layout.reset_jacobian(self._rows @ y) @ self._rows
         whitening = m.model.whitening(point, m.parameters)
         innovation, jacobian = rows.innovation, rows.jacobian
+        # Rows whitened at y are re-whitened by the weighted noise at the mean: W_mean W_y^-1.
         if not np.array_equal(whitening, self._weighing):  # noise that depends on the state, or weights
             back = np.swapaxes(whitening, 1, 2)
             turn = np.swapaxes(np.linalg.solve(back, np.swapaxes(self._weighing, 1, 2)), 1, 2)

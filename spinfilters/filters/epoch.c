@@ -1,7 +1,9 @@
 /* The steps of an epoch's observations of landmarks; `landmark_steps.py` says what they compute, and computes it in NumPy where
  * there is no compiler. D components of an observation, C columns of the state that it depends on, M modes, N rows of the
  * factor, LANES, and `stored`, float or double, are defined in front of this text, which follows `correction.c`. Matrices are
- * row by row.  The small matrices of LANES landmarks are handled side by side: a `lane` holds one entry of each. A group that is
+ * row by row.
+ *
+ * The small matrices of LANES landmarks are handled side by side: a `lane` holds one entry of each. A group that is
  * not full is filled up with its last landmark, whose observation then has no weight. */
 enum { LINEAR = C + 4, BAND = 4, STEP = 3 };
 

@@ -39,7 +39,7 @@ class MultiplicativeFilter(Estimator):
     The mean lies on the manifold, the square root of the error covariance in its tangent space.
 
     After an update the error is folded into the mean (4 x MRP on the body side) and the covariance moves with the derivative of
-    that reset, so that it always refers to the mean it stands beside.
+    that reset, so that it always refers to the present mean.
 
     Where landmarks are not known, the factor goes on behind the state's n rows: with r modes of error that all landmarks share, and
     with the move from the map's frame to frame g (`spinfilters.filters.landmark_map`). Neither changes with time, and no sensor
@@ -251,6 +251,7 @@ def joined_rows(
     The state's rows have become ``moved`` and process noise is added; rows behind them stay.
     """
     n, size = moved.shape
+    # [moved noise; rest 0] (N x (N + k)): its triangular factor has the covariance of the predicted errors.
     rows = np.zeros((size, size + noise.shape[1]))
     rows[:n, :size], rows[:n, size:] = moved, noise
     rows[n:, :size] = factor[n:]

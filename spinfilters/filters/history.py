@@ -16,7 +16,7 @@ from spinfilters.models.status import EstimatorStatus
 COUNTS = ("dof", "accepted", "rejected")
 """Arrays of a history that hold whole numbers."""
 FEWEST_EPOCHS = 64
-"""Room of a history that nobody has told how many will come."""
+"""Epochs for which a history first makes room when their number is unknown."""
 
 EPOCH_ARRAYS = ("time", "mean", "factor", "nis", "log_likelihood", "runtime", *COUNTS)
 """Arrays of a history; each has a row per epoch."""

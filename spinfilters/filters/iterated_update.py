@@ -165,12 +165,14 @@ class IteratedObservations:
         return float(y @ y) + float(np.sum(residual * residual))
 
     def _solved_at(self, y: Float[np.ndarray, " N"]) -> SolvedObservations:
-        """The solution of the model linearised at y, told about y = 0."""
+        """The solution of the model linearised at y, as a correction about y = 0."""
         error, o = self.factor @ y, self.observations
         found, pose, c = self._linear(error), o.sensor.columns, len(o.sensor.columns)
+        # Jacobian by the pose refers to errors about the mean: times the reset Jacobian of the correction so far.
         reset = o.layout.reset_jacobian(error[: o.layout.error_dim])[np.ix_(pose, pose)]
         rows = found.rows.copy()
         rows[..., :c] = rows[..., :c] @ reset
+        # Innovation linearised at y, extrapolated back to y = 0 by pose and by the landmarks' modes.
         own = o.modes @ error[o.layout.error_dim : o.layout.error_dim + o.modes.shape[2]]
         rows[..., -1] += rows[..., :c] @ error[pose] + np.einsum("kdi,ki->kd", rows[..., c:-1], own)
         used, weights = self.first.used, self.first.weights

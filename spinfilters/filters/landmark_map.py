@@ -29,7 +29,7 @@ from spinfilters.models.measurement import LandmarkSensor, NewLandmarks
 from spinfilters.models.state_layout import StateLayout
 
 CONFIRMED = 2
-"""Observations that agree, from which on a landmark is believed more than an observation that does not."""
+"""Observations that agree, from which on an observation that disagrees is the outlier, not the landmark."""
 WRONG_IN_A_ROW = 3
 """Observations in a row outside the gate after which the landmark, not the observations, is taken to be wrong."""
 FIELDS = ("ids", "points", "modes", "roots", "epoch", "hits", "wrong", "last")
@@ -91,6 +91,7 @@ class LandmarkMap(LandmarkArrays):
         stay = np.ones(self.count, dtype=bool)
         stay[rows] = False
         count = self.count - len(rows)
+        # Removed rows among the first `count` are filled by the remaining rows behind, which are as many.
         holes = np.flatnonzero(~stay[:count])
         movers = count + np.flatnonzero(stay[count:])
         self.refresh(movers)

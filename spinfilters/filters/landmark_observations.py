@@ -37,9 +37,9 @@ class SolvedObservations(NamedTuple):
     Attributes
     ----------
     used : ndarray of int, shape (u,)
-        Which of the k count, and their weights.
+        Indices of the observations among the k that are inliers.
     whitened : WhitenedLandmarks
-        Rows of those; the last linearisation's, told about the point before the update.
+        Their whitened rows, of the last linearisation, referred to the point before the update.
     """
 
     correction: Correction
@@ -140,6 +140,7 @@ class Regression:
         """Rows of `MapObservations.rows_at` by statistical regression."""
         o, n = self.observations, self.observations.layout.error_dim
         pose, modes = self.factor[o.sensor.columns], self.factor[n : n + o.landmarks.rank]
+        # Coordinates: s that move the pose, then 3 of the landmark's own (later modes and own error together).
         s = last_nonzero(pose)
         points = sigma_points(s + 3, options)
         states = o.layout.retract(self.mean, points.offsets[:, :s] @ self.factor[:n, :s].T)
@@ -158,9 +159,11 @@ class Spread(PoseSpread):
         away, valid, log_noise = self._away(o, points, np.concatenate([shared, own], axis=2))
         mean = away @ points.mean_weights
         slope, left = points.regressed(mean[..., None] - away)
+        # In coordinates slope = [by_pose + by_landmark shared | by_landmark own]: solved for the landmark, then the pose.
         by_landmark = _divided_by_lower(slope[..., s:], own)
         by_pose = slope[..., :s] - by_landmark @ shared
         by_state = self._by_errors(by_pose.reshape(-1, s)).reshape(*mean.shape, len(self.pose))
+        # What the regression leaves is noise: rows whitened by the root of I + left left'.
         root = np.linalg.cholesky(np.eye(left.shape[1]) + left @ np.swapaxes(left, 1, 2))
         every = np.concatenate([by_state, by_landmark, mean[..., None]], axis=2)
         rows = _solved_by_lower(root, every)

@@ -40,7 +40,7 @@ class Outcome(StrEnum):
     TAKEN = "taken"
     """In, as the latest."""
     INSERTED = "inserted"
-    """In, at its place among or beside epochs that were there before it."""
+    """Applied at its own time, among the epochs or within one that were there before it."""
     DUPLICATE = "duplicate"
     """Left out: it is there already, bit for bit."""
     TOO_LATE = "too late"

@@ -136,7 +136,7 @@ def triangular_factor(rows: Float[np.ndarray, "k n"]) -> Float[np.ndarray, "n n"
 def lower_roots(rows: Float[np.ndarray, "k r c"]) -> Float[np.ndarray, "k r r"]:
     """Lower triangular L with L L' = rows rows' of every item, by QR.
 
-    Squaring would lose what is small beside the rest to rounding.
+    Squaring would lose components much smaller than the others to rounding.
     """
     return np.swapaxes(np.linalg.qr(np.swapaxes(rows, 1, 2), mode="r"), 1, 2)
 

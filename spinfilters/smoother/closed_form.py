@@ -312,7 +312,7 @@ LARGEST_DRAG = 0.2
 """Upper end of the drag coefficients tried, 1/rad: at this value |h| halves within half a revolution."""
 
 SHAPE_STD = 0.3
-"""Of the entries of J (trace 2) about the sphere: it only speaks where the motion says nothing of a direction of J."""
+"""Of the entries of J (trace 2) about the sphere: it matters only where the motion does not determine a direction of J."""
 _TRACELESS = null_space(np.array([[1.0, 1.0, 1.0, 0.0, 0.0, 0.0]]))
 
 

@@ -70,7 +70,7 @@ POSE = 6
 WIDE = 8
 """Row of a pose's block in memory: one vector of the machine."""
 FLATTEST = 1e-12
-"""Determinant of a landmark's scaled information below which its depth is not told."""
+"""Determinant of a landmark's scaled information below which its depth is not determined."""
 
 
 @dataclass(frozen=True)
@@ -179,6 +179,7 @@ def eliminate(
     )
     if failed:
         raise MemoryError("no memory to eliminate the landmarks")
+    # Blocks of pairs of epochs, stored one behind the other, into the lower triangle of the matrix.
     library.spread_blocks(epochs, kept, address(blocks), address(information))
     used = (weight > 0) & is_constrained[observations.landmark]
     return Eliminated(
@@ -196,22 +197,27 @@ def eliminate_in_numpy(
     """`eliminate` for machines without a compiler."""
     landmark, epoch, L = observations.landmark, observations.epoch, observations.landmarks
     is_constrained, used, information_sqrt = _constrained(observations, linear, weight)
+    # Rows of used observations times sqrt(weight): J_x (3 x 6), J_p (3 x 3), innovation y.
     root, each_used = np.sqrt(np.where(used, weight, 0.0))[:, None, None], used[:, None, None]
     scaled = root * np.where(each_used, linear.rows, 0.0)
     by_pose, by_point, y = scaled[:, :, :POSE], scaled[:, :, POSE:-1], scaled[:, :, -1:]
     gradient, whole = np.zeros((L, 3)), np.zeros((L, 3, epochs, POSE))
+    # Per landmark: gradient L^-1 sum J_p' y, and coupling Y = L^-1 J_p' J_x [3][epochs][6], summed per epoch.
     turned = by_point.swapaxes(1, 2)
     np.add.at(gradient, landmark, (turned @ y)[..., 0])
     gradient = _solved(information_sqrt, gradient)
     each = np.linalg.solve(information_sqrt[landmark], turned @ by_pose)
     np.add.at(whole, (landmark, slice(None), epoch), each)  # pyright: ignore[reportArgumentType]
+    # Per pose: information J_x' J_x and right-hand side J_x' y.
     blocks, jacobian = np.zeros((epochs, POSE, POSE)), np.zeros((epochs, POSE))
     np.add.at(blocks, epoch, by_pose.swapaxes(1, 2) @ by_pose)
     np.add.at(jacobian, epoch, (by_pose.swapaxes(1, 2) @ y)[..., 0])
+    # Schur complement of the landmarks: blocks - Y'Y (lower triangle), right-hand side less Y' gradient.
     Y, size = whole.reshape(3 * L, epochs * POSE), epochs * POSE
     information, slope = np.zeros((kept + 1, kept)), np.zeros(kept)
     information[:size, :size] = _added_on_diagonal(-np.tril(Y.T @ Y), blocks)
     slope[:size] = jacobian.reshape(-1) - Y.T @ gradient.reshape(-1)
+    # An epoch's coupling is kept at the first used observation of the landmark there, as in C.
     coupling = whole.swapaxes(1, 2)[landmark, epoch] * _firsts(observations, used)[:, None, None]
     lower = np.tril(information)
     return Eliminated(
@@ -311,10 +317,12 @@ class VelocityElimination:
         K, v, width = self.coupling.shape
         p, rest = self.pose, K * self.pose
         X = self.coupling.reshape(K * v, width)
+        # Constants and right-hand side: every epoch's X takes part in full.
         tail = X[:, rest:]
         M[rest:, rest:] -= tail.T @ tail[:, :-1]
         if not p:
             return
+        # Poses, GROUP epochs at a time: X is zero right of the group's last pose and negligible left of `begin`.
         for first in range(0, K, GROUP):
             rows = slice(first * v, min(first + GROUP, K) * v)
             last = max(first + GROUP + 1, self.reach)

@@ -254,10 +254,12 @@ def reinitialised(
         return None
     covariance = covariance_sqrt @ np.swapaxes(covariance_sqrt, 1, 2)
     landmark = observations.landmark[rows]
+    # Each pair of observations of a landmark whose own points agree gives both a vote.
     one, other = _pairs(landmark)
     agree = _distance(own, covariance, one, other) < gate
     one, other = _both_ways(one[agree], other[agree], len(rows))
     votes = np.bincount(one, minlength=len(rows))
+    # The observation with most votes of each landmark, if it agrees with at least one other.
     order = np.lexsort((votes, landmark))
     winners = order[np.flatnonzero(np.diff(landmark[order], append=-1))]
     winners = winners[votes[winners] >= OBSERVATIONS_NEEDED]

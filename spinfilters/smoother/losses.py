@@ -9,7 +9,7 @@ from jaxtyping import Float
 from spinfilters.core.errors import InputError
 
 LARGEST = 1e300
-"""A squared length that stands for infinity where a ratio of two is taken."""
+"""Largest squared length in a ratio of two, in place of infinity."""
 
 Squares = Float[np.ndarray, " N"]
 

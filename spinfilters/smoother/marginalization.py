@@ -126,12 +126,14 @@ def without_oldest(
     """
     ordering, here = problem.ordering, linear.point.trajectory
     first, more = _first_estimates(window, ordering, here), count * len(ordering.tridiagonal)
+    # Everything that involves a removed epoch: its step, its prior and landmark-free rows, its landmarks' remainder.
     rows = [spread_step(linear.point.dynamics.rows[k], k, count, ordering) for k in range(count)]
     for k in range(count):
         rows += [spread_epoch(part, k, count, ordering) for part in _alone(problem.motion, k, here)]
     if landmarks.any():
         rows.append(spread_poses(_of_landmarks(linear, landmarks, ordering), ordering, more))
     new = _at_first_estimates(np.concatenate(rows), ordering, first, here, more)
+    # Removed variables come first: the triangle behind their rows and columns is the prior of those that stay.
     gone = count * len(ordering.moving)
     root = _triangular(window.marginal_prior, new, ordering, count)[gone:, gone:]
     after = replace(ordering, epochs=ordering.epochs - count)

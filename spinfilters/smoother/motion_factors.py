@@ -411,10 +411,12 @@ def whitened_steps_in_numpy(
     """`whitened_steps` for machines without a compiler."""
     d, moving, constant = len(ordering.moving), ordering.moving, ordering.constant
     rows = np.zeros((len(defect), d, 2 * d + len(constant) + 1))
+    # Rows [-Phi_moving | I | -Phi_constant | defect]: moving errors here (d), there (d), constants, right-hand side.
     rows[:, :, :d] = -transition[:, moving][:, :, moving]
     rows[:, :, d : 2 * d] = np.eye(d)
     rows[:, :, 2 * d : -1] = -transition[:, moving][:, :, constant]
     rows[:, :, -1] = defect[:, moving]
+    # Whitened by the Cholesky factor of Q = noise noise' + floor^2 I.
     spread = noise[:, moving] @ noise[:, moving].swapaxes(1, 2)
     spread[:, np.arange(d), np.arange(d)] += NOISE_FLOOR**2
     try:

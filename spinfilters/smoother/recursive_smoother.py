@@ -37,7 +37,7 @@ class RecursiveSmoother(Estimator):
     Parameters
     ----------
     sensors : Sequence[MeasurementModel]
-        Those of a run whose snapshot another object is to restore, in the same order; others join as they speak.
+        Those of a run whose snapshot another object is to restore, in the same order; others are added at their first measurement.
     """
 
     name = "smoother"
@@ -101,7 +101,7 @@ class RecursiveSmoother(Estimator):
         self._time, self._belief = self._time + dt, ahead.belief(0)
 
     def update(self, measurement: Measurement) -> UpdateReport:
-        """Take in one sensor's values at the present time, beside what was measured then already."""
+        """Add one sensor's values to the epoch of the present time, and solve again."""
         return self.update_all((measurement,))[0]
 
     def update_all(self, measurements: Sequence[Measurement]) -> list[UpdateReport]:

@@ -116,7 +116,7 @@ class UpdateResult:
 
 @dataclass
 class SmootherState:
-    """State of a sliding smoother beside its window.
+    """State of a sliding smoother apart from its window.
 
     Attributes
     ----------
