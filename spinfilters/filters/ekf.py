@@ -41,7 +41,7 @@ class MultiplicativeEkf(MultiplicativeFilter):
     landmarks : LandmarkOptions or None
         See `MultiplicativeFilter`.
     iteration : IterationOptions or None
-        Of an update whose measurement is far from linear.
+        Options of the iterated update, for measurements far from linear.
     """
 
     name = "mekf"

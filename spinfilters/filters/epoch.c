@@ -271,8 +271,7 @@ typedef struct {
 
 /* Whitened innovations of LANES landmarks at all sigma points (D x POINTS), 0 in `good` where one is not valid, and the log
  * determinants of the noise at the centre. */
-static void sight_points(Sighted* sighted, const double* const* from, const integer* pitch, const lane* places, const integer*
-which,
+static void sight_points(Sighted* sighted, const double* const* from, const integer* pitch, const lane* places, const integer* which,
                          lane* away, double* good, double* noise) {
   double here[ITEMS * 3], out[ITEMS * D], valid[ITEMS], determinants[ITEMS];
   integer point[ITEMS], each[ITEMS];
@@ -665,8 +664,8 @@ static void observe(integer count, const Group* g, const integer* at, const doub
 }
 
 /* New landmarks, which depend on the pose by [count][3][C] and have their own roots. */
-static void settle_new(integer count, const double* by_pose, const double* own, const double* turned, stored* modes, stored*
-roots) {
+static void settle_new(integer count, const double* by_pose, const double* own, const double* turned, stored* modes,
+                       stored* roots) {
   for (integer first = 0; first < count; first += LANES) {
     const int some = (int)(count - first < LANES ? count - first : LANES);
     lane both[3 * C], L[9], A[3 * M], root[9];
@@ -686,9 +685,8 @@ roots) {
 /* `LandmarkSteps.close`: everything after the correction of an epoch, in the order of its NumPy reference. fresh: new landmarks,
  * by_pose [fresh][3][C] and own [fresh][3][3]; begin and end of the rows whose turn it is. */
 void close_epoch(integer count, Group* groups, const integer* at, const double* error, integer fresh, const double* by_pose,
-                 const double* own, double share, integer n, const double* both, double* explained, double* turned, double*
-                 mode_rows,
-                 stored* new_modes, stored* new_roots, integer total, integer begin, integer end, integer slots, integer now,
+                 const double* own, double share, integer n, const double* both, double* explained, double* turned,
+                 double* mode_rows, stored* new_modes, stored* new_roots, integer total, integer begin, integer end, integer slots, integer now,
                  const Map* map) {
   double G[Q * Q] = {0}, wide[Q * PITCH] = {0};
   pull(groups, (count + LANES - 1) / LANES, G);

@@ -45,10 +45,7 @@ NO_IDS = np.zeros(0, dtype=np.int64)
 
 @dataclass(frozen=True)
 class MapChange:
-    """Change of the landmarks in the state by an update.
-
-    Ids that it used (with their weights), took in, and let go.
-    """
+    """Change of the landmarks in the state by an update: ids that it used, with their weights, added and removed."""
 
     used: Int[np.ndarray, " u"]
     weights: Float[np.ndarray, " u"]

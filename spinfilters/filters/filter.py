@@ -182,10 +182,7 @@ class MultiplicativeFilter(Estimator):
         return self._held
 
     def _anchored(self, dim: int, rows: Int[np.ndarray, " k"]) -> HeldMap:
-        """The map, anchored at the present pose where only new landmarks are seen.
-
-        Not where those are so few that they tell no pose.
-        """
+        """The map, anchored at the present pose where only new landmarks are seen, and enough of them to fix a pose."""
         held, known = self._with_map(), int(np.count_nonzero(rows >= 0))
         if len(held.landmarks) == 0 or dim * known >= GAUGE_DIM or dim * (len(rows) - known) < GAUGE_DIM:
             return held

@@ -173,10 +173,7 @@ class Spread(PoseSpread):
     def _away(
         self, o: MapObservations, points: SigmaPoints, moves: Float[np.ndarray, "k 3 q"]
     ) -> tuple[Float[np.ndarray, "k d p"], np.ndarray, Float[np.ndarray, " k"]]:
-        """Whitened innovations at every point, and log determinants at the centre.
-
-        Zeros where not all are valid; determinants of the noise.
-        """
+        """Whitened innovations at every point (0 where one is not valid), and log determinants of the noise at the centre."""
         k, p = len(o.values), len(points.offsets)
         moved = points.offsets @ moves.reshape(3 * k, moves.shape[2]).T
         places, each = o.points + moved.reshape(p, k, 3), np.tile(np.arange(k), p)

@@ -504,10 +504,7 @@ def next_epoch(
 
 
 def _new_modes(closing: Closing) -> NewModes:
-    """Modes that explain most of the landmarks' dependence on pose and modes.
-
-    The transformation of the old modes to them comes with them.
-    """
+    """Modes that explain most of the landmarks' dependence on pose and modes, and the transformation to them."""
     rows, X, r = closing.white.rows[..., :-1], _own_parts(closing.white)[0], len(closing.remembered)
     size = rows.shape[2]
     c = size - r

@@ -251,7 +251,7 @@ class OutOfSequenceUpdates:
     ) -> tuple[UpdateReport, list[_KeptEpoch]]:
         """Replay epochs from the present state.
 
-        The report of the inserted measurement, and the epochs with the states before them.
+        Returns the report of the inserted measurement, and the epochs with the states before them.
         """
         first = _KeptEpoch(placing.epoch, placing.keys, before, time_before)
         reports = self._advance(first)

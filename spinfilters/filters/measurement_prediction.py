@@ -88,10 +88,7 @@ class LinearisedRows:
     def predicted(
         self, factor: Float[np.ndarray, "n r"], error: Float[np.ndarray, " n"] | None = None
     ) -> MeasurementPrediction:
-        """Predicted innovations of a state of uncertain error.
-
-        The error has a covariance factor and a mean, None for zero.
-        """
+        """Predicted innovations of a state whose error has a covariance factor and a mean, None for zero."""
         rho, jacobian = self.innovation.reshape(-1), self.jacobian.reshape(-1, self.jacobian.shape[2])
         if error is not None:
             rho = rho - jacobian @ error[self.columns]

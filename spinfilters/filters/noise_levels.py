@@ -204,10 +204,7 @@ class AdaptationOptions:
 
 @dataclass(frozen=True)
 class NoiseEvidence:
-    """Evidence of one update on a noise scale factor.
-
-    y'Dy, tr D K and tr (D K)^2; see the module's docstring.
-    """
+    """Evidence of one update on a noise scale: y'Dy, tr D K and tr (D K)^2 of the module's docstring."""
 
     squared: float
     expected: float
@@ -272,9 +269,7 @@ class PredictedMotion(NamedTuple):
 
 
 class NoiseAdaptation:
-    """Scale factors of all noise sources of one filter.
-
-    It also holds the evidence on those of the disturbances.
+    """Scale factors of all noise sources of one filter, and the evidence on those of the disturbances.
 
     Parameters
     ----------

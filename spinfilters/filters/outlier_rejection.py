@@ -235,10 +235,7 @@ class SensorOutlierRejection:
         self._refusals = 0
 
     def limit(self, dim: int) -> float:
-        """Squared distance up to which weights are 1.
-
-        Beyond it they are 0; negative where there is no such rule.
-        """
+        """Squared distance up to which weights are 1 and beyond which they are 0; negative where another rule applies."""
         plain = self._refusals < RECOVERY_COUNT and self.options.loss == "none"
         return gate(self.options.gate_probability, dim) if plain else -1.0
 

@@ -24,13 +24,13 @@ class LandmarkOptions:
     Attributes
     ----------
     modes : int
-        Errors that all landmarks share, at most; they stand in the state.
+        Largest number of errors that all landmarks share and that the state holds.
     explained : float
         Of the landmarks of a start, in all, that a mode must explain to be held, in squared standard deviations.
     largest_map : int
         Landmarks at most; those observed longest ago go first.
     precision : str
-        Of what is kept of every landmark, "float64" or "float32".
+        Precision of each landmark's arrays, "float64" or "float32".
     """
 
     modes: Annotated[int, NumberRange(1, 60, whole=True)] = 12

@@ -39,7 +39,7 @@ class MultiplicativeUkf(MultiplicativeFilter):
     landmarks : LandmarkOptions or None
         See `MultiplicativeFilter`.
     options : SigmaPointOptions or None
-        Of the sigma-point set.
+        Options of the sigma-point set.
 
     Raises
     ------

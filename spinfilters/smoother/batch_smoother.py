@@ -44,9 +44,7 @@ observations are right, 1.1 where 30 % are wrong."""
 def process_noise_inflation(
     motion: EpochFactors, here: LinearizationPoint, before: NormalEquations | None
 ) -> float:
-    """Inflation of the process noise at which the trajectory obeys its dynamics.
-
-    Factor of the standard deviation; 1 where the trajectory nearly obeys.
+    """Factor of the process noise's standard deviation at which the trajectory obeys its dynamics; 1 if it nearly does.
 
     Enforcing the dynamics from the first iteration, about a trajectory that breaks them by hundreds of standard deviations,
     moves it far from where the linear models hold.

@@ -75,9 +75,9 @@ class InitialMotion:
 
 
 def initial_motion(samples: MotionSamples, epochs: int) -> InitialMotion:
-    """Initial motion samples from the first ``epochs`` samples.
+    """Initial motion samples from the first ``epochs`` samples; what is missing of attitudes and rates is computed.
 
-    Attitudes integrated from rates, or rates differenced from attitudes, as is missing.
+    Attitudes are integrated from the rates where they are missing, or rates are differenced from the attitudes.
 
     The rate at an attitude is the slope of a polynomial through the rotation vectors around it. An attitude that is far from
     both of its neighbours, such as a pose from too few common landmarks, is left out.

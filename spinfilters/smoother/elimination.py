@@ -152,9 +152,7 @@ def eliminate(
     kept: int,
     epochs: int,
 ) -> Eliminated:
-    """Eliminate the landmarks from weighted observations.
-
-    Observations of landmarks that are then not well-constrained do not count.
+    """Eliminate the landmarks from weighted observations; those of landmarks not well constrained do not count.
 
     Parameters
     ----------
@@ -238,10 +236,7 @@ def _added_on_diagonal(
 def _constrained(
     observations: LandmarkObservations, linear: LinearObservations, weight: Float[np.ndarray, " N"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Well-constrained landmarks, observations that count, and square-root information.
-
-    The latter is I where a landmark is not well-constrained.
-    """
+    """Well-constrained landmarks, observations that count, and square-root information (I of all other landmarks)."""
     L, landmark = observations.landmarks, observations.landmark
     by_point = np.where((weight > 0)[:, None, None], linear.rows[:, :, POSE:-1], 0.0)
     information = np.zeros((L, 3, 3))

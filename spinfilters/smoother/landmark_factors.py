@@ -24,10 +24,7 @@ NOTHING_TWICE = "no landmark of the map is seen twice in these epochs; check the
 
 @dataclass(frozen=True)
 class SensorGroup:
-    """Landmark observations of one sensor.
-
-    Their indices in the flat list, the measured values, and the parameters without the point.
-    """
+    """Landmark observations of one sensor: indices in the flat list, values, and parameters without the point."""
 
     model: LandmarkSensor
     rows: Int[np.ndarray, " g"]

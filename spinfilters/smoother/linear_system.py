@@ -102,9 +102,9 @@ class SchurSystem:
 
     @cached_property
     def mass_std(self) -> float:
-        """Largest standard deviation of the mass distribution.
+        """Largest standard deviation of the mass distribution, 0 of a layout without it.
 
-        0 of a layout without it; the constants come last in the square root.
+        The constants come last in the square root, so that its last corner gives their covariance.
         """
         layout, constant = self.ordering.layout, self.ordering.constant
         if not layout.has(MASS_DISTRIBUTION):
@@ -298,9 +298,9 @@ class Marginals:
     Attributes
     ----------
     solution : SchurSystem
-        Of the linear problem at the estimate.
+        Solution of the linear problem at the estimate.
     eliminated : Eliminated or None
-        Its landmarks, or None.
+        Its eliminated landmarks, or None.
     """
 
     solution: SchurSystem
@@ -386,11 +386,9 @@ class Marginals:
         return rows
 
     def landmark_rows(self, landmarks: Int[np.ndarray, " q"]) -> tuple[np.ndarray, np.ndarray]:
-        """Errors of landmarks as rows (q, 3, r) over the separator's noise.
+        """Errors of landmarks as rows (q, 3, r) over the separator's noise, and roots (q, 3, 3) of their own covariance.
 
-        Square roots (q, 3, 3) of their own covariance come with them.
-
-        Landmarks must be well constrained.
+        The landmarks must be well constrained ones of the solution, by their numbers in it.
         """
         from scipy.sparse import bsr_array  # here alone: a solution without covariances needs none
 

@@ -163,10 +163,9 @@ class Gate(RobustLoss):
 
 @dataclass(frozen=True)
 class Graduated(RobustLoss):
-    """Geman-McClure's loss by graduated non-convexity (Yang et al. 2020).
+    """Geman-McClure's loss by graduated non-convexity, reached from least squares (Yang et al. 2020).
 
-    Reached from least squares; holds with half of all observations wrong.
-
+    It holds with half of all observations wrong. The loss is
     rho = m b^2 s / (m b^2 + s) with m falling from ``first`` to 1 by ``rate`` per iteration: at first all residuals pull, at last
     those of many times b hardly do.
 

@@ -252,7 +252,7 @@ class EpochFactors:
     loss : RobustLoss
         Robust loss of each measurement's whitened innovation.
     first : ndarray of float, shape (m,) or None
-        Whose constants the steps are linearised about, or None for their own.
+        State about whose constants the steps are linearised, or None for the trajectory's own.
     """
 
     process: ProcessModel

@@ -69,14 +69,12 @@ class RecursiveSmoother(Estimator):
         self._time, self._belief = 0.0, belief
 
     def begin(self, prior: StatePrior, epochs: Timeline, first: InitialGuess) -> list[UpdateResult]:
-        """Begin with the smoothed epochs of an initialisation.
-
-        From the states and landmarks that it found for them.
+        """Begin with the smoothed epochs of an initialisation, from the states and landmarks that it found for them.
 
         Parameters
         ----------
         prior : StatePrior
-            Of the first epoch's state; its pose says where g is.
+            Prior of the first epoch's state; its pose defines frame g.
         """
         self._begun(prior)
         for epoch in epochs:

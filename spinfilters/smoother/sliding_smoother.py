@@ -45,11 +45,11 @@ class SmootherOptions:
     gate : float
         Standard deviations beyond which an observation counts as a wrong association.
     iterations : int
-        Per epoch, at most; one is enough where nothing surprises.
+        Largest number of iterations per epoch; one suffices where the initial guess is good.
     marginalized : bool
         Whether epochs that leave are handed back with their covariance, which costs a factorisation more.
     loss : RobustLoss or None
-        Of an observation's residual, in place of the gate.
+        Robust loss of an observation's residual, in place of the gate.
     """
 
     policy: WindowPolicy = field(default_factory=LandmarkMarginalization)
@@ -129,7 +129,7 @@ class SmootherState:
     retry_schedule : RetrySchedule
         When the closed form is asked again.
     mass_std : float
-        Of the mass distribution (logarithm of second moments), the largest, after the last epoch.
+        Largest standard deviation of the mass distribution (logarithm of second moments) after the last epoch.
     fits : bool
         Whether the last epoch's solution explained what was measured within its noise.
     """
@@ -237,9 +237,9 @@ class SlidingSmoother:
     Parameters
     ----------
     process : ProcessModel
-        Of the motion.
+        Process model of the motion.
     prior : StatePrior
-        Of the first epoch's state; its pose says where g is.
+        Prior of the first epoch's state; its pose defines frame g.
     has_landmarks : bool
         Whether there are observations of landmarks.
     """

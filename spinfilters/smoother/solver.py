@@ -127,9 +127,9 @@ class LevenbergMarquardt(StepRule):
 
 @dataclass(frozen=True)
 class Dogleg(StepRule):
-    """Dogleg steps within a trust radius in scaled units.
+    """Dogleg steps within a trust radius in scaled units (Powell 1970; Rosen et al. 2014).
 
-    Along steepest descent, then towards Gauss-Newton (Powell 1970; Rosen et al. 2014).
+    A step goes along steepest descent first, then towards the Gauss-Newton step.
     """
 
     radius: float = 1e4
@@ -328,9 +328,7 @@ def solve(
     on_iteration: OnIteration | None = None,
     is_known: Callable[[LinearizationPoint], bool] | None = None,
 ) -> Solved:
-    """Iterate from a linearisation point until the cost converges.
-
-    Nothing is raised for a system that does not determine everything.
+    """Iterate from a linearisation point until the cost converges; an underdetermined system raises nothing.
 
     Parameters
     ----------

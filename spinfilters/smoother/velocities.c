@@ -91,8 +91,7 @@ static integer place_components(integer k, integer both, integer K, integer p, i
 /* Grams of epochs (both = 0, count = K) or of steps (both = 1, count = K - 1) into M [kept + 1][kept], lower triangle and
  * right-hand side, and into D, E, G of the chain. */
 int add_information_blocks(integer count, integer both, integer K, integer p, integer v, integer c, const double* grams,
-double* M, double* D,
-               double* E, double* G) {
+               double* M, double* D, double* E, double* G) {
   integer kept = K * p + c, width = kept + 1, most = 2 * (p + v) + c + 1;
   integer* to = (integer*)malloc(2 * most * sizeof(integer));
   if (to == 0) return 1;

@@ -312,10 +312,7 @@ class Window:
 def _with_observations(
     window: Window, model: LandmarkSensor, ids: Int[np.ndarray, " k"], measured: Measurement
 ) -> Window:
-    """The window with one sensor's observations in the latest epoch.
-
-    Those that tell no landmark and are not of a known one are left out.
-    """
+    """The window with one sensor's observations in the latest epoch, without those that neither determine nor know a landmark."""
     values, parameters = measured.values, measured.parameters
     models = window.models if any(known is model for known in window.models) else (*window.models, model)
     number = next(k for k, known in enumerate(models) if known is model)
