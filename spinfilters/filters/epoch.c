@@ -271,8 +271,8 @@ typedef struct {
 
 /* Whitened innovations of LANES landmarks at all sigma points (D x POINTS), 0 in `good` where one is not valid, and the log
  * determinants of the noise at the centre. */
-static void sight_points(Sighted* sighted, const double* const* from, const integer* pitch, const lane* places, const integer* which,
-                         lane* away, double* good, double* noise) {
+static void sight_points(Sighted* sighted, const double* const* from, const integer* pitch, const lane* places,
+                         const integer* which, lane* away, double* good, double* noise) {
   double here[ITEMS * 3], out[ITEMS * D], valid[ITEMS], determinants[ITEMS];
   integer point[ITEMS], each[ITEMS];
   /* Items point by point, landmark by landmark: place, state (point) and values (each) of every item. */
@@ -686,7 +686,8 @@ static void settle_new(integer count, const double* by_pose, const double* own, 
  * by_pose [fresh][3][C] and own [fresh][3][3]; begin and end of the rows whose turn it is. */
 void close_epoch(integer count, Group* groups, const integer* at, const double* error, integer fresh, const double* by_pose,
                  const double* own, double share, integer n, const double* both, double* explained, double* turned,
-                 double* mode_rows, stored* new_modes, stored* new_roots, integer total, integer begin, integer end, integer slots, integer now,
+                 double* mode_rows, stored* new_modes, stored* new_roots,
+                 integer total, integer begin, integer end, integer slots, integer now,
                  const Map* map) {
   double G[Q * Q] = {0}, wide[Q * PITCH] = {0};
   pull(groups, (count + LANES - 1) / LANES, G);
