@@ -247,10 +247,7 @@ class _ChartEkf(ExtendedKalmanFilter):
 
 
 class FilterpyUkf(FilterpyFilter):
-    """filterpy's unscented Kalman filter with Van der Merwe's scaled points.
-
-    The same set as the multiplicative UKF's.
-    """
+    """filterpy's unscented Kalman filter, on the same scaled points (Van der Merwe) as the multiplicative UKF."""
 
     name = "filterpy-ukf"
 
@@ -261,10 +258,7 @@ class FilterpyUkf(FilterpyFilter):
         super().__init__(process, self._ukf)
 
     def _moved(self, xi: Float[np.ndarray, " n"], dt: float) -> Float[np.ndarray, " n"]:
-        """One sigma point dt seconds later, on the mean's branch.
-
-        It is the branch that the point reaches continuously.
-        """
+        """One sigma point dt seconds later, on the branch that it reaches continuously from the mean's."""
         return self._chart.coordinates(self.process.step(self._chart.point(xi), dt))
 
     def _advance(

@@ -69,10 +69,7 @@ def _library(columns: int, size: int) -> ctypes.PyDLL | None:
 
 
 class Update(NamedTuple):
-    """A point, its correction, and the covariance factor about it.
-
-    (m,) and (n, n).
-    """
+    """Outcome of an update: corrected mean (m,), correction, and covariance factor (n, n) about that mean."""
 
     mean: Float[np.ndarray, " m"]
     correction: Correction
@@ -102,7 +99,10 @@ class CompiledUpdate:
 
         Parameters
         ----------
-        scale: of the noise covariance, over the stated one.   limit: of the gate, a squared distance; negative for another rule.
+        scale : float
+            Ratio of the noise covariance to the stated one.
+        limit : float
+            Squared Mahalanobis distance of the gate; negative where another rule than a gate applies.
         """
         count, n = len(measurement.values), self._size
         if not count or limit < 0 or factor.shape != (n, n):
@@ -170,7 +170,7 @@ def compiled_propagation(size: int) -> CompiledPropagation | None:
 SHAPE = (3, 6)
 """Components of an observation, and columns of the state that it depends on: of a stereo pair; others go through NumPy."""
 ROWS_BESIDE_MODES = 48
-"""Rows of the factor beside the modes: state and move."""
+"""Rows of the factor besides those of the modes: state and move."""
 _EPOCH_SIGNATURES = {
     "refresh": Signature("ipiiiip", None),
     "whiten": Signature("ippppp", ctypes.c_double),

@@ -32,8 +32,16 @@ class MultiplicativeEkf(MultiplicativeFilter):
 
     Parameters
     ----------
-    process, robust, adaptation, landmarks: see `MultiplicativeFilter`.
-    iteration: of an update whose measurement is far from linear.
+    process : ProcessModel
+        See `MultiplicativeFilter`.
+    robust : RobustOptions or None
+        See `MultiplicativeFilter`.
+    adaptation : AdaptationOptions or None
+        See `MultiplicativeFilter`.
+    landmarks : LandmarkOptions or None
+        See `MultiplicativeFilter`.
+    iteration : IterationOptions or None
+        Options of the iterated update, for measurements far from linear.
     """
 
     name = "mekf"
@@ -71,10 +79,7 @@ class MultiplicativeEkf(MultiplicativeFilter):
     def _weighed(
         self, measurement: Measurement, guard: SensorOutlierRejection, scale: float
     ) -> Update | None:
-        """Weighted update by valid values, iterated where far from linear.
-
-        The weights are the guard's.
-        """
+        """Update by the valid values with the weights of outlier rejection, iterated where the model is far from linear."""
         rows = linear_rows(measurement, self._mean)
         if rows.dof and scale != 1:
             rows = rows.weighted(np.full(len(rows.innovation), 1 / scale))
@@ -103,10 +108,7 @@ class MultiplicativeEkf(MultiplicativeFilter):
         return length * _curvature(self.layout, self._mean, correction.error) <= self._iteration.tolerance
 
     def _has_proved_right(self, found: Update, measurement: Measurement, scale: float) -> bool:
-        """Whether a measurement's update needs no further iteration.
-
-        An update refused by the gate is iterated.
-        """
+        """Whether an update needs no iteration: it is small, or all values passed the gate as the model predicted."""
         if self._is_small(found.correction):
             return True
         model, chosen = measurement.model, _sample(len(measurement.values))
@@ -121,10 +123,7 @@ class MultiplicativeEkf(MultiplicativeFilter):
     def _agrees(
         self, rows: LinearisedRows, spacing: float, mean: Float[np.ndarray, " m"], correction: Correction
     ) -> bool:
-        """Whether sampled linear rows agree, or no further update is wanted.
-
-        Each stands for ``spacing`` rows.
-        """
+        """Whether sampled rows, each counted ``spacing`` times, are as the model predicted, or iteration is off."""
         if self._iteration.iterations == 1:
             return True
         expected = rows.innovation - rows.jacobian @ correction.error[rows.columns]
@@ -152,9 +151,8 @@ def _sampled(rows: LinearisedRows) -> tuple[LinearisedRows, float]:
 def _curvature(layout: StateLayout, mean: Float[np.ndarray, " m"], error: Float[np.ndarray, " n"]) -> float:
     """Relative error of a linearly predicted change of residual, in order of magnitude.
 
-    From the rotation and the relative change of range.
-
-    A correction moves a residual by |H y| <= |U y| deviations; where that times this is small, a second look is not worth its time.
+    It is the sum of the rotation (rad) and the relative change of range. A correction moves a residual by |H y| <= |U y|
+    standard deviations; where that times this is below the tolerance, a second linearisation changes nothing that matters.
     """
     if not layout.has(ATTITUDE):
         return math.inf
@@ -167,13 +165,12 @@ def _curvature(layout: StateLayout, mean: Float[np.ndarray, " m"], error: Float[
 
 @dataclass(frozen=True)
 class IteratedUpdate:
-    """Iterated update in the coordinates y of a predicted belief.
-
-    error = factor @ y about its mean.
+    """Iterated update in the coordinates y of a predicted belief, whose error about its mean is factor @ y.
 
     Attributes
     ----------
-    rows: linearised at the mean; the noise is what it is there.
+    rows : LinearisedRows
+        Linearised at the mean; the noise is what it is there.
     """
 
     layout: StateLayout
@@ -198,16 +195,15 @@ class IteratedUpdate:
         return float(y @ y) + float(np.sum(residual * residual))
 
     def solution(self, y: Float[np.ndarray, " n"]) -> Correction:
-        """Correction by the model linearised at a point, as error about the mean.
-
-        The objective must be finite at the point.
-        """
+        """Correction by the model linearised at y, as an error about the mean; the objective must be finite there."""
         point = self._point(y)
         m = self.rows.measurement
         rows = linear_rows(m, point)
+        # Errors about the point by y: reset Jacobian times factor, so that the prior mean lies at -moved y.
         moved = self.layout.reset_jacobian(self._rows @ y) @ self._rows
         whitening = m.model.whitening(point, m.parameters)
         innovation, jacobian = rows.innovation, rows.jacobian
+        # Rows whitened at y are re-whitened by the weighted noise at the mean: W_mean W_y^-1.
         if not np.array_equal(whitening, self._weighing):  # noise that depends on the state, or weights
             back = np.swapaxes(whitening, 1, 2)
             turn = np.swapaxes(np.linalg.solve(back, np.swapaxes(self._weighing, 1, 2)), 1, 2)

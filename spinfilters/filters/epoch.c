@@ -1,11 +1,10 @@
-/* The steps of an epoch's observations of landmarks; `steps.py` says what they compute, `reference.py` computes it in NumPy
-where there
- * is no compiler. D components of an observation, C columns of the state that it depends on, M modes, N rows of the factor,
- LANES, and `stored`,
- * float or double, are defined in front of this text, and `correction.c` stands before it. Matrices are row by row.
+/* The steps of an epoch's observations of landmarks; `landmark_steps.py` says what they compute, and computes it in NumPy where
+ * there is no compiler. D components of an observation, C columns of the state that it depends on, M modes, N rows of the
+ * factor, LANES, and `stored`, float or double, are defined in front of this text, which follows `correction.c`. Matrices are
+ * row by row.
  *
- * The small matrices of LANES landmarks are handled side by side: a `lane` holds one entry of each. A group that is not full is
- * filled up with its last landmark, whose observation then has no weight. */
+ * The small matrices of LANES landmarks are handled side by side: a `lane` holds one entry of each. A group that is
+ * not full is filled up with its last landmark, whose observation then has no weight. */
 enum { LINEAR = C + 4, BAND = 4, STEP = 3 };
 
 /* `LandmarkMap`: where its arrays lie. */
@@ -15,8 +14,8 @@ typedef struct {
   stored *modes, *roots;
 } Map;
 
-/* LANES observations of `WhitenedRows`: rows (D x W), in their place at last what they make of their landmarks (3 x W), X and
-H_p L. */
+/* LANES observations of `WhitenedLandmarks`: rows (D x W), replaced in the end by the pull X' rows on their landmarks (3 x W); X
+ * and H_p L. */
 typedef struct {
   loose rows[D * W], spread[D * 3], gram[D * 3];
 } Group;
@@ -34,10 +33,10 @@ static inline lane with_sign(lane x, lane y) {
   return (lane)(((mask)x & ~sign) | ((mask)y & sign));
 }
 
-/* Lower triangular L (3 x 3) with L L' = X X', X (3 x count) overwritten, by reflections: squares of what is wide apart would
-be lost
- * to rounding. */
+/* Lower triangular L (3 x 3) with L L' = X X', X (3 x count) overwritten, by reflections: squares of numbers of very
+ * different size would lose the smaller ones to rounding. */
 static inline __attribute__((always_inline)) void lower_root(lane* X, const int count, lane* L) {
+  /* Reflection j from the right takes row j, columns j .. count, to (-length, 0 ..), and the rows below with it. */
   for (int j = 0; j < 3; ++j) {
     lane *v = X + j * count, square = {0};
     for (int k = j; k < count; ++k) square += v[k] * v[k];
@@ -62,6 +61,7 @@ static inline void follow(const Map* map, integer k, integer slots, double* P) {
   const double *T = map->transform + slot * M * M, *S = map->spread + slot * M * M, *b = map->shift + slot * M;
   double AS[3 * M] = {0}, moved[3 * M] = {0};
   stored* A = map->modes + k * 3 * M;
+  /* Point += A shift; A transform and A spread, row a of 3. */
   for (int a = 0; a < 3; ++a) {
     double sum = 0;
     for (int m = 0; m < M; ++m) {
@@ -74,6 +74,7 @@ static inline void follow(const Map* map, integer k, integer slots, double* P) {
     }
     map->points[3 * k + a] += sum;
   }
+  /* P = (A spread) A', lower triangle. */
   for (int a = 0; a < 3; ++a)
     for (int c = 0; c <= a; ++c) {
       double sum = 0;
@@ -108,6 +109,7 @@ void refresh(integer count, const integer* at, integer begin, integer end, integ
   integer late[LANES];
   lane P[9] = {0};
   int some = 0;
+  /* Landmarks that are behind are collected and widened LANES at a time; the last group may be smaller. */
   for (integer i = 0; i < count; ++i) {
     const integer k = at ? at[i] : i, behind = now - map->epoch[k];
     if (behind > 0 && (at || (i >= begin && i < end) || behind > slots - 2)) {
@@ -128,6 +130,7 @@ void refresh(integer count, const integer* at, integer begin, integer end, integ
 static void compose(integer slots, const double* turned, const double* by, const Map* map) {
   for (integer s = 0; s < slots; ++s) {
     double *T = map->transform + s * M * M, *S = map->spread + s * M * M, f[M * C];
+    /* Row a of transform [modes kept | dropped]: shift += T by, T <- T kept, f = T dropped (stored [C][M]). */
     for (int a = 0; a < M; ++a) {
       double sum = 0, row[Q] = {0};
       for (int m = 0; m < M; ++m) {
@@ -139,6 +142,7 @@ static void compose(integer slots, const double* turned, const double* by, const
       memcpy(T + a * M, row, M * sizeof(double));
       for (int l = 0; l < C; ++l) f[l * M + a] = row[M + l];
     }
+    /* spread += f f', the dropped modes at unit covariance. */
     for (int a = 0; a < M; ++a) {
       double row[M];
       memcpy(row, S + a * M, sizeof row);
@@ -162,6 +166,7 @@ double whiten(integer count, const double* linear, const double* weights, const 
       TAKE(map->roots + at[k] * 9, 9, i, L);
       ((double*)&root)[i] = i < some ? weights[k] : 0;
     }
+    /* gram = sqrt(weight) H_p L (D x 3); the lower root T of X X', X = [I | gram], whitens the rows. */
     root = square_roots(root);
     for (int d = 0; d < D; ++d) {
       const lane* h = H + d * LINEAR + C;
@@ -176,6 +181,7 @@ double whiten(integer count, const double* linear, const double* weights, const 
       out[d] = 1 / T[4 * d];
       volume *= T[4 * d] / root;
     }
+    /* Forward substitution by T of the columns: pose (C), modes through the landmark (M), innovation, then gram (3) to X. */
     for (int k = 0; k < W + 3; ++k) {
       lane v[D];
       for (int d = 0; d < D; ++d) {
@@ -201,6 +207,7 @@ double correct(integer count, integer n, const Group* g, const integer* columns,
   double R[W * WP] __attribute__((aligned(ALIGNMENT))) = {0}, block[BAND * D * LANES * WP] __attribute__((aligned(ALIGNMENT)));
   for (integer left = (count + LANES - 1) / LANES; left > 0; left -= BAND) {
     const int some = (int)(left < BAND ? left : BAND);
+    /* Lanes apart again: rows [BAND D LANES][WP] of ordinary numbers, absorbed into the triangle R. */
     for (int i = 0; i < some; ++i, ++g)
       for (int d = 0; d < D; ++d)
         for (int k = 0; k < W; ++k)
@@ -264,11 +271,11 @@ typedef struct {
 
 /* Whitened innovations of LANES landmarks at all sigma points (D x POINTS), 0 in `good` where one is not valid, and the log
  * determinants of the noise at the centre. */
-static void sight_points(Sighted* sighted, const double* const* from, const integer* pitch, const lane* places, const integer*
-which,
-                         lane* away, double* good, double* noise) {
+static void sight_points(Sighted* sighted, const double* const* from, const integer* pitch, const lane* places,
+                         const integer* which, lane* away, double* good, double* noise) {
   double here[ITEMS * 3], out[ITEMS * D], valid[ITEMS], determinants[ITEMS];
   integer point[ITEMS], each[ITEMS];
+  /* Items point by point, landmark by landmark: place, state (point) and values (each) of every item. */
   for (int p = 0; p < POINTS; ++p)
     for (int i = 0; i < LANES; ++i) {
       PUT(places + 3 * p, 3, i, here + 3 * (p * LANES + i), double);
@@ -279,6 +286,7 @@ which,
   const integer *rows[] = {point, 0, each, each};
   double* const to[] = {out, valid, determinants};
   sighted(ITEMS, moved, pitch, rows, to);
+  /* Innovations back into lanes [D][POINTS]; a landmark is good where all of its points are valid and finite. */
   for (int i = 0; i < LANES; ++i) {
     double square = 0;
     good[i] = 1;
@@ -301,6 +309,7 @@ static inline lane fit(const Sigma* set, const lane* away, lane* slope, lane* le
   lane mean = set->mean[0] * away[0];
   for (int p = 1; p < POINTS; ++p) mean += set->mean[1] * away[p];
   left[0] = set->root[0] * (mean - away[0]);
+  /* Axis j has the points 1 + j (plus) and 1 + AXES + j (minus): slope by their difference, remainder of both. */
   for (int j = 0; j < AXES; ++j) {
     const lane plus = mean - away[1 + j], minus = mean - away[1 + AXES + j];
     slope[j] = scale * (plus - minus);
@@ -310,15 +319,16 @@ static inline lane fit(const Sigma* set, const lane* away, lane* slope, lane* le
   return mean;
 }
 
-/* Slopes by coordinates become those by the pose's errors and by the landmark, which moves by `moves` (3 x AXES): 0 by what no
-coordinate
- * moves. */
+/* Slopes by coordinates become those by the pose's errors and by the landmark, which moves by `moves` (3 x AXES): 0 by what
+ * no coordinate moves. */
 static inline void by_errors(const double* pose, const lane* moves, lane* slope) {
+  /* Back substitution by the landmark's own lower root, moves[:, C ..]: slopes by the landmark. */
   for (int c = 2; c >= 0; --c) {
     for (int e = c + 1; e < 3; ++e) slope[C + c] -= slope[C + e] * moves[e * AXES + C + c];
     const lane pivot = moves[c * AXES + C + c];
     slope[C + c] = (lane)((mask)(slope[C + c] / pivot) & (mask)(pivot != 0));
   }
+  /* The landmark's share of coordinates 0 .. C is taken off, then back substitution by the pose's lower factor. */
   for (int j = C - 1; j >= 0; --j) {
     for (int c = 0; c < 3; ++c) slope[j] -= slope[C + c] * moves[c * AXES + j];
     for (int i = j + 1; i < C; ++i) slope[j] -= slope[i] * pose[i * C + j];
@@ -336,6 +346,7 @@ static inline void move_landmarks(const Spread* spread, const Map* map, const in
     for (int a = 0; a < 3; ++a) TAKE(map->roots + k * 9 + 3 * a, 3, i, X + a * (M + 3) + M);
     TAKE(map->points + 3 * k, 3, i, places);
   }
+  /* moves[:, 0 .. C] = A modes; X = [A late | own root], `late` lower triangular. */
   for (int a = 0; a < 3; ++a) {
     for (int j = 0; j < C; ++j) {
       lane sum = {0};
@@ -349,6 +360,7 @@ static inline void move_landmarks(const Spread* spread, const Map* map, const in
     }
   }
   lower_root(X, M + 3, L);
+  /* moves[:, C ..] = root of X X'; places = point +- step moves[:, j]. */
   for (int a = 0; a < 3; ++a) {
     for (int c = 0; c < 3; ++c) moves[a * AXES + C + c] = L[3 * a + c];
     for (int j = 0; j < AXES; ++j) {
@@ -358,9 +370,8 @@ static inline void move_landmarks(const Spread* spread, const Map* map, const in
   }
 }
 
-/* `regressed`: linear [count][D][LINEAR], valid [count] and noise [count]. States [POINTS] have rows of so many numbers;
-parameters are
- * those behind the point. */
+/* `regressed`: linear [count][D][LINEAR], valid [count] and noise [count]. States [POINTS] have rows of so many
+ * numbers; parameters are those behind the point. */
 void regress(integer count, Sighted* sighted, const Spread* spread, integer numbers, const double* parameters, integer width,
              const double* values, integer components, const integer* at, const Sigma* set, const Map* map, double* linear,
              double* valid, double* noise) {
@@ -414,13 +425,13 @@ static inline void turn(double* restrict a, double* restrict b, double c, double
   }
 }
 
-/* Eigenvalues d of a symmetric A (order Q, overwritten), eigenvectors in the rows of V: Householder's reflections to three
-diagonals,
- * then QL with implicit shifts (Wilkinson and Reinsch, 1971). */
+/* Eigenvalues d of a symmetric A (order Q, overwritten), eigenvectors in the rows of V: Householder's reflections to a
+ * tridiagonal matrix, then QL with implicit shifts (Wilkinson and Reinsch, 1971). */
 static void eigenvectors(double* A, double* d, double* V) {
   double e[Q] = {0};
   memset(V, 0, Q * Q * sizeof(double));
   for (int j = 0; j < Q; ++j) V[j * (Q + 1)] = 1;
+  /* Reflection j makes row and column j tridiagonal: A <- A - v w' - w v', V <- (I - scale v v') V. */
   for (int j = 0; j + 2 < Q; ++j) {
     double v[Q] = {0}, w[Q] = {0}, z[Q] = {0}, square = 0, along = 0;
     for (int k = j + 1; k < Q; ++k) v[k] = A[j * Q + k];
@@ -444,6 +455,7 @@ static void eigenvectors(double* A, double* d, double* V) {
   }
   for (int j = 0; j < Q; ++j) d[j] = A[j * (Q + 1)];
   for (int j = 0; j + 1 < Q; ++j) e[j] = A[j * (Q + 1) + 1];
+  /* QL sweeps with implicit shift until e[l] is negligible; rotations go into the rows of V. */
   for (int l = 0; l < Q; ++l)
     for (int sweep = 0; sweep < 60; ++sweep) {
       int m = l;
@@ -478,6 +490,7 @@ static void eigenvectors(double* A, double* d, double* V) {
 static void lower_by_reflections(const double* from, int n, double* R, double* reflect) {
   memcpy(reflect, from, Q * n * sizeof(double));
   memset(R, 0, Q * Q * sizeof(double));
+  /* Reflection j from the right zeroes row j behind column j; rows below follow, the reflection stays in `reflect`. */
   for (int j = 0; j < Q; ++j) {
     double *u = reflect + j * n, square = 0;
     for (int k = 0; k < j; ++k) {
@@ -508,6 +521,7 @@ static void pull(Group* g, integer groups, double* G) {
   lane square[Q * Q] = {{0}};
   for (integer i = 0; i < groups; ++i, ++g) {
     lane seen[D * Q];
+    /* Column k: rows <- X' row (3); seen = the part explained by pose and modes, row - X X' row (of the pose - X X' row). */
     for (int k = 0; k < W; ++k) {
       lane row[D], sum[3];
       for (int d = 0; d < D; ++d) row[d] = g->rows[d * W + k];
@@ -522,6 +536,7 @@ static void pull(Group* g, integer groups, double* G) {
         seen[d * Q + k] = row[d];
       }
     }
+    /* G += seen' seen, upper triangle per lane; below, the sum over lanes, mirrored. */
     for (int a = 0; a < Q; ++a)
       for (int b = a; b < Q; ++b)
         for (int d = 0; d < D; ++d) square[a * Q + b] += seen[d * Q + a] * seen[d * Q + b];
@@ -536,12 +551,12 @@ static void pull(Group* g, integer groups, double* G) {
 }
 
 /* `compress`: turned [Q][Q] of kept and dropped side by side, mode_rows [M][n], explained [M] (in: what is remembered). G:
-what pose and
- * modes of all observed landmarks explain. */
+ * what pose and modes of all observed landmarks explain. */
 static void compress(double* G, integer n, const double* both, double* explained, double* turned, double* mode_rows) {
   double R[Q * Q], A[Q * Q] = {0}, d[Q], V[Q * Q], T[Q * Q] = {0}, reflect[Q * N];
   for (int m = 0; m < M; ++m) G[(C + m) * (Q + 1)] += explained[m];
   lower_by_reflections(both, (int)n, R, reflect);
+  /* A = R' G R with R lower triangular: T = G R, then R' T. */
   for (int a = 0; a < Q; ++a)
     for (int b = 0; b < Q; ++b)
       for (int k = 0; k <= b; ++k) T[a * Q + k] += G[a * Q + b] * R[b * Q + k];
@@ -550,12 +565,14 @@ static void compress(double* G, integer n, const double* both, double* explained
       for (int k = 0; k < Q; ++k) A[a * Q + k] += R[b * Q + a] * T[b * Q + k];
   eigenvectors(A, d, V);
   int order[Q];
+  /* Eigenvalues by insertion in descending order: the first M are the modes kept. */
   for (int j = 0; j < Q; ++j) {
     int at = j;
     for (; at > 0 && d[order[at - 1]] < d[j]; --at) order[at] = order[at - 1];
     order[at] = j;
   }
   double side[N * M] = {0}; /* the modes' rows side by side */
+  /* turned = R V, kept columns first; `side` starts as the kept eigenvectors [Q][M]. */
   for (int j = 0; j < Q; ++j) {
     const double* v = V + order[j] * Q;
     for (int a = 0; a < Q; ++a) {
@@ -566,6 +583,7 @@ static void compress(double* G, integer n, const double* both, double* explained
     }
     if (j < M) explained[j] = d[order[j]];
   }
+  /* Reflections in reverse order take the eigenvectors to the n columns of the factor. */
   for (int k = Q - 1; k >= 0; --k) {
     const double* u = reflect + k * n;
     double sum[M] = {0};
@@ -584,6 +602,7 @@ enum { PITCH = (Q + STEP - 1) / STEP * STEP };
 static inline __attribute__((always_inline)) void settle(const lane* both, const int width, const lane* own, const double* turned,
                                                          lane* modes, lane* root) {
   lane by[3 * PITCH], X[3 * (C + 3)];
+  /* by = both turned, STEP columns in registers at a time. */
   for (int m = 0; m < PITCH; m += STEP) {
     lane sum[3 * STEP] = {{0}};
     for (int k = 0; k < width; ++k)
@@ -592,6 +611,7 @@ static inline __attribute__((always_inline)) void settle(const lane* both, const
     for (int a = 0; a < 3; ++a)
       for (int s = 0; s < STEP; ++s) by[a * PITCH + m + s] = sum[a * STEP + s];
   }
+  /* Columns 0 .. M are the modes; the dropped C columns join the landmark's own error, X = [dropped | own]. */
   for (int a = 0; a < 3; ++a) {
     for (int m = 0; m < M; ++m) modes[a * M + m] = by[a * PITCH + m];
     for (int c = 0; c < C; ++c) X[a * (C + 3) + c] = by[a * PITCH + M + c];
@@ -616,6 +636,7 @@ static void observe(integer count, const Group* g, const integer* at, const doub
       for (int b = 0; b < 3; ++b) X[a * (D + 3) + b] = (lane){0} + (a == b);
     }
     lower_root(X, D + 3, U);
+    /* both = [0 | A] - L (X' rows), step = L X' rho + both error, own = L U'^-1 with U U' = I + gram' gram. */
     for (int a = 0; a < 3; ++a) {
       const lane* l = L + 3 * a;
       step[a] = l[0] * g->rows[Q] + l[1] * g->rows[W + Q] + l[2] * g->rows[2 * W + Q];
@@ -643,8 +664,8 @@ static void observe(integer count, const Group* g, const integer* at, const doub
 }
 
 /* New landmarks, which depend on the pose by [count][3][C] and have their own roots. */
-static void settle_new(integer count, const double* by_pose, const double* own, const double* turned, stored* modes, stored*
-roots) {
+static void settle_new(integer count, const double* by_pose, const double* own, const double* turned, stored* modes,
+                       stored* roots) {
   for (integer first = 0; first < count; first += LANES) {
     const int some = (int)(count - first < LANES ? count - first : LANES);
     lane both[3 * C], L[9], A[3 * M], root[9];
@@ -661,15 +682,16 @@ roots) {
   }
 }
 
-/* `Steps.close`: everything after the correction of an epoch, in the order of its NumPy reference. fresh: new landmarks, by_pose
- * [fresh][3][C] and own [fresh][3][3]; begin and end of the rows whose turn it is. */
+/* `LandmarkSteps.close`: everything after the correction of an epoch, in the order of its NumPy reference. fresh: new landmarks,
+ * by_pose [fresh][3][C] and own [fresh][3][3]; begin and end of the rows whose turn it is. */
 void close_epoch(integer count, Group* groups, const integer* at, const double* error, integer fresh, const double* by_pose,
-                 const double* own, double share, integer n, const double* both, double* explained, double* turned, double*
-                 mode_rows,
-                 stored* new_modes, stored* new_roots, integer total, integer begin, integer end, integer slots, integer now,
+                 const double* own, double share, integer n, const double* both, double* explained, double* turned,
+                 double* mode_rows, stored* new_modes, stored* new_roots,
+                 integer total, integer begin, integer end, integer slots, integer now,
                  const Map* map) {
   double G[Q * Q] = {0}, wide[Q * PITCH] = {0};
   pull(groups, (count + LANES - 1) / LANES, G);
+  /* New landmarks in G, poses only: share (L^-1 by_pose)' (L^-1 by_pose). */
   for (integer i = 0; i < fresh; ++i) {
     double scaled[3 * C];
     for (int k = 0; k < C; ++k) {

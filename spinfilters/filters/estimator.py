@@ -23,10 +23,14 @@ class Measurement:
 
     Attributes
     ----------
-    model: the sensor.
-    values: (k, value_dim) measured values, k at least 0.
-    parameters: (k, parameter_dim) what accompanies each value (landmark, calibration, noise).
-    ids: (k,) landmarks that an estimator holds in its own state, each once; their points in ``parameters`` are then not read.
+    model : MeasurementModel
+        The sensor.
+    values : ndarray of float, shape (k, v)
+        Measured values, k at least 0.
+    parameters : ndarray of float, shape (k, p)
+        What accompanies each value (landmark, calibration, noise).
+    ids : ndarray of int, shape (k,) or None
+        Landmarks that an estimator holds in its own state, each once; their points in ``parameters`` are then not read.
         None where the map is known, and for sensors without landmarks.
     """
 
@@ -41,10 +45,7 @@ NO_IDS = np.zeros(0, dtype=np.int64)
 
 @dataclass(frozen=True)
 class MapChange:
-    """Change of the landmarks in the state by an update.
-
-    Ids that it used (with their weights), took in, and let go.
-    """
+    """Change of the landmarks in the state by an update: ids that it used, with their weights, added and removed."""
 
     used: Int[np.ndarray, " u"]
     weights: Float[np.ndarray, " u"]
@@ -58,12 +59,17 @@ class UpdateReport:
 
     Attributes
     ----------
-    nis: normalised innovation squared, chi-square distributed with ``dof`` degrees of freedom when the filter is consistent.
-    dof: number of scalar measurements used.
-    accepted, rejected: numbers of measurements used, the first of a landmark among them, and left out (point at or behind the
-        camera, not finite, refused).
-    log_likelihood: of the values used, given everything before.
-    map_change: of an estimator that holds landmarks in its state, None otherwise.
+    nis : float
+        Normalised innovation squared, chi-square distributed with ``dof`` degrees of freedom when the filter is consistent.
+    dof : int
+        Number of scalar measurements used.
+    accepted, rejected : int
+        Numbers of measurements used, the first of a landmark among them, and left out (point at or behind the camera, not
+        finite, refused).
+    log_likelihood : float
+        Log likelihood of the values used, given everything before.
+    map_change : MapChange or None
+        Change of the map by an estimator with landmarks in its state, None otherwise.
     """
 
     nis: float
@@ -150,9 +156,9 @@ class Estimator(ABC):
         """Update with one sensor's values at the present time."""
 
     def update_all(self, measurements: Sequence[Measurement]) -> list[UpdateReport]:
-        """Update by everything of the present time, in its order.
+        """Update by all measurements of the present time, in their order.
 
-        An estimator that solves anew does so once.
+        An estimator that solves a whole problem anew (a smoother) does so once for all of them.
         """
         return [self.update(measurement) for measurement in measurements]
 
@@ -162,10 +168,7 @@ class Estimator(ABC):
 
     @abstractmethod
     def restore(self, snapshot: Snapshot) -> None:
-        """Continue from a `snapshot` of an estimator built alike.
-
-        The same numbers follow, bit for bit.
-        """
+        """Continue from a `snapshot` of an estimator built alike, with the same numbers bit for bit."""
 
 
 @dataclass(frozen=True)
@@ -242,18 +245,29 @@ class LatestBelief(Estimator):
 class LandmarkBelief:
     """Belief of a state, shared modes and landmarks.
 
-    r shared modes of the landmarks' errors, and each landmark's own error.
-    d_i = modes_i m + roots_i e_i.
+    The error of landmark i is d_i = modes_i m + roots_i e_i, with r modes m that all landmarks share and an error e_i of its own.
 
-    All of it is told in the map's frame, in which no rigid motion of all landmarks together is uncertain. Frame g of the state that
+    All of it refers to the map's frame, in which no rigid motion of all landmarks together is uncertain. Frame g of the state that
     is asked for differs by a small move (theta, rho), whose error stands in the factor too: nothing observed depends on it.
 
     Attributes
     ----------
-    layout: of the state.   mean: (m,) its point.   move: (6,) most probable move from the map's frame to g (`models.gauge`).
-    ids: (k,) of the landmarks, each once.   points: (k, 3) m.
-    modes: (k, 3, r).   roots: (k, 3, 3).
-    factor: (n + r + p, n + r + p) of the errors of state, modes and, where p is 6 and not 0, the move.
+    layout : StateLayout
+        Layout of the state.
+    mean : ndarray of float, shape (m,)
+        Mean of the state.
+    move : ndarray of float, shape (6,)
+        Most probable move from the map's frame to g (`models.gauge`).
+    ids : ndarray of int, shape (k,)
+        Ids of the landmarks, each once.
+    points : ndarray of float, shape (k, 3)
+        Landmark points, m, in the map's frame.
+    modes : ndarray of float, shape (k, 3, r)
+        Dependence of the landmarks' errors on the shared modes.
+    roots : ndarray of float, shape (k, 3, 3)
+        Square roots of the covariances of their own errors.
+    factor : ndarray of float, shape (N, N)
+        Covariance factor of the errors of state (n), modes (r) and, where N = n + r + 6, the move.
     """
 
     layout: StateLayout

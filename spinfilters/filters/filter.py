@@ -39,7 +39,7 @@ class MultiplicativeFilter(Estimator):
     The mean lies on the manifold, the square root of the error covariance in its tangent space.
 
     After an update the error is folded into the mean (4 x MRP on the body side) and the covariance moves with the derivative of
-    that reset, so that it always refers to the mean it stands beside.
+    that reset, so that it always refers to the present mean.
 
     Where landmarks are not known, the factor goes on behind the state's n rows: with r modes of error that all landmarks share, and
     with the move from the map's frame to frame g (`spinfilters.filters.landmark_map`). Neither changes with time, and no sensor
@@ -47,10 +47,14 @@ class MultiplicativeFilter(Estimator):
 
     Parameters
     ----------
-    process: the process model.
-    robust: gate and weights of measured values.
-    adaptation: of stated noise to what is seen.
-    landmarks: how those of an unknown map are held.
+    process : ProcessModel
+        The process model.
+    robust : RobustOptions or None
+        Gate and weights of measured values.
+    adaptation : AdaptationOptions or None
+        Adaptation of the stated noise to the innovations.
+    landmarks : LandmarkOptions or None
+        How landmarks of an unknown map are represented.
     """
 
     def __init__(
@@ -178,10 +182,7 @@ class MultiplicativeFilter(Estimator):
         return self._held
 
     def _anchored(self, dim: int, rows: Int[np.ndarray, " k"]) -> HeldMap:
-        """The map, anchored at the present pose where only new landmarks are seen.
-
-        Not where those are so few that they tell no pose.
-        """
+        """The map, anchored at the present pose where only new landmarks are seen, and enough of them to fix a pose."""
         held, known = self._with_map(), int(np.count_nonzero(rows >= 0))
         if len(held.landmarks) == 0 or dim * known >= GAUGE_DIM or dim * (len(rows) - known) < GAUGE_DIM:
             return held
@@ -221,10 +222,7 @@ class MultiplicativeFilter(Estimator):
     def _corrected(
         self, measurement: Measurement, guard: SensorOutlierRejection, scale: float
     ) -> Update | None:
-        """Mean corrected by a measurement with scaled noise covariance.
-
-        ``scale`` times it. None when no value is usable.
-        """
+        """Update by a measurement whose noise covariance is multiplied by ``scale``; None when no value is usable."""
 
     @abstractmethod
     def _solved(self, observations: MapObservations, guard: SensorOutlierRejection) -> SolvedObservations:
@@ -250,6 +248,7 @@ def joined_rows(
     The state's rows have become ``moved`` and process noise is added; rows behind them stay.
     """
     n, size = moved.shape
+    # [moved noise; rest 0] (N x (N + k)): its triangular factor has the covariance of the predicted errors.
     rows = np.zeros((size, size + noise.shape[1]))
     rows[:n, :size], rows[:n, size:] = moved, noise
     rows[n:, :size] = factor[n:]

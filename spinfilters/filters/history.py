@@ -16,7 +16,7 @@ from spinfilters.models.status import EstimatorStatus
 COUNTS = ("dof", "accepted", "rejected")
 """Arrays of a history that hold whole numbers."""
 FEWEST_EPOCHS = 64
-"""Room of a history that nobody has told how many will come."""
+"""Epochs for which a history first makes room when their number is unknown."""
 
 EPOCH_ARRAYS = ("time", "mean", "factor", "nis", "log_likelihood", "runtime", *COUNTS)
 """Arrays of a history; each has a row per epoch."""
@@ -28,18 +28,36 @@ class EstimateHistory:
 
     Attributes
     ----------
-    name: of the estimator.   layout: of its state.
-    time: (n,) s.   mean: (n, mean_dim).   factor: (n, error_dim, error_dim), P = factor factor'.
-    nis, dof: (n,) normalised innovation squared of each epoch and its degrees of freedom.
-    log_likelihood: (n,) of each epoch's measurements given everything before.
-    accepted, rejected: (n,) measurements used and left out.
-    runtime: (n,) s per epoch, prediction and update.
-    initialisation: how many of the first epochs are a filter's initialisation, which a smoother has made; nothing of them is
-        counted. The filter's own begin behind them.
-    observations: (n,) what was measured in each epoch, used or not; None where that is not told.
-    noise: levels identified that the estimate rests on in the end; empty where they are those of the initialisation.
-    calibration: (n, e, c) error of every epoch by each independent error of the calibration, times its deviation; counted in
-        ``factor``. None where the calibration is exact.
+    name : str
+        Name of the estimator.
+    layout : StateLayout
+        Of its state.
+    time : ndarray of float, shape (n,)
+        Time of each epoch, s.
+    mean : ndarray of float, shape (n, m)
+        Mean of the state after each epoch.
+    factor : ndarray of float, shape (n, e, e)
+        Square root of the error covariance, P = factor factor'.
+    nis : ndarray of float, shape (n,)
+        Normalised innovation squared of each epoch.
+    dof : ndarray of int, shape (n,)
+        Its degrees of freedom.
+    log_likelihood : ndarray of float, shape (n,)
+        Log likelihood of each epoch's measurements given everything before.
+    accepted, rejected : ndarray of int, shape (n,)
+        Measurements used and left out.
+    runtime : ndarray of float, shape (n,)
+        Seconds per epoch, prediction and update.
+    initialisation : int
+        How many of the first epochs are a filter's initialisation, which a smoother has made; nothing of them is counted.
+        The filter's own begin behind them.
+    observations : ndarray of int, shape (n,) or None
+        Number of measurements of each epoch, used or not; None where it is unknown.
+    noise : tuple[VarianceComponent, ...]
+        Levels identified that the estimate rests on in the end; empty where they are those of the initialisation.
+    calibration : ndarray of float, shape (n, e, c) or None
+        Error of every epoch by each independent error of the calibration, times its deviation; counted in ``factor``. None
+        where the calibration is exact.
     """
 
     name: str
@@ -102,7 +120,8 @@ class EstimateHistory:
 
         Parameters
         ----------
-        widening: B of the first epochs; later ones have the last.
+        widening : ndarray of float, shape (k, e, e)
+            B of the first epochs; later ones have the last.
         """
         factor, epochs = np.empty_like(self.factor), len(self.factor)
         first = min(len(widening), epochs)
@@ -147,8 +166,10 @@ class GrowingHistory:
 
     Parameters
     ----------
-    layout: of the state.
-    begin: time from which the run sets out, s.
+    layout : StateLayout
+        Of the state.
+    begin : float
+        Time from which the run sets out, s.
     """
 
     def __init__(self, layout: StateLayout, begin: float) -> None:
@@ -225,7 +246,8 @@ class GrowingHistory:
 
         Parameters
         ----------
-        before: every array of `EPOCH_ARRAYS` of the initialisation's frames, to put in front; no array is copied where `reserve`
+        before : Mapping[str, ndarray] or None
+            Every array of `EPOCH_ARRAYS` of the initialisation's frames, to put in front; no array is copied where `reserve`
             left room for them.
         """
         if before is None:
@@ -248,7 +270,8 @@ def checked_epochs(layout: StateLayout, arrays: Mapping[str, np.ndarray]) -> dic
 
     Raises
     ------
-    ShapeError: one is missing, or has another shape or kind of number than a history over this layout.
+    ShapeError
+        One is missing, or has another shape or kind of number than a history over this layout.
     """
     missing = [name for name in EPOCH_ARRAYS if name not in arrays]
     if missing:

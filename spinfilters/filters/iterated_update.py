@@ -1,7 +1,6 @@
 """The iterated update: Gauss-Newton on the most probable state, with a line search.
 
-The state sought, in the coordinates y of the predicted belief (error = F y, y standard normal), is the
-least of
+The state sought, in the coordinates y of the predicted belief (error = F y, y standard normal), is the least of
 
     |y|^2 + |r(y)|^2,   r the whitened residual of the measurement at retract(mean, F y).
 
@@ -9,10 +8,8 @@ About a trial y the residual is linear in y; the least of that model is the next
 falls. Every model holds the one prior and the one measurement, so that however often it iterates the measurement counts once (Bell
 and Cathey 1993); the covariance is that of the last model. See Skoglund, Hendeby, Axehill (2015) for the line search.
 
-Iterated update by landmark observations, for strong nonlinearity.
-
-What the landmarks' own errors make of the observations is noise, whitened as at the point before the update; see
-`spinfilters.filters.iterated_update`.
+`IteratedObservations` does the same for landmark observations. The landmarks' own errors count as noise of the observations there,
+whitened as at the point before the update.
 """
 
 from collections.abc import Callable
@@ -38,8 +35,10 @@ class IterationOptions:
 
     Attributes
     ----------
-    iterations: linearisations at most; 1 is the plain update.
-    tolerance: standard deviations; an update is done when what is left to move is smaller, and needs no second linearisation when
+    iterations : int
+        Linearisations at most; 1 is the plain update.
+    tolerance : float
+        Standard deviations; an update is done when what is left to move is smaller, and needs no second linearisation when
         its residual is nowhere so far, in all, from what was expected to be left.
     """
 
@@ -81,7 +80,10 @@ def iterate(
 
     Parameters
     ----------
-    first: the solution about y = 0.   solve: gives the solution about a trial.
+    first : Found
+        The solution about y = 0.
+    solve : Callable[[ndarray of float, shape (r,)], Found]
+        Solution of the model linearised about a trial.
     """
     y = np.zeros(len(first.coordinates))
     value, solution = objective(y), first
@@ -126,13 +128,12 @@ def _searched(
 
 @dataclass(frozen=True)
 class IteratedObservations:
-    """Observations in the coordinates y of a predicted belief.
-
-    error = factor @ y about its mean.
+    """Landmark observations in the coordinates y of a predicted belief, whose error about its mean is factor @ y.
 
     Attributes
     ----------
-    first: the solution about the mean.
+    first : SolvedObservations
+        The solution about the mean.
     """
 
     observations: MapObservations
@@ -164,12 +165,14 @@ class IteratedObservations:
         return float(y @ y) + float(np.sum(residual * residual))
 
     def _solved_at(self, y: Float[np.ndarray, " N"]) -> SolvedObservations:
-        """The solution of the model linearised at y, told about y = 0."""
+        """The solution of the model linearised at y, as a correction about y = 0."""
         error, o = self.factor @ y, self.observations
         found, pose, c = self._linear(error), o.sensor.columns, len(o.sensor.columns)
+        # Jacobian by the pose refers to errors about the mean: times the reset Jacobian of the correction so far.
         reset = o.layout.reset_jacobian(error[: o.layout.error_dim])[np.ix_(pose, pose)]
         rows = found.rows.copy()
         rows[..., :c] = rows[..., :c] @ reset
+        # Innovation linearised at y, extrapolated back to y = 0 by pose and by the landmarks' modes.
         own = o.modes @ error[o.layout.error_dim : o.layout.error_dim + o.modes.shape[2]]
         rows[..., -1] += rows[..., :c] @ error[pose] + np.einsum("kdi,ki->kd", rows[..., c:-1], own)
         used, weights = self.first.used, self.first.weights

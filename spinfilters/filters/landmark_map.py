@@ -1,14 +1,13 @@
-"""Landmarks of a filter: positions, dependence on the shared modes, own covariances.
+"""The map of a filter: landmarks with their errors, and the updates that keep it correlated with the state.
 
-Modes change in every epoch. Landmarks that are not observed are not touched: for each of the latest `SLOTS` epochs it is kept how
-the modes of then follow from those of now,
+`LandmarkMap` holds positions, dependence on the shared modes and own covariances; `HeldMap` adds its update. Modes change in
+every epoch. Landmarks that are not observed are not touched: for each of the latest `SLOTS` epochs it is kept how the modes of
+then follow from those of now,
 
     m_then = transform m_now + shift + f,   cov f = spread,
 
 and a landmark is brought up to date when it is observed next, or when its turn comes: every epoch takes a share of the map in turn,
 so that hardly any falls behind by as many epochs as there are slots, and no epoch costs more than another.
-
-The map of a filter: its updates, and its correlation with the state.
 """
 
 from functools import cache
@@ -30,7 +29,7 @@ from spinfilters.models.measurement import LandmarkSensor, NewLandmarks
 from spinfilters.models.state_layout import StateLayout
 
 CONFIRMED = 2
-"""Observations that agree, from which on a landmark is believed more than an observation that does not."""
+"""Observations that agree, from which on an observation that disagrees is the outlier, not the landmark."""
 WRONG_IN_A_ROW = 3
 """Observations in a row outside the gate after which the landmark, not the observations, is taken to be wrong."""
 FIELDS = ("ids", "points", "modes", "roots", "epoch", "hits", "wrong", "last")
@@ -62,7 +61,10 @@ class LandmarkMap(LandmarkArrays):
 
         Parameters
         ----------
-        modes: by those of the present epoch.   confirmed: observations that agree about each of them.
+        modes : ndarray of float, shape (q, 3, r)
+            By those of the present epoch.
+        confirmed : int
+            Observations that agree about each of them.
         """
         begin, end = self.count, self.count + len(ids)
         self._make_room(end)
@@ -89,6 +91,7 @@ class LandmarkMap(LandmarkArrays):
         stay = np.ones(self.count, dtype=bool)
         stay[rows] = False
         count = self.count - len(rows)
+        # Removed rows among the first `count` are filled by the remaining rows behind, which are as many.
         holes = np.flatnonzero(~stay[:count])
         movers = count + np.flatnonzero(stay[count:])
         self.refresh(movers)
@@ -102,9 +105,9 @@ class LandmarkMap(LandmarkArrays):
         return removed
 
     def stalest(self, largest: int) -> Int[np.ndarray, " q"]:
-        """Rows observed longest ago, beyond the ``largest`` number of landmarks.
+        """Rows of the landmarks observed longest ago, to remove once there are more than ``largest``.
 
-        So many that a sixteenth is free again.
+        So many are named that afterwards a sixteenth of ``largest`` is free again.
         """
         if self.count <= largest:
             return np.zeros(0, dtype=np.int64)
@@ -244,11 +247,13 @@ class HeldMap:
 
         Parameters
         ----------
-        rows: of the map, of the measurement's landmarks; -1 where it does not hold one.
+        rows : ndarray of int, shape (m,)
+            Of the map, of the measurement's landmarks; -1 where it does not hold one.
 
         Raises
         ------
-        InputError: for a sensor that cannot see landmarks.
+        InputError
+            For a sensor that cannot see landmarks.
         """
         sensor, held = measurement.model.landmark_sensor, self.landmarks
         if sensor is None:

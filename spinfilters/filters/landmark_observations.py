@@ -1,10 +1,9 @@
 """Observations of landmarks of the map, from their rows to a correction of state and modes.
 
-Statistical linear regression of landmark observations. On sigma points of the pose and of each landmark.
-
-(Lefebvre, Bruyninckx, De Schutter 2002.) The pose moves with the first s coordinates of the factor; a landmark with them, and with
-three coordinates of what else it depends on: later coordinates of the modes, and its own error. What the regression leaves is
-noise.
+They are linearised by first derivatives (`solve_at`), or by statistical linear regression on sigma points of the pose and of
+each landmark (`Regression`; Lefebvre, Bruyninckx, De Schutter 2002). In the regression the pose moves with the first s
+coordinates of the factor; a landmark with them, and with three coordinates of what else it depends on: later coordinates of the
+modes, and its own error. What the regression leaves is noise.
 """
 
 from dataclasses import dataclass
@@ -37,8 +36,10 @@ class SolvedObservations(NamedTuple):
 
     Attributes
     ----------
-    used: (u,) which of the k count, and their weights.
-    whitened: rows of those; the last linearisation's, told about the point before the update.
+    used : ndarray of int, shape (u,)
+        Indices of the observations among the k that are inliers.
+    whitened : WhitenedLandmarks
+        Their whitened rows, of the last linearisation, referred to the point before the update.
     """
 
     correction: Correction
@@ -139,6 +140,7 @@ class Regression:
         """Rows of `MapObservations.rows_at` by statistical regression."""
         o, n = self.observations, self.observations.layout.error_dim
         pose, modes = self.factor[o.sensor.columns], self.factor[n : n + o.landmarks.rank]
+        # Coordinates: s that move the pose, then 3 of the landmark's own (later modes and own error together).
         s = last_nonzero(pose)
         points = sigma_points(s + 3, options)
         states = o.layout.retract(self.mean, points.offsets[:, :s] @ self.factor[:n, :s].T)
@@ -157,9 +159,11 @@ class Spread(PoseSpread):
         away, valid, log_noise = self._away(o, points, np.concatenate([shared, own], axis=2))
         mean = away @ points.mean_weights
         slope, left = points.regressed(mean[..., None] - away)
+        # In coordinates slope = [by_pose + by_landmark shared | by_landmark own]: solved for the landmark, then the pose.
         by_landmark = _divided_by_lower(slope[..., s:], own)
         by_pose = slope[..., :s] - by_landmark @ shared
         by_state = self._by_errors(by_pose.reshape(-1, s)).reshape(*mean.shape, len(self.pose))
+        # What the regression leaves is noise: rows whitened by the root of I + left left'.
         root = np.linalg.cholesky(np.eye(left.shape[1]) + left @ np.swapaxes(left, 1, 2))
         every = np.concatenate([by_state, by_landmark, mean[..., None]], axis=2)
         rows = _solved_by_lower(root, every)
@@ -169,10 +173,7 @@ class Spread(PoseSpread):
     def _away(
         self, o: MapObservations, points: SigmaPoints, moves: Float[np.ndarray, "k 3 q"]
     ) -> tuple[Float[np.ndarray, "k d p"], np.ndarray, Float[np.ndarray, " k"]]:
-        """Whitened innovations at every point, and log determinants at the centre.
-
-        Zeros where not all are valid; determinants of the noise.
-        """
+        """Whitened innovations at every point (0 where one is not valid), and log determinants of the noise at the centre."""
         k, p = len(o.values), len(points.offsets)
         moved = points.offsets @ moves.reshape(3 * k, moves.shape[2]).T
         places, each = o.points + moved.reshape(p, k, 3), np.tile(np.arange(k), p)
@@ -197,10 +198,7 @@ class Spread(PoseSpread):
 def _solved_by_lower(
     root: Float[np.ndarray, "k d d"], right: Float[np.ndarray, "k d q"]
 ) -> Float[np.ndarray, "k d q"]:
-    """root^-1 right of lower triangular matrices, by batched substitution.
-
-    0 for a pivot of 0.
-    """
+    """root^-1 right for lower triangular roots, by batched substitution; 0 in the rows of a pivot of 0."""
     result = np.zeros(right.shape)
     for j in range(root.shape[1]):
         known = sum(root[:, j, i, None] * result[:, i] for i in range(j))

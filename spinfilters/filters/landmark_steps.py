@@ -1,4 +1,4 @@
-"""Data exchanged between the steps of a landmark update.
+"""Steps of a landmark update: the data that they exchange, and `NumpySteps`, the reference of the compiled ones.
 
 The error of landmark i is split, d_i = A_i m + e_i: modes m that all landmarks share, whose errors stand with those of the state
 in one factor F (P = F F'), and e_i of its own, independent of everything, with covariance L_i L_i'. An observation of it depends on
@@ -16,8 +16,6 @@ were that explain most of what the (x, m) of all landmarks make of their observa
 and G the sum of squares of those observations by (x, m), the leading eigenvectors V of R'GR give the modes V'q. The others are
 taken for every landmark's own (`observe`). Landmarks that were not observed follow with one transformation for all
 (`landmark_map`).
-
-Steps of an epoch in NumPy, the reference without a compiler.
 """
 
 from dataclasses import dataclass
@@ -50,8 +48,12 @@ class LinearisedObservations(NamedTuple):
 
     Attributes
     ----------
-    rows: (k, d, c + 4) by the columns of the state, by the landmark (3), and the innovation.
-    valid: (k,).   log_noise: (k,) log determinant of the sensor's noise factor.
+    rows : ndarray of float, shape (k, d, w)
+        By the columns of the state, by the landmark (3), and the innovation.
+    valid : ndarray of bool, shape (k,)
+        Whether the sensor's model applies.
+    log_noise : ndarray of float, shape (k,)
+        Log determinant of the sensor's noise factor.
     """
 
     rows: Float[np.ndarray, "k d w"]
@@ -64,11 +66,32 @@ class LandmarkArrays:
 
     Attributes
     ----------
-    ids: (k,).   points: (k, 3) m, in the map's frame.   modes: (k, 3, r) A.   roots: (k, 3, 3) L.
-    epoch: (k,) of whose modes ``modes`` speak.   hits: (k,) observations that agree.   wrong: (k,) refused ones in a row.
-    last: (k,) epoch of the last observation.   now: the present epoch.   turn: row from which the next share begins.
-    transform, spread: (SLOTS, r, r), shift: (SLOTS, r), see `landmark_map`; slot of an epoch: its number modulo SLOTS.
-    steps: of an epoch, compiled where possible.
+    ids
+        (k,) ids of the landmarks.
+    points
+        (k, 3) m, in the map's frame.
+    modes
+        (k, 3, r) dependence A on the shared modes.
+    roots
+        (k, 3, 3) root L of the own covariance, lower triangular.
+    epoch
+        (k,) epoch to whose modes ``modes`` refer.
+    hits
+        (k,) observations that agree.
+    wrong
+        (k,) refused ones in a row.
+    last
+        (k,) epoch of the last observation.
+    now
+        The present epoch.
+    turn
+        Row from which the next share begins.
+    transform, spread
+        (SLOTS, r, r) how the modes of an epoch follow from those of now, see `landmark_map`; its slot is its number modulo SLOTS.
+    shift
+        (SLOTS, r) likewise.
+    steps : LandmarkSteps
+        Of an epoch, compiled where possible.
     """
 
     def __init__(self, rank: int, precision: str, steps: "LandmarkSteps") -> None:
@@ -97,10 +120,18 @@ class MapObservations:
 
     Attributes
     ----------
-    values, parameters: (k, v), (k, p).   at: (k,) rows of the map, which are up to date.
-    known: (k + q,) which of all are of landmarks of the map.
-    columns: (c + r,) errors that are observed: those of the pose, then the modes.
-    scale: by which the covariance of the noise differs from the stated one.
+    values : ndarray of float, shape (k, v)
+        Measured values.
+    parameters : ndarray of float, shape (k, p)
+        What accompanies each value, the place of the landmark's point first.
+    at : ndarray of int, shape (k,)
+        Rows of the map, which are up to date.
+    known : ndarray of bool, shape (m,)
+        Which of all are of landmarks of the map.
+    columns : ndarray of int, shape (q,)
+        Errors that are observed: those of the pose, then the modes.
+    scale : float
+        By which the covariance of the noise differs from the stated one.
     """
 
     layout: StateLayout
@@ -148,9 +179,14 @@ class PoseSpread:
 
     Attributes
     ----------
-    states: (p, m) at the points.
-    pose: (c, s) by the coordinates that move it.   modes: (r, s) by the same.
-    late: (r, r) lower triangular root of the modes' covariance by all other coordinates.
+    states : ndarray of float, shape (p, m)
+        At the points.
+    pose : ndarray of float, shape (c, s)
+        By the coordinates that move it.
+    modes : ndarray of float, shape (r, s)
+        By the same.
+    late : ndarray of float, shape (r, r)
+        Lower triangular root of the modes' covariance by all other coordinates.
     """
 
     states: Float[np.ndarray, "p m"]
@@ -170,8 +206,12 @@ class AddedLandmarks(NamedTuple):
 
     Attributes
     ----------
-    shared: how the modes of all landmarks change.   modes: (q, 3, r) of the new ones.
-    roots: (q, 3, 3) square roots of their own covariance.
+    shared : NewModes
+        How the modes of all landmarks change.
+    modes : ndarray of float, shape (q, 3, r)
+        The new ones.
+    roots : ndarray of float, shape (q, 3, 3)
+        Square roots of their own covariance.
     """
 
     shared: "NewModes"
@@ -185,9 +225,12 @@ class WhitenedLandmarks:
 
     Attributes
     ----------
-    kept: (g, s, l) of g groups of l landmarks, the last one filled up: numbers of `rows`, of X and of H_p L (d x 3).
-    shape: (k, d, c + r + 1).
-    log_noise: log determinant of all T, less that of the square roots of the weights.
+    kept : ndarray of float, shape (g, s, l)
+        G groups of l landmarks, the last one filled up: numbers of `rows`, of X and of H_p L (d x 3).
+    shape : tuple[int, int, int]
+        (k, d, c + r + 1).
+    log_noise : float
+        Log determinant of all T, less that of the square roots of the weights.
     """
 
     kept: Float[np.ndarray, "g s l"]
@@ -211,8 +254,12 @@ class NewModes(NamedTuple):
 
     Attributes
     ----------
-    turned: (c + r, r + c) kept and dropped side by side.   rows: (r, N) of the modes' factor.
-    explained: (r,) squares of standard deviations that each mode explains in observations.
+    turned : ndarray of float, shape (q, q)
+        Kept and dropped side by side.
+    rows : ndarray of float, shape (r, N)
+        The modes' factor.
+    explained : ndarray of float, shape (r,)
+        Squares of standard deviations that each mode explains in observations.
     """
 
     turned: Float[np.ndarray, "q q"]
@@ -235,11 +282,20 @@ class Closing(NamedTuple):
 
     Attributes
     ----------
-    at: (k,) rows of the observed landmarks, as in ``white``.
-    error: (c + r,) of pose and modes.   factor: (c + r, N) its rows after the update.
-    by_pose, roots: (q, 3, c), (q, 3, 3) of new landmarks, their dependence on the pose and their own root.
-    remembered: (r,) what modes explained before, as far as it still counts.
-    behind: rows of landmarks, first and last, whose turn it is to be brought up to date.
+    at : ndarray of int, shape (k,)
+        Rows of the observed landmarks, as in ``white``.
+    error : ndarray of float, shape (p,)
+        Pose and modes.
+    factor : ndarray of float, shape (p, N)
+        Its rows after the update.
+    by_pose : ndarray of float, shape (q, 3, c)
+        (q, 3, 3) of new landmarks, their dependence on the pose and their own root.
+    roots : ndarray of float, shape (q, 3, 3)
+        (q, 3, 3) of new landmarks, their dependence on the pose and their own root.
+    remembered : ndarray of float, shape (r,)
+        What modes explained before, as far as it still counts.
+    behind : tuple[int, int]
+        Rows of landmarks, first and last, whose turn it is to be brought up to date.
     """
 
     at: Int[np.ndarray, " k"]
@@ -343,8 +399,10 @@ class NumpySteps:
 
         Parameters
         ----------
-        linear: whitened by the sensor's noise: by c columns of the state, by the landmark (3), the innovation.
-        weights: positive; noise has 1 / weight times the covariance.
+        linear : ndarray of float, shape (k, d, w)
+            Whitened by the sensor's noise: by c columns of the state, by the landmark (3), the innovation.
+        weights : ndarray of float, shape (k,)
+            Positive; noise has 1 / weight times the covariance.
         """
         modes, roots = stored.modes[at].astype(float), stored.roots[at].astype(float)
         scaled = linear * np.sqrt(weights)[:, None, None]
@@ -372,7 +430,10 @@ class NumpySteps:
 
         Parameters
         ----------
-        columns: (c + r,) of the errors, which are observed.   log_noise: of the sensor's noise, before whitening.
+        columns : ndarray of int, shape (q,)
+            The errors, which are observed.
+        log_noise : float
+            Of the sensor's noise, before whitening.
         """
         tall = white.rows.reshape(-1, white.shape[2])
         innovation, H, residual = compressed(tall[:, -1], tall[:, :-1])
@@ -443,10 +504,7 @@ def next_epoch(
 
 
 def _new_modes(closing: Closing) -> NewModes:
-    """Modes that explain most of the landmarks' dependence on pose and modes.
-
-    The transformation of the old modes to them comes with them.
-    """
+    """Modes that explain most of the landmarks' dependence on pose and modes, and the transformation to them."""
     rows, X, r = closing.white.rows[..., :-1], _own_parts(closing.white)[0], len(closing.remembered)
     size = rows.shape[2]
     c = size - r

@@ -40,7 +40,7 @@ class Outcome(StrEnum):
     TAKEN = "taken"
     """In, as the latest."""
     INSERTED = "inserted"
-    """In, at its place among or beside epochs that were there before it."""
+    """Applied at its own time, among the epochs or within one that were there before it."""
     DUPLICATE = "duplicate"
     """Left out: it is there already, bit for bit."""
     TOO_LATE = "too late"
@@ -55,9 +55,12 @@ class OutOfSequenceResult:
 
     Attributes
     ----------
-    reason: in words, empty where it went in.
-    report: of its update, None where it was left out.
-    replayed: how many epochs after it were done again.
+    reason : str
+        In words, empty where it went in.
+    report : UpdateReport or None
+        Of its update, None where it was left out.
+    replayed : int
+        How many epochs after it were done again.
     """
 
     outcome: Outcome
@@ -68,10 +71,7 @@ class OutOfSequenceResult:
 
 @dataclass(frozen=True)
 class _KeptEpoch:
-    """An epoch with the state before it, and its time, s.
-
-    ``keys`` name and order its measurements.
-    """
+    """An epoch, its time (s) and the state before it; ``keys`` name its measurements and give their order."""
 
     epoch: Epoch
     keys: tuple[MeasurementKey, ...]
@@ -89,9 +89,12 @@ class OutOfSequenceUpdates:
 
     Parameters
     ----------
-    estimator: started at ``time`` (s); it belongs to this object from now on.
-    horizon_s: how much older than the latest epoch a measurement may be.
-    capacity: epochs that are kept at most, at least 1; where they span less than the horizon, that is what can be gone back to.
+    estimator : Estimator
+        Started at ``time`` (s); it belongs to this object from now on.
+    horizon_s : float
+        How much older than the latest epoch a measurement may be.
+    capacity : int
+        Epochs that are kept at most, at least 1; where they span less than the horizon, that is what can be gone back to.
     """
 
     def __init__(
@@ -156,7 +159,8 @@ class OutOfSequenceUpdates:
 
         Raises
         ------
-        InputError: a time that is not finite.
+        InputError
+            A time that is not finite.
         """
         if not np.isfinite(time):
             raise InputError(
@@ -168,13 +172,12 @@ class OutOfSequenceUpdates:
         return result
 
     def belief_at(self, time: float) -> Gaussian:
-        """Belief predicted to a time (s) at or after the latest epoch.
-
-        The estimator is not changed.
+        """Belief predicted to a time (s) at or after the latest epoch, without changing the estimator.
 
         Raises
         ------
-        InputError: a time before the latest epoch, or not finite.
+        InputError
+            A time before the latest epoch, or not finite.
         """
         if not (np.isfinite(time) and time >= self._time):
             raise InputError(
@@ -248,7 +251,7 @@ class OutOfSequenceUpdates:
     ) -> tuple[UpdateReport, list[_KeptEpoch]]:
         """Replay epochs from the present state.
 
-        The report of the inserted measurement, and the epochs with the states before them.
+        Returns the report of the inserted measurement, and the epochs with the states before them.
         """
         first = _KeptEpoch(placing.epoch, placing.keys, before, time_before)
         reports = self._advance(first)

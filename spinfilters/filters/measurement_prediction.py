@@ -27,10 +27,16 @@ class LinearisedRows:
 
     Attributes
     ----------
-    measurement: the values that are used.
-    innovation: (k, d).   jacobian: (k, d, c) with respect to the error's ``columns``.
-    log_noise: (k,) log determinant of the factor by which each was whitened.
-    root_weights: (k,) square roots of the weights that are in all this, None for 1.
+    measurement : Measurement
+        The values that are used.
+    innovation : ndarray of float, shape (k, d)
+        Whitened innovations.
+    jacobian : ndarray of float, shape (k, d, c)
+        With respect to the error's ``columns``.
+    log_noise : ndarray of float, shape (k,)
+        Log determinant of the factor by which each was whitened.
+    root_weights : ndarray of float, shape (k,) or None
+        Square roots of the weights that are in all this, None for 1.
     """
 
     measurement: Measurement
@@ -82,10 +88,7 @@ class LinearisedRows:
     def predicted(
         self, factor: Float[np.ndarray, "n r"], error: Float[np.ndarray, " n"] | None = None
     ) -> MeasurementPrediction:
-        """Predicted innovations of a state of uncertain error.
-
-        The error has a covariance factor and a mean, None for zero.
-        """
+        """Predicted innovations of a state whose error has a covariance factor and a mean, None for zero."""
         rho, jacobian = self.innovation.reshape(-1), self.jacobian.reshape(-1, self.jacobian.shape[2])
         if error is not None:
             rho = rho - jacobian @ error[self.columns]
@@ -112,10 +115,7 @@ def usable(values: Float[np.ndarray, "k r"], valid: Bool[np.ndarray, " k"]) -> B
 
 
 def _sliced(columns: list[int]) -> list[int] | slice:
-    """Increasing columns, as a slice where they are contiguous.
-
-    A slice indexes in a third of the time.
-    """
+    """Increasing column numbers, as a slice where contiguous: indexing by a slice takes a third of the time."""
     first, last = columns[0], columns[-1]
     return slice(first, last + 1) if last - first + 1 == len(columns) else columns
 
@@ -136,7 +136,8 @@ class SigmaPointOptions:
 
         Raises
         ------
-        InputError: when a covariance weight is negative, with which a covariance could become indefinite.
+        InputError
+            When a covariance weight is negative, with which a covariance could become indefinite.
         """
         # slow to import, and settings alone need none of it
         from filterpy.kalman import MerweScaledSigmaPoints
@@ -156,7 +157,12 @@ class SigmaPoints:
 
     Attributes
     ----------
-    offsets: (p, n).   mean_weights: (p,).   root_weights: (p,) square roots of the covariance weights.
+    offsets : ndarray of float, shape (p, n)
+        Sigma points about the mean, in units of the covariance factor's columns.
+    mean_weights : ndarray of float, shape (p,)
+        Weights of the mean.
+    root_weights : ndarray of float, shape (p,)
+        Square roots of the covariance weights.
     """
 
     offsets: Float[np.ndarray, "p n"]
@@ -192,7 +198,12 @@ class Prediction:
 
     Attributes
     ----------
-    times: (k,) s ahead of the belief that was carried on.   mean: (k, m).   factor: (k, n, n), P = factor factor'.
+    times : ndarray of float, shape (k,)
+        Seconds ahead of the belief that was predicted.
+    mean : ndarray of float, shape (k, m)
+        Predicted means.
+    factor : ndarray of float, shape (k, n, n)
+        Their covariance factors, P = factor factor'.
     """
 
     layout: StateLayout
@@ -210,11 +221,14 @@ def predict_ahead(process: ProcessModel, belief: Gaussian, dt: Float[np.ndarray,
 
     Parameters
     ----------
-    dt: seconds ahead of the belief, positive and increasing; every one is a step from the one before, the first from the belief.
+    dt : ndarray of float, shape (k,)
+        Seconds ahead of the belief, positive and increasing; every one is a step from the one before, the first from the
+        belief.
 
     Raises
     ------
-    InputError: times that are none, not finite, not ahead or not increasing.
+    InputError
+        Times that are none, not finite, not ahead or not increasing.
     """
     gaps = np.diff(dt, prepend=0.0)
     if not (len(dt) and np.isfinite(dt).all() and (gaps > 0).all()):

@@ -1,7 +1,8 @@
-"""Posterior mean of a disturbance density, from its identified most probable value.
+"""Noise levels: posterior mean of a density, identified variance components, and adaptation to the innovations.
 
-n squares tell a density theta beside other noise: their variance is 1 - q + q theta / theta_0, with q the share of the density in
-it and theta_0 the most probable density under a prior that is flat in its standard deviation. With y = ln theta / theta_0,
+Posterior mean of a disturbance density. n squares determine a density theta in the presence of other noise: their variance is
+1 - q + q theta / theta_0, with q the share of the density in it and theta_0 the most probable density under a prior that is flat
+in its standard deviation. With y = ln theta / theta_0,
 
     ln p(y) = -n/2 (ln w + s / w) + y / 2,   w = 1 - q + q e^y,   s = 1 - 1 / (n q),   information of the data n q^2 / 2.
 
@@ -9,15 +10,12 @@ Squares of the density alone (q = 1) are skewed upwards: its mean lies by 2 / n 
 likelihood and prior reach down to zero, and the mean lies below the most probable value. A covariance in proportion to the mean
 is that of the errors, whatever the density is.
 
-Variance components of the whitened residuals.
+Variance components. `ComponentRows` says which innovations a noise level explains, `VarianceComponent` what is identified of
+it.
 
-Which part of them each noise level explains, and what is identified of it.
-
-Adaptation of noise densities to the innovations.
-
-Scale factors of each sensor's covariance and of the disturbances' densities.
-
-For the logarithm of a scale that the covariance of the innovations depends on, the derivative of their log-likelihood is half of
+Adaptation. `NoiseAdaptation` follows the innovations by scale factors of each sensor's covariance and of the disturbances'
+densities. For the logarithm of a scale that the covariance of the innovations depends on, the derivative of their
+log-likelihood is half of
 
     y'Dy - tr D K,   its Fisher information half of tr (D K)^2,   cov y = K,
 
@@ -59,8 +57,10 @@ def raised_logarithm(variance: float, share: float = 1.0) -> float:
 
     Parameters
     ----------
-    variance: of the density's logarithm, prior included.
-    share: of the density in what tells it; at most the data's share of the information, so that s is positive.
+    variance : float
+        Variance of the density's logarithm, prior included.
+    share : float
+        Share q of the density in the variance of its data; at most the data's share of the information, so that s > 0.
     """
     variance = max(variance, SMALLEST_VARIANCE)
     information = max(1 / variance - PRIOR_INFORMATION, LEAST_INFORMATION)
@@ -89,10 +89,16 @@ class ComponentRows:
 
     Attributes
     ----------
-    name: of the noise option.   value: that the problem was stated with, in the option's unit.
-    sensors: rows of the innovation, by the sensor's number in `Motion.sensors`.
-    landmarks: whether observations of landmarks are scaled by it.
-    smallest: level below which an identification does not go, in the option's unit; 0 for no bound.
+    name : str
+        Name of the noise option.
+    value : float
+        Value with which the problem was stated, in the option's unit.
+    sensors : Mapping[int, tuple[int, ...]]
+        Rows of the innovation, by the sensor's number in `Motion.sensors`.
+    landmarks : bool
+        Whether observations of landmarks are scaled by it.
+    smallest : float
+        Level below which an identification does not go, in the option's unit; 0 for no bound.
     """
 
     name: str
@@ -108,9 +114,12 @@ class VarianceComponent:
 
     Attributes
     ----------
-    value: standard deviation of a sensor in the unit of its option, or density of a disturbance.
-    log_std: standard deviation of ln variance (of a density, of its ln).
-    share: of the level in the variance of what tells it, beside all other noise.
+    value : float
+        Standard deviation of a sensor in the unit of its option, or density of a disturbance.
+    log_std : float
+        Standard deviation of ln variance (of a density, of its ln).
+    share : float
+        Share of the level in the variance of the data that identify it; the rest is other noise.
     """
 
     name: str
@@ -177,8 +186,10 @@ class AdaptationOptions:
 
     Attributes
     ----------
-    measurement: horizon of the sensors' scales, in updates of the sensor; 0 keeps the stated noise.
-    process: horizon of the disturbances' scales, in predictions; 0 keeps the stated densities.
+    measurement : float
+        Horizon of the sensors' scales, in updates of the sensor; 0 keeps the stated noise.
+    process : float
+        Horizon of the disturbances' scales, in predictions; 0 keeps the stated densities.
     """
 
     measurement: Annotated[float, HORIZON] = 0.0
@@ -193,10 +204,7 @@ class AdaptationOptions:
 
 @dataclass(frozen=True)
 class NoiseEvidence:
-    """Evidence of one update on a noise scale factor.
-
-    y'Dy, tr D K and tr (D K)^2; see the module's docstring.
-    """
+    """Evidence of one update on a noise scale: y'Dy, tr D K and tr (D K)^2 of the module's docstring."""
 
     squared: float
     expected: float
@@ -205,7 +213,7 @@ class NoiseEvidence:
 
 @dataclass(frozen=True)
 class NoiseScale:
-    """Logarithm of a covariance scale, its information, and a density's share (`density_mean`)."""
+    """Logarithm of a covariance scale, its information, and a density's share (`raised_logarithm`)."""
 
     logarithm: float = 0.0
     information: float = 0.0
@@ -261,15 +269,14 @@ class PredictedMotion(NamedTuple):
 
 
 class NoiseAdaptation:
-    """Scale factors of all noise sources of one filter.
-
-    It also holds the evidence on those of the disturbances.
+    """Scale factors of all noise sources of one filter, and the evidence on those of the disturbances.
 
     Parameters
     ----------
-    identified: scales by source ("sensor.pose", "process.torque") with the information that an identification has gathered. They go
-        on from there, by a part of the epochs (`BLOCK`) and forgetting nothing where the options give no horizon; a density is
-        scaled to its mean (`density_mean`).
+    identified : Mapping[str, NoiseScale] or None
+        Scales by source ("sensor.pose", "process.torque") with the information that an identification has gathered. They go
+        on from there, by a part of the epochs (`BLOCK`) and forgetting nothing where the options give no horizon; a density
+        is scaled to its mean (`raised_logarithm`).
     """
 
     def __init__(
@@ -387,10 +394,7 @@ class NoiseAdaptation:
         return [source for source in SOURCES if self._horizon(f"process.{source}")]
 
     def _horizon(self, name: str) -> float:
-        """Updates over which a source's evidence is forgotten.
-
-        0 where nothing is learned now.
-        """
+        """Number of updates over which a source's evidence is forgotten; 0 where nothing is learned now."""
         stated = self.options.measurement if name.startswith("sensor.") else self.options.process
         if stated or name not in self.identified:
             return stated

@@ -21,10 +21,14 @@ class RobustOptions:
 
     Attributes
     ----------
-    gate_probability: of a true value to pass the gate, in (0, 1]; 1 for no gate.
-    loss: "none" (least squares), "huber" (w = min(1, width / r)) or "barron" (Barron 2019, c = width, scaled to w(0) = 1).
-    width: where the loss begins to bend, in standard deviations.
-    shape: Barron's alpha, at most 2: 2 least squares, 1 pseudo-Huber, 0 Cauchy, -2 Geman-McClure.
+    gate_probability : float
+        Probability that a correct value passes the gate, in (0, 1]; 1 for no gate.
+    loss : str
+        "none" (least squares), "huber" (w = min(1, width / r)) or "barron" (Barron 2019, c = width, scaled to w(0) = 1).
+    width : float
+        Where the loss begins to bend, in standard deviations.
+    shape : float
+        Barron's alpha, at most 2: 2 least squares, 1 pseudo-Huber, 0 Cauchy, -2 Geman-McClure.
     """
 
     gate_probability: Annotated[float, NumberRange(1e-15, 1)] = 0.9999
@@ -54,7 +58,10 @@ def weights(
 
     Parameters
     ----------
-    innovation: whitened.   covariance: S of the innovation in the same units, that of the predicted state included.
+    innovation : ndarray of float, shape (k, d)
+        Whitened innovations rho.
+    covariance : ndarray of float, shape (k, d, d)
+        S of the innovation in the same units, that of the predicted state included.
     """
     return distance_weights(squared_distances(innovation, covariance), innovation.shape[1], options)
 
@@ -88,10 +95,7 @@ def innovation_covariance(deviations: Float[np.ndarray, "k d r"]) -> Float[np.nd
 def squared_distances(
     innovation: Float[np.ndarray, "k d"], covariance: Float[np.ndarray, "k d d"]
 ) -> Float[np.ndarray, " k"]:
-    """Squared distances d2 = rho' S^-1 rho of all values by elimination.
-
-    Infinite where S is not positive definite or NaN.
-    """
+    """Squared distances d2 = rho' S^-1 rho of all values by elimination, infinite where S is not positive definite."""
     k, d = innovation.shape
     array = np.empty((d, d + 1, k))
     array[:, :d] = covariance.transpose(1, 2, 0)
@@ -179,7 +183,8 @@ class DuplicateImages:
 
         Parameters
         ----------
-        keys: (k,) ids of landmarks or (k, p) parameters of the rows, by which a landmark is known again.
+        keys : ndarray, shape (k,) or (k, p)
+            (k,) ids of landmarks or (k, p) parameters of the rows, by which a landmark is known again.
         """
         if not len(values):
             return False
@@ -230,10 +235,7 @@ class SensorOutlierRejection:
         self._refusals = 0
 
     def limit(self, dim: int) -> float:
-        """Squared distance up to which weights are 1.
-
-        Beyond it they are 0; negative where there is no such rule.
-        """
+        """Squared distance up to which weights are 1 and beyond which they are 0; negative where another rule applies."""
         plain = self._refusals < RECOVERY_COUNT and self.options.loss == "none"
         return gate(self.options.gate_probability, dim) if plain else -1.0
 

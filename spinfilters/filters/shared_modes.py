@@ -23,10 +23,14 @@ class LandmarkOptions:
 
     Attributes
     ----------
-    modes: errors that all landmarks share, at most; they stand in the state.
-    explained: of the landmarks of a start, in all, that a mode must explain to be held, in squared standard deviations.
-    largest_map: landmarks at most; those observed longest ago go first.
-    precision: of what is kept of every landmark, "float64" or "float32".
+    modes : int
+        Largest number of errors that all landmarks share and that the state holds.
+    explained : float
+        Of the landmarks of a start, in all, that a mode must explain to be held, in squared standard deviations.
+    largest_map : int
+        Landmarks at most; those observed longest ago go first.
+    precision : str
+        Precision of each landmark's arrays, "float64" or "float32".
     """
 
     modes: Annotated[int, NumberRange(1, 60, whole=True)] = 12
@@ -56,7 +60,12 @@ class SharedErrors:
 
     Attributes
     ----------
-    state_rows: (n, w).   follow: (k, 3, R), by the first R of the w.   own: (k, 3, 3).
+    state_rows : ndarray of float, shape (n, w)
+        Errors of the state by the coordinates y.
+    follow : ndarray of float, shape (k, 3, R)
+        Errors of the landmarks by the first R of the w coordinates.
+    own : ndarray of float, shape (k, 3, 3)
+        Square roots of the covariances of their own errors.
     """
 
     layout: StateLayout

@@ -21,12 +21,18 @@ class MeasurementPrediction:
 
     Attributes
     ----------
-    innovation: (k,) whitened innovation rho.
-    measurement_factor: (k, r) Y.
-    state_factor: (n, r) X.
-    residual: squared norm of innovation components that no state can explain (left out of ``innovation`` by compression).
-    dof: number of scalar measurements, before compression.
-    log_noise: log determinant of the factor by which the measurement was whitened.
+    innovation : ndarray of float, shape (k,)
+        Whitened innovation rho.
+    measurement_factor : ndarray of float, shape (k, r)
+        Factor Y of the predicted measurement.
+    state_factor : ndarray of float, shape (n, r)
+        Factor X of the state.
+    residual : float
+        Squared norm of innovation components that no state can explain (left out of ``innovation`` by compression).
+    dof : int
+        Number of scalar measurements, before compression.
+    log_noise : float
+        Log determinant of the factor by which the measurement was whitened.
     """
 
     innovation: Float[np.ndarray, " k"]
@@ -43,10 +49,20 @@ class Correction:
 
     Attributes
     ----------
-    error: (n,) estimate d.   factor: (n, n) of its covariance.
-    nis: normalised innovation squared.   log_likelihood: of the measurement.   dof: number of its scalars.
-    root: (r, r) U in the upper triangle; the first r coordinates of the state's factor are what the measurement sees.
-    shift: (r,) U y, the estimate in standard deviations of what is left, y those coordinates (d = X y).
+    error : ndarray of float, shape (n,)
+        Estimate d of the error.
+    factor : ndarray of float, shape (n, n)
+        Its covariance.
+    nis : float
+        Normalised innovation squared.
+    log_likelihood : float
+        Log likelihood of the measurement.
+    dof : int
+        Number of its scalars.
+    root : ndarray of float, shape (r, r)
+        U in the upper triangle; the first r coordinates of the state's factor are what the measurement sees.
+    shift : ndarray of float, shape (r,)
+        U y, the estimate in standard deviations of what is left, y those coordinates (d = X y).
     """
 
     error: Float[np.ndarray, " n"]
@@ -109,10 +125,7 @@ def is_lower(rows: Float[np.ndarray, "k n"]) -> bool:
 
 
 def triangular_factor(rows: Float[np.ndarray, "k n"]) -> Float[np.ndarray, "n n"]:
-    """Lower triangular L with L L' = rows' rows, by QR.
-
-    k may be less than n.
-    """
+    """Lower triangular L with L L' = rows' rows, by QR; there may be fewer rows than columns."""
     k, n = rows.shape
     if k < n:
         rows = np.concatenate([rows, np.zeros((n - k, n))])
@@ -123,7 +136,7 @@ def triangular_factor(rows: Float[np.ndarray, "k n"]) -> Float[np.ndarray, "n n"
 def lower_roots(rows: Float[np.ndarray, "k r c"]) -> Float[np.ndarray, "k r r"]:
     """Lower triangular L with L L' = rows rows' of every item, by QR.
 
-    Squaring would lose what is small beside the rest to rounding.
+    Squaring would lose components much smaller than the others to rounding.
     """
     return np.swapaxes(np.linalg.qr(np.swapaxes(rows, 1, 2), mode="r"), 1, 2)
 

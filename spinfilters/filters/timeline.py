@@ -40,7 +40,10 @@ class SensorTimeline:
 
     Attributes
     ----------
-    every: all values as if they were measured at once.   first, end: (k,) epoch k holds the values from first to before end.
+    every : Measurement
+        All values as if they were measured at once.
+    first, end : ndarray of int, shape (k,)
+        Epoch k holds the values from first to before end.
     """
 
     every: Measurement
@@ -76,13 +79,14 @@ class SensorEpochs:
 
 @dataclass(frozen=True, eq=False)
 class LogTimeline(Sequence[Epoch]):
-    """Epochs of a log, made when they are asked for.
-
-    A long recording stays a few arrays.
+    """Epochs of a log, each made when it is asked for, so that a long recording stays a few arrays in memory.
 
     Attributes
     ----------
-    time: (k,) s.   sensors: in the order in which each epoch takes them in.
+    time : ndarray of float, shape (k,)
+        Time of each epoch, s.
+    sensors : tuple[SensorTimeline, ...]
+        In the order in which each epoch takes them in.
     """
 
     time: Float[np.ndarray, " k"]
@@ -164,7 +168,8 @@ def build_timeline(
 
     Raises
     ------
-    InputError: rows of a camera without a view, or a log without any usable measurement.
+    InputError
+        Rows of a camera without a view, or a log without any usable measurement.
     """
     bound = [sensor_of(stream.sensor).bind(stream, layout, noise, view) for stream in log.streams]
     time = distinct(np.concatenate([each.time for each in bound]))
@@ -208,12 +213,15 @@ def run(
 
     Parameters
     ----------
-    on_epoch: called with each epoch's index after it is done; estimator and rows then belong together.
-    rows: epochs done before, up to ``time``; those of the timeline are added to it.
+    on_epoch : Callable[[int], None] or None
+        Called with each epoch's index after it is done; estimator and rows then belong together.
+    rows : GrowingHistory or None
+        Epochs done before, up to ``time``; those of the timeline are added to it.
 
     Raises
     ------
-    InputError: when the timeline is empty and no epoch was done before, or when it does not run forwards from ``time``.
+    InputError
+        When the timeline is empty and no epoch was done before, or when it does not run forwards from ``time``.
     """
     rows = GrowingHistory(estimator.layout, time) if rows is None else rows
     _check(time, timeline, rows)
@@ -274,7 +282,8 @@ def rehearse(estimator: Estimator, time: float, timeline: Timeline) -> None:
 
     Parameters
     ----------
-    estimator: started at ``time`` (s); of no use afterwards.
+    estimator : Estimator
+        Started at ``time`` (s); of no use afterwards.
     """
     try:
         for epoch in timeline[:REHEARSED]:
@@ -285,10 +294,7 @@ def rehearse(estimator: Estimator, time: float, timeline: Timeline) -> None:
 
 
 def advance(estimator: Estimator, epoch: Epoch, dt: float) -> list[UpdateReport]:
-    """Advance an estimator to an epoch and update it.
-
-    ``dt`` >= 0 seconds ahead; measurements in their order.
-    """
+    """Predict an estimator ``dt`` >= 0 seconds ahead to an epoch, and update it by the epoch's measurements in order."""
     if dt > 0:
         estimator.predict(dt)
     return estimator.update_all(epoch.measurements)

@@ -30,12 +30,21 @@ class MultiplicativeUkf(MultiplicativeFilter):
 
     Parameters
     ----------
-    process, robust, adaptation, landmarks: see `MultiplicativeFilter`.
-    options: of the sigma-point set.
+    process : ProcessModel
+        See `MultiplicativeFilter`.
+    robust : RobustOptions or None
+        See `MultiplicativeFilter`.
+    adaptation : AdaptationOptions or None
+        See `MultiplicativeFilter`.
+    landmarks : LandmarkOptions or None
+        See `MultiplicativeFilter`.
+    options : SigmaPointOptions or None
+        Options of the sigma-point set.
 
     Raises
     ------
-    InputError: as `SigmaPointOptions.points`.
+    InputError
+        As `SigmaPointOptions.points`.
     """
 
     name = "ukf"
@@ -181,8 +190,12 @@ class _SigmaSubset:
 
     Attributes
     ----------
-    offsets: (2r + 1, n) centre, plus and minus points in units of L.
-    mean_weights: (2r + 1,).   mixing: (2r + 1, r + 1 + n).
+    offsets : ndarray of float, shape (p, n)
+        Centre, plus and minus points in units of L.
+    mean_weights : ndarray of float, shape (p,)
+        Weights of the mean, p = 2r + 1 points.
+    mixing : ndarray of float, shape (p, r)
+        (2r + 1, r + 1 + n).
     """
 
     offsets: Float[np.ndarray, "p n"]

@@ -1,5 +1,5 @@
-/* A prediction and an update of a filter of first order, each in one call; `multiplicative_filter.py` and `multiplicative_ekf.py` say
- * what they compute. `correction.c` stands before this text. */
+/* Prediction and update of a first-order filter, each in one call; `filter.py` and `ekf.py` say what they compute.
+ * `correction.c` stands before this text. */
 
 /* The loop of a `Compiled` function. */
 typedef int Loop(integer count, const double* const* from, const integer* pitch, double* const* to, const integer* widths);
@@ -25,9 +25,11 @@ enum { BLOCK = 96, MOST_NOISE = 24, MOST_DIM = 8 };
 static double distance(const Model* model, const double* innovation, const double* jacobian, const double* factor) {
   double Y[MOST_DIM * N] = {0}, S[MOST_DIM * (MOST_DIM + 1)], square = 0;
   const int dim = (int)model->dim;
+  /* Y = jacobian factor[columns], [dim][N]. */
   for (int d = 0; d < dim; ++d)
     for (int c = 0; c < C; ++c)
       for (int k = 0; k < N; ++k) Y[d * N + k] += jacobian[d * C + c] * factor[model->columns[c] * N + k];
+  /* Row d of the Cholesky factor of S = I + Y Y', and forward substitution of the innovation in the spare last row of S. */
   for (int d = 0; d < dim; ++d) {
     for (int e = 0; e <= d; ++e) {
       double sum = d == e;
@@ -45,8 +47,9 @@ static double distance(const Model* model, const double* innovation, const doubl
   return square;
 }
 
-/* Scales innovations and Jacobians by the root of the weight, and marks in `valid` the values whose distance is within the limit, as
- * all are whose innovation is no longer than that; how many, or -1 where a value is invalid. Sums up log determinants of the noise. */
+/* Scales innovations and Jacobians by the root of the weight, and marks in `valid` the values whose distance is within the
+ * limit, as all are whose innovation is no longer than that; how many, or -1 where a value is invalid. Sums up log determinants
+ * of the noise. */
 static integer gated(const Model* model, integer count, double* innovation, double* jacobian, double* valid, const double* noise,
                      double weight, double limit, const double* factor, double* log_noise) {
   const integer dim = model->dim;
@@ -70,7 +73,8 @@ static integer gated(const Model* model, integer count, double* innovation, doub
   return kept;
 }
 
-/* How many values pass the gate, and 0 where none does or one is invalid: then nothing is done. room: [count][dim * (C + 1) + 2]. */
+/* How many values pass the gate, and 0 where none does or one is invalid: then nothing is done. room: [count][dim * (C + 1) +
+ * 2]. */
 integer update(const Model* model, integer count, const double* x, const double* parameters, const double* values, double weight,
                double limit, const double* before, double* room, Made* made) {
   const integer dim = model->dim, rows = count * dim;
@@ -84,6 +88,7 @@ integer update(const Model* model, integer count, const double* x, const double*
   if (kept < 1) return 0;
   double R[W * WP] __attribute__((aligned(ALIGNMENT))) = {0}, block[BLOCK * WP] __attribute__((aligned(ALIGNMENT))) = {0};
   int filled = 0;
+  /* Rows [jacobian | innovation] of the values inside the gate into the triangle R [W][WP], BLOCK rows at a time. */
   for (integer i = 0; i < rows; ++i) {
     if (valid[i / dim] > 0) {
       double* row = block + filled++ * WP;
@@ -104,6 +109,7 @@ integer update(const Model* model, integer count, const double* x, const double*
   double *const point[] = {mean}, *const matrix[] = {J};
   if (model->retract(1, state, one, point, one) || model->reset(1, error, one, matrix, one)) return 0;
   memset(made->reset, 0, sizeof made->reset);
+  /* reset = J factor, J the reset Jacobian; most entries of J are zero. */
   for (int i = 0; i < N; ++i)
     for (int k = 0; k < N; ++k) { /* CasADi's matrices lie column by column */
       const double j = J[k * N + i];
@@ -117,15 +123,19 @@ integer update(const Model* model, integer count, const double* x, const double*
 void propagate(const double* factor, const double* transition, const double* noise, integer count, double* after) {
   double R[N * NP] __attribute__((aligned(ALIGNMENT))) = {0}, back[N * NP] = {0};
   double rows[(N + MOST_NOISE) * NP] __attribute__((aligned(ALIGNMENT))) = {0};
+  /* back = transition', so that the products below run along rows. */
   for (int i = 0; i < N; ++i)
     for (int k = 0; k < N; ++k) back[k * NP + i] = transition[i * N + k];
+  /* Rows 0 .. N: (transition factor)'. */
   for (int k = 0; k < N; ++k)
     for (int j = 0; j < N; ++j) {
       const double f = factor[k * N + j];
       for (int i = 0; i < NP; ++i) rows[j * NP + i] += f * back[k * NP + i];
     }
+  /* Rows N .. N + count: noise'. */
   for (int i = 0; i < N; ++i)
     for (integer j = 0; j < count; ++j) rows[(N + j) * NP + i] = noise[i * count + j];
+  /* R'R = rows' rows = the predicted covariance; its lower factor is R'. */
   absorb_factor(R, rows, N + (int)count, N);
   for (int i = 0; i < N; ++i)
     for (int j = 0; j < N; ++j) after[i * N + j] = j <= i ? R[j * NP + i] : 0;

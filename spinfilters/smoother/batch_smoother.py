@@ -44,9 +44,7 @@ observations are right, 1.1 where 30 % are wrong."""
 def process_noise_inflation(
     motion: EpochFactors, here: LinearizationPoint, before: NormalEquations | None
 ) -> float:
-    """Inflation of the process noise at which the trajectory obeys its dynamics.
-
-    Factor of the standard deviation; 1 where the trajectory nearly obeys.
+    """Factor of the process noise's standard deviation at which the trajectory obeys its dynamics; 1 if it nearly does.
 
     Enforcing the dynamics from the first iteration, about a trajectory that breaks them by hundreds of standard deviations,
     moves it far from where the linear models hold.
@@ -59,10 +57,7 @@ def process_noise_inflation(
 
 
 def residual_scale(here: LinearizationPoint) -> float:
-    """Robust scale of the innovations in standard deviations, at least 1.
-
-    More where the noise is larger than stated.
-    """
+    """Robust scale of the innovations in standard deviations: 1, or more where the noise exceeds its stated level."""
     squares = [here.sensors.mean_squares]
     if here.linear is not None:
         squares.append(here.linear.square / ROWS)
@@ -77,9 +72,11 @@ class AnnealedSchedule:
 
     Attributes
     ----------
-    iterations: in which the process noise may be inflated, and gates wide.
-    gate: length of a whitened innovation of three components beyond which an observation counts as wrong (of others the length of
-        the same probability); None for the losses that the problem has.
+    iterations : int
+        Number of first iterations in which the process noise may be inflated and the gates wide.
+    gate : float or None
+        Length of a whitened innovation of three components beyond which an observation counts as wrong (of others the
+        length of the same probability); None for the losses that the problem has.
     """
 
     problem: Problem
@@ -186,9 +183,14 @@ class BatchSmoothing:
 
     Attributes
     ----------
-    mean: (k, m).   factor: (k, n, n) of each epoch's covariance given everything; not finite where something is not determined.
-    accepted, rejected: (k,) measurements of each epoch that count, and that do not.
-    unobservable: findings of what the measurements do not determine.
+    mean : ndarray of float, shape (k, m)
+        Most probable state of each epoch.
+    factor : ndarray of float, shape (k, n, n)
+        Factor of each epoch's covariance given all measurements; not finite where something is undetermined.
+    accepted, rejected : ndarray of int, shape (k,)
+        Number of measurements of each epoch that are inliers, and that are not.
+    unobservable : list[Finding]
+        Findings of what the measurements do not determine.
     """
 
     mean: Float[np.ndarray, "k m"]
@@ -207,14 +209,12 @@ def smooth_recording(
     loss: RobustLoss,
     annealed_iterations: int = 0,
 ) -> BatchSmoothing:
-    """Smooth measurements without landmark ids from an initial trajectory.
-
-    Its constants are those of the last epoch.
+    """Smooth measurements without landmark ids from an initial trajectory, whose constants are the last epoch's.
 
     Parameters
     ----------
-    annealed_iterations: in which disturbances are taken for larger than they are, at most, for a trajectory that does not obey
-        its dynamics.
+    annealed_iterations : int
+        Largest number of iterations with inflated process noise, for a trajectory that does not obey its dynamics.
     """
     problem = problem_of(process, epochs, NO_LANDMARKS, prior, 2, loss)
     return smooth_problem(problem, trajectory, annealed_iterations)

@@ -1,12 +1,10 @@
-"""Attitudes, body rates and positions measured directly in the first epochs.
+"""Motion of the first epochs in closed form, from directly measured attitudes, body rates and positions.
 
 Single gross errors are removed before closed-form estimation. A sample counts as wrong where it lies far from the line through
 its neighbours, and where without it they lie on one. A motion that is fast for a few samples is left alone: without one of them
 the others lie no better.
 
-Motion of the first epochs in closed form: inertia from conserved angular momentum, a straight path.
-
-R_k J w_k = h is linear in J and h.
+The inertia follows from conserved angular momentum, R_k J w_k = h, which is linear in J and h; the path is a straight line.
 """
 
 from dataclasses import dataclass, field, replace
@@ -52,9 +50,16 @@ class InitialMotion:
 
     Attributes
     ----------
-    time: (k,) s.   attitude: (k, 4) q_ig.   rates: (k, 3) body rates, rad/s, g axes.
-    positions: (k, 3) origins of g in i, m, or None when nothing measures them.
-    defines_attitude: whether the first attitude is a definition of frame i rather than measured.
+    time : ndarray of float, shape (k,)
+        Time of each epoch, s.
+    attitude : ndarray of float, shape (k, 4)
+        Attitude quaternions q_ig.
+    rates : ndarray of float, shape (k, 3)
+        Body rates, rad/s, g axes.
+    positions : ndarray of float, shape (k, 3) or None
+        Origins of g in i, m, or None when nothing measures them.
+    defines_attitude : bool
+        Whether the first attitude is a definition of frame i rather than measured.
     """
 
     time: Float[np.ndarray, " k"]
@@ -70,16 +75,17 @@ class InitialMotion:
 
 
 def initial_motion(samples: MotionSamples, epochs: int) -> InitialMotion:
-    """Initial motion samples from the first ``epochs`` samples.
+    """Initial motion samples from the first ``epochs`` samples; what is missing of attitudes and rates is computed.
 
-    Attitudes integrated from rates, or rates differenced from attitudes, as is missing.
+    Attitudes are integrated from the rates where they are missing, or rates are differenced from the attitudes.
 
     The rate at an attitude is the slope of a polynomial through the rotation vectors around it. An attitude that is far from
     both of its neighbours, such as a pose from too few common landmarks, is left out.
 
     Raises
     ------
-    InputError: neither attitudes nor rates; without rates fewer than 4 attitudes, or more than `MOST_APART` of them farther than
+    InputError
+        Neither attitudes nor rates; without rates fewer than 4 attitudes, or more than `MOST_APART` of them farther than
         `LARGEST_TURN` from their neighbours.
     """
     first = {name: getattr(samples, name) for name in ("attitude", "rates", "positions")}
@@ -110,7 +116,8 @@ def _differenced(
 
     Parameters
     ----------
-    shared: landmarks in common with the epoch before, where the attitudes come from tracks.
+    shared : ndarray of int, shape (k,) or None
+        Landmarks in common with the epoch before, where the attitudes come from tracks.
     """
     if len(time) < 4:
         raise InputError(
@@ -146,9 +153,9 @@ def _too_far_apart(
 
 
 def _rates(time: Float[np.ndarray, " k"], q: Float[np.ndarray, "k 4"]) -> Float[np.ndarray, "k 3"]:
-    """Slope at every pose of a polynomial through the rotation vectors to the poses around it.
+    """Derivative at every pose of a polynomial through the rotation vectors to the poses around it.
 
-    NaN where both neighbours are farther than `LARGEST_TURN`.
+    It is NaN where both neighbours are farther away than `LARGEST_TURN`.
     """
     half = LARGEST_WINDOW // 2
     around = np.arange(len(time))[:, None] + np.arange(-half, half + 1)
@@ -305,7 +312,7 @@ LARGEST_DRAG = 0.2
 """Upper end of the drag coefficients tried, 1/rad: at this value |h| halves within half a revolution."""
 
 SHAPE_STD = 0.3
-"""Of the entries of J (trace 2) about the sphere: it only speaks where the motion says nothing of a direction of J."""
+"""Of the entries of J (trace 2) about the sphere: it matters only where the motion does not determine a direction of J."""
 _TRACELESS = null_space(np.array([[1.0, 1.0, 1.0, 0.0, 0.0, 0.0]]))
 
 
@@ -335,7 +342,8 @@ def fit_momentum(
 
     Raises
     ------
-    InputError: with fewer than 4 epochs, or a body that does not rotate.
+    InputError
+        With fewer than 4 epochs, or a body that does not rotate.
     """
     if len(rates) < 4:
         raise InputError(

@@ -70,7 +70,7 @@ POSE = 6
 WIDE = 8
 """Row of a pose's block in memory: one vector of the machine."""
 FLATTEST = 1e-12
-"""Determinant of a landmark's scaled information below which its depth is not told."""
+"""Determinant of a landmark's scaled information below which its depth is not determined."""
 
 
 @dataclass(frozen=True)
@@ -79,13 +79,22 @@ class Eliminated:
 
     Attributes
     ----------
-    weight: (N,) of each observation.   is_constrained: (L,) which of the observations' landmarks.   used: (N,) observations
-        that count: those of a
-    told landmark with a weight.
-    information_sqrt: (L, 3, 3) lower triangular L.   gradient: (L, 3) y.   coupling: (N, 3, 6) Y of each observation; that of
-        the first of a
-    landmark's observations in an epoch holds them all.
-    information: (r + 1, r) what is left to the poses, in the lower triangle, and an empty row.   pose_gradient: (r,).
+    weight : ndarray of float, shape (N,)
+        Weight of each observation.
+    is_constrained : ndarray of bool, shape (L,)
+        Whether each landmark is well constrained.
+    used : ndarray of bool, shape (N,)
+        Whether each observation counts: it has a weight and its landmark is well constrained.
+    information_sqrt : ndarray of float, shape (L, 3, 3)
+        Lower triangular Cholesky factor L of each landmark's information; I where it is not well constrained (NumPy).
+    gradient : ndarray of float, shape (L, 3)
+        Gradient of each landmark, L y = J_p' r.
+    coupling : ndarray of float, shape (N, 3, 6)
+        Y = L^-1 J_p' J_x; the first used observation of a landmark in an epoch holds the sum, further ones hold 0.
+    information : ndarray of float, shape (w, r)
+        Schur complement on the poses in the lower triangle, and an empty row.
+    pose_gradient : ndarray of float, shape (r,)
+        Right-hand side that is left to the poses.
     """
 
     observations: LandmarkObservations
@@ -143,13 +152,12 @@ def eliminate(
     kept: int,
     epochs: int,
 ) -> Eliminated:
-    """Eliminate the landmarks from weighted observations.
-
-    Observations of landmarks that are then not well-constrained do not count.
+    """Eliminate the landmarks from weighted observations; those of landmarks not well constrained do not count.
 
     Parameters
     ----------
-    kept: number of unknowns that remain, poses first.
+    kept : int
+        Number of unknowns that remain, poses first.
     """
     library = kernels()
     if library is None:
@@ -169,6 +177,7 @@ def eliminate(
     )
     if failed:
         raise MemoryError("no memory to eliminate the landmarks")
+    # Blocks of pairs of epochs, stored one behind the other, into the lower triangle of the matrix.
     library.spread_blocks(epochs, kept, address(blocks), address(information))
     used = (weight > 0) & is_constrained[observations.landmark]
     return Eliminated(
@@ -186,22 +195,27 @@ def eliminate_in_numpy(
     """`eliminate` for machines without a compiler."""
     landmark, epoch, L = observations.landmark, observations.epoch, observations.landmarks
     is_constrained, used, information_sqrt = _constrained(observations, linear, weight)
+    # Rows of used observations times sqrt(weight): J_x (3 x 6), J_p (3 x 3), innovation y.
     root, each_used = np.sqrt(np.where(used, weight, 0.0))[:, None, None], used[:, None, None]
     scaled = root * np.where(each_used, linear.rows, 0.0)
     by_pose, by_point, y = scaled[:, :, :POSE], scaled[:, :, POSE:-1], scaled[:, :, -1:]
     gradient, whole = np.zeros((L, 3)), np.zeros((L, 3, epochs, POSE))
+    # Per landmark: gradient L^-1 sum J_p' y, and coupling Y = L^-1 J_p' J_x [3][epochs][6], summed per epoch.
     turned = by_point.swapaxes(1, 2)
     np.add.at(gradient, landmark, (turned @ y)[..., 0])
     gradient = _solved(information_sqrt, gradient)
     each = np.linalg.solve(information_sqrt[landmark], turned @ by_pose)
     np.add.at(whole, (landmark, slice(None), epoch), each)  # pyright: ignore[reportArgumentType]
+    # Per pose: information J_x' J_x and right-hand side J_x' y.
     blocks, jacobian = np.zeros((epochs, POSE, POSE)), np.zeros((epochs, POSE))
     np.add.at(blocks, epoch, by_pose.swapaxes(1, 2) @ by_pose)
     np.add.at(jacobian, epoch, (by_pose.swapaxes(1, 2) @ y)[..., 0])
+    # Schur complement of the landmarks: blocks - Y'Y (lower triangle), right-hand side less Y' gradient.
     Y, size = whole.reshape(3 * L, epochs * POSE), epochs * POSE
     information, slope = np.zeros((kept + 1, kept)), np.zeros(kept)
     information[:size, :size] = _added_on_diagonal(-np.tril(Y.T @ Y), blocks)
     slope[:size] = jacobian.reshape(-1) - Y.T @ gradient.reshape(-1)
+    # An epoch's coupling is kept at the first used observation of the landmark there, as in C.
     coupling = whole.swapaxes(1, 2)[landmark, epoch] * _firsts(observations, used)[:, None, None]
     lower = np.tril(information)
     return Eliminated(
@@ -222,10 +236,7 @@ def _added_on_diagonal(
 def _constrained(
     observations: LandmarkObservations, linear: LinearObservations, weight: Float[np.ndarray, " N"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Well-constrained landmarks, observations that count, and square-root information.
-
-    The latter is I where a landmark is not well-constrained.
-    """
+    """Well-constrained landmarks, observations that count, and square-root information (I of all other landmarks)."""
     L, landmark = observations.landmarks, observations.landmark
     by_point = np.where((weight > 0)[:, None, None], linear.rows[:, :, POSE:-1], 0.0)
     information = np.zeros((L, 3, 3))
@@ -269,10 +280,20 @@ class VelocityElimination:
 
     Attributes
     ----------
-    information_sqrts: (k, v, v) L_k.   next: (k - 1, v, v) F_k.   coupling: (k, v, w) X_k, columns: poses, constants,
-        right-hand side.
-    begin: (k,) first pose that X_k still feels.   pose: columns of a pose.   reach: poses that every epoch may feel.
-    failed: epoch whose information is not positive definite, or -1.
+    information_sqrts : ndarray of float, shape (k, v, v)
+        Cholesky factors L_k.
+    next : ndarray of float, shape (j, v, v)
+        Couplings F_k = L_k^-1 E_k to the next epoch.
+    coupling : ndarray of float, shape (k, v, w)
+        X_k, coupling to what remains; columns: poses, constants, right-hand side.
+    begin : ndarray of int, shape (k,)
+        First pose whose columns of X_k are not negligible.
+    pose : int
+        Columns of a pose.
+    reach : int
+        Number of leading poses that every epoch may be coupled to.
+    failed : int
+        Epoch whose information is not positive definite, or -1.
     """
 
     information_sqrts: Float[np.ndarray, "k v v"]
@@ -291,10 +312,12 @@ class VelocityElimination:
         K, v, width = self.coupling.shape
         p, rest = self.pose, K * self.pose
         X = self.coupling.reshape(K * v, width)
+        # Constants and right-hand side: every epoch's X takes part in full.
         tail = X[:, rest:]
         M[rest:, rest:] -= tail.T @ tail[:, :-1]
         if not p:
             return
+        # Poses, GROUP epochs at a time: X is zero right of the group's last pose and negligible left of `begin`.
         for first in range(0, K, GROUP):
             rows = slice(first * v, min(first + GROUP, K) * v)
             last = max(first + GROUP + 1, self.reach)
@@ -333,7 +356,10 @@ def eliminate_velocities(
 
     Parameters
     ----------
-    pose: number of leading columns of G per epoch.   reach: poses that G_0 may hold; G_k holds those up to k + 1.
+    pose : int
+        Number of leading columns of G per epoch.
+    reach : int
+        Poses that G_0 may hold; G_k holds those up to k + 1.
     """
     (K, v, width), library = G.shape, kernels()
     begin = np.zeros(K, dtype=np.int64)

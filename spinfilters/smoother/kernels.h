@@ -1,6 +1,5 @@
-/* What the loops of `landmarks.c` and `velocities.c` share. `elimination.py`, `motion.py`, `reduced.py` and `chain.py` say
-what the loops
- * compute, and say it again in NumPy for machines without a compiler. Matrices are row by row. */
+/* What the loops of `landmarks.c` and `velocities.c` share. `elimination.py`, `motion_factors.py` and `linear_system.py` say
+ * what the loops compute, and do the same in NumPy for machines without a compiler. Matrices are row by row. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -12,6 +11,7 @@ typedef double unaligned_wide __attribute__((vector_size(8 * WIDE), aligned(8)))
 typedef double four __attribute__((vector_size(32), aligned(8)));
 typedef double two __attribute__((vector_size(16), aligned(8)));
 
+/* Lower Cholesky factor of a [n][n] in place, column by column, upper triangle zeroed; 0 where a is not positive definite. */
 static int cholesky(double* a, int n) {
   for (int j = 0; j < n; ++j) {
     for (int k = 0; k < j; ++k) a[j * n + j] -= a[j * n + k] * a[j * n + k];

@@ -24,10 +24,7 @@ NOTHING_TWICE = "no landmark of the map is seen twice in these epochs; check the
 
 @dataclass(frozen=True)
 class SensorGroup:
-    """Landmark observations of one sensor.
-
-    Their indices in the flat list, the measured values, and the parameters without the point.
-    """
+    """Landmark observations of one sensor: indices in the flat list, values, and parameters without the point."""
 
     model: LandmarkSensor
     rows: Int[np.ndarray, " g"]
@@ -41,9 +38,14 @@ class LandmarkObservations:
 
     Attributes
     ----------
-    epoch, landmark: (N,) number of the epoch and of the landmark.
-    place: (N,) where an observation stands among all of its epoch.   counts: (k,) how many observations each epoch has.
-    landmarks: how many landmarks there are.
+    epoch, landmark : ndarray of int, shape (N,)
+        Number of the epoch and of the landmark.
+    place : ndarray of int, shape (N,)
+        Where an observation stands among all of its epoch.
+    counts : ndarray of int, shape (k,)
+        How many observations each epoch has.
+    landmarks : int
+        How many landmarks there are.
     """
 
     epoch: Int[np.ndarray, " N"]
@@ -78,8 +80,10 @@ class LinearObservations:
 
     Attributes
     ----------
-    rows: (N, 3, 10), see `COLUMNS`.
-    square: (N,) squared length of the innovation, infinite where the sensor's model does not apply.
+    rows : ndarray of float, shape (N, 3, 10)
+        See `COLUMNS`.
+    square : ndarray of float, shape (N,)
+        Squared length of the innovation, infinite where the sensor's model does not apply.
     """
 
     rows: Float[np.ndarray, "N 3 10"]
@@ -125,7 +129,8 @@ def collect_observations(epochs: Timeline, ids: Int[np.ndarray, " L"], needed: i
 
     Raises
     ------
-    InputError: when a sensor of landmarks sees more than the pose.
+    InputError
+        When a sensor of landmarks sees more than the pose.
     """
     seen = _seen(epochs)
     row = np.clip(np.searchsorted(ids, seen.ids), 0, max(len(ids) - 1, 0))
@@ -230,13 +235,12 @@ def reinitialised(
     inliers: Bool[np.ndarray, " N"],
     gate: float,
 ) -> Float[np.ndarray, "L 3"] | None:
-    """Landmark points, those with fewer than two inliers re-initialised.
-
-    m, frame g; None when there are none.
+    """Landmark points (m, frame g) with those of fewer than two inliers re-initialised; None where none can be.
 
     Parameters
     ----------
-    gate: Mahalanobis distance within which two observations' own points agree.
+    gate : float
+        Mahalanobis distance within which two observations' own points agree.
     """
     rows = _lost(observations, inliers)
     if not len(rows):
@@ -247,10 +251,12 @@ def reinitialised(
         return None
     covariance = covariance_sqrt @ np.swapaxes(covariance_sqrt, 1, 2)
     landmark = observations.landmark[rows]
+    # Each pair of observations of a landmark whose own points agree gives both a vote.
     one, other = _pairs(landmark)
     agree = _distance(own, covariance, one, other) < gate
     one, other = _both_ways(one[agree], other[agree], len(rows))
     votes = np.bincount(one, minlength=len(rows))
+    # The observation with most votes of each landmark, if it agrees with at least one other.
     order = np.lexsort((votes, landmark))
     winners = order[np.flatnonzero(np.diff(landmark[order], append=-1))]
     winners = winners[votes[winners] >= OBSERVATIONS_NEEDED]

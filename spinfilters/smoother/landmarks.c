@@ -1,12 +1,12 @@
 /* Loops over landmarks and their observations; types and roots are those of `kernels.h`. */
 
-/* Information V (lower root on return) and gradient of a landmark from its observations; 0 where it is not told. What a row
-has by the
- * landmark and its innovation are read as one vector. */
+/* Information V (lower root on return) and gradient of a landmark from its observations; 0 where it is not well
+ * constrained. A row's columns of the landmark and its innovation are read as one vector. */
 static int landmark_root(integer first, integer last, const double* rows, const double* weight, double flattest,
                          double V[9], double y[3]) {
   int hits = 0;
   four sum[3] = {{0}, {0}, {0}};
+  /* sum[a] = row a of [J' J | J' rho], J (3 x 3) by the landmark, over all observations with a weight. */
   for (integer i = first; i < last; ++i) {
     if (!(weight[i] > 0)) continue;
     ++hits;
@@ -19,22 +19,24 @@ static int landmark_root(integer first, integer last, const double* rows, const 
     y[a] = sum[a][3];
     for (int b = 0; b < 3; ++b) V[3 * a + b] = b > a ? 0 : sum[a][b];
   }
+  /* Scaled determinant det V / prod V_aa: near 0 where the observations leave the depth open. */
   double scale = V[0] * V[4] * V[8];
   if (hits < 2 || !cholesky(V, 3)) return 0;
   double root = V[0] * V[4] * V[8];
   if (!(root * root > flattest * scale)) return 0;
+  /* Forward substitution: L y = J' rho. */
   y[0] /= V[0];
   y[1] = (y[1] - V[3] * y[0]) / V[4];
   y[2] = (y[2] - V[6] * y[0] - V[7] * y[1]) / V[8];
   return 1;
 }
 
-/* What one observation gives its pose, and its coupling L^-1 J_p' J_x, added to Y (3 rows of WIDE); out holds 1 / diagonal of
-L. A row is
- * read as one vector: its last two lanes, of the landmark, are carried along and never looked at. */
+/* What one observation gives its pose, and its coupling L^-1 J_p' J_x, added to Y (3 rows of WIDE); out holds 1 / diagonal of L.
+ * A row is read as one vector: its last two lanes, of the landmark, are computed and never used. */
 static void one_observation(const double* rows, double weight, const double* L, const double out[3], wide* H, wide* g, wide Y[3]) {
   wide W[3] = {{0}, {0}, {0}}, h[POSE], slope = *g;
   for (int a = 0; a < POSE; ++a) h[a] = H[a];
+  /* Row r: H += J_x' J_x (pose), W += J_p' J_x, gradient += J_x' rho. */
   for (int r = 0; r < R; ++r) {
     const double* J = rows + r * ROW;
     wide x = *(const unaligned_wide*)J, scaled = weight * x;
@@ -44,21 +46,22 @@ static void one_observation(const double* rows, double weight, const double* L, 
   }
   for (int a = 0; a < POSE; ++a) H[a] = h[a];
   *g = slope;
+  /* Y += L^-1 W by forward substitution. */
   wide y0 = W[0] * out[0], y1 = (W[1] - L[3] * y0) * out[1];
   Y[0] += y0;
   Y[1] += y1;
   Y[2] += (W[2] - L[6] * y0 - L[7] * y1) * out[2];
 }
 
+/* S [6][8] -= left' right, left and right [3][8]. */
 static void subtract_block(wide* S, const wide* left, const wide* right) {
   wide r0 = right[0], r1 = right[1], r2 = right[2];
   for (int a = 0; a < POSE; ++a) S[a] -= left[0][a] * r0 + left[1][a] * r1 + left[2][a] * r2;
 }
 
 /* Landmarks [L] with observations start[l] .. start[l + 1], sorted by epoch. Out: told [L], root [L][9], y [L][3], Y [N][18]
-(zero for
- * an observation that is not the first of its landmark in its epoch), S: pairs of frames i >= j, block i (i + 1) / 2 + j, [6][8];
- * gradient [epochs][6]. */
+ * (zero for an observation that is not the first of its landmark in its epoch), S: pairs of epochs i >= j, block i (i + 1) / 2 +
+ * j, [6][8]; gradient [epochs][6]. */
 int eliminate_landmarks(integer landmarks, integer epochs, const integer* start, const integer* epoch, const double* rows,
                         const double* weight, double flattest, unsigned char* told, double* root, double* y, double* Y,
                         double* blocks, double* gradient) {
@@ -80,6 +83,7 @@ int eliminate_landmarks(integer landmarks, integer epochs, const integer* start,
     if (!told[l]) continue;
     const double out[3] = {1 / V[0], 1 / V[4], 1 / V[8]};
     integer count = 0;
+    /* One Y per epoch that saw the landmark: observations of one epoch are adjacent and share it. */
     for (integer i = start[l]; i < start[l + 1]; ++i) {
       if (!(weight[i] > 0)) continue;
       int again = count && epoch[seen[count - 1]] == epoch[i];
@@ -91,6 +95,7 @@ int eliminate_landmarks(integer landmarks, integer epochs, const integer* start,
       integer f = epoch[i];
       one_observation(rows + i * R * ROW, weight[i], V, out, S + (f * (f + 1) / 2 + f) * POSE, slope + f, mine);
     }
+    /* Schur complement: S_ij -= Y_i' Y_j for j <= i, gradient_i -= Y_i' y. */
     for (integer i = 0; i < count; ++i) {
       integer f = epoch[seen[i]];
       const wide* left = couple + 3 * i;
@@ -114,7 +119,7 @@ void spread_blocks(integer epochs, integer n, const double* blocks, double* M) {
     }
 }
 
-/* How landmarks follow a step of the poses: L^-T (y - sum Y e); zero where a landmark is not told. */
+/* Back-substitution of a pose step to the landmarks: L^-T (y - sum Y e); zero where a landmark is not well constrained. */
 void follow_poses(integer landmarks, const integer* start, const integer* epoch, const unsigned char* told, const double* root,
                   const double* y, const double* Y, const double* poses, double* step) {
   for (integer l = 0; l < landmarks; ++l) {
@@ -125,6 +130,7 @@ void follow_poses(integer landmarks, const integer* start, const integer* epoch,
     if (!told[l]) continue;
     four left[3] = {{0}, {0}, {0}};
     two right[3] = {{0}, {0}, {0}};
+    /* Y e in two parts, columns 0 .. 4 and 4 .. 6 of the pose. */
     for (integer i = start[l]; i < start[l + 1]; ++i) {
       const double *row = Y + 3 * POSE * i, *e = poses + POSE * epoch[i];
       four e0 = *(const four*)e;
@@ -136,6 +142,7 @@ void follow_poses(integer landmarks, const integer* start, const integer* epoch,
     }
     for (int a = 0; a < 3; ++a)
       z[a] -= (left[a][0] + left[a][1]) + (left[a][2] + left[a][3]) + (right[a][0] + right[a][1]);
+    /* Back substitution by L'. */
     out[2] = z[2] / L[8];
     out[1] = (z[1] - L[7] * out[2]) / L[4];
     out[0] = (z[0] - L[3] * out[1] - L[6] * out[2]) / L[0];

@@ -77,10 +77,7 @@ TRIPLES, REFITS, SEED = 200, 3, 0
 
 @dataclass(frozen=True)
 class _LatestMatches:
-    """Points in camera coordinates matched to landmarks in g.
-
-    Their distance (m) is divided by the factors (k, 3, 3).
-    """
+    """Points in camera coordinates matched to landmarks in g; factors (k, 3, 3) whiten their distance (m)."""
 
     seen: Float[np.ndarray, "k 3"]
     landmarks: Float[np.ndarray, "k 3"]
@@ -101,10 +98,7 @@ class _LatestMatches:
 def latest_pose(
     problem: Problem, trajectory: Float[np.ndarray, "k m"], points: Float[np.ndarray, "L 3"]
 ) -> Float[np.ndarray, " 7"] | None:
-    """Pose (t m, q_ig) of the latest epoch from its observations.
-
-    None where too few landmarks that were seen before agree on any.
-    """
+    """Pose (t m, q_ig) of the latest epoch from its observations; None where too few known landmarks agree on one."""
     matches = _matches(problem, trajectory, points)
     if len(matches.seen) < FEWEST:
         return None

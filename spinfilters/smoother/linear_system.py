@@ -34,7 +34,10 @@ class LinearSystem:
 
     Attributes
     ----------
-    M: (r + 1, r) lower triangle over poses and constants, then the right-hand side as a row.   tridiagonal: D, E, G.
+    M : ndarray of float, shape (w, r)
+        Lower triangle over poses and constants, then the right-hand side as a row.
+    tridiagonal : Blocks
+        D, E, G of the velocities.
     """
 
     M: Float[np.ndarray, "w r"]
@@ -58,11 +61,18 @@ class SchurSystem:
 
     Attributes
     ----------
-    information_sqrt: (r, r) Cholesky factor of what remains, in the lower triangle; the rest is not zero.   tridiagonal: what
-        was eliminated before.
-    gradient: (r,) right-hand side of what remains.
-    separator_step: (r,) step of poses and constants.   tridiagonal_step: (k, v) of the rest.
-    predicted_reduction: by how much the linear problem's cost falls.
+    information_sqrt : ndarray of float, shape (r, r)
+        Cholesky factor of what remains, in the lower triangle; the rest is not zero.
+    tridiagonal : VelocityElimination
+        What was eliminated before.
+    gradient : ndarray of float, shape (r,)
+        Right-hand side of what remains.
+    separator_step : ndarray of float, shape (r,)
+        Step of poses and constants.
+    tridiagonal_step : ndarray of float, shape (k, v)
+        The rest.
+    predicted_reduction : float
+        By how much the linear problem's cost falls.
     """
 
     ordering: VariableOrdering
@@ -85,19 +95,16 @@ class SchurSystem:
         return self.separator_step[:size].reshape(self.ordering.epochs, -1)
 
     def rise(self, errors: Float[np.ndarray, "k n"]) -> float:
-        """Rise of the linear problem's cost by errors of poses and constants about its optimum.
-
-        The least for any errors of the rest.
-        """
+        """Rise of the linear problem's cost by errors of poses and constants, least over the errors of all the rest."""
         poses, constants = errors[:, self.ordering.pose].reshape(-1), errors[0, self.ordering.constant]
         whitened = np.tril(self.information_sqrt).T @ np.concatenate([poses, constants])
         return float(whitened @ whitened)
 
     @cached_property
     def mass_std(self) -> float:
-        """Largest standard deviation of the mass distribution.
+        """Largest standard deviation of the mass distribution, 0 of a layout without it.
 
-        0 of a layout without it; the constants come last in the square root.
+        The constants come last in the square root, so that its last corner gives their covariance.
         """
         layout, constant = self.ordering.layout, self.ordering.constant
         if not layout.has(MASS_DISTRIBUTION):
@@ -128,18 +135,22 @@ def solve_schur_system(
     M, (D, E, G) = system.M, system.tridiagonal
     if marginal_prior is not None:
         marginal_prior.add_to(M, D, G)
+    # M [r + 1, r]: poses, constants, right-hand side as last row; D, E, G: velocities and their coupling to these.
     v, separator_dim = len(ordering.tridiagonal), ordering.separator_dim
     if damping:
         D[:, np.arange(v), np.arange(v)] *= 1 + damping
         M.flat[: separator_dim * separator_dim : separator_dim + 1] *= 1 + damping
+    # Block Cholesky along time, then the Schur complement of the velocities: M -= X'X.
     tridiagonal = eliminate_velocities(
         D, E, G, len(ordering.pose), 0 if marginal_prior is None else marginal_prior.epochs
     )
     if tridiagonal.failed >= 0:
         return SchurSolution(None, tridiagonal.failed * v)
     tridiagonal.reduce(M)
+    # Cholesky of poses and constants; M is row by row, so that its lower triangle is LAPACK's upper one of M'.
     gradient = M[-1].copy()
     upper, failed = dpotrf(M[:-1].T, lower=0, overwrite_a=1, clean=0) if separator_dim else (M[:-1].T, 0)
+    # Forward substitution; |half|^2 and the velocities' |X[:, :, -1]|^2 are the predicted fall of the cost.
     half = dtrtrs(upper, gradient, lower=0, trans=1)[0] if separator_dim and not failed else gradient
     if failed or not np.isfinite(half).all():
         return SchurSolution(None, ordering.epochs * v + max(failed - 1, 0))
@@ -230,10 +241,12 @@ def _add_epochs(M: np.ndarray, tridiagonal: Blocks, blocks: np.ndarray, sizes: B
     (D, _, G), (p, v, _) = tridiagonal, sizes
     K = len(D)
     rest = slice(K * p, None)
+    # Gram of epoch k, order pose (p), chain (v), constants, right-hand side: chain to D_k, its couplings to G_k.
     D += blocks[:, p : p + v, p : p + v]
     G[:, :, rest] += blocks[:, p : p + v, p + v :]
     M[rest, rest] += blocks[:, p + v :, p + v : -1].sum(axis=0)
     if p:
+        # Pose of epoch k: columns k p .. (k + 1) p of G_k, diagonal block k of M, and the last rows of M.
         at = np.arange(K)
         G[:, :, : K * p].reshape(K, v, K, p)[at, :, at] += blocks[:, p : p + v, :p]
         _diagonal(M, K, p)[...] += blocks[:, :p, :p]
@@ -248,6 +261,7 @@ def _add_steps(M: np.ndarray, tridiagonal: Blocks, blocks: np.ndarray, sizes: Bl
     K, d = len(D), p + v
     rest, after = slice(K * p, None), slice(2 * d, None)
     here, there = slice(p, d), slice(d + p, 2 * d)
+    # Chain of step k: D_k, D_k+1 and E_k between them; constants and right-hand side into G_k, G_k+1 and M.
     D[:-1] += blocks[:, here, here]
     D[1:] += blocks[:, there, there]
     E += blocks[:, here, there]
@@ -256,6 +270,7 @@ def _add_steps(M: np.ndarray, tridiagonal: Blocks, blocks: np.ndarray, sizes: Bl
     M[rest, rest] += blocks[:, after, 2 * d : -1].sum(axis=0)
     if not p:
         return
+    # Poses of step k in both epochs' G, and in M: diagonal blocks k, k + 1, block (k + 1, k) below, last rows.
     pose, next_pose, at = slice(0, p), slice(d, d + p), np.arange(K - 1)
     by_pose = G[:, :, : K * p].reshape(K, v, K, p)
     by_pose[at, :, at] += blocks[:, here, pose]
@@ -282,7 +297,10 @@ class Marginals:
 
     Attributes
     ----------
-    solution: of the linear problem at the estimate.   eliminated: its landmarks, or None.
+    solution : SchurSystem
+        Solution of the linear problem at the estimate.
+    eliminated : Eliminated or None
+        Its eliminated landmarks, or None.
     """
 
     solution: SchurSystem
@@ -321,6 +339,7 @@ class Marginals:
         p, r, v = len(ordering.pose), len(self.information_sqrt), len(ordering.tridiagonal)
         size = ordering.epochs * p
         rows = np.zeros((len(own), ordering.layout.error_dim, r + v))
+        # Rows of the epoch's pose, chained errors and the constants over r separator numbers; the chain has v of its own.
         rows[:, ordering.pose, :r] = self.information_sqrt[:size].reshape(ordering.epochs, p, r)[epochs]
         rows[:, ordering.tridiagonal, :r] = self._tridiagonal_rows[epochs]
         rows[:, ordering.tridiagonal, r:] = own
@@ -334,6 +353,7 @@ class Marginals:
         size = ordering.epochs * p
         out = np.linalg.inv(tridiagonal.information_sqrts[-1]).T
         rows = np.zeros((ordering.layout.error_dim, r + v))
+        # The last epoch has no successor: its chain follows the separator by -L^-T X and has own noise L^-T.
         rows[ordering.pose, :r] = self.information_sqrt[size - p : size]
         rows[ordering.tridiagonal, :r] = -out @ tridiagonal.coupling[-1, :, :-1] @ self.information_sqrt
         rows[ordering.tridiagonal, r:] = out
@@ -355,20 +375,20 @@ class Marginals:
         poses = self.information_sqrt[:size].reshape(K, p, r)
         out = np.swapaxes(np.linalg.inv(tridiagonal.information_sqrts[:-1]), 1, 2)
         rows = np.zeros((K - 1, 2 * d + len(ordering.constant), r + 2 * v))
+        # Over the separator's noise: pose and chain here, pose and chain there, constants.
         rows[:, :p, :r], rows[:, p:d, :r] = poses[:-1], self._tridiagonal_rows[:-1]
         rows[:, d : d + p, :r], rows[:, d + p : 2 * d, :r] = poses[1:], self._tridiagonal_rows[1:]
         rows[:, 2 * d :, :r] = self.information_sqrt[size:]
+        # Own noise: n_k enters here by L_k^-T; n_k+1 there, and here by -L_k^-T F_k own_k+1.
         rows[:, p:d, r : r + v] = out
         rows[:, p:d, r + v :] = -out @ tridiagonal.next @ self._information_sqrts[1:]
         rows[:, d + p : 2 * d, r + v :] = self._information_sqrts[1:]
         return rows
 
     def landmark_rows(self, landmarks: Int[np.ndarray, " q"]) -> tuple[np.ndarray, np.ndarray]:
-        """Errors of landmarks as rows (q, 3, r) over the separator's noise.
+        """Errors of landmarks as rows (q, 3, r) over the separator's noise, and roots (q, 3, 3) of their own covariance.
 
-        Square roots (q, 3, 3) of their own covariance come with them.
-
-        Landmarks must be told.
+        The landmarks must be well constrained ones of the solution, by their numbers in it.
         """
         from scipy.sparse import bsr_array  # here alone: a solution without covariances needs none
 
@@ -474,7 +494,8 @@ def joint_belief(
 
     Parameters
     ----------
-    mean: of the latest epoch.   ids, points (m, frame g): of the well-constrained landmarks, in their order.
+    mean : ndarray of float, shape (m,)
+        Mean of the latest epoch.
     """
     assert marginals.eliminated is not None
     constrained = np.flatnonzero(marginals.eliminated.is_constrained)

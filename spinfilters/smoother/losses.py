@@ -9,7 +9,7 @@ from jaxtyping import Float
 from spinfilters.core.errors import InputError
 
 LARGEST = 1e300
-"""A squared length that stands for infinity where a ratio of two is taken."""
+"""Largest squared length in a ratio of two, in place of infinity."""
 
 Squares = Float[np.ndarray, " N"]
 
@@ -74,9 +74,9 @@ class Huber(RobustLoss):
 
 @dataclass(frozen=True)
 class PseudoHuber(RobustLoss):
-    """Smooth loss rho = 2 b^2 (sqrt(1 + s / b^2) - 1).
+    """Smooth loss rho = 2 b^2 (sqrt(1 + s / b^2) - 1), b the threshold.
 
-    Tweddle 2013, sec. 4.7.4; Hartley and Zisserman 2003, A6.8.
+    Sources: Tweddle 2013, sec. 4.7.4; Hartley and Zisserman 2003, appendix A6.8.
     """
 
     threshold: float = 2.0
@@ -100,7 +100,10 @@ class Barron(RobustLoss):
 
     Attributes
     ----------
-    shape: alpha: 2 is least squares, 1 pseudo-Huber, 0 Cauchy, -2 Geman-McClure.   scale: c, standard deviations.
+    shape : float
+        alpha: 2 is least squares, 1 pseudo-Huber, 0 Cauchy, -2 Geman-McClure.
+    scale : float
+        c, standard deviations.
     """
 
     shape: float = 0.0
@@ -137,7 +140,8 @@ class Gate(RobustLoss):
 
     Attributes
     ----------
-    among: (N,) residuals that count at all, or None for all.
+    among : ndarray or None
+        (N,) residuals that count at all, or None for all.
     """
 
     inner: float
@@ -159,16 +163,20 @@ class Gate(RobustLoss):
 
 @dataclass(frozen=True)
 class Graduated(RobustLoss):
-    """Geman-McClure's loss by graduated non-convexity (Yang et al. 2020).
+    """Geman-McClure's loss by graduated non-convexity, reached from least squares (Yang et al. 2020).
 
-    Reached from least squares; holds with half of all observations wrong.
-
+    It holds with half of all observations wrong. The loss is
     rho = m b^2 s / (m b^2 + s) with m falling from ``first`` to 1 by ``rate`` per iteration: at first all residuals pull, at last
     those of many times b hardly do.
 
     Attributes
     ----------
-    threshold: b, standard deviations.   first, rate: of m, greater than 1.   stage: iterations so far.
+    threshold : float
+        b, standard deviations.
+    first, rate : float
+        First value of m, and the divisor of m per iteration; both greater than 1.
+    stage : int
+        Iterations so far.
     """
 
     threshold: float = 3.0

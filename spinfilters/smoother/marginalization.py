@@ -92,7 +92,8 @@ def without_landmarks(
 
     Parameters
     ----------
-    linear: the linear problem in which they are eliminated, and the point it is about.
+    linear : LinearProblem
+        The linear problem in which they are eliminated, and the point it is about.
     """
     here, ordering = linear.point.trajectory, problem.ordering
     first = _first_estimates(window, ordering, here)
@@ -118,16 +119,21 @@ def without_oldest(
 
     Parameters
     ----------
-    linear: as for `without_landmarks`.   count: of the epochs that leave; one stays at least.
+    linear : LinearProblem
+        As for `without_landmarks`.
+    count : int
+        Of the epochs that leave; one stays at least.
     """
     ordering, here = problem.ordering, linear.point.trajectory
     first, more = _first_estimates(window, ordering, here), count * len(ordering.tridiagonal)
+    # Everything that involves a removed epoch: its step, its prior and landmark-free rows, its landmarks' remainder.
     rows = [spread_step(linear.point.dynamics.rows[k], k, count, ordering) for k in range(count)]
     for k in range(count):
         rows += [spread_epoch(part, k, count, ordering) for part in _alone(problem.motion, k, here)]
     if landmarks.any():
         rows.append(spread_poses(_of_landmarks(linear, landmarks, ordering), ordering, more))
     new = _at_first_estimates(np.concatenate(rows), ordering, first, here, more)
+    # Removed variables come first: the triangle behind their rows and columns is the prior of those that stay.
     gone = count * len(ordering.moving)
     root = _triangular(window.marginal_prior, new, ordering, count)[gone:, gone:]
     after = replace(ordering, epochs=ordering.epochs - count)
@@ -235,7 +241,8 @@ def _at_first_estimates(
 
     Parameters
     ----------
-    more: columns between those of a carried quadratic and the right-hand side, of errors whose first estimate is that of now.
+    more : int
+        Columns between those of a carried quadratic and the right-hand side, of errors whose first estimate is that of now.
     """
     result, p, last = rows.copy(), len(ordering.pose), rows.shape[1] - 1 - more
     if p:

@@ -77,7 +77,10 @@ def restarted_from_momentum(
 
     Parameters
     ----------
-    window: at its present optimum.   linear: the last linear problem on the way to it.
+    window : Window
+        At its present optimum.
+    linear : LinearProblem
+        The last linear problem on the way to it.
     """
     layout, here, candidates, count = problem.layout, window.trajectory, [], 0
     if not layout.translates or problem.observations is None:
@@ -126,10 +129,7 @@ def _best(
 def trajectory_from_momentum(
     layout: StateLayout, given: Float[np.ndarray, "k m"], times: Float[np.ndarray, " k"]
 ) -> Float[np.ndarray, "k m"] | None:
-    """Trajectory with rates and constants of conserved momentum.
-
-    None where its poses tell no motion.
-    """
+    """Trajectory with rates and constants of conserved angular momentum; None where its poses show no motion."""
     poses = np.concatenate([given[:, layout.mean_slice(b)] for b in POSE_BLOCKS], axis=1)
     try:
         evidence = initial_motion(MotionSamples(times, poses[:, 3:], positions=poses[:, :3]), len(times))

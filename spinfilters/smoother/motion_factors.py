@@ -26,7 +26,10 @@ class EpochRows:
 
     Attributes
     ----------
-    rows: (r, i, c + 1), contiguous.   epoch: (r,) ascending.
+    rows : ndarray of float, shape (r, i, c1)
+        Contiguous.
+    epoch : ndarray of int, shape (r,)
+        Ascending.
     """
 
     rows: Float[np.ndarray, "r i c1"]
@@ -104,9 +107,14 @@ class WeightedRows(NamedTuple):
 
     Attributes
     ----------
-    rows: (r, i, c + 1) Jacobian by the model's columns, with the right-hand side as the last column.
-    costs: (r,) robust costs.   squares: (r,) squared lengths of the whitened innovations; infinite where the model does not apply.
-    counted: (r,) whether they have a weight; rows of others are zero.
+    rows : ndarray of float, shape (r, i, c1)
+        Jacobian by the model's columns, with the right-hand side as the last column.
+    costs : ndarray of float, shape (r,)
+        Robust costs.
+    squares : ndarray of float, shape (r,)
+        Squared lengths of the whitened innovations; infinite where the model does not apply.
+    counted : ndarray of bool, shape (r,)
+        Whether they have a weight; rows of others are zero.
     """
 
     rows: Float[np.ndarray, "r i c1"]
@@ -205,12 +213,21 @@ class InformationBlocks:
 
     Attributes
     ----------
-    epochs: (k, n + 1, n + 1) of each epoch alone, components in `VariableOrdering.order`, then the right-hand side.
-    steps: (k - 1, 2 d + c + 1, ...) of each step: moving here, moving there, constants, right-hand side.
-    cost: sum of (robust) squares.   rows: (k - 1, d, 2 d + c + 1) of the steps, whitened.
-    mean_squares: (r,) squared length of each observation's whitened innovation over its dimension; infinite where the model does
-        not apply.
-    sensor_rows: of each sensor.   noise: (k - 1, n, q) noise factors of the steps, None where they are not in memory.
+    epochs : ndarray of float, shape (k, n1, n1)
+        Each epoch alone, components in `VariableOrdering.order`, then the right-hand side.
+    steps : ndarray of float, shape (j, s1, s1)
+        Each step: moving here, moving there, constants, right-hand side.
+    cost : float
+        Sum of (robust) squares.
+    rows : ndarray of float, shape (j, d, s1)
+        The steps, whitened.
+    mean_squares : ndarray of float, shape (r,)
+        Squared length of each observation's whitened innovation over its dimension; infinite where the model does not
+        apply.
+    sensor_rows : tuple[WeightedRows, ...]
+        Of each sensor.
+    noise : ndarray of float, shape (j, n, q) or None
+        Noise factors of the steps, None where they are not in memory.
     """
 
     epochs: Float[np.ndarray, "k n1 n1"]
@@ -228,9 +245,14 @@ class EpochFactors:
 
     Attributes
     ----------
-    dt: (k - 1,) s.   prior: of the first state, or None where something else holds it.
-    loss: of each measurement's whitened length.   first: (m,) whose constants the steps are linearised about, or None for
-    their own.
+    dt : ndarray of float, shape (j,)
+        Steps between the k epochs, s; j = k - 1.
+    prior : StatePrior or None
+        Prior of the first state, or None where something else constrains it.
+    loss : RobustLoss
+        Robust loss of each measurement's whitened innovation.
+    first : ndarray of float, shape (m,) or None
+        State about whose constants the steps are linearised, or None for the trajectory's own.
     """
 
     process: ProcessModel
@@ -247,10 +269,7 @@ class EpochFactors:
         return sum(rows.values.shape[0] * rows.model.dim for rows in self.sensors)
 
     def dynamics(self, trajectory: Float[np.ndarray, "k m"]) -> InformationBlocks:
-        """Steps from epoch to epoch, linearised about a trajectory.
-
-        Its constants are the same in every epoch.
-        """
+        """Whitened steps from epoch to epoch, linearised about a trajectory whose constants are the same in all epochs."""
         if not len(self.dt):
             return InformationBlocks(NOTHING, NOTHING, 0.0, NOTHING)
         about = None if self.first is None else self._at_first_constants(trajectory[:-1])
@@ -276,7 +295,8 @@ class EpochFactors:
 
         Parameters
         ----------
-        pose_only_loss: of each measurement in place of `loss`.
+        pose_only_loss : RobustLoss or None
+            Of each measurement in place of `loss`.
         """
         n, made = self.process.layout.error_dim, []
         blocks, cost = np.zeros((len(trajectory), n + 1, n + 1)), 0.0
@@ -337,10 +357,7 @@ class EpochFactors:
         return result
 
     def stretch(self, begin: int, end: int) -> "EpochFactors":
-        """Epochs from ``begin`` to before ``end``, and steps from them.
-
-        The prior belongs to the first epoch of all.
-        """
+        """Factors of the epochs ``begin`` to before ``end`` and of the steps from them; the prior goes with epoch 0 alone."""
         return replace(
             self,
             ordering=replace(self.ordering, epochs=min(end, self.ordering.epochs) - begin),
@@ -355,7 +372,8 @@ def motion_of(process: ProcessModel, epochs: Timeline, has_landmarks: bool) -> E
 
     Parameters
     ----------
-    has_landmarks: whether there are observations of landmarks.
+    has_landmarks : bool
+        Whether there are observations of landmarks.
     """
     dt = np.diff(times_of(epochs))
     return EpochFactors(
@@ -369,10 +387,7 @@ def whitened_steps(
     transition: Float[np.ndarray, "k n n"],
     noise: Float[np.ndarray, "k n q"],
 ) -> tuple[Float[np.ndarray, "k d w"], Float[np.ndarray, "k w w"]]:
-    """Dynamics rows whitened by noise noise' + floor^2, and their information blocks.
-
-    NaN where the covariance has no square root.
-    """
+    """Dynamics rows whitened by noise noise' + floor^2, and their information blocks; NaN where that has no root."""
     library = kernels()
     if library is None:
         return whitened_steps_in_numpy(ordering, defect, transition, noise)
@@ -396,10 +411,12 @@ def whitened_steps_in_numpy(
     """`whitened_steps` for machines without a compiler."""
     d, moving, constant = len(ordering.moving), ordering.moving, ordering.constant
     rows = np.zeros((len(defect), d, 2 * d + len(constant) + 1))
+    # Rows [-Phi_moving | I | -Phi_constant | defect]: moving errors here (d), there (d), constants, right-hand side.
     rows[:, :, :d] = -transition[:, moving][:, :, moving]
     rows[:, :, d : 2 * d] = np.eye(d)
     rows[:, :, 2 * d : -1] = -transition[:, moving][:, :, constant]
     rows[:, :, -1] = defect[:, moving]
+    # Whitened by the Cholesky factor of Q = noise noise' + floor^2 I.
     spread = noise[:, moving] @ noise[:, moving].swapaxes(1, 2)
     spread[:, np.arange(d), np.arange(d)] += NOISE_FLOOR**2
     try:
@@ -413,10 +430,7 @@ def whitened_steps_in_numpy(
 def prior_rows(
     ordering: VariableOrdering, first: Float[np.ndarray, " m"], prior: StatePrior
 ) -> Float[np.ndarray, "n n1"]:
-    """Jacobian of the prior's error by that about the linearisation point.
-
-    The prior is Gaussian about its own mean.
-    """
+    """Rows of the prior in the error about the linearisation point, whitened; it is Gaussian about its own mean."""
     layout = ordering.layout
     away = layout.local(prior.mean, first)
     by_trial = np.linalg.inv(layout.reset_jacobian(away))[:, ordering.order]

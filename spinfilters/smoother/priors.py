@@ -61,7 +61,8 @@ class VariableOrdering:
 
     Attributes
     ----------
-    has_landmarks: whether observations tie the poses together.
+    has_landmarks : bool
+        Whether landmark observations couple the poses of different epochs.
     """
 
     layout: StateLayout
@@ -133,9 +134,16 @@ class MarginalizationPrior:
 
     Attributes
     ----------
-    ordering: how the F epochs' errors are split; columns: their poses, the constants, the chain of the first epoch.
-    first: (F, m) points at which each was first carried.   information_sqrt: (q, q) R.   right: (q,) y.   constant_cost: the
-        least cost there is.
+    ordering : VariableOrdering
+        How the F epochs' errors are split; columns: their poses, the constants, the chain of the first epoch.
+    first : ndarray of float, shape (F, m)
+        Points about which each epoch was first linearised in a prior.
+    information_sqrt : ndarray of float, shape (q, q)
+        Square root R of the information.
+    right : ndarray of float, shape (q,)
+        Right-hand side y.
+    constant_cost : float
+        Constant of the marginalized cost: its least value.
     """
 
     ordering: VariableOrdering

@@ -47,7 +47,10 @@ class InitialGuess:
 
     Attributes
     ----------
-    ids: (L,) ascending.   points: (L, 3) m.
+    ids : ndarray of int, shape (L,)
+        Landmark ids, ascending.
+    points : ndarray of float, shape (L, 3)
+        Landmark points, m, frame g.
     """
 
     trajectory: Float[np.ndarray, "k m"]
@@ -61,7 +64,8 @@ class Stage:
 
     Attributes
     ----------
-    pose_only_loss: of pose-only observations; None for that of the problem.
+    pose_only_loss : RobustLoss or None
+        Of pose-only observations; None for that of the problem.
     """
 
     loss: RobustLoss
@@ -75,8 +79,10 @@ class LinearizationPoint:
 
     Attributes
     ----------
-    sensors, dynamics: their grams; of a long chain the costs alone, and the linear system in ``assembled``.
-    pose_only_loss: of pose-only observations, as in the `Stage` that it belongs to.
+    sensors, dynamics : InformationBlocks
+        Their grams; of a long chain the costs alone, and the linear system in ``assembled``.
+    pose_only_loss : RobustLoss or None
+        Of pose-only observations, as in the `Stage` that it belongs to.
     """
 
     trajectory: Float[np.ndarray, "k m"]
@@ -126,7 +132,10 @@ class NormalEquations:
 
     Attributes
     ----------
-    solution: None without one.   unobservable: number of the first unobservable variable then.
+    solution : SchurSystem or None
+        None without one.
+    unobservable : int
+        Number of the first unobservable variable then.
     """
 
     stage: Stage
@@ -273,12 +282,17 @@ def problem_of(
 
     Parameters
     ----------
-    ids: landmarks that are unknowns, ascending; observations of others are left out.   needed: observations of one, at least.
-    loss: of every other sensor's measurements.
+    ids : ndarray of int, shape (L,)
+        Landmarks that are unknowns, ascending; observations of others are left out.
+    needed : int
+        Observations of one, at least.
+    loss : RobustLoss or None
+        Of every other sensor's measurements.
 
     Raises
     ------
-    InputError: when the layout has no place and there are observations.
+    InputError
+        When the layout has no place and there are observations.
     """
     observations = collect_observations(epochs, ids, needed)
     has_landmarks = bool(len(observations))
@@ -316,7 +330,10 @@ def unobservable_directions(
 
     Parameters
     ----------
-    normal: the linear problem about ``here``.   marginals: of its solution, where they are at hand.
+    normal : NormalEquations
+        The linear problem about ``here``.
+    marginals : Marginals or None
+        Of its solution, where they are at hand.
     """
     solution = normal.solution
     if solution is None:

@@ -36,7 +36,8 @@ class RecursiveSmoother(Estimator):
 
     Parameters
     ----------
-    sensors: those of a run whose snapshot another object is to restore, in the same order; others join as they speak.
+    sensors : Sequence[MeasurementModel]
+        Those of a run whose snapshot another object is to restore, in the same order; others are added at their first measurement.
     """
 
     name = "smoother"
@@ -68,13 +69,12 @@ class RecursiveSmoother(Estimator):
         self._time, self._belief = 0.0, belief
 
     def begin(self, prior: StatePrior, epochs: Timeline, first: InitialGuess) -> list[UpdateResult]:
-        """Begin with the smoothed epochs of an initialisation.
-
-        From the states and landmarks that it found for them.
+        """Begin with the smoothed epochs of an initialisation, from the states and landmarks that it found for them.
 
         Parameters
         ----------
-        prior: of the first epoch's state; its pose says where g is.
+        prior : StatePrior
+            Prior of the first epoch's state; its pose defines frame g.
         """
         self._begun(prior)
         for epoch in epochs:
@@ -99,7 +99,7 @@ class RecursiveSmoother(Estimator):
         self._time, self._belief = self._time + dt, ahead.belief(0)
 
     def update(self, measurement: Measurement) -> UpdateReport:
-        """Take in one sensor's values at the present time, beside what was measured then already."""
+        """Add one sensor's values to the epoch of the present time, and solve again."""
         return self.update_all((measurement,))[0]
 
     def update_all(self, measurements: Sequence[Measurement]) -> list[UpdateReport]:
@@ -214,7 +214,8 @@ def window_of(layout: StateLayout, arrays: Snapshot, sensors: Sequence[Measureme
 
     Raises
     ------
-    InputError: a sensor that is not among ``sensors``, or is another.
+    InputError
+        A sensor that is not among ``sensors``, or is another.
     """
     models = tuple(_landmark_sensor(sensors, number) for number in arrays["window_sensors"].tolist())
     return Window(
@@ -289,10 +290,14 @@ class ConvergenceRecord:
 
     Attributes
     ----------
-    time: (f,) s, of the epochs; solve number k took in epoch number k.
-    values: by name (f, f, q), solves by epochs by components; not a number where the epoch was not in the window.
-    latest: the epoch that each solve took in, as that solve saw it; it holds the constants of the solve.
-    trusted: (f,) whether the smoother vouched for its solve; before, it may sit in a wrong minimum.
+    time : ndarray of float, shape (f,)
+        Times of the epochs, s; solve number k took in epoch number k.
+    values : dict[str, ndarray of float, shape (f, f, q)]
+        By name (f, f, q), solves by epochs by components; not a number where the epoch was not in the window.
+    latest : tuple[MarginalizedState, ...]
+        The epoch that each solve took in, as that solve saw it; it holds the constants of the solve.
+    trusted : ndarray of bool, shape (f,)
+        Whether the smoother vouched for its solve; before, it may sit in a wrong minimum.
     """
 
     time: Float[np.ndarray, " f"]
@@ -321,7 +326,8 @@ def record_convergence(
 
     Raises
     ------
-    InputError: no epoch, or more than `MOST_EPOCHS`.
+    InputError
+        No epoch, or more than `MOST_EPOCHS`.
     """
     count = len(timeline)
     if not 1 <= count <= MOST_EPOCHS:

@@ -40,10 +40,16 @@ class SmootherOptions:
 
     Attributes
     ----------
-    policy: what it keeps.   gate: standard deviations beyond which an observation counts as a wrong association.
-    iterations: per epoch, at most; one is enough where nothing surprises.
-    marginalized: whether epochs that leave are handed back with their covariance, which costs a factorisation more.
-    loss: of an observation's residual, in place of the gate.
+    policy : WindowPolicy
+        Which epochs and landmarks the window keeps.
+    gate : float
+        Standard deviations beyond which an observation counts as a wrong association.
+    iterations : int
+        Largest number of iterations per epoch; one suffices where the initial guess is good.
+    marginalized : bool
+        Whether epochs that leave are handed back with their covariance, which costs a factorisation more.
+    loss : RobustLoss or None
+        Robust loss of an observation's residual, in place of the gate.
     """
 
     policy: WindowPolicy = field(default_factory=LandmarkMarginalization)
@@ -79,8 +85,14 @@ class UpdateResult:
 
     Attributes
     ----------
-    accepted, rejected: values that count and that do not.   linearisations: how many it took.
-    marginalized: epochs that left.   counts: accepted and rejected by measurement.
+    accepted, rejected : int
+        Values that count and that do not.
+    linearisations : int
+        Number of linearisations.
+    marginalized : tuple[MarginalizedState, ...]
+        Epochs that left the window.
+    counts : tuple[tuple[int, int], ...]
+        Accepted and rejected by measurement.
     """
 
     accepted: int
@@ -104,14 +116,22 @@ class UpdateResult:
 
 @dataclass
 class SmootherState:
-    """State of a sliding smoother beside its window.
+    """State of a sliding smoother apart from its window.
 
     Attributes
     ----------
-    prior_alive: whether the first epoch's prior still stands by itself.   poor_guess: whether the latest epoch was not believed.
-    determined: epochs in a row after which the inertia was determined.   retry_schedule: when the closed form is asked again.
-    mass_std: of the mass distribution (logarithm of second moments), the largest, after the last epoch.
-    fits: whether the last epoch's solution explained what was measured within its noise.
+    prior_alive : bool
+        Whether the first epoch's prior still stands by itself.
+    poor_guess : bool
+        Whether the latest epoch's initial guess was poor.
+    determined : int
+        Epochs in a row after which the inertia was determined.
+    retry_schedule : RetrySchedule
+        When the closed form is asked again.
+    mass_std : float
+        Largest standard deviation of the mass distribution (logarithm of second moments) after the last epoch.
+    fits : bool
+        Whether the last epoch's solution explained what was measured within its noise.
     """
 
     prior_alive: bool = True
@@ -216,8 +236,12 @@ class SlidingSmoother:
 
     Parameters
     ----------
-    process: of the motion.   prior: of the first epoch's state; its pose says where g is.
-    has_landmarks: whether there are observations of landmarks.
+    process : ProcessModel
+        Process model of the motion.
+    prior : StatePrior
+        Prior of the first epoch's state; its pose defines frame g.
+    has_landmarks : bool
+        Whether there are observations of landmarks.
     """
 
     def __init__(
@@ -260,11 +284,13 @@ class SlidingSmoother:
 
         Parameters
         ----------
-        guess: pose (t m, q_ig) to begin from; without it the last state is predicted.
+        guess : ndarray of float, shape (7,) or None
+            Pose (t m, q_ig) to begin from; without it the last state is predicted.
 
         Raises
         ------
-        InputError: when time does not go forwards.
+        InputError
+            When time does not go forwards.
         """
         self.window = self.window.opened(
             epoch.time, predicted_state(self.process, self._prior, self.window, epoch.time, guess)

@@ -27,8 +27,16 @@ class Step:
 
     Attributes
     ----------
-    errors: (k, n) of the epochs.   points: (L, 3) m.   normal: the linear problem it came from.
-    predicted: by how much the linear problem's cost falls, at least.   size: of the rule's own measure.
+    errors : ndarray of float, shape (k, n)
+        Step of each epoch's error state.
+    points : ndarray of float, shape (L, 3) or None
+        Steps of the landmark points, m.
+    normal : NormalEquations
+        The linear problem it came from.
+    predicted : float
+        By how much the linear problem's cost falls, at least.
+    size : float
+        Of the rule's own measure.
     """
 
     errors: Float[np.ndarray, "k n"]
@@ -119,9 +127,9 @@ class LevenbergMarquardt(StepRule):
 
 @dataclass(frozen=True)
 class Dogleg(StepRule):
-    """Dogleg steps within a trust radius in scaled units.
+    """Dogleg steps within a trust radius in scaled units (Powell 1970; Rosen et al. 2014).
 
-    Along steepest descent, then towards Gauss-Newton (Powell 1970; Rosen et al. 2014).
+    A step goes along steepest descent first, then towards the Gauss-Newton step.
     """
 
     radius: float = 1e4
@@ -251,9 +259,12 @@ class SolverOptions:
 
     Attributes
     ----------
-    iterations: steps at most; 0 linearises and takes none.
-    settled: fall of the cost that the linear problem promises below which one more step ends the iteration.
-    rule: how far a step goes.
+    iterations : int
+        Steps at most; 0 linearises and takes none.
+    settled : float
+        Fall of the cost that the linear problem promises below which one more step ends the iteration.
+    rule : StepRule
+        How far a step goes.
     """
 
     iterations: int = 40
@@ -273,9 +284,16 @@ class Solved:
 
     Attributes
     ----------
-    problem, stage: whose solution it is.
-    linearisations: how often everything was linearised.   before: costs before each step.
-    last: the linear problem about the point, where the iterations have made it.
+    problem : Problem
+        Whose solution it is.
+    stage : Stage
+        Whose solution it is.
+    linearisations : int
+        How often everything was linearised.
+    before : tuple[float, ...]
+        Costs before each step.
+    last : NormalEquations or None
+        The linear problem about the point, where the iterations have made it.
     """
 
     point: LinearizationPoint
@@ -310,13 +328,12 @@ def solve(
     on_iteration: OnIteration | None = None,
     is_known: Callable[[LinearizationPoint], bool] | None = None,
 ) -> Solved:
-    """Iterate from a linearisation point until the cost converges.
-
-    Nothing is raised for a system that does not determine everything.
+    """Iterate from a linearisation point until the cost converges; an underdetermined system raises nothing.
 
     Parameters
     ----------
-    is_known: whether it is known already where a point leads to, so that it is followed no further.
+    is_known : Callable[[LinearizationPoint], bool] or None
+        Whether it is known already where a point leads to, so that it is followed no further.
     """
     plan = ConstantSchedule() if schedule is None else schedule
     number, used, evaluated, converged = options.rule.first, 0, 1, False
@@ -347,8 +364,12 @@ class Advanced(NamedTuple):
 
     Attributes
     ----------
-    point: the next linearisation point, which fits no worse; None where there is none.
-    number: of the step rule, after it.   tries: points that were tried.
+    point : LinearizationPoint or None
+        The next linearisation point, which fits no worse; None where there is none.
+    number : float
+        Of the step rule, after it.
+    tries : int
+        Points that were tried.
     """
 
     point: LinearizationPoint | None

@@ -6,10 +6,10 @@ static void subtract_row(double* to, const double* from, double factor, integer 
   for (integer j = tail; j < width; ++j) to[j] -= factor * from[j];
 }
 
-/* Rows [d] of vectors [wides] divided by the root of what spreads them, noise noise' + floor^2 I with noise [d][q]; NaN where
-it has
- * none. */
+/* Rows [d] of vectors [wides] divided by the root of what spreads them, noise noise' + floor^2 I with noise [d][q]; NaN
+ * where it has none. */
 static void whiten(integer d, integer wides, integer q, double floor, const double* noise, wide* rows, double* root) {
+  /* Q = noise noise' + floor^2 I, [d][d]. */
   for (integer a = 0; a < d; ++a)
     for (integer b = 0; b <= a; ++b) {
       double sum = a == b ? floor * floor : 0;
@@ -17,6 +17,7 @@ static void whiten(integer d, integer wides, integer q, double floor, const doub
       root[a * d + b] = root[b * d + a] = sum;
     }
   int good = cholesky(root, (int)d);
+  /* Forward substitution L rows = rows, L L' = Q. */
   for (integer a = 0; a < d; ++a) {
     double scale = good ? 1 / root[a * d + a] : NAN;
     for (integer j = 0; j < wides; ++j) {
@@ -51,6 +52,7 @@ int step_rows(integer K, integer n, integer d, integer c, integer q, const integ
   double *root = (double*)(padded + d * wides), *spread = root + d * d;
   memset(padded, 0, d * wides * sizeof(wide));
   for (integer k = 0; k < K; ++k, defect += n, transition += n * n, noise += n * q, rows += d * w, grams += w * w) {
+    /* Row a: [-Phi_moving | I | -Phi_constant | defect], columns here (d), there (d), constants (c), right-hand side. */
     for (integer a = 0; a < d; ++a) {
       const double* T = transition + moving[a] * n;
       double* row = (double*)(padded + a * wides);
@@ -71,8 +73,8 @@ int step_rows(integer K, integer n, integer d, integer c, integer q, const integ
 }
 
 /* Where a component of a gram goes: poses, constants and the right-hand side by their place in what remains, chained errors by
- * -1 - epoch, with their place in `at`. An epoch's gram has pose, chain, constants, right-hand side; a step's has pose and
- chain twice. */
+ * -1 - epoch, with their place in `at`. An epoch's gram has pose, chain, constants, right-hand side; a step's
+ * has pose and chain twice. */
 static integer place_components(integer k, integer both, integer K, integer p, integer v, integer c, integer* to, integer* at) {
   integer n = 0;
   for (integer f = k; f <= k + both; ++f) {
@@ -87,11 +89,9 @@ static integer place_components(integer k, integer both, integer K, integer p, i
 }
 
 /* Grams of epochs (both = 0, count = K) or of steps (both = 1, count = K - 1) into M [kept + 1][kept], lower triangle and
-right-hand
- * side, and into D, E, G of the chain. */
+ * right-hand side, and into D, E, G of the chain. */
 int add_information_blocks(integer count, integer both, integer K, integer p, integer v, integer c, const double* grams,
-double* M, double* D,
-               double* E, double* G) {
+               double* M, double* D, double* E, double* G) {
   integer kept = K * p + c, width = kept + 1, most = 2 * (p + v) + c + 1;
   integer* to = (integer*)malloc(2 * most * sizeof(integer));
   if (to == 0) return 1;
@@ -99,6 +99,7 @@ double* M, double* D,
   for (integer k = 0; k < count; ++k) {
     integer n = place_components(k, both, K, p, v, c, to, at);
     const double* g = grams + k * n * n;
+    /* Row i of the gram: into M where component i remains; else into G (by what remains), D (same epoch) or E (next epoch). */
     for (integer i = 0; i < n; ++i, g += n) {
       if (to[i] >= 0) {
         for (integer j = 0; j < n; ++j)
@@ -134,10 +135,9 @@ static integer not_faded(const double* X, double* largest, double faded, integer
 }
 
 /* Block-tridiagonal elimination: D [K][v][v], E [K-1][v][v] (row k, column k + 1), G [K][v][width] (its coupling to what
-remains) in
- * place: G becomes X = L^-1 (G - F' X_before), D becomes L, E becomes F = L^-1 E. The first `blocks` blocks of p columns are poses;
- * row k knows those up to k + 1 and up to `reach`, and forgets those on the left that have faded: begin[k] is the first it feels.
- * Returns the number of a block that is not positive definite plus 1, or 0. */
+ * remains) in place: G becomes X = L^-1 (G - F' X_before), D becomes L, E becomes F = L^-1 E. The first `blocks` blocks of p
+ * columns are poses; row k knows those up to k + 1 and up to `reach`, and forgets those on the left that have faded: begin[k] is
+ * the first it feels. Returns the number of a block that is not positive definite plus 1, or 0. */
 integer eliminate_velocities(integer K, integer v, integer p, integer blocks, integer width, integer reach, double faded, double* D,
                         double* E, double* G, integer* begin) {
   double* largest = (double*)calloc(blocks + 1, sizeof(double));
@@ -149,6 +149,7 @@ integer eliminate_velocities(integer K, integer v, integer p, integer blocks, in
     integer last = end < blocks ? end : blocks;
     if (k > 0) {
       const double *F = E + (k - 1) * v * v, *before = X - v * width;
+      /* Schur complement of epoch k - 1: D_k -= F' F, G_k -= F' X_k-1, F = F_k-1. */
       for (integer c = 0; c < v; ++c)
         for (integer a = 0; a < v; ++a) {
           for (integer b = 0; b < v; ++b) T[a * v + b] -= F[c * v + a] * F[c * v + b];
@@ -159,6 +160,7 @@ integer eliminate_velocities(integer K, integer v, integer p, integer blocks, in
       failed = k + 1;
       break;
     }
+    /* X_k = L_k^-1 G_k by forward substitution, over the columns that are not zero. */
     for (integer a = 0; a < v; ++a) {
       double *x = X + a * width, d = 1 / T[a * v + a];
       for (integer b = 0; b < a; ++b) subtract_row(x, X + b * width, T[a * v + b], low * p, last * p, tail, width);
@@ -167,6 +169,7 @@ integer eliminate_velocities(integer K, integer v, integer p, integer blocks, in
     }
     if (k + 1 < K) {
       double* e = E + k * v * v;
+      /* F_k = L_k^-1 E_k. */
       for (integer a = 0; a < v; ++a) {
         for (integer b = 0; b < a; ++b)
           for (integer j = 0; j < v; ++j) e[a * v + j] -= T[a * v + b] * e[b * v + j];
@@ -186,8 +189,10 @@ void solve_velocities(integer K, integer v, const double* L, const double* F, do
     const double *T = L + k * v * v, *f = F + k * v * v, *after = right + (k + 1) * v;
     double* x = right + k * v;
     if (k + 1 < K)
+      /* right_k -= F_k out_k+1. */
       for (integer a = 0; a < v; ++a)
         for (integer b = 0; b < v; ++b) x[a] -= f[a * v + b] * after[b];
+    /* Back substitution by L_k'. */
     for (integer a = v - 1; a >= 0; --a) {
       for (integer b = a + 1; b < v; ++b) x[a] -= T[b * v + a] * x[b];
       x[a] /= T[a * v + a];
@@ -200,6 +205,7 @@ void solve_velocities(integer K, integer v, const double* L, const double* F, do
 static void root_beside_unit(integer v, double* below, double* root) {
   memset(root, 0, v * v * sizeof(double));
   for (integer j = 0; j < v; ++j) root[j * v + j] = 1;
+  /* Reflection j of column j of [I; below]; the root is kept transposed, lower triangular. */
   for (integer j = 0; j < v; ++j) {
     double sum = 0;
     for (integer i = 0; i < v; ++i) sum += below[i * v + j] * below[i * v + j];
@@ -237,9 +243,11 @@ int chained_covariances(integer K, integer v, integer r, const double* L, const 
     double *here = follow + k * v * r, *root = own + k * v * v;
     const double *there = here + v * r, *after = root + v * v;
     memset(below, 0, v * v * sizeof(double));
+    /* follow_k starts as -X_k without the right-hand side (width r + 1). */
     for (integer a = 0; a < v; ++a)
       for (integer j = 0; j < r; ++j) here[a * r + j] = -X[(k * v + a) * (r + 1) + j];
     if (k + 1 < K)
+      /* follow_k -= F_k follow_k+1; below = (F_k own_k+1)'. */
       for (integer a = 0; a < v; ++a)
         for (integer b = 0; b < v; ++b) {
           for (integer j = 0; j < r; ++j) here[a * r + j] -= f[a * v + b] * there[b * r + j];

@@ -36,7 +36,8 @@ class WindowPolicy(ABC):
 
     Attributes
     ----------
-    determined: standard deviation of the mass distribution above which no epoch leaves.
+    determined : float
+        Standard deviation of the mass distribution above which no epoch leaves.
     """
 
     determined: float
@@ -73,7 +74,10 @@ class LandmarkMarginalization(WindowPolicy):
 
     Attributes
     ----------
-    revolutions: of the body, since a landmark was last seen.   epochs: that stay, at least.
+    revolutions : float
+        Of the body, since a landmark was last seen.
+    epochs : int
+        That stay, at least.
     """
 
     revolutions: float = 8.0
@@ -106,7 +110,8 @@ class FixedLag(WindowPolicy):
 
     Attributes
     ----------
-    epochs: that stay, at least.
+    epochs : int
+        That stay, at least.
     """
 
     epochs: int = 20
@@ -125,10 +130,7 @@ class FixedLag(WindowPolicy):
 
 
 def _batch_size(policy: WindowPolicy, kept: int, epochs: int, mass_std: float) -> int:
-    """Number of epochs to remove at once, 0 until enough.
-
-    More are kept while the inertia is not determined.
-    """
+    """Number of epochs to remove at once, 0 until enough are due; more are kept while the inertia is undetermined."""
     over = epochs - (kept if mass_std <= policy.determined else max(kept, LONGEST_STARTUP))
     return min(over, LARGEST_BATCH) if over >= smallest_batch(kept) else 0
 
@@ -156,8 +158,16 @@ class WindowObservations:
 
     Attributes
     ----------
-    epoch: (N,) number in the window.   landmark: (N,) number among the window's.   sensor: (N,) number of the sensor.   values:
-    (N, v).   parameters: (N, p), without the landmark's point.
+    epoch : ndarray of int, shape (N,)
+        Number in the window.
+    landmark : ndarray of int, shape (N,)
+        Number among the window's.
+    sensor : ndarray of int, shape (N,)
+        Number of the sensor.
+    values : ndarray of float, shape (N, v)
+        Measured values.
+    parameters : ndarray of float, shape (N, p)
+        Without the landmark's point.
     """
 
     epoch: Int[np.ndarray, " N"]
@@ -189,9 +199,20 @@ class Window:
 
     Attributes
     ----------
-    epochs: k of them, with what was measured beside landmarks.   trajectory: (k, m).   seen: their observations.
-    models: sensors of landmarks, by number.
-    ids: (L,) of the landmarks, each once.   points: (L, 3) m, frame g.   marginal_prior: what is left of those that have gone.
+    epochs : tuple[Epoch, ...]
+        The k epochs, with their landmark-free measurements.
+    trajectory : ndarray of float, shape (k, m)
+        State of each epoch.
+    seen : WindowObservations
+        Their observations.
+    models : tuple[LandmarkSensor, ...]
+        Sensors of landmarks, by number.
+    ids : ndarray of int, shape (L,)
+        Ids of the landmarks, each once.
+    points : ndarray of float, shape (L, 3)
+        Landmark points, m, frame g.
+    marginal_prior : MarginalizationPrior or None
+        Marginalization prior of the epochs and landmarks that were removed.
     """
 
     epochs: tuple[Epoch, ...]
@@ -261,10 +282,7 @@ class Window:
         return replace(self, points=moved)
 
     def latest_at(self, pose: Float[np.ndarray, " 7"]) -> "Window":
-        """The window with the latest epoch at a pose (t m, q_ig).
-
-        Landmarks that no other epoch observed move with it.
-        """
+        """The window with its latest epoch at another pose (t m, q_ig), and with it the landmarks that it alone observed."""
         seen, latest = self.seen, len(self.epochs) - 1
         trajectory, points = self.trajectory.copy(), self.points.copy()
         trajectory[-1, :7] = pose
@@ -294,10 +312,7 @@ class Window:
 def _with_observations(
     window: Window, model: LandmarkSensor, ids: Int[np.ndarray, " k"], measured: Measurement
 ) -> Window:
-    """The window with one sensor's observations in the latest epoch.
-
-    Those that tell no landmark and are not of a known one are left out.
-    """
+    """The window with one sensor's observations in the latest epoch, without those that neither determine nor know a landmark."""
     values, parameters = measured.values, measured.parameters
     models = window.models if any(known is model for known in window.models) else (*window.models, model)
     number = next(k for k, known in enumerate(models) if known is model)
