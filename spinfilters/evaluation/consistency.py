@@ -34,8 +34,12 @@ class NormalisedErrors:
 
     Attributes
     ----------
-    time: (n,) s.   total: (n,) of the whole error, dimension ``dof``.
-    blocks: of every block of the state by name, (n,) each, dimension `StateBlock.dimension`.
+    time : (n,) float array
+        Time, s.
+    total : (n,) float array
+        Of the whole error, dimension ``dof``.
+    blocks : dict[str, (n,) float array]
+        Of every block of the state by name, (n,) each, dimension `StateBlock.dimension`.
     """
 
     time: Float[np.ndarray, " n"]
@@ -98,7 +102,8 @@ def true_states(truth: Truth, layout: StateLayout) -> Float[np.ndarray, "n m"]:
 
     Raises
     ------
-    InputError: when the truth does not tell a block, or its moments are those of a plate, which no ``s`` is.
+    InputError
+        When the truth does not tell a block, or its moments are those of a plate, which no ``s`` is.
     """
     if not knows_state(truth, layout):
         raise InputError(
@@ -139,7 +144,8 @@ def normalised_errors(history: EstimateHistory, truth: Truth) -> NormalisedError
 
     Raises
     ------
-    InputError: as `true_states` and `common_stamps`.
+    InputError
+        As `true_states` and `common_stamps`.
     """
     layout = history.layout
     rows, true_rows = common_stamps(history.time, truth.time)

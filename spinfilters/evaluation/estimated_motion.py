@@ -45,12 +45,23 @@ class Trajectory:
 
     Attributes
     ----------
-    time: (n,) s.   position: (n, 3) centre of mass in i, m.   q_ig: (n, 4).
-    velocity: (n, 3) of the centre of mass in i, m/s.   rate_i: (n, 3) in i axes, rad/s.
-    std_position, std_velocity, std_rate: (n, 3) along the same axes; std_rate includes that of the
-        attitude.   std_attitude: (n, 3) rad about the axes of g.
-    sees_position: False for a layout of rotations only: position and velocity are then zero by definition,
-        because the origin of i rides on the centre of mass.
+    time : (n,) float array
+        Time, s.
+    position : (n, 3) float array
+        Centre of mass in i, m.
+    q_ig : (n, 4) float array
+        (n, 4).
+    velocity : (n, 3) float array
+        Of the centre of mass in i, m/s.
+    rate_i : (n, 3) float array
+        In i axes, rad/s.
+    std_position, std_velocity, std_rate : (n, 3) float array
+        Along the same axes; std_rate includes that of the attitude.
+    std_attitude : (n, 3) float array
+        Rad about the axes of g.
+    sees_position : bool
+        False for a layout of rotations only: position and velocity are then zero by definition, because the origin of i
+        rides on the centre of mass.
     """
 
     time: Float[np.ndarray, " n"]
@@ -82,8 +93,14 @@ class BodyRates:
 
     Attributes
     ----------
-    label: whose they are.   time: (n,) s.   rate: (n, 3) rad/s in axes fixed to the body (g unless turned).
-    covariance: (n, 3, 3) (rad/s)^2, None where there is none.
+    label : str
+        Whose they are.
+    time : (n,) float array
+        Time, s.
+    rate : (n, 3) float array
+        Rad/s in axes fixed to the body (g unless turned).
+    covariance : (n, 3, 3) float array or None
+        (rad/s)^2, None where there is none.
     """
 
     label: str
@@ -173,7 +190,8 @@ def count_flips(rate: Float[np.ndarray, "n 3"], intermediate: int = 1) -> int:
 
     Parameters
     ----------
-    rate: along the principal axes, rad/s.
+    rate : (n, 3) float array
+        Along the principal axes, rad/s.
     """
     along, length = rate[:, intermediate], np.linalg.norm(rate, axis=1)
     plateau = np.sign(along[np.abs(along) > PLATEAU * length])
@@ -219,7 +237,10 @@ def write_map_ply(path: Path, points: Float[np.ndarray, "k 3"]) -> None:
 
     Raises
     ------
-    ShapeError: points that are not (k, 3).   InputError: as `spinfilters.io.output_files.write_bytes`.
+    ShapeError
+        Points that are not (k, 3).
+    InputError
+        As `spinfilters.io.output_files.write_bytes`.
     """
     if points.ndim != 2 or points.shape[1] != 3:
         raise ShapeError(f"map points have shape {points.shape}, expected (k, 3)")

@@ -166,8 +166,14 @@ class ErrorBound:
 
     Attributes
     ----------
-    trajectory: of the truth, with the bound's standard deviations.   rows: epochs of it that have errors.   body: of constants.
-    fitted: whether the frame g was fitted to the truth, which hides a part of the errors of the attitude and of the axes.
+    trajectory : Trajectory
+        Of the truth, with the bound's standard deviations.
+    rows : (n,) int array
+        Epochs of it that have errors.
+    body : BodyErrors
+        Of constants.
+    fitted : bool
+        Whether the frame g was fitted to the truth, which hides a part of the errors of the attitude and of the axes.
     """
 
     trajectory: Trajectory
@@ -195,8 +201,10 @@ def error_bound(limits: EstimateHistory, errors: TruthErrors, fitted: bool) -> E
 
     Parameters
     ----------
-    limits: the truth with the bound's covariance, at the epochs of the trajectory that has the errors.
-    fitted: see `ErrorBound`.
+    limits : EstimateHistory
+        The truth with the bound's covariance, at the epochs of the trajectory that has the errors.
+    fitted : bool
+        See `ErrorBound`.
     """
     body = _body(body_history(limits, intervals=False).at(-1), fitted)
     return ErrorBound(trajectory_of(limits), errors.rows, body, fitted)
@@ -223,10 +231,16 @@ class Evaluation:
 
     Attributes
     ----------
-    alignment: that was applied before the estimate was compared with the truth.
-    errors, body_errors: against the truth, None without one.
-    nees: None when the truth does not tell the whole state in the estimate's frames.
-    bound: beside the errors, where it was asked for and exists.   bound_missing: why there is none, in words.
+    alignment : Alignment
+        That was applied before the estimate was compared with the truth.
+    errors, body_errors : TruthErrors or None, BodyErrors or None
+        Against the truth, None without one.
+    nees : NormalisedErrors or None
+        None when the truth does not tell the whole state in the estimate's frames.
+    bound : ErrorBound or None
+        Beside the errors, where it was asked for and exists.
+    bound_missing : str or None
+        Why there is none, in words.
     """
 
     history: EstimateHistory
@@ -336,12 +350,14 @@ def evaluate(
 
     Parameters
     ----------
-    alignment: how the g of the estimate relates to that of the truth; `Alignment.FIRST_FRAME` becomes `Alignment.BODY_FRAME`
-        where the truth does not tell enough for it.
+    alignment : Alignment
+        How the g of the estimate relates to that of the truth; `Alignment.FIRST_FRAME` becomes `Alignment.BODY_FRAME` where
+        the truth does not tell enough for it.
 
     Raises
     ------
-    InputError: a history without epochs, or a truth without any of its time stamps.
+    InputError
+        A history without epochs, or a truth without any of its time stamps.
     """
     if not len(history.time):
         raise InputError(

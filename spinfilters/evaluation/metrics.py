@@ -37,8 +37,14 @@ class SpanErrors:
 
     Attributes
     ----------
-    epochs: how many have a truth.   rms: of the errors.   bound: in their place, None where there is none.
-    nees, nees_blocks: mean NEES per degree of freedom, of the whole state and by block; None and empty without any.
+    epochs : int
+        How many have a truth.
+    rms : RmsErrors
+        Of the errors.
+    bound : RmsErrors or None
+        In their place, None where there is none.
+    nees, nees_blocks : float or None, Mapping[str, float]
+        Mean NEES per degree of freedom, of the whole state and by block; None and empty without any.
     """
 
     epochs: int
@@ -90,7 +96,10 @@ class ObservationUse:
 
     Attributes
     ----------
-    accepted, rejected: (n,) that were used, and that were refused.   available: (n,) all of them, None where not told.
+    accepted, rejected : (n,) int array
+        That were used, and that were refused.
+    available : (n,) int array or None
+        All of them, None where not told.
     """
 
     accepted: Int[np.ndarray, " n"]
@@ -151,7 +160,8 @@ def numbers(evaluation: Evaluation, shared: float = ALWAYS) -> dict[str, Any]:
 
     Parameters
     ----------
-    shared: time (s) from which on all estimators of a run have epochs of their own; ``shared_epochs`` are over these.
+    shared : float
+        Time (s) from which on all estimators of a run have epochs of their own; ``shared_epochs`` are over these.
     """
     history, body = evaluation.history, evaluation.body
     return {

@@ -43,9 +43,14 @@ class NoiseTest:
 
     Attributes
     ----------
-    seen, expected: the sum, and its mean where the stated level is right.   variance: of it there.
-    information: by how much its mean grows with the logarithm of the level's variance.
-    by_measurements: by how much its mean grows with the logarithm of the measurements' variance.
+    seen, expected : float
+        The sum, and its mean where the stated level is right.
+    variance : float
+        Of it there.
+    information : float
+        By how much its mean grows with the logarithm of the level's variance.
+    by_measurements : float
+        By how much its mean grows with the logarithm of the measurements' variance.
     """
 
     seen: float = 0.0
@@ -92,8 +97,14 @@ class FilterTests:
 
     Attributes
     ----------
-    noise: by `MEASUREMENTS` or the source of a disturbance.   correlation: sum of y_k' y_k+1.   spread: its variance.
-    length: what the correlation would be of corrections that are all alike.
+    noise : Mapping[str, NoiseTest]
+        By `MEASUREMENTS` or the source of a disturbance.
+    correlation : float
+        Sum of y_k' y_k+1.
+    spread : float
+        Its variance.
+    length : float
+        What the correlation would be of corrections that are all alike.
     """
 
     noise: Mapping[str, NoiseTest] = field(default_factory=dict)
@@ -118,8 +129,12 @@ class FilterEpoch:
 
     Attributes
     ----------
-    before, after: belief after the epoch before, and after this one.   dt: s between them.
-    nis, dof: of all its updates.
+    before, after : Gaussian
+        Belief after the epoch before, and after this one.
+    dt : float
+        s between them.
+    nis, dof : float
+        Of all its updates.
     """
 
     before: Gaussian
@@ -149,7 +164,8 @@ class EpochTester:
 
     Parameters
     ----------
-    process: with the noise that the filter was told.
+    process : ProcessModel
+        With the noise that the filter was told.
     """
 
     def __init__(self, process: ProcessModel) -> None:
@@ -225,11 +241,13 @@ def filter_tests(
 
     Parameters
     ----------
-    most: epochs that are tested.
+    most : int
+        Epochs that are tested.
 
     Raises
     ------
-    numpy.linalg.LinAlgError: numbers that lead nowhere.
+    numpy.linalg.LinAlgError
+        Numbers that lead nowhere.
     """
     begin = max(history.initialisation, 1)
     tester, sums = EpochTester(process), no_sums()

@@ -52,11 +52,18 @@ class TruthErrors:
 
     Attributes
     ----------
-    time: (n,) s.   rows: (n,) frames of the trajectory that were compared.
-    position, velocity: (n, 3) of the centre of mass in i, m and m/s; None where only rotation is seen.
-    attitude: (n, 3) rotation vector e in rad, axes of the estimate's g: q_estimate = q_true (x) exp(e).
-    rate: (n, 3) in i axes, rad/s.
-    frame: (4,) quaternion from the estimate's g to that of the truth, None when nothing is aligned.
+    time : (n,) float array
+        Time, s.
+    rows : (n,) int array
+        Frames of the trajectory that were compared.
+    position, velocity : (n, 3) float array or None
+        Of the centre of mass in i, m and m/s; None where only rotation is seen.
+    attitude : (n, 3) float array
+        Rotation vector e in rad, axes of the estimate's g: q_estimate = q_true (x) exp(e).
+    rate : (n, 3) float array
+        In i axes, rad/s.
+    frame : (4,) float array or None
+        Quaternion from the estimate's g to that of the truth, None when nothing is aligned.
     """
 
     time: Float[np.ndarray, " n"]
@@ -106,9 +113,14 @@ class BodyErrors:
 
     Attributes
     ----------
-    principal_moments: (3,) ascending, largest = 1 in both.   k1, k2: of the logs of ratios.
-    axes_angle: (3,) angle in rad between each estimated and true principal axis, whatever their signs.
-    center_of_mass_g: (3,) m; None also when the frames g differ.
+    principal_moments : (3,) float array or None
+        Ascending, largest = 1 in both.
+    k1, k2 : float or None
+        Of the logs of ratios.
+    axes_angle : (3,) float array or None
+        Angle in rad between each estimated and true principal axis, whatever their signs.
+    center_of_mass_g : (3,) float array or None
+        m; None also when the frames g differ.
     """
 
     principal_moments: Float[np.ndarray, "3"] | None
@@ -126,7 +138,8 @@ def truth_errors(trajectory: Trajectory, truth: Truth, alignment: Alignment = Al
 
     Raises
     ------
-    InputError: when no two stamps agree within `TIME_TOLERANCE`, or the trajectory is finite at none of them.
+    InputError
+        When no two stamps agree within `TIME_TOLERANCE`, or the trajectory is finite at none of them.
     """
     rows, true_rows = _finite_stamps(trajectory, truth)
     frame = _turn_of_frame(trajectory.q_ig[rows], truth.q_ig[true_rows], alignment)
@@ -211,7 +224,8 @@ def common_stamps(
 
     Raises
     ------
-    InputError: when there are none.
+    InputError
+        When there are none.
     """
     after = np.clip(np.searchsorted(reference, time), 1, max(len(reference) - 1, 1))
     before = after - 1
@@ -276,7 +290,8 @@ def truth_in_first_frame(history: EstimateHistory, truth: Truth) -> Truth:
 
     Raises
     ------
-    InputError: when `tells_first_frame` is False.
+    InputError
+        When `tells_first_frame` is False.
     """
     if not tells_first_frame(history, truth) or truth.center_of_mass_g is None:
         raise InputError(
@@ -298,7 +313,8 @@ def truth_in_inertial_frame(history: EstimateHistory, truth: Truth) -> Truth:
 
     Raises
     ------
-    InputError: when no time stamp is common, or the estimate is finite at none.
+    InputError
+        When no time stamp is common, or the estimate is finite at none.
     """
     rows, true_rows = common_stamps(history.time, truth.time)
     layout = history.layout

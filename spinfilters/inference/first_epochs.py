@@ -94,7 +94,8 @@ def beyond_share(
 
     Parameters
     ----------
-    found: the long enough initialisation with these options.
+    found : InitialEstimate
+        The long enough initialisation with these options.
     """
     count = len(timeline)
     wider = min(BEYOND_SHARE * options.share, LARGEST_SHARE)
@@ -125,7 +126,8 @@ def departure_of(
 
     Parameters
     ----------
-    later: of more epochs; the filter goes on from ``start`` to its last. Infinite where the filter fails.
+    later : InitialEstimate
+        Of more epochs; the filter goes on from ``start`` to its last. Infinite where the filter fails.
     """
     first, last = len(start.mean), len(later.mean)
     ungated = MultiplicativeEkf(process, RobustOptions(gate_probability=1.0))
@@ -198,7 +200,8 @@ class FirstEpochs:
 
     Attributes
     ----------
-    view: what rows of landmarks are measured against, None without any.
+    view : CameraView or None
+        What rows of landmarks are measured against, None without any.
     """
 
     dataset: Dataset
@@ -216,7 +219,8 @@ class FirstEpochs:
 
         Parameters
         ----------
-        before: of the same data at other noise, whose motion, map and associations are used again where they serve.
+        before : InitialEstimate or None
+            Of the same data at other noise, whose motion, map and associations are used again where they serve.
         """
         options = self._with_leading_epochs(options)
         if before is not None:
@@ -252,7 +256,8 @@ class FirstEpochs:
 
         Parameters
         ----------
-        start: `smoothed` with these options.
+        start : InitialEstimate
+            `smoothed` with these options.
         """
         if start.has_failed:
             return None
@@ -267,7 +272,10 @@ class FirstEpochs:
 
         Parameters
         ----------
-        likely: of the same motion, whose mass distribution they are smoothed from.   before: see `smoothed`.
+        likely : InitialEstimate
+            Of the same motion, whose mass distribution they are smoothed from.
+        before : InitialEstimate or None
+            See `smoothed`.
         """
         count = min(len(self.timeline), max(COMPARED_EPOCHS, len(likely.mean)))
         duration = max(options.duration, self._duration(count))
@@ -314,7 +322,8 @@ class BoundLog:
 
     Attributes
     ----------
-    likely: estimate beside which this one is made, of epochs that do not depend on either.
+    likely : InitialEstimate or None
+        Estimate beside which this one is made, of epochs that do not depend on either.
     """
 
     dataset: Dataset
@@ -358,7 +367,8 @@ def initial_samples(
 
     Raises
     ------
-    InputError: streams that do not tell a motion.
+    InputError
+        Streams that do not tell a motion.
     """
     for stream in sorted(streams, key=_told, reverse=True):
         samples = sensor_of(stream.sensor).initial_motion(stream, noise, view)

@@ -49,7 +49,10 @@ class GyroNoise:
 
     Attributes
     ----------
-    relative_error: rms per axis relative to |w|.   correlation_time: tau, in samples, at least 1.
+    relative_error : float
+        Rms per axis relative to |w|.
+    correlation_time : float
+        Tau, in samples, at least 1.
     """
 
     relative_error: float
@@ -194,7 +197,10 @@ class Unstated:
 
     Attributes
     ----------
-    options: by option, the components of the innovation that it scales, by sensor.   densities: of the disturbances.
+    options : Mapping[str, Mapping[str, tuple[int, ...]]]
+        By option, the components of the innovation that it scales, by sensor.
+    densities : tuple[str, ...]
+        Of the disturbances.
     """
 
     options: Mapping[str, Mapping[str, tuple[int, ...]]]
@@ -228,7 +234,8 @@ def with_identified_noise(
 
     Parameters
     ----------
-    rounds: initialisations at most; 2 where noise is nearly known before the first.
+    rounds : int
+        Initialisations at most; 2 where noise is nearly known before the first.
     """
     made, found = _with_levels(make, make(process, noise, None), unstated, rounds)
     longer = make.beyond_share(made)

@@ -97,12 +97,15 @@ def initialise(
 
     Parameters
     ----------
-    samples: motion at (at least some of) those epochs, and the first guess of a map where landmarks are unknowns.
-    likely: of the same motion, whose mass distribution is tried alone where a fit from it settles.
+    samples : MotionSamples
+        Motion at (at least some of) those epochs, and the first guess of a map where landmarks are unknowns.
+    likely : InitialEstimate or None
+        Of the same motion, whose mass distribution is tried alone where a fit from it settles.
 
     Raises
     ------
-    InputError: fewer than 4 samples, a body that does not rotate, landmarks of which none is observed twice.
+    InputError
+        Fewer than 4 samples, a body that does not rotate, landmarks of which none is observed twice.
     """
     epochs = timeline[: options.count(timeline)]
     evidence = initial_motion(samples, len(epochs))

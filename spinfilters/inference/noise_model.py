@@ -31,7 +31,10 @@ class NoiseModel:
 
     Attributes
     ----------
-    problem: with the levels that it was stated with.   components, densities: those to be identified.
+    problem : Problem
+        With the levels that it was stated with.
+    components, densities : tuple[ComponentRows, ...], tuple[str, ...]
+        Those to be identified.
     """
 
     problem: Problem
@@ -130,9 +133,14 @@ class Residuals:
 
     Attributes
     ----------
-    squares: r of each component, then of each density.   redundancy: S, likewise.
-    sources: whitened residuals as each of them explains them: the working variable of the average information.
-    deleted: (r,) of every sensor without landmarks, probability of larger residuals of each measurement about states of all others.
+    squares : (c,) float array
+        r of each component, then of each density.
+    redundancy : (c,) float array
+        S, likewise.
+    sources : tuple[WhitenedRows, ...]
+        Whitened residuals as each of them explains them: the working variable of the average information.
+    deleted : tuple[(r,) float array, ...]
+        Of every sensor without landmarks, probability of larger residuals of each measurement about states of all others.
     """
 
     squares: Float[np.ndarray, " c"]
@@ -147,7 +155,12 @@ class WhitenedRows:
 
     Attributes
     ----------
-    sensors: (r, i) of every sensor without landmarks.   steps: (k - 1, d).   observations: (N, 3), or None without any.
+    sensors : tuple[(r, i) float array, ...]
+        Of every sensor without landmarks.
+    steps : (k, d) float array
+        (k - 1, d).
+    observations : (N, 3) float array or None
+        Or None without any.
     """
 
     sensors: tuple[Float[np.ndarray, "_ _"], ...]
@@ -173,7 +186,10 @@ def residuals_of(
 
     Parameters
     ----------
-    densities: names of the disturbances wanted.   normal: solved, its rows in memory (`Problem.is_long` is false).
+    densities : Sequence[str]
+        Names of the disturbances wanted.
+    normal : NormalEquations
+        Solved, its rows in memory (`Problem.is_long` is false).
     """
     marginals = Marginals(normal.system, normal.eliminated)
     steps = steps_after(problem, here, marginals)

@@ -34,7 +34,8 @@ def measured_motion(setup: Setup) -> InitialMotion:
 
     Raises
     ------
-    InputError: when it does not say them: too few poses, or too large turns between them.
+    InputError
+        When it does not say them: too few poses, or too large turns between them.
     """
     dataset = setup.dataset
     known = dataset.known_map is not None
@@ -92,7 +93,8 @@ def smoothed_at_levels(
 
     Parameters
     ----------
-    part: of the problem's first epochs, whose rows are in memory together; the problem itself where it is short.
+    part : Problem
+        Of the problem's first epochs, whose rows are in memory together; the problem itself where it is short.
     """
     trajectory = smoothed.mean[: part.ordering.epochs]
     found = identified_levels(part, trajectory, np.zeros((0, 3)), setup)

@@ -77,7 +77,8 @@ def levels_of_rows(log: MeasurementLog, dataset: Dataset) -> dict[str, float]:
 
     Parameters
     ----------
-    log: with the noise of the settings (`log_with_noise`), which may replace that of rows.
+    log : MeasurementLog
+        With the noise of the settings (`log_with_noise`), which may replace that of rows.
     """
     rows = [stream for stream in log.streams if stream.covariance is not None]
     return {
@@ -162,7 +163,10 @@ class StatedModels:
 
     Attributes
     ----------
-    gyro_noise: correlated error of a gyro, identified from its whole recording.   unknown: the stream that it is of.
+    gyro_noise : GyroNoise or None
+        Correlated error of a gyro, identified from its whole recording.
+    unknown : MeasurementStream or None
+        The stream that it is of.
     """
 
     process: TorqueFreeProcess

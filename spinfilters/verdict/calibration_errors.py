@@ -93,7 +93,8 @@ class CalibrationErrors:
 
     Attributes
     ----------
-    ekf: of the table of estimators; its differences stand for those of a smoother that lets go of old epochs.
+    ekf : AnyEntry
+        Of the table of estimators; its differences stand for those of a smoother that lets go of old epochs.
     """
 
     setup: Setup

@@ -67,9 +67,16 @@ class Doubts:
 
     Attributes
     ----------
-    shared: about every estimator.   of_filters: about those that continue from the initialisation, with no smoother beside.
-    smoother: that filters are held against, None where there is none.   models: tests of the models' errors.
-    baselines: names of others' estimators, whose noise levels say nothing of ours.
+    shared : list[Finding]
+        About every estimator.
+    of_filters : list[Finding]
+        About those that continue from the initialisation, with no smoother beside.
+    smoother : EstimateHistory or None
+        That filters are held against, None where there is none.
+    models : TestedModels
+        Tests of the models' errors.
+    baselines : Collection[str]
+        Names of others' estimators, whose noise levels say nothing of ours.
     """
 
     setup: Setup

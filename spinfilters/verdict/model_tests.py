@@ -147,7 +147,8 @@ def tested_about(
 
     Parameters
     ----------
-    placed: errors at the places where a motion shows them most.
+    placed : Placed
+        Errors at the places where a motion shows them most.
     """
     try:
         with np.errstate(all="ignore"):

@@ -145,7 +145,8 @@ def stated_level_diagnostics(
 
     Parameters
     ----------
-    histories: of which the first that has not failed gives the states; with landmarks the initialisation does.
+    histories : Sequence[EstimateHistory]
+        Of which the first that has not failed gives the states; with landmarks the initialisation does.
     """
     if settings.adaptation.measurement or settings.adaptation.process:
         return []
@@ -163,7 +164,8 @@ class _Levels:
 
     Attributes
     ----------
-    by_rows: those that every row of a sensor states for itself; they are held against the data without their inflation.
+    by_rows : Mapping[str, float]
+        Those that every row of a sensor states for itself; they are held against the data without their inflation.
     """
 
     setup: Setup

@@ -39,11 +39,15 @@ class PossibleCorrelation:
 
     Attributes
     ----------
-    doubts: findings of those that are likely.
-    widening: B of the first epochs, by which F B is a covariance factor that holds with them; None where F is one.
-    undecided: a finding of errors that only may be correlated.
-    score_inflation: by which errors of landmarks' observations that last enlarge scores, beyond what is stated of them; 1 where
-        they are white.
+    doubts : tuple[Finding, ...]
+        Findings of those that are likely.
+    widening : (k, e, e) float array or None
+        B of the first epochs, by which F B is a covariance factor that holds with them; None where F is one.
+    undecided : Finding or None
+        A finding of errors that only may be correlated.
+    score_inflation : float
+        By which errors of landmarks' observations that last enlarge scores, beyond what is stated of them; 1 where they are
+        white.
     """
 
     doubts: tuple[Finding, ...] = ()
@@ -64,7 +68,10 @@ def possible_correlation(
 
     Parameters
     ----------
-    rows: of a smoothed motion; None where there are none.   stated: names of levels that are not identified.
+    rows : LinearRows or None
+        Of a smoothed motion; None where there are none.
+    stated : Collection[str]
+        Names of levels that are not identified.
     """
     if rows is None or setup.gyro_noise is not None:
         return NO_CORRELATION
@@ -148,14 +155,27 @@ class TestedModels:
 
     Attributes
     ----------
-    tests: the most explaining first.   contradicted: whether residuals contradict the noise levels that the recording was told.
-    trouble: why there are no tests of a motion that was estimated; empty where there are.   units: that are probably others.
-    std: (k, n) stated deviations of the states that were tested, or None where they are unknown.
-    correlated: errors of the measurements that are, or may be, correlated in time.   solved: what was tested, while it is.
-    score_inflation: by which errors may enlarge a score that are known to be correlated and for which a noise level stands;
-        infinite where it is not known, None where there are none.
-    slips: of front ends, beside which residuals tell of no other cause.
-    has_inspector: whether poses of a moving camera are given, of which some cures speak.
+    tests : tuple[ScoreTest, ...]
+        The most explaining first.
+    contradicted : bool
+        Whether residuals contradict the noise levels that the recording was told.
+    trouble : str
+        Why there are no tests of a motion that was estimated; empty where there are.
+    units : tuple[WrongUnit, ...]
+        That are probably others.
+    std : (k, n) float array or None
+        Stated deviations of the states that were tested, or None where they are unknown.
+    correlated : PossibleCorrelation
+        Errors of the measurements that are, or may be, correlated in time.
+    solved : LinearRows or None
+        What was tested, while it is.
+    score_inflation : float or None
+        By which errors may enlarge a score that are known to be correlated and for which a noise level stands; infinite
+        where it is not known, None where there are none.
+    slips : tuple[Slip, ...]
+        Of front ends, beside which residuals tell of no other cause.
+    has_inspector : bool
+        Whether poses of a moving camera are given, of which some cures speak.
     """
 
     tests: tuple[ScoreTest, ...] = ()

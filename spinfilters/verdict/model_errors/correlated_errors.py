@@ -61,7 +61,10 @@ class ExplainedErrors:
 
     Attributes
     ----------
-    rows: of a solved problem without landmarks.   model: components of its measurement noise.
+    rows : LinearRows
+        Of a solved problem without landmarks.
+    model : NoiseModel
+        Components of its measurement noise.
     """
 
     rows: LinearRows
@@ -119,7 +122,8 @@ class ExplainedErrors:
 
         Parameters
         ----------
-        information: of the levels that are free.
+        information : (f, f) float array
+            Of the levels that are free.
         """
         beta = -float(ndtri(min(MOST_WRONG / (2 * probability), 0.5)))
         direction, deviation = self._steepest(likely, information)
@@ -182,10 +186,20 @@ class CorrelatedErrors:
 
     Attributes
     ----------
-    white, lasting: standard deviations by noise option, in its unit.   time: of correlation, s.   densities: beside them.
-    probability: of them.   advantage: fall of -2 ln likelihood.
-    inflation: of the variance of the state component that they touch most, mean over epochs, were they there.
-    widening: what covariance factors F of the first epochs' states are multiplied by to hold with these errors too.
+    white, lasting : dict[str, float]
+        Standard deviations by noise option, in its unit.
+    time : float
+        Of correlation, s.
+    densities : dict[str, float]
+        Beside them.
+    probability : float
+        Of them.
+    advantage : float
+        Fall of -2 ln likelihood.
+    inflation : float
+        Of the variance of the state component that they touch most, mean over epochs, were they there.
+    widening : (k, n, n) float array
+        What covariance factors F of the first epochs' states are multiplied by to hold with these errors too.
     """
 
     white: dict[str, float]
@@ -221,7 +235,8 @@ def correlated_errors(
 
     Parameters
     ----------
-    stated: names of levels that are known. Of these densities are taken as they are.
+    stated : Collection[str]
+        Names of levels that are known. Of these densities are taken as they are.
     """
     sensors = rows.problem.motion.sensors
     if rows.problem.observations is not None or any(len(np.unique(s.epoch)) < len(s.epoch) for s in sensors):
@@ -336,7 +351,10 @@ class ObservationCorrelation:
 
     Attributes
     ----------
-    value: correlation.   score: its standard deviations above zero.
+    value : float
+        Correlation.
+    score : float
+        Its standard deviations above zero.
     """
 
     value: float

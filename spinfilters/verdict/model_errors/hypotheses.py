@@ -97,9 +97,12 @@ class KnownLevels:
 
     Attributes
     ----------
-    stated: names of levels that are not identified.
-    correlation: samples that count as one, by the name of the level of an error that stands for a correlated one.
-    inflation: of stated variances for errors that rows have in common, by the level's name; 1 where none is told.
+    stated : Collection[str]
+        Names of levels that are not identified.
+    correlation : Mapping[str, float]
+        Samples that count as one, by the name of the level of an error that stands for a correlated one.
+    inflation : Mapping[str, float]
+        Of stated variances for errors that rows have in common, by the level's name; 1 where none is told.
     """
 
     stated: Collection[str] = frozenset()
@@ -331,7 +334,8 @@ def gross_error_cost(squares: Float[np.ndarray, " k"], size: int) -> Float[np.nd
 
     Parameters
     ----------
-    squares: squared lengths of whitened innovations of ``size`` components.
+    squares : (k,) float array
+        Squared lengths of whitened innovations of ``size`` components.
     """
     shape = (size + 1) / 2
     constant = size * np.log(GROSS**2 / 2) + 2 * (gammaln(0.5) - gammaln(shape)) - 2 * np.log(RARE)

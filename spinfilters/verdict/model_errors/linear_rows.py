@@ -72,7 +72,10 @@ class Sensitivity:
 
     Attributes
     ----------
-    states: (k, n, m) of every epoch, components in the order of the layout.   landmarks: (L, 3, m), zero of those not told.
+    states : (k, n, m) float array
+        Of every epoch, components in the order of the layout.
+    landmarks : (L, 3, m) float array
+        Zero of those not told.
     """
 
     states: Float[np.ndarray, "k n m"]
@@ -85,9 +88,16 @@ class Columns:
 
     Attributes
     ----------
-    sensors: (r, i, m) of every sensor without landmarks.   steps: (k - 1, d, m).
-    observations: (N, 3, m), or None without any.   prior: (n, m) of the first state.
-    is_measured: False where all numbers of sensors and observations are zero.
+    sensors : tuple[(r, i, m) float array, ...]
+        Of every sensor without landmarks.
+    steps : (k, d, m) float array
+        (k - 1, d, m).
+    observations : (N, 3, m) float array or None
+        Or None without any.
+    prior : (n, m) float array
+        Of the first state.
+    is_measured : bool
+        False where all numbers of sensors and observations are zero.
     """
 
     sensors: tuple[Float[np.ndarray, "_ _ m"], ...]

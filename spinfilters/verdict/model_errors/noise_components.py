@@ -85,9 +85,11 @@ class Gain:
 
     Attributes
     ----------
-    dof: degrees of freedom that tell these levels; infinite of known ones.
-    level: by how much ln variance falls of the level that falls most, among those that are identified from the same residuals: not
-        those that are known or hardly told, and none beside a level that stands for a correlated error.
+    dof : float
+        Degrees of freedom that tell these levels; infinite of known ones.
+    level : float
+        By how much ln variance falls of the level that falls most, among those that are identified from the same residuals:
+        not those that are known or hardly told, and none beside a level that stands for a correlated error.
     """
 
     value: float
@@ -101,12 +103,21 @@ class NoiseComponents:
 
     Attributes
     ----------
-    components: of sensors.   factors: (k - 1, d, i) of each disturbance, L^-1 G of its share G G' of a step's covariance L L'.
-    redundancy: S of each, expected squared residuals, sensors first.   known: whether a level is stated, not identified.
-    correlation: samples that count as one, of a level that stands for a correlated error as white noise of its weight; else 1.
-    telling: degrees of freedom of the residuals that tell each level: its redundancy; of a correlated error what the states, which
-        are as slow, leave of its independent samples.
-    inflation: of stated variances for errors that rows have in common, at least 1.
+    components : tuple[ComponentRows, ...]
+        Of sensors.
+    factors : tuple[(k - 1, d, i) float array, ...]
+        Of each disturbance, L^-1 G of its share G G' of a step's covariance L L'.
+    redundancy : (c,) float array
+        S of each, expected squared residuals, sensors first.
+    known : (c,) bool array
+        Whether a level is stated, not identified.
+    correlation : (c,) float array
+        Samples that count as one, of a level that stands for a correlated error as white noise of its weight; else 1.
+    telling : (c,) float array
+        Degrees of freedom of the residuals that tell each level: its redundancy; of a correlated error what the states,
+        which are as slow, leave of its independent samples.
+    inflation : (c,) float array
+        Of stated variances for errors that rows have in common, at least 1.
     """
 
     components: tuple[ComponentRows, ...]
@@ -150,7 +161,8 @@ class NoiseComponents:
 
         Parameters
         ----------
-        left: squared residuals by component, the error in them.
+        left : (c,) float array
+            Squared residuals by component, the error in them.
         """
         if not self.correlated.any() or statistic <= 0:
             return 1.0
@@ -204,8 +216,20 @@ class ColumnProducts:
 
     Attributes
     ----------
-    places: of each of the given right-hand sides among the m.   squares: (m,) H'H.   score: (m,) H'rho.
-    information: (m, m) of M H.   left: (c,) rho'rho by noise component.   shared: (c, m) rho'M H.   own: (c, m, m) of M H.
+    places : tuple[slice, ...]
+        Of each of the given right-hand sides among the m.
+    squares : (m,) float array
+        H'H.
+    score : (m,) float array
+        H'rho.
+    information : (m, m) float array
+        Of M H.
+    left : (c,) float array
+        Rho'rho by noise component.
+    shared : (c, m) float array
+        Rho'M H.
+    own : (c, m, m) float array
+        Of M H.
     """
 
     places: tuple[slice, ...]
@@ -248,7 +272,10 @@ class _Solved:
 
     Attributes
     ----------
-    states: (k, n, m) e of every epoch.   beside: M H of all rows but those of sensors.
+    states : (k, n, m) float array
+        e of every epoch.
+    beside : Columns
+        M H of all rows but those of sensors.
     """
 
     rows: LinearRows

@@ -48,14 +48,30 @@ class Alternative(ABC):
 
     Attributes
     ----------
-    name: of the error.   phrase: in a sentence, with its article.   unit: of its size.   cure: what to do about it.
-    moving_cure: the same where poses of a moving camera are given; empty where that makes no difference.
-    trials: places in a recording among which it was sought where it is likeliest.
-    by_epoch: whether it is drawn anew at every epoch; if not, it is the same in all.
-    plausible: standard deviation of what its size is before anything is measured; infinite where nothing is known.
-    only_positive: whether its one size is of one sign: what brakes does not drive.
-    is_of_poses: whether it is one of the poses given of a moving camera.
-    block: of a state that holds it, None where none does.   held_by: settings that put it there, by table and key.
+    name : str
+        Of the error.
+    phrase : str
+        In a sentence, with its article.
+    unit : str
+        Of its size.
+    cure : str
+        What to do about it.
+    moving_cure : str
+        The same where poses of a moving camera are given; empty where that makes no difference.
+    trials : int
+        Places in a recording among which it was sought where it is likeliest.
+    by_epoch : bool
+        Whether it is drawn anew at every epoch; if not, it is the same in all.
+    plausible : float
+        Standard deviation of what its size is before anything is measured; infinite where nothing is known.
+    only_positive : bool
+        Whether its one size is of one sign: what brakes does not drive.
+    is_of_poses : bool
+        Whether it is one of the poses given of a moving camera.
+    block : StateBlock or None
+        Of a state that holds it, None where none does.
+    held_by : Mapping[str, Mapping[str, bool or float]]
+        Settings that put it there, by table and key.
     """
 
     name: str
@@ -113,17 +129,30 @@ class ScoreTest:
 
     Attributes
     ----------
-    size, std: of its components, in its unit; of an error by epoch its standard deviation.
-    statistic, dof: of the score, chi-squared without the error.   gain: see the module.
-    p_value: probability of as much without the error.
-    shift: (k, n) by which the states of all epochs move once the error is removed; None of one that is not `TELLING`.
-    explained: what it explains of all whitened residuals, likewise.
-    level: by how much ln variance of an identified noise level falls with it removed, of the one that falls most.
-    level_dof: degrees of freedom that tell the levels that fall; infinite of stated ones.
-    beside_all: probability of a greater statistic beside what all residuals leave, at the level of a correlated error; else 1.
-    slow: share of what it explains (squared) that slow changes explain as well, of a gyro in a spin about one axis; else 0.
-    beside_slow: statistic of what it explains beside these; infinite where there are none.
-    is_possible: whether a recording can have an error of this size; one by epoch also whether it is in more than a few of these.
+    size, std : (m,) float array
+        Of its components, in its unit; of an error by epoch its standard deviation.
+    statistic, dof : float
+        Of the score, chi-squared without the error.
+    gain : float
+        See the module.
+    p_value : float
+        Probability of as much without the error.
+    shift : (k, n) float array or None
+        By which the states of all epochs move once the error is removed; None of one that is not `TELLING`.
+    explained : (r,) float array or None
+        What it explains of all whitened residuals, likewise.
+    level : float
+        By how much ln variance of an identified noise level falls with it removed, of the one that falls most.
+    level_dof : float
+        Degrees of freedom that tell the levels that fall; infinite of stated ones.
+    beside_all : float
+        Probability of a greater statistic beside what all residuals leave, at the level of a correlated error; else 1.
+    slow : float
+        Share of what it explains (squared) that slow changes explain as well, of a gyro in a spin about one axis; else 0.
+    beside_slow : float
+        Statistic of what it explains beside these; infinite where there are none.
+    is_possible : bool
+        Whether a recording can have an error of this size; one by epoch also whether it is in more than a few of these.
     """
 
     error: Alternative
@@ -219,8 +248,14 @@ class ErrorSize(NamedTuple):
 
     Attributes
     ----------
-    value, covariance: without a prior.   probable: most probable beside one.   improbability: -2 ln prior of that.
-    dof: numbers that are told.
+    value, covariance : (q,) float array, (q, q) float array
+        Without a prior.
+    probable : (q,) float array
+        Most probable beside one.
+    improbability : float
+        -2 ln prior of that.
+    dof : float
+        Numbers that are told.
     """
 
     value: Float[np.ndarray, " q"]
@@ -237,7 +272,10 @@ class ErrorSize(NamedTuple):
 
         Parameters
         ----------
-        F, u: information and score.   prior: information of the diagonal prior.
+        F, u : (q, q) float array, (q,) float array
+            Information and score.
+        prior : (q,) float array
+            Information of the diagonal prior.
         """
         values, vectors = np.linalg.eigh((F + F.T) / 2)
         plausible = np.einsum("ij,i,ij->j", vectors, prior, vectors)
@@ -305,8 +343,12 @@ def likelier(found: list[ScoreTest], beside: list[ScoreTest], advantage: float) 
 
     Parameters
     ----------
-    found: at noise levels as the data would have them.   beside: at those stated.
-    advantage: by how much -2 ln likelihood is less at the former, which an error has to make up for.
+    found : list[ScoreTest]
+        At noise levels as the data would have them.
+    beside : list[ScoreTest]
+        At those stated.
+    advantage : float
+        By how much -2 ln likelihood is less at the former, which an error has to make up for.
     """
     other = {each.error.name: each for each in beside}
     best = []

@@ -37,9 +37,20 @@ class MeasuredRows:
 
     Attributes
     ----------
-    sensor: number in `Motion.sensors`, or None of observations of unknown landmarks.   rows: of these observations.
-    epoch: (r,).   states: (r, m).   parameters: (r, p), the landmark's point first where there is one.
-    whitening: (r, i, i), zero of what does not count.   change: (r, i) of the whitened expected values by time, 1/s.
+    sensor : int or None
+        Number in `Motion.sensors`, or None of observations of unknown landmarks.
+    rows : (r,) int array
+        Of these observations.
+    epoch : (r,) int array
+        (r,).
+    states : (r, m) float array
+        (r, m).
+    parameters : (r, p) float array
+        The landmark's point first where there is one.
+    whitening : (r, i, i) float array
+        Zero of what does not count.
+    change : (r, i) float array
+        Of the whitened expected values by time, 1/s.
     """
 
     model: MeasurementModel
@@ -85,7 +96,10 @@ class SmoothedMotion:
 
     Attributes
     ----------
-    time: (k,) s.   rows: of the linear problem.
+    time : (k,) float array
+        Time, s.
+    rows : LinearRows
+        Of the linear problem.
     """
 
     time: Float[np.ndarray, " k"]
