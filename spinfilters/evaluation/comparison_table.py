@@ -49,10 +49,7 @@ Cell = Callable[[Column], str | None]
 
 @dataclass(frozen=True)
 class TableRow:
-    """A named row of the table, with cells of estimators and bound.
-
-    None where there is nothing to show.
-    """
+    """A named row of the table with the cells of estimators and bound; a cell is None where there is nothing to show."""
 
     name: str
     cell: Cell

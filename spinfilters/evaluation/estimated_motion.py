@@ -114,10 +114,7 @@ class BodyRates:
         return None if self.covariance is None else np.sqrt(np.einsum("nii->ni", self.covariance))
 
     def in_axes(self, axes: Float[np.ndarray, "3 3"]) -> "BodyRates":
-        """The same rates along other axes.
-
-        Given as rows in the present ones (R_bg for principal axes b).
-        """
+        """The same rates along other axes, given as rows in the present ones (R_bg for principal axes b)."""
         own, rate = self.covariance, self.rate @ axes.T
         if own is None:
             return BodyRates(self.label, self.time, rate)
@@ -126,10 +123,7 @@ class BodyRates:
 
 
 def trajectory_of(history: EstimateHistory) -> Trajectory:
-    """Motion of a history with covariances.
-
-    r = t + R c and rate R w, with all cross terms of the state.
-    """
+    """Motion r = t + R c and rate R w of a history, with covariances that include all cross terms."""
     layout = history.layout
 
     def derive(rows: slice) -> dict[str, np.ndarray]:
@@ -162,19 +156,13 @@ def estimated_rates(history: EstimateHistory) -> BodyRates:
 
 
 def true_rates(truth: Truth, frame: Float[np.ndarray, "4"] | None = None) -> BodyRates:
-    """True rates in the g of the truth or of an estimate.
-
-    The estimate's with ``frame`` = `TruthErrors.frame`.
-    """
+    """True rates in the truth's g, or in the estimate's with ``frame`` = `TruthErrors.frame`."""
     rate = rotate(inverse(truth.q_ig), truth.rate_i)
     return BodyRates("truth", truth.time, rate if frame is None else rotate(inverse(frame), rate))
 
 
 def measured_rates(log: MeasurementLog) -> BodyRates | None:
-    """Rates of the first rate sensor of a log, or None.
-
-    Axes g.
-    """
+    """Rates of the first rate sensor of a log in axes g, rad/s; None without such a sensor."""
     for stream in log.streams:
         rates = sensor_of(stream.sensor).measured_rates(stream)
         if rates is not None:
@@ -199,10 +187,7 @@ def count_flips(rate: Float[np.ndarray, "n 3"], intermediate: int = 1) -> int:
 
 
 def knows_intermediate_axis(body: BodyEstimate) -> bool:
-    """Whether the moments are distinct, so that axes are known.
-
-    The axes of two equal moments are no axes, and no flip is about them.
-    """
+    """Whether the moments are distinct: two equal moments define no axes, and no flip about them."""
     moments, covariance = body.principal_moments, body.principal_moments_cov
     variance = np.diag(covariance)
     apart = variance[1:] + variance[:-1] - 2 * np.diag(covariance, 1)

@@ -258,10 +258,7 @@ class Evaluation:
 
     @property
     def trajectory(self) -> Trajectory:
-        """The motion after every epoch, computed anew from the history.
-
-        A long recording has no room for both.
-        """
+        """The motion after every epoch, computed anew from the history: a long recording has no room for both."""
         return trajectory_of(self.history)
 
     @property
@@ -328,10 +325,7 @@ class Evaluation:
 
 
 def with_uncertainty(value: float, std: float) -> str:
-    """``value ± std`` to two significant digits of the standard deviation.
-
-    Between 2 and 9 decimals; "unknown" of no number.
-    """
+    """``value ± std`` to two digits of the deviation, with 2 to 9 decimals; "unknown" where it is not a number."""
     if not math.isfinite(value):
         return "unknown"
     decimals = 1 - math.floor(math.log10(std)) if math.isfinite(std) and std > 0 else 4

@@ -70,10 +70,7 @@ def span_errors(evaluation: Evaluation, begin: float, end: float = np.inf) -> Sp
 
 
 def shared_begin(evaluations: Sequence[Evaluation]) -> float:
-    """Time of the first own epoch common to all estimators that have any, s.
-
-    It is `ALWAYS` where none has.
-    """
+    """Time of the first own epoch common to all estimators that have any, s; `ALWAYS` where none has."""
     begins = [evaluation.own_begin for evaluation in evaluations]
     return max((begin for begin in begins if begin is not None), default=ALWAYS)
 
@@ -187,10 +184,7 @@ def numbers(evaluation: Evaluation, shared: float = ALWAYS) -> dict[str, Any]:
 
 
 def use_numbers(evaluation: Evaluation, shared: float) -> dict[str, Any]:
-    """Numbers of used observations of an estimator.
-
-    Over its own epochs, and over those that all estimators of the run have.
-    """
+    """Numbers of used observations over the estimator's own epochs, and over those that all estimators have."""
     history = evaluation.history
     return {
         **_use(observation_use(history, ALWAYS)),
@@ -258,10 +252,7 @@ def _body_numbers(body: BodyErrors) -> dict[str, float | list[float] | None]:
 
 
 def _nees_numbers(span: SpanErrors | None) -> dict[str, float | None]:
-    """Mean NEES per degree of freedom over the epochs.
-
-    It is told of the whole state, and of each block as nees_per_dof_<block>.
-    """
+    """Mean NEES per degree of freedom of the whole state, and of each block as nees_per_dof_<block>."""
     if span is None or span.nees is None:
         return {"nees_per_dof": None}
     blocks = {f"nees_per_dof_{block}": _finite(mean) for block, mean in span.nees_blocks.items()}

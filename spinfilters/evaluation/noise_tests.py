@@ -66,10 +66,7 @@ class NoiseTest:
 
     @property
     def ratio(self) -> float:
-        """Ratio of the variance seen to the stated one, first order.
-
-        Below it the share that is seen.
-        """
+        """Ratio of the variance seen to the stated one, to first order above it; the seen share below it."""
         if not self.information > 0:
             return 1.0
         if self.seen >= self.expected:
@@ -158,9 +155,7 @@ class _Update:
 
 
 class EpochTester:
-    """Contribution of every epoch of a filter to its tests.
-
-    Epochs come in order, none left out.
+    """Contribution of every epoch of a filter to its tests; epochs come in order, none left out.
 
     Parameters
     ----------
@@ -174,9 +169,10 @@ class EpochTester:
         self._latest: tuple[np.ndarray, np.ndarray] | None = None
 
     def take(self, epoch: FilterEpoch) -> Float[np.ndarray, "t 4"]:
-        """Sum of squares, expectation, information of every one of `TESTS`, and information by the measurements' noise.
+        """Sums of one epoch for every one of `TESTS`, and the correlation with the epoch before.
 
-        Last correlation, its variance, its length.
+        A row of each test holds the sum of squares, its expectation, its information and the information by the measurements'
+        noise. The last row holds the correlation, its variance and its length.
 
         Raises
         ------

@@ -130,10 +130,7 @@ def bound_or_reason(setup: Setup, truth: Truth, evaluation: Evaluation) -> tuple
 
 
 def _states(setup: Setup, truth: Truth, evaluation: Evaluation) -> Float[np.ndarray, "k m"] | None:
-    """The truth at every epoch in the frames of the estimate.
-
-    None where it does not tell all of them.
-    """
+    """The truth at every epoch in the frames of the estimate; None where it is not known at all of them."""
     history = evaluation.history
     if evaluation.alignment is Alignment.BODY_FRAME and history.layout.translates:
         return None

@@ -131,10 +131,9 @@ class BodyErrors:
 
 
 def truth_errors(trajectory: Trajectory, truth: Truth, alignment: Alignment = Alignment.NONE) -> TruthErrors:
-    """Errors of a trajectory at its common stamps with the truth.
+    """Errors of a trajectory at its common stamps with the truth, where it is finite; nothing is interpolated.
 
-    It counts where it is finite; nothing is interpolated. `Alignment.FIRST_FRAME` takes the first common stamp for the frame
-    that defines g (see `truth_frames.tells_first_frame`).
+    `Alignment.FIRST_FRAME` takes the first common stamp for the frame that defines g (`tells_first_frame`).
 
     Raises
     ------
@@ -185,9 +184,8 @@ def _turn_of_frame(q: np.ndarray, q_true: np.ndarray, alignment: Alignment) -> F
 def attitude_alignment(
     q: Float[np.ndarray, "n 4"], q_true: Float[np.ndarray, "n 4"]
 ) -> Float[np.ndarray, "4"]:
-    """The constant rotation from the estimate's g to the truth's.
+    """The constant rotation x from the estimate's g to the truth's for which q is nearest to q_true (x) x.
 
-    x for which q is nearest to q_true (x) x.
     The mean of the quaternions q_true^-1 (x) q in the sense of Markley et al. (J. Guidance, Control, and
     Dynamics 30(4), 2007): the main eigenvector of the sum of their outer products, which knows no signs.
     """
@@ -282,9 +280,8 @@ def tells_first_frame(history: EstimateHistory, truth: Truth) -> bool:
 
 
 def truth_in_first_frame(history: EstimateHistory, truth: Truth) -> Truth:
-    """The truth in the g of the estimate.
+    """The truth in the g that has the estimated pose at the history's first frame.
 
-    The g that has the estimated pose at the history's first frame.
     With T = (R_ig, t) and t = r - R_ig c the transformation from the estimate's g to that of the truth is
     T_true(0)^-1 T_estimate(0); attitude, principal axes and centre of mass of the truth are expressed with it.
 
@@ -306,10 +303,9 @@ def truth_in_first_frame(history: EstimateHistory, truth: Truth) -> Truth:
 
 
 def truth_in_inertial_frame(history: EstimateHistory, truth: Truth) -> Truth:
-    """The truth in the inertial frame of a rotation-only estimate.
+    """The truth in the inertial frame of a rotation-only estimate, with R_i'i from both attitudes of one body.
 
-    R_i'i from both attitudes of one body.
-    At the first frame where both have it and the estimate defines its attitude there, over all common frames otherwise.
+    R_i'i is that of the first common frame where the estimate defines its attitude there, else the one that fits best.
 
     Raises
     ------

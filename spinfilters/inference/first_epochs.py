@@ -50,10 +50,7 @@ Make = Callable[[InitialisationOptions], InitialEstimate]
 
 
 def moments_std_of(start: InitialEstimate) -> float:
-    """Largest standard deviation of a principal moment after the initialisation.
-
-    Relative to the largest moment.
-    """
+    """Largest standard deviation of a principal moment after the initialisation, relative to the largest moment."""
     return float(np.max(body_estimate(start.belief, intervals=False).principal_moments_std))
 
 
@@ -305,10 +302,9 @@ class FirstEpochs:
         return self.timeline[epochs - 1].time - self.timeline[0].time
 
     def _with_leading_epochs(self, options: InitialisationOptions) -> InitialisationOptions:
-        """The options with enough leading epochs of the main sensor.
+        """The options with enough epochs to hold `LEADING_EPOCHS` of the most informative sensor.
 
-        `LEADING_EPOCHS` of the sensor that tells most of the motion.
-        Beside a fast gyro the first epochs would hold none or two of a camera.
+        With a fast gyro the first epochs would otherwise hold one or two of a camera.
         """
         leading = max(self.dataset.log.streams, key=_told).epoch_times
         last = leading[min(LEADING_EPOCHS, len(leading)) - 1]
@@ -361,9 +357,7 @@ class BoundLog:
 def initial_samples(
     streams: Sequence[MeasurementStream], noise: SensorNoise, view: CameraView | None
 ) -> MotionSamples:
-    """Initial motion samples of the most informative stream.
-
-    Landmarks are asked before places, these before attitudes, these before rates.
+    """Initial motion samples of the most informative stream: landmarks first, then places, attitudes and rates.
 
     Raises
     ------

@@ -288,10 +288,7 @@ def _optimum(
 
 
 def _suspect(residuals: Residuals) -> tuple[int, int] | None:
-    """Sensor and row of the measurement that lies farthest from all others.
-
-    None where chance explains that.
-    """
+    """Sensor and row of the measurement farthest from all others; None where chance explains its distance."""
     least = [float(each.min(initial=1.0)) for each in residuals.deleted]
     if not least or min(least) * sum(map(len, residuals.deleted)) >= SUSPECTED:
         return None
@@ -375,10 +372,7 @@ class LevelTest:
 def level_tests(
     model: NoiseModel, trajectory: Float[np.ndarray, "k m"], points: Float[np.ndarray, "L 3"]
 ) -> tuple[LevelTest, ...]:
-    """Score test of every noise level, about states near the most probable.
-
-    None where the problem has no solution.
-    """
+    """Score test of every noise level near the most probable states; empty where the problem has no solution."""
     problem, rule = model.problem, GaussNewton()
     here = problem.at(trajectory, points, STAGE.pose_only_loss)
     normal = problem.normal(here, STAGE)

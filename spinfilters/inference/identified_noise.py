@@ -249,10 +249,7 @@ def with_identified_noise(
 def _with_levels(
     make: Initialise, made: NoisyModels, unstated: Unstated, rounds: int
 ) -> tuple[NoisyModels, Identified | None]:
-    """An initialisation made again with the levels that its epochs identify.
-
-    None beside it where they identify none.
-    """
+    """Repeat an initialisation with the noise levels that its epochs identify; None of the levels without any."""
     found = None
     for _ in range(rounds - 1 if unstated else 0):
         identified = _identified(made, unstated, found is None)

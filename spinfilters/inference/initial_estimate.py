@@ -233,10 +233,7 @@ def _with_masked_refused(problem: Problem, solved: Solved, options: SmoothingOpt
 
 
 def _most_masked(problem: Problem, solved: Solved, gate: float) -> tuple[int, int] | None:
-    """Sensor and row of the measurement farthest from all others.
-
-    None where all are within the gate (whitened length).
-    """
+    """Sensor and row of the measurement farthest from all others, None where all are within the gate (whitened)."""
     if solved.normal.solution is None or not solved.converged:
         return None
     marginals = Marginals(solved.normal.solution, solved.normal.eliminated)

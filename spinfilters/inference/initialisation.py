@@ -41,10 +41,7 @@ def guessed_trajectory(
 def wide_prior(
     layout: StateLayout, first: np.ndarray, options: InitialisationOptions, evidence: InitialMotion
 ) -> FirstStatePrior:
-    """Wide prior of the first state at the measured pose and rate.
-
-    Tight only where the first epoch defines a frame.
-    """
+    """Wide prior of the first state at the measured pose and rate, tight only where the first epoch defines a frame."""
     mean, std = first.copy(), np.zeros(layout.error_dim)
     for block in layout.members:
         std[layout.slice(block.name)] = options.prior_std(block)
@@ -248,9 +245,6 @@ def _has_settled(found: InitialEstimate) -> bool:
 
 
 def _with_rejected(found: InitialEstimate, gate: float) -> float:
-    """Cost in which a rejected observation counts as at the gate.
-
-    A fit then gains nothing by rejecting.
-    """
+    """Cost that counts a rejected observation as one at the gate, so that a fit gains nothing by rejecting."""
     cost = found.cost + found.rejected * gate**2
     return cost if np.isfinite(cost) else np.inf

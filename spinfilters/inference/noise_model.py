@@ -75,10 +75,7 @@ class NoiseModel:
         return NoiseModel(self.scaled(log_variance), components, self.densities)
 
     def first(self, here: LinearizationPoint) -> Float[np.ndarray, " c"]:
-        """Initial ln variances, from the median residual of every component.
-
-        Those of disturbances are as stated.
-        """
+        """Initial ln variances, from the median residual of every sensor component; zero (as stated) for disturbances."""
         found = np.zeros(len(self.components) + len(self.densities))
         for k, each in enumerate(self.components):
             squares = [
@@ -219,20 +216,14 @@ def residuals_of(
 def deleted_residuals(
     problem: Problem, here: LinearizationPoint, marginals: Marginals
 ) -> tuple[Float[np.ndarray, " _"], ...]:
-    """Probabilities of larger residuals about states of all others.
-
-    Of each measurement, by sensor without landmarks.
-    """
+    """Probability of larger residuals of each measurement about states of all others, by pose-only sensor."""
     numbers = range(len(problem.motion.sensors))
     return tuple(_sensor_after(problem, here, marginals, k).deleted for k in numbers)
 
 
 @dataclass(frozen=True)
 class StepsAfter:
-    """Whitened residuals (k - 1, d) of the steps, and their states' covariance.
-
-    A factor (k - 1, d, w) of the share J P J'.
-    """
+    """Whitened residuals (k - 1, d) of the steps, and a factor (k - 1, d, w) of the share J P J' of their states."""
 
     rest: Float[np.ndarray, "j d"]
     spread: Float[np.ndarray, "j d w"]
@@ -250,9 +241,9 @@ class StepsAfter:
 
 @dataclass(frozen=True)
 class _SensorAfter:
-    """Whitened residuals (r, i) of a sensor with their redundancy.
+    """Whitened residuals (r, i) of a sensor, their redundancy 1 - diag(J P J') and the sum of diag(J P J').
 
-    1 - diag(J P J') of each (0 where it is not used), and the sum of diag(J P J').
+    The redundancy is 0 where a measurement is not used.
     """
 
     rest: Float[np.ndarray, "r i"]
@@ -270,10 +261,7 @@ class _SensorAfter:
 
 
 def explained_rows(problem: Problem, here: LinearizationPoint, normal: NormalEquations) -> WhitenedRows:
-    """Explained part J x of all whitened rows.
-
-    x is the solution of the linear problem, or of one with another right-hand side.
-    """
+    """Explained part J x of all whitened rows, x the solution of the linear problem (or with another right-hand side)."""
     errors = normal.system.errors
     sensors = [_explained_by_sensor(problem, here, errors, k) for k in range(len(problem.motion.sensors))]
     seen = None if here.linear is None else _explained_observations(here, normal)

@@ -86,10 +86,7 @@ class Setup:
 
     @property
     def observations(self) -> Int[np.ndarray, " n"]:
-        """Rows of the log at each epoch.
-
-        Those of landmarks that a known map lacks among them.
-        """
+        """Rows of the log at each epoch, those of landmarks that a known map lacks included."""
         times = times_of(self.timeline)
         counts = np.zeros(len(times), dtype=np.int64)
         for stream in self.dataset.log.streams:

@@ -59,10 +59,7 @@ class OverConfidence:
 
 
 def over_confidence(history: EstimateHistory, smoother: EstimateHistory) -> list[Finding] | None:
-    """Finding where a filter departs from the smoother beyond its own covariance.
-
-    None where there is no epoch that both have.
-    """
+    """Finding where a filter departs from the smoother beyond its own covariance; None without a common epoch."""
     parts = compared_parts(history.layout)
     found = [
         OverConfidence(name, float(nees.mean()), float(nees[-1]), parts[name].stop - parts[name].start)

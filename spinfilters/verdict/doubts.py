@@ -111,10 +111,7 @@ class Doubts:
 
     @cached_property
     def _of_landmarks(self) -> list[Finding]:
-        """Doubts about noise by the first filter beside a landmark smoother.
-
-        What it says of the noise that both are told, if they agree.
-        """
+        """Noise findings of the first filter that agrees with a landmark smoother, for both have the same noise."""
         if not self.setup.initial.has_landmarks:
             return []
         for each in self.evaluations:

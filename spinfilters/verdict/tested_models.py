@@ -293,10 +293,7 @@ class TestedModels:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the model errors in the verdict, the likeliest first.
-
-        Those that look alike as one ("drag/torque").
-        """
+        """Names of the model errors in the verdict, the likeliest first; alike ones are joined ("drag/torque")."""
         found = ("/".join(each.error.name for each in own) for own in self.classes)
         slow = () if self.slow is None else (SLOW_CHANGE,)
         slips = {each.name: None for each in self.slips}
@@ -319,9 +316,9 @@ class TestedModels:
         ]
 
     def share(self, test: ScoreTest) -> float:
-        """Share that an error explains of what the likeliest explains: the falls of -2 ln likelihood, numbers that are free off.
+        """Share that an error explains of what the likeliest explains; 1 where nothing is explained.
 
-        1 where nothing is explained.
+        Both are falls of -2 ln likelihood, corrected for the number of free parameters (`ScoreTest.merit`).
         """
         best = max((each.merit for own in self.classes for each in own), default=0.0)
         return float(np.clip(test.merit / best, 0.0, 1.0)) if best > 0 else 1.0

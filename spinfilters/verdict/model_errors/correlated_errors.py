@@ -79,10 +79,7 @@ class ExplainedErrors:
     def covariance(
         self, levels: Float[np.ndarray, " c"], epochs: slice = slice(None)
     ) -> Float[np.ndarray, "k n n"]:
-        """A of some of the first epochs at levels of `linear_likelihood`.
-
-        What disturbances have in it falls with their densities.
-        """
+        """A of some of the first epochs at levels of `LikelyLevels`; the disturbances' part falls with their densities."""
         count, factors = len(self.model.components), self.factors[epochs]
         stated = factors @ np.swapaxes(factors, 1, 2)
         measured, lasting = np.zeros_like(stated), np.zeros_like(stated)

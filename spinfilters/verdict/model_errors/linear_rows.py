@@ -50,10 +50,7 @@ class Gradient:
 
 @dataclass(frozen=True)
 class HalfSolved:
-    """A^-1 b with J'J = A A', by blocks.
-
-    (L, 3, m) of landmarks, (k, v, m) of chained errors, (n, m) of poses and constants.
-    """
+    """A^-1 b with J'J = A A': (L, 3, m) of landmarks, (k, v, m) of chained errors, (n, m) of poses and constants."""
 
     landmarks: Float[np.ndarray, "L 3 m"]
     chained: Float[np.ndarray, "k v m"]

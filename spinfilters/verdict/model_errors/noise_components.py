@@ -20,10 +20,7 @@ FEWEST: Final = 2.0
 
 
 def weighted_chi_square_tail(weights: Float[np.ndarray, " n"], value: float, dof: float) -> float:
-    """P(sum of weights z^2 > value chi2_dof / dof).
-
-    Weights positive, ``dof`` infinite for a known noise level.
-    """
+    """P(sum of w z^2 > value chi2_dof / dof), weights w positive, ``dof`` infinite for a known noise level."""
     w = weights[weights > 0]
     if not w.size or not value > 0:
         return 1.0
@@ -63,10 +60,7 @@ def _far(slope: Callable[[float], float], w: Float[np.ndarray, " n"]) -> float:
 
 
 def gain_tail(gain: float, count: float, dof: float) -> float:
-    """Probability of a greater gain by ``count`` constant errors.
-
-    Noise levels are known to ``dof`` degrees of freedom.
-    """
+    """Probability of a greater gain by ``count`` constant errors, noise levels known to ``dof`` degrees of freedom."""
     if not np.isfinite(dof):
         return float(chi_square_tail(gain, count))
     left = max(dof - count, FEWEST)
@@ -133,10 +127,7 @@ class NoiseComponents:
         return self.products(rest, rest)[:, 0, 0]
 
     def products(self, one: Columns, other: Columns) -> Float[np.ndarray, "c m o"]:
-        """Products of columns by component.
-
-        Over the rows of each that the columns have.
-        """
+        """Products of columns by component, over the rows of each component that the columns have."""
         found = np.zeros((len(self.redundancy), one.count, other.count))
         for k, each in enumerate(self.components):
             for sensor, rows in each.sensors.items() if one.sensors else ():
@@ -172,10 +163,7 @@ class NoiseComponents:
 
     @property
     def dof(self) -> Float[np.ndarray, " c"]:
-        """Degrees of freedom that tell each level, with those of its prior.
-
-        Infinite of known ones.
-        """
+        """Degrees of freedom by which each level is determined, its prior's included; infinite for known levels."""
         return np.where(self.known, np.inf, self.telling + 1)
 
     @property

@@ -122,10 +122,7 @@ class LinearMotion:
         return 2 * len(self.slots) + len(self.sources) + 1
 
     def disturbed(self, levels: Float[np.ndarray, " c"]) -> float:
-        """Share of one interval's disturbances in a measurement's variance.
-
-        Largest over the components of the sensors.
-        """
+        """Share of one interval's disturbances in a measurement's variance, largest over the sensors' components."""
         count = len(self.slots)
         density = np.exp(levels[2 * count : -1])
         added = sum(

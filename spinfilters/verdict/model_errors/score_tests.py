@@ -93,10 +93,7 @@ class Alternative(ABC):
 
     @abstractmethod
     def columns(self, motion: SmoothedMotion) -> Columns | None:
-        """Whitened right-hand sides per unit of it, one for each component.
-
-        None where a data set cannot have it.
-        """
+        """Whitened right-hand sides per unit of the error, a column per component; None where it does not apply."""
 
     def is_possible(self, size: Float[np.ndarray, " m"], motion: SmoothedMotion) -> bool:
         """Whether a recording can have an error of this size at all."""
@@ -114,10 +111,7 @@ TINY: Final = float(np.finfo(float).tiny)
 
 
 class Effect(NamedTuple):
-    """Effect of an error on the state component it moves most.
-
-    In deviations: at one epoch, and root mean square over all.
-    """
+    """Effect of an error on the state component it moves most, in deviations: at one epoch, and rms over all."""
 
     largest: float
     rms: float
@@ -317,10 +311,7 @@ class _ErrorColumns(NamedTuple):
 def score_tests(
     motion: SmoothedMotion, noise: NoiseComponents, errors: Iterable[Alternative]
 ) -> list[ScoreTest]:
-    """Score tests of all possible errors, the most explaining first.
-
-    Those that a data set can have and that its states leave room for.
-    """
+    """Score tests of all errors that apply and that the states leave room for, the most explaining first."""
     left = _Left(motion.rows.left, noise.squares(motion.rows.left))
     found: list[ScoreTest | None] = []
     constant: list[_ErrorColumns] = []
@@ -337,9 +328,7 @@ def score_tests(
 
 
 def likelier(found: list[ScoreTest], beside: list[ScoreTest], advantage: float) -> list[ScoreTest]:
-    """The better of two tests of each error.
-
-    Among noise that explains the misfit, and in the place of that noise.
+    """The better of two tests of each error: at noise levels that explain the misfit, and at the stated levels.
 
     Parameters
     ----------
