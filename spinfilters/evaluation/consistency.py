@@ -35,9 +35,9 @@ class NormalisedErrors:
     time : (n,) float array
         Time, s.
     total : (n,) float array
-        Of the whole error, dimension ``dof``.
+        NEES of the whole error, dimension ``dof``.
     blocks : dict[str, (n,) float array]
-        Of every block of the state by name, (n,) each, dimension `StateBlock.dimension`.
+        NEES of every block of the state by name, dimension `StateBlock.dimension`.
     """
 
     time: Float[np.ndarray, " n"]

@@ -50,15 +50,15 @@ class Trajectory:
     position : (n, 3) float array
         Centre of mass in i, m.
     q_ig : (n, 4) float array
-        (n, 4).
+        Attitude of g in i, scalar last.
     velocity : (n, 3) float array
-        Of the centre of mass in i, m/s.
+        Velocity of the centre of mass in i, m/s.
     rate_i : (n, 3) float array
-        In i axes, rad/s.
+        Angular rate in i axes, rad/s.
     std_position, std_velocity, std_rate : (n, 3) float array
-        Along the same axes; std_rate includes that of the attitude.
+        Standard deviations along the same axes; std_rate includes that of the attitude.
     std_attitude : (n, 3) float array
-        Rad about the axes of g.
+        Standard deviations about the axes of g, rad.
     sees_position : bool
         False for a layout of rotations only: position and velocity are then zero by definition, because the origin of i
         rides on the centre of mass.
@@ -98,9 +98,9 @@ class BodyRates:
     time : (n,) float array
         Time, s.
     rate : (n, 3) float array
-        Rad/s in axes fixed to the body (g unless turned).
+        Rates, rad/s, in axes fixed to the body (g unless turned).
     covariance : (n, 3, 3) float array or None
-        (rad/s)^2, None where there is none.
+        Covariances, (rad/s)^2; None where there is none.
     """
 
     label: str

@@ -167,11 +167,11 @@ class ErrorBound:
     Attributes
     ----------
     trajectory : Trajectory
-        Of the truth, with the bound's standard deviations.
+        Motion of the truth, with the bound's standard deviations.
     rows : (n,) int array
         Epochs of it that have errors.
     body : BodyErrors
-        Of constants.
+        Bound of the body's constants.
     fitted : bool
         Whether the frame g was fitted to the truth, which hides a part of the errors of the attitude and of the axes.
     """
@@ -232,13 +232,13 @@ class Evaluation:
     Attributes
     ----------
     alignment : Alignment
-        That was applied before the estimate was compared with the truth.
+        Alignment that was applied before the estimate was compared with the truth.
     errors, body_errors : TruthErrors or None, BodyErrors or None
         Against the truth, None without one.
     nees : NormalisedErrors or None
         None when the truth does not tell the whole state in the estimate's frames.
     bound : ErrorBound or None
-        Beside the errors, where it was asked for and exists.
+        Cramer-Rao bound of the errors, where it was asked for and exists.
     bound_missing : str or None
         Why there is none, in words.
     """

@@ -40,9 +40,9 @@ class SpanErrors:
     epochs : int
         How many have a truth.
     rms : RmsErrors
-        Of the errors.
+        Root mean squares of the errors.
     bound : RmsErrors or None
-        In their place, None where there is none.
+        Root mean squares of the bound, None where there is none.
     nees, nees_blocks : float or None, Mapping[str, float]
         Mean NEES per degree of freedom, of the whole state and by block; None and empty without any.
     """
@@ -94,7 +94,7 @@ class ObservationUse:
     Attributes
     ----------
     accepted, rejected : (n,) int array
-        That were used, and that were refused.
+        Numbers of observations used, and refused.
     available : (n,) int array or None
         All of them, None where not told.
     """

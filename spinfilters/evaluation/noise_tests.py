@@ -46,7 +46,7 @@ class NoiseTest:
     seen, expected : float
         The sum, and its mean where the stated level is right.
     variance : float
-        Of it there.
+        Variance of the sum at the stated level.
     information : float
         By how much its mean grows with the logarithm of the level's variance.
     by_measurements : float
@@ -99,7 +99,7 @@ class FilterTests:
     correlation : float
         Sum of y_k' y_k+1.
     spread : float
-        Its variance.
+        Variance of the correlation.
     length : float
         What the correlation would be of corrections that are all alike.
     """
@@ -129,9 +129,9 @@ class FilterEpoch:
     before, after : Gaussian
         Belief after the epoch before, and after this one.
     dt : float
-        s between them.
+        Time between them, s.
     nis, dof : float
-        Of all its updates.
+        NIS and its degrees of freedom, over all updates of the epoch.
     """
 
     before: Gaussian
@@ -160,7 +160,7 @@ class EpochTester:
     Parameters
     ----------
     process : ProcessModel
-        With the noise that the filter was told.
+        Process model with the noise that the filter assumes.
     """
 
     def __init__(self, process: ProcessModel) -> None:

@@ -57,11 +57,11 @@ class TruthErrors:
     rows : (n,) int array
         Frames of the trajectory that were compared.
     position, velocity : (n, 3) float array or None
-        Of the centre of mass in i, m and m/s; None where only rotation is seen.
+        Errors of the centre of mass in i, m and m/s; None where only rotation is seen.
     attitude : (n, 3) float array
         Rotation vector e in rad, axes of the estimate's g: q_estimate = q_true (x) exp(e).
     rate : (n, 3) float array
-        In i axes, rad/s.
+        Error of the rate in i axes, rad/s.
     frame : (4,) float array or None
         Quaternion from the estimate's g to that of the truth, None when nothing is aligned.
     """
@@ -114,13 +114,13 @@ class BodyErrors:
     Attributes
     ----------
     principal_moments : (3,) float array or None
-        Ascending, largest = 1 in both.
+        Errors of the moments, ascending, largest = 1 in both.
     k1, k2 : float or None
-        Of the logs of ratios.
+        Errors of the log ratios of the moments.
     axes_angle : (3,) float array or None
         Angle in rad between each estimated and true principal axis, whatever their signs.
     center_of_mass_g : (3,) float array or None
-        m; None also when the frames g differ.
+        Error of the centre of mass, m; None also when the frames g differ.
     """
 
     principal_moments: Float[np.ndarray, "3"] | None

@@ -164,9 +164,9 @@ class Identified:
     converged : bool
         Whether every component has settled, or nearly.
     log_variance : (c,) float array
-        Of the components, beside what the model states.
+        ln variances of the components, relative to those that the model states.
     covariance : (c, c) float array
-        Of these.
+        Covariance of these ln variances.
     sensitivity : (c, k, n) float array
         Error of every epoch by each ln variance, up to its sign.
     trajectory : (k, m) float array

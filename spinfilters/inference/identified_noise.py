@@ -200,7 +200,7 @@ class Unstated:
     options : Mapping[str, Mapping[str, tuple[int, ...]]]
         By option, the components of the innovation that it scales, by sensor.
     densities : tuple[str, ...]
-        Of the disturbances.
+        Names of the disturbances' densities.
     """
 
     options: Mapping[str, Mapping[str, tuple[int, ...]]]

@@ -32,11 +32,11 @@ class InitialEstimate:
     Attributes
     ----------
     prior : FirstStatePrior
-        Of the first epoch's state.
+        Prior of the first epoch's state.
     mean : (k, m) float array
-        (k, m).
+        Most probable states.
     factor : (k, n, n) float array
-        Of each epoch's covariance given all of them; not finite where there is none.
+        Covariance factor of each epoch given all of them; not finite where there is none.
     cost : float
         Sum of squared whitened residuals about the mean, prior and dynamics included.
     dof : int
@@ -50,9 +50,9 @@ class InitialEstimate:
     ids : (L,) int array
         Landmarks that at least two inliers observe; empty where a map is known or there is none.
     points : (L, 3) float array
-        m, frame g.
+        Their positions, m, frame g.
     counts : (L,) int array
-        Inliers of each.
+        Number of inliers of each landmark.
     marginals : Marginals or None
         Covariances of everything, or None where some direction is not determined.
     momentum_residual : float
@@ -60,11 +60,11 @@ class InitialEstimate:
     noise_ratio : float or None
         Standard deviation of the observations over the stated, from the initial guess; None where it does not tell.
     departure : float
-        Of a filter from the smoother of the same measurements, in standard deviations; zero where none was tried.
+        Distance of a filter from the smoother of the same measurements, in standard deviations; zero where none was tried.
     status : EstimatorStatus
         Whether it can be trusted, with reasons.
     guess : InitialGuess or None
-        That it was smoothed from, whose landmarks are all that the first epochs show; None where it is not known.
+        The guess that it was smoothed from, whose landmarks are all that the first epochs show; None where it is not known.
     is_annealed_too : bool
         Whether an annealed smoothing would have taken the same steps.
     rivals : tuple[InitialEstimate, ...]

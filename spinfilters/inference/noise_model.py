@@ -32,7 +32,7 @@ class NoiseModel:
     Attributes
     ----------
     problem : Problem
-        With the levels that it was stated with.
+        Smoothing problem at its stated levels.
     components, densities : tuple[ComponentRows, ...], tuple[str, ...]
         Those to be identified.
     """
@@ -155,9 +155,9 @@ class WhitenedRows:
     sensors : tuple[(r, i) float array, ...]
         Of every sensor without landmarks.
     steps : (k, d) float array
-        (k - 1, d).
+        Rows of the k - 1 steps.
     observations : (N, 3) float array or None
-        Or None without any.
+        Rows of landmark observations, None without any.
     """
 
     sensors: tuple[Float[np.ndarray, "_ _"], ...]

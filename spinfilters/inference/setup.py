@@ -29,21 +29,21 @@ class Setup:
     Attributes
     ----------
     log : MeasurementLog
-        Of the data set, without covariances of rows in whose place the settings state a number.
+        Log of the data set, without covariances of rows that the settings replace by a number.
     timeline : Timeline
         All epochs.
     initial : InitialEstimate
-        Of which the first have been smoothed.
+        Initialisation, the smoothed first epochs.
     belief : Gaussian or LandmarkBelief
         What every filter begins from at the end of the initialisation, with landmarks where the map is not known.
     map_points : (k, 3) float array or None
-        m in g: the known map or that of the start, or None.
+        Landmarks, m, frame g: the known map or that of the start, or None.
     gyro_noise : GyroNoise or None
         Identified correlated error of a gyro, or None where it is white or stated.
     identified : tuple[VarianceComponent, ...]
-        Other noise that nobody states.
+        Other unspecified noise, as identified.
     unstated : frozenset[str]
-        Names of all noise that nobody states.
+        Names of all unspecified noise.
     sought : Unstated
         What of it is identified, by sensor.
     is_given : bool
@@ -51,7 +51,7 @@ class Setup:
     calibration : tuple[ConsideredDeviation, ...]
         Deviations of the calibration that are considered.
     inflation : Mapping[str, float]
-        Of the variances that rows state for themselves, by noise option.
+        Inflation of the variances that rows state for themselves, by noise option.
     initial_seconds : float
         Working time of the initialisation, with the identification of noise, s.
     """

@@ -50,7 +50,7 @@ def _setting(settings: Settings, option: str) -> float | str:
 
 
 def disturbances(dataset: Dataset, unknown: MeasurementStream | None) -> ProcessNoise:
-    """Disturbance densities of the data set, else those of an unidentified rate sensor, else the thesis'."""
+    """Disturbance densities of the data set, else those of a rate sensor of unknown noise, else the thesis'."""
     force_psd, torque_psd = dataset.options.force_psd, dataset.options.torque_psd
     if torque_psd is None and unknown is not None:
         torque_psd = disturbance_psd(unknown)

@@ -72,7 +72,7 @@ class Doubts:
     of_filters : list[Finding]
         About those that continue from the initialisation, with no smoother beside.
     smoother : EstimateHistory or None
-        That filters are held against, None where there is none.
+        Smoother with which filters are compared, None where there is none.
     models : TestedModels
         Tests of the models' errors.
     baselines : Collection[str]

@@ -159,7 +159,7 @@ class _Levels:
     Attributes
     ----------
     by_rows : Mapping[str, float]
-        Those that every row of a sensor states for itself; they are held against the data without their inflation.
+        Those that every row of a sensor states for itself; they are compared with the data without their inflation.
     """
 
     setup: Setup

@@ -1,14 +1,12 @@
-"""Covariance of smoothed states under another explanation of the measurements.
+"""Errors of measurements that are correlated in time, and the covariance of smoothed states that holds with them.
 
 Estimates x = P J'z were made for white z. Had the whitened measurements the covariance C, that of x would be A = P J'C J P. With
 P = F F', the eigenvalues of F^-1 A F^-T tell by what the variances of the state's directions are wrong.
 
-Errors of measurements that are correlated in time, beside disturbances of the motion.
-
 Three explanations of one linearised motion are compared by their marginal likelihood, levels at their most likely values:
 
     white         white errors and disturbances,
-    correlated    these, and errors that last for a time tau (`linear_likelihood`),
+    correlated    these, and errors that last for a time tau (`LikelyLevels`),
     undisturbed   errors white and lasting, and no disturbances.
 
 A disturbance lets rates wander for ever, an error that lasts comes back: a recording of many tau tells them apart. A shorter one
@@ -16,10 +14,9 @@ need not, so that what matters is the probability of lasting errors times what t
 number that an explanation has more (Schwarz 1978), p is the probability of lasting errors; estimates that were made for white ones
 have then the covariance P J' C J P in place of P, C that of the whitened measurements.
 
-Correlation of each landmark's residuals from one of its observations to the next.
-
-Where errors are white it is minus what states and landmark take of both, a few per cent. Errors that last, of drifting features,
-leave it near their own correlation rho, and weigh on slow states like white ones of (1 + rho) / (1 - rho) times the variance.
+Of landmarks, the correlation of residuals from one observation to the next is tested. Where errors are white it is minus
+what states and landmark take of both, a few per cent. Errors that last, of drifting features, leave it near their own
+correlation rho, and weigh on slow states like white ones of (1 + rho) / (1 - rho) times the variance.
 """
 
 from collections.abc import Collection, Iterator

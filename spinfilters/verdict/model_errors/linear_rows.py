@@ -1,8 +1,4 @@
-"""What the columns of right-hand sides become while a linearised smoothing problem is solved for them.
-
-Right-hand sides of a linearised smoothing problem, one column for each.
-
-Whitened rows of a linearised smoothing problem, and what its solution leaves of any right-hand sides.
+"""Whitened rows of a linearised smoothing problem, and what its solution leaves of any right-hand sides.
 
 At the solution of min |J e - y|^2 a right-hand side H leaves M H with M = I - J P J', P = (J'J)^-1. Columns of H are solved for
 together, from the factors that the problem's own solution left behind: landmarks, chained errors, then poses and constants.
@@ -281,6 +277,7 @@ class LinearRows:
                 self.problem.motion.sensors, self.by_epoch, right.sensors, strict=True
             ):
                 every[:, self.columns_of(sensor)] += rows.gradient(part, ordering.epochs)
+        # A step k has the columns [moving k | moving k + 1 | constants]: each part of J'H goes to its own epoch.
         by_step = np.swapaxes(J, 1, 2) @ right.steps
         every[:-1, :d] += by_step[:, :d]
         every[1:, :d] += by_step[:, d : 2 * d]
@@ -290,6 +287,7 @@ class LinearRows:
         if self.observation_rows is not None and right.is_measured and right.observations is not None:
             fit = self.normal.eliminated
             assert fit is not None
+            # An observation has the columns [pose (6) | landmark (3)].
             by_row = np.swapaxes(self.observation_rows[:, :, :-1], 1, 2) @ right.observations
             every[:, :6] += summed(fit.observations.epoch, ordering.epochs, by_row[:, :6])
             landmarks += summed(fit.observations.landmark, len(landmarks), by_row[:, 6:])
@@ -300,9 +298,11 @@ class LinearRows:
         ordering, fit, s = self.problem.ordering, self.normal.eliminated, self.solution
         K, p, m = ordering.epochs, len(ordering.pose), b.constant.shape[1]
         pose, g = b.moving[:, :p].copy(), b.landmarks
+        # Landmarks first: g = L^-1 b of each, and their share off the poses that observe them.
         if fit is not None:
             g = np.linalg.solve(self._landmark_sqrts, np.where(fit.is_constrained[:, None, None], g, 0.0))
             pose -= (self._coupling @ g.reshape(-1, m)).reshape(pose.shape)
+        # Chained errors along time, then their coupling X off the separator [poses | constants].
         chained, X = self._forward(b.moving[:, p:]), s.tridiagonal.coupling[:, :, :-1]
         rest = np.concatenate([pose.reshape(K * p, m), b.constant])
         rest -= X.reshape(-1, X.shape[2]).T @ chained.reshape(-1, m)
@@ -315,6 +315,7 @@ class LinearRows:
         K, p, m = ordering.epochs, len(ordering.pose), b.constant.shape[1]
         half = self.half_solved(b)
         g, chained, X = half.landmarks, half.chained, s.tridiagonal.coupling[:, :, :-1]
+        # Backwards through the elimination: poses and constants, chained errors, landmarks.
         kept = solve_triangular(s.information_sqrt, half.kept, lower=True, trans=1, check_finite=False)
         moving = np.empty_like(b.moving)
         moving[:, :p] = kept[: K * p].reshape(K, p, m)

@@ -95,6 +95,7 @@ class LinearMotion:
         """
         ordering, steps = rows.problem.ordering, rows.here.dynamics.rows[: MOST_EPOCHS - 1]
         n, d = len(ordering.order), len(ordering.moving)
+        # A whitened step is J_k e_k + J_k+1 e_k+1 + J_c c = y; solved for e_k+1 it gives the transition and the shift.
         back = np.linalg.inv(steps[:, :, d : 2 * d])
         transition = np.tile(np.eye(n), (len(steps), 1, 1))
         transition[:, :d, :d] = -back @ steps[:, :, :d]
@@ -163,6 +164,7 @@ class LinearMotion:
         white, slow = self._by_row(levels[:, :c], 1.0), self._by_row(levels[:, c : 2 * c], 0.0)
         density, tau = np.exp(levels[:, 2 * c : -1]), np.exp(levels[:, -1])
         at, error = np.arange(m), np.arange(n, n + m)
+        # The state is augmented by a lasting error of each row of z (a first-order Gauss-Markov process).
         x, P = np.zeros((B, n + m)), np.zeros((B, n + m, n + m))
         x[:, :n], P[:, :n, :n] = self.mean, self.covariance
         P[:, error, error] = slow
@@ -257,7 +259,7 @@ class LikelyLevels:
     Attributes
     ----------
     levels : (c,) float array
-        See `linear_likelihood`.
+        ln variances of white, then of lasting errors by component, ln densities, and ln of the correlation time.
     free : (f,) int array
         Their numbers.
     log_likelihood : float

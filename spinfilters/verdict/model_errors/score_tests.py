@@ -1,12 +1,4 @@
-"""An alternative to the models of the estimators.
-
-Score tests ask it for its right-hand sides.
-
-Score test of one model error: its size, gain and probability, and what its removal changes.
-
-Size of an error of the models by its score, before and beside a prior.
-
-Score tests: gain of each model error without a second fit.
+"""Score tests of model errors: size, gain and probability of each without a second fit.
 
 With y = J e + H theta + n and what the solution leaves, rho = M y (see `linear_rows`), the score of theta at zero is u = H'rho
 with the information F = H'M H, so that u'F^-1 u is chi-squared (Rao 1948). Of an error drawn anew at every epoch the variance
@@ -17,8 +9,8 @@ part of an error for noise; the gain therefore counts by how much every variance
 
 with r and r' its squared residuals before and after, S its redundancy: u'F^-1 u for small errors, and the fall of -2 ln of the
 likelihood profiled over the noise levels for large ones; r - r' of a level that is stated. The error is removed at its most
-probable size, beside what is plausible of it, and a size beyond that costs what it is less probable. How likely as much is
-without the error: `null_distributions`.
+probable size, beside what is plausible of it, and a size beyond that costs what it is less probable. The probability of as
+large a gain without the error is that of `noise_components`.
 """
 
 from abc import ABC, abstractmethod
@@ -49,11 +41,11 @@ class Alternative(ABC):
     Attributes
     ----------
     name : str
-        Of the error.
+        Name of the error.
     phrase : str
-        In a sentence, with its article.
+        The error in a sentence, with its article.
     unit : str
-        Of its size.
+        Unit of its size.
     cure : str
         What to do about it.
     moving_cure : str
