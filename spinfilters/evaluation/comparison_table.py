@@ -32,7 +32,10 @@ class Column:
 
     Attributes
     ----------
-    use, errors: over the epochs that all estimators have.   every: errors over all of this estimator's own, where these are more.
+    use, errors : ObservationUse or None, SpanErrors or None
+        Over the epochs that all estimators have.
+    every : SpanErrors or None
+        Errors over all of this estimator's own, where these are more.
     """
 
     evaluation: Evaluation
@@ -46,10 +49,7 @@ Cell = Callable[[Column], str | None]
 
 @dataclass(frozen=True)
 class TableRow:
-    """A named row of the table, with cells of estimators and bound.
-
-    None where there is nothing to show.
-    """
+    """A named row of the table with the cells of estimators and bound; a cell is None where there is nothing to show."""
 
     name: str
     cell: Cell
@@ -106,8 +106,12 @@ class ComparisonCells:
 
     Attributes
     ----------
-    title, captions: sentences above and below.   headings: of the columns behind the rows' names.
-    sections: groups of rows, each a name and a cell per heading.
+    title, captions : tuple[str, ...]
+        Sentences above and below.
+    headings : tuple[str, ...]
+        Of the columns behind the rows' names.
+    sections : tuple[tuple[tuple[str, ...], ...], ...]
+        Groups of rows, each a name and a cell per heading.
     """
 
     title: tuple[str, ...]
@@ -124,7 +128,8 @@ def comparison_cells(evaluations: Sequence[Evaluation], conditions: Sequence[str
 
     Parameters
     ----------
-    conditions: sentences on what was estimated, for the title.
+    conditions : Sequence[str]
+        Sentences on what was estimated, for the title.
     """
     begin = shared_begin(evaluations)
     columns = [_column(evaluation, begin) for evaluation in evaluations]

@@ -28,14 +28,16 @@ _FRAME_STEP = 1e-5  # rad and m: of a central difference
 
 @dataclass(frozen=True)
 class NormalisedErrors:
-    """NEES e' P^-1 e of the state's error.
-
-    Chi-square with the error's dimension for a consistent estimator.
+    """NEES e' P^-1 e of the state's error, chi-square with its dimension for a consistent estimator.
 
     Attributes
     ----------
-    time: (n,) s.   total: (n,) of the whole error, dimension ``dof``.
-    blocks: of every block of the state by name, (n,) each, dimension `StateBlock.dimension`.
+    time : (n,) float array
+        Time, s.
+    total : (n,) float array
+        NEES of the whole error, dimension ``dof``.
+    blocks : dict[str, (n,) float array]
+        NEES of every block of the state by name, dimension `StateBlock.dimension`.
     """
 
     time: Float[np.ndarray, " n"]
@@ -79,10 +81,7 @@ def chi_square_band(
 
 
 def knows_state(truth: Truth, layout: StateLayout) -> bool:
-    """Whether the truth tells every block of the layout.
-
-    Its frames must be those of the estimate besides.
-    """
+    """Whether the truth holds every block of the layout; its frames must also be those of the estimate."""
     known = {*_fields(truth), RATE.name}
     if truth.center_of_mass_g is not None:
         known.add(POSITION.name)
@@ -92,13 +91,12 @@ def knows_state(truth: Truth, layout: StateLayout) -> bool:
 
 
 def true_states(truth: Truth, layout: StateLayout) -> Float[np.ndarray, "n m"]:
-    """True states of the layout in the truth's frames i and g.
-
-    Points of it at every stamp of the truth.
+    """True states of the layout at every stamp of the truth, in the truth's frames i and g.
 
     Raises
     ------
-    InputError: when the truth does not tell a block, or its moments are those of a plate, which no ``s`` is.
+    InputError
+        When the truth does not tell a block, or its moments are those of a plate, which no ``s`` is.
     """
     if not knows_state(truth, layout):
         raise InputError(
@@ -139,7 +137,8 @@ def normalised_errors(history: EstimateHistory, truth: Truth) -> NormalisedError
 
     Raises
     ------
-    InputError: as `true_states` and `common_stamps`.
+    InputError
+        As `true_states` and `common_stamps`.
     """
     layout = history.layout
     rows, true_rows = common_stamps(history.time, truth.time)
@@ -163,10 +162,7 @@ def normalised_errors(history: EstimateHistory, truth: Truth) -> NormalisedError
 
 
 def _frame_changes(truth: Truth, layout: StateLayout) -> Float[np.ndarray, "n k 6"]:
-    """Changes of the true states by a small rotation (rad) and shift (m) of g.
-
-    Central differences.
-    """
+    """Central differences of the true states by a small rotation (rad) and shift (m) of g."""
     columns = []
     for step in _FRAME_STEP * np.eye(6):
         near = [
@@ -197,10 +193,7 @@ def finite_epochs(history: EstimateHistory) -> Bool[np.ndarray, " n"]:
 
 
 def nis_ratio(history: EstimateHistory) -> float | None:
-    """Sum of the NIS over that of its degrees of freedom.
-
-    1 when consistent; None without any.
-    """
+    """Sum of the NIS over its degrees of freedom, 1 when consistent; None without any update."""
     dof = int(history.dof.sum())
     return float(history.nis.sum()) / dof if dof else None
 
@@ -218,10 +211,9 @@ def compared_parts(layout: StateLayout) -> dict[str, slice]:
 
 
 def expected_nees(history: EstimateHistory, smoother: EstimateHistory) -> dict[str, Float[np.ndarray, " n"]]:
-    """Expected NEES per degree of freedom of a filter's own epochs, by `compared_parts`.
+    """Expected NEES per degree of freedom of a filter's own epochs with the smoother as truth, by `compared_parts`.
 
-    Those that both have; infinite where its covariance is singular.
-    Epochs in which either is not finite are left out.
+    Only epochs that both have and in which both are finite; infinite where the filter's covariance is singular.
     """
     count, layout = min(len(history.time), len(smoother.time)), history.layout
     rows = np.arange(history.initialisation, count)

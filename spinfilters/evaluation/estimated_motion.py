@@ -45,12 +45,23 @@ class Trajectory:
 
     Attributes
     ----------
-    time: (n,) s.   position: (n, 3) centre of mass in i, m.   q_ig: (n, 4).
-    velocity: (n, 3) of the centre of mass in i, m/s.   rate_i: (n, 3) in i axes, rad/s.
-    std_position, std_velocity, std_rate: (n, 3) along the same axes; std_rate includes that of the
-        attitude.   std_attitude: (n, 3) rad about the axes of g.
-    sees_position: False for a layout of rotations only: position and velocity are then zero by definition,
-        because the origin of i rides on the centre of mass.
+    time : (n,) float array
+        Time, s.
+    position : (n, 3) float array
+        Centre of mass in i, m.
+    q_ig : (n, 4) float array
+        Attitude of g in i, scalar last.
+    velocity : (n, 3) float array
+        Velocity of the centre of mass in i, m/s.
+    rate_i : (n, 3) float array
+        Angular rate in i axes, rad/s.
+    std_position, std_velocity, std_rate : (n, 3) float array
+        Standard deviations along the same axes; std_rate includes that of the attitude.
+    std_attitude : (n, 3) float array
+        Standard deviations about the axes of g, rad.
+    sees_position : bool
+        False for a layout of rotations only: position and velocity are then zero by definition, because the origin of i
+        rides on the centre of mass.
     """
 
     time: Float[np.ndarray, " n"]
@@ -82,8 +93,14 @@ class BodyRates:
 
     Attributes
     ----------
-    label: whose they are.   time: (n,) s.   rate: (n, 3) rad/s in axes fixed to the body (g unless turned).
-    covariance: (n, 3, 3) (rad/s)^2, None where there is none.
+    label : str
+        Whose they are.
+    time : (n,) float array
+        Time, s.
+    rate : (n, 3) float array
+        Rates, rad/s, in axes fixed to the body (g unless turned).
+    covariance : (n, 3, 3) float array or None
+        Covariances, (rad/s)^2; None where there is none.
     """
 
     label: str
@@ -97,10 +114,7 @@ class BodyRates:
         return None if self.covariance is None else np.sqrt(np.einsum("nii->ni", self.covariance))
 
     def in_axes(self, axes: Float[np.ndarray, "3 3"]) -> "BodyRates":
-        """The same rates along other axes.
-
-        Given as rows in the present ones (R_bg for principal axes b).
-        """
+        """The same rates along other axes, given as rows in the present ones (R_bg for principal axes b)."""
         own, rate = self.covariance, self.rate @ axes.T
         if own is None:
             return BodyRates(self.label, self.time, rate)
@@ -109,10 +123,7 @@ class BodyRates:
 
 
 def trajectory_of(history: EstimateHistory) -> Trajectory:
-    """Motion of a history with covariances.
-
-    r = t + R c and rate R w, with all cross terms of the state.
-    """
+    """Motion r = t + R c and rate R w of a history, with covariances that include all cross terms."""
     layout = history.layout
 
     def derive(rows: slice) -> dict[str, np.ndarray]:
@@ -145,19 +156,13 @@ def estimated_rates(history: EstimateHistory) -> BodyRates:
 
 
 def true_rates(truth: Truth, frame: Float[np.ndarray, "4"] | None = None) -> BodyRates:
-    """True rates in the g of the truth or of an estimate.
-
-    The estimate's with ``frame`` = `TruthErrors.frame`.
-    """
+    """True rates in the truth's g, or in the estimate's with ``frame`` = `TruthErrors.frame`."""
     rate = rotate(inverse(truth.q_ig), truth.rate_i)
     return BodyRates("truth", truth.time, rate if frame is None else rotate(inverse(frame), rate))
 
 
 def measured_rates(log: MeasurementLog) -> BodyRates | None:
-    """Rates of the first rate sensor of a log, or None.
-
-    Axes g.
-    """
+    """Rates of the first rate sensor of a log in axes g, rad/s; None without such a sensor."""
     for stream in log.streams:
         rates = sensor_of(stream.sensor).measured_rates(stream)
         if rates is not None:
@@ -173,7 +178,8 @@ def count_flips(rate: Float[np.ndarray, "n 3"], intermediate: int = 1) -> int:
 
     Parameters
     ----------
-    rate: along the principal axes, rad/s.
+    rate : (n, 3) float array
+        Along the principal axes, rad/s.
     """
     along, length = rate[:, intermediate], np.linalg.norm(rate, axis=1)
     plateau = np.sign(along[np.abs(along) > PLATEAU * length])
@@ -181,10 +187,7 @@ def count_flips(rate: Float[np.ndarray, "n 3"], intermediate: int = 1) -> int:
 
 
 def knows_intermediate_axis(body: BodyEstimate) -> bool:
-    """Whether the moments are distinct, so that axes are known.
-
-    The axes of two equal moments are no axes, and no flip is about them.
-    """
+    """Whether the moments are distinct: two equal moments define no axes, and no flip about them."""
     moments, covariance = body.principal_moments, body.principal_moments_cov
     variance = np.diag(covariance)
     apart = variance[1:] + variance[:-1] - 2 * np.diag(covariance, 1)
@@ -219,7 +222,10 @@ def write_map_ply(path: Path, points: Float[np.ndarray, "k 3"]) -> None:
 
     Raises
     ------
-    ShapeError: points that are not (k, 3).   InputError: as `spinfilters.io.output_files.write_bytes`.
+    ShapeError
+        Points that are not (k, 3).
+    InputError
+        As `spinfilters.io.output_files.write_bytes`.
     """
     if points.ndim != 2 or points.shape[1] != 3:
         raise ShapeError(f"map points have shape {points.shape}, expected (k, 3)")

@@ -166,8 +166,14 @@ class ErrorBound:
 
     Attributes
     ----------
-    trajectory: of the truth, with the bound's standard deviations.   rows: epochs of it that have errors.   body: of constants.
-    fitted: whether the frame g was fitted to the truth, which hides a part of the errors of the attitude and of the axes.
+    trajectory : Trajectory
+        Motion of the truth, with the bound's standard deviations.
+    rows : (n,) int array
+        Epochs of it that have errors.
+    body : BodyErrors
+        Bound of the body's constants.
+    fitted : bool
+        Whether the frame g was fitted to the truth, which hides a part of the errors of the attitude and of the axes.
     """
 
     trajectory: Trajectory
@@ -195,8 +201,10 @@ def error_bound(limits: EstimateHistory, errors: TruthErrors, fitted: bool) -> E
 
     Parameters
     ----------
-    limits: the truth with the bound's covariance, at the epochs of the trajectory that has the errors.
-    fitted: see `ErrorBound`.
+    limits : EstimateHistory
+        The truth with the bound's covariance, at the epochs of the trajectory that has the errors.
+    fitted : bool
+        See `ErrorBound`.
     """
     body = _body(body_history(limits, intervals=False).at(-1), fitted)
     return ErrorBound(trajectory_of(limits), errors.rows, body, fitted)
@@ -223,10 +231,16 @@ class Evaluation:
 
     Attributes
     ----------
-    alignment: that was applied before the estimate was compared with the truth.
-    errors, body_errors: against the truth, None without one.
-    nees: None when the truth does not tell the whole state in the estimate's frames.
-    bound: beside the errors, where it was asked for and exists.   bound_missing: why there is none, in words.
+    alignment : Alignment
+        Alignment that was applied before the estimate was compared with the truth.
+    errors, body_errors : TruthErrors or None, BodyErrors or None
+        Against the truth, None without one.
+    nees : NormalisedErrors or None
+        None when the truth does not tell the whole state in the estimate's frames.
+    bound : ErrorBound or None
+        Cramer-Rao bound of the errors, where it was asked for and exists.
+    bound_missing : str or None
+        Why there is none, in words.
     """
 
     history: EstimateHistory
@@ -244,10 +258,7 @@ class Evaluation:
 
     @property
     def trajectory(self) -> Trajectory:
-        """The motion after every epoch, computed anew from the history.
-
-        A long recording has no room for both.
-        """
+        """The motion after every epoch, computed anew from the history: a long recording has no room for both."""
         return trajectory_of(self.history)
 
     @property
@@ -314,10 +325,7 @@ class Evaluation:
 
 
 def with_uncertainty(value: float, std: float) -> str:
-    """``value ± std`` to two significant digits of the standard deviation.
-
-    Between 2 and 9 decimals; "unknown" of no number.
-    """
+    """``value ± std`` to two digits of the deviation, with 2 to 9 decimals; "unknown" where it is not a number."""
     if not math.isfinite(value):
         return "unknown"
     decimals = 1 - math.floor(math.log10(std)) if math.isfinite(std) and std > 0 else 4
@@ -336,12 +344,14 @@ def evaluate(
 
     Parameters
     ----------
-    alignment: how the g of the estimate relates to that of the truth; `Alignment.FIRST_FRAME` becomes `Alignment.BODY_FRAME`
-        where the truth does not tell enough for it.
+    alignment : Alignment
+        How the g of the estimate relates to that of the truth; `Alignment.FIRST_FRAME` becomes `Alignment.BODY_FRAME` where
+        the truth does not tell enough for it.
 
     Raises
     ------
-    InputError: a history without epochs, or a truth without any of its time stamps.
+    InputError
+        A history without epochs, or a truth without any of its time stamps.
     """
     if not len(history.time):
         raise InputError(

@@ -37,8 +37,14 @@ class SpanErrors:
 
     Attributes
     ----------
-    epochs: how many have a truth.   rms: of the errors.   bound: in their place, None where there is none.
-    nees, nees_blocks: mean NEES per degree of freedom, of the whole state and by block; None and empty without any.
+    epochs : int
+        How many have a truth.
+    rms : RmsErrors
+        Root mean squares of the errors.
+    bound : RmsErrors or None
+        Root mean squares of the bound, None where there is none.
+    nees, nees_blocks : float or None, Mapping[str, float]
+        Mean NEES per degree of freedom, of the whole state and by block; None and empty without any.
     """
 
     epochs: int
@@ -64,10 +70,7 @@ def span_errors(evaluation: Evaluation, begin: float, end: float = np.inf) -> Sp
 
 
 def shared_begin(evaluations: Sequence[Evaluation]) -> float:
-    """Time of the first own epoch common to all estimators that have any, s.
-
-    It is `ALWAYS` where none has.
-    """
+    """Time of the first own epoch common to all estimators that have any, s; `ALWAYS` where none has."""
     begins = [evaluation.own_begin for evaluation in evaluations]
     return max((begin for begin in begins if begin is not None), default=ALWAYS)
 
@@ -90,7 +93,10 @@ class ObservationUse:
 
     Attributes
     ----------
-    accepted, rejected: (n,) that were used, and that were refused.   available: (n,) all of them, None where not told.
+    accepted, rejected : (n,) int array
+        Numbers of observations used, and refused.
+    available : (n,) int array or None
+        All of them, None where not told.
     """
 
     accepted: Int[np.ndarray, " n"]
@@ -151,7 +157,8 @@ def numbers(evaluation: Evaluation, shared: float = ALWAYS) -> dict[str, Any]:
 
     Parameters
     ----------
-    shared: time (s) from which on all estimators of a run have epochs of their own; ``shared_epochs`` are over these.
+    shared : float
+        Time (s) from which on all estimators of a run have epochs of their own; ``shared_epochs`` are over these.
     """
     history, body = evaluation.history, evaluation.body
     return {
@@ -177,10 +184,7 @@ def numbers(evaluation: Evaluation, shared: float = ALWAYS) -> dict[str, Any]:
 
 
 def use_numbers(evaluation: Evaluation, shared: float) -> dict[str, Any]:
-    """Numbers of used observations of an estimator.
-
-    Over its own epochs, and over those that all estimators of the run have.
-    """
+    """Numbers of used observations over the estimator's own epochs, and over those that all estimators have."""
     history = evaluation.history
     return {
         **_use(observation_use(history, ALWAYS)),
@@ -248,10 +252,7 @@ def _body_numbers(body: BodyErrors) -> dict[str, float | list[float] | None]:
 
 
 def _nees_numbers(span: SpanErrors | None) -> dict[str, float | None]:
-    """Mean NEES per degree of freedom over the epochs.
-
-    It is told of the whole state, and of each block as nees_per_dof_<block>.
-    """
+    """Mean NEES per degree of freedom of the whole state, and of each block as nees_per_dof_<block>."""
     if span is None or span.nees is None:
         return {"nees_per_dof": None}
     blocks = {f"nees_per_dof_{block}": _finite(mean) for block, mean in span.nees_blocks.items()}

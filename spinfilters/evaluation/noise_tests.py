@@ -43,9 +43,14 @@ class NoiseTest:
 
     Attributes
     ----------
-    seen, expected: the sum, and its mean where the stated level is right.   variance: of it there.
-    information: by how much its mean grows with the logarithm of the level's variance.
-    by_measurements: by how much its mean grows with the logarithm of the measurements' variance.
+    seen, expected : float
+        The sum, and its mean where the stated level is right.
+    variance : float
+        Variance of the sum at the stated level.
+    information : float
+        By how much its mean grows with the logarithm of the level's variance.
+    by_measurements : float
+        By how much its mean grows with the logarithm of the measurements' variance.
     """
 
     seen: float = 0.0
@@ -61,10 +66,7 @@ class NoiseTest:
 
     @property
     def ratio(self) -> float:
-        """Ratio of the variance seen to the stated one, first order.
-
-        Below it the share that is seen.
-        """
+        """Ratio of the variance seen to the stated one, to first order above it; the seen share below it."""
         if not self.information > 0:
             return 1.0
         if self.seen >= self.expected:
@@ -92,8 +94,14 @@ class FilterTests:
 
     Attributes
     ----------
-    noise: by `MEASUREMENTS` or the source of a disturbance.   correlation: sum of y_k' y_k+1.   spread: its variance.
-    length: what the correlation would be of corrections that are all alike.
+    noise : Mapping[str, NoiseTest]
+        By `MEASUREMENTS` or the source of a disturbance.
+    correlation : float
+        Sum of y_k' y_k+1.
+    spread : float
+        Variance of the correlation.
+    length : float
+        What the correlation would be of corrections that are all alike.
     """
 
     noise: Mapping[str, NoiseTest] = field(default_factory=dict)
@@ -118,8 +126,12 @@ class FilterEpoch:
 
     Attributes
     ----------
-    before, after: belief after the epoch before, and after this one.   dt: s between them.
-    nis, dof: of all its updates.
+    before, after : Gaussian
+        Belief after the epoch before, and after this one.
+    dt : float
+        Time between them, s.
+    nis, dof : float
+        NIS and its degrees of freedom, over all updates of the epoch.
     """
 
     before: Gaussian
@@ -143,13 +155,12 @@ class _Update:
 
 
 class EpochTester:
-    """Contribution of every epoch of a filter to its tests.
-
-    Epochs come in order, none left out.
+    """Contribution of every epoch of a filter to its tests; epochs come in order, none left out.
 
     Parameters
     ----------
-    process: with the noise that the filter was told.
+    process : ProcessModel
+        Process model with the noise that the filter assumes.
     """
 
     def __init__(self, process: ProcessModel) -> None:
@@ -158,9 +169,10 @@ class EpochTester:
         self._latest: tuple[np.ndarray, np.ndarray] | None = None
 
     def take(self, epoch: FilterEpoch) -> Float[np.ndarray, "t 4"]:
-        """Sum of squares, expectation, information of every one of `TESTS`, and information by the measurements' noise.
+        """Sums of one epoch for every one of `TESTS`, and the correlation with the epoch before.
 
-        Last correlation, its variance, its length.
+        A row of each test holds the sum of squares, its expectation, its information and the information by the measurements'
+        noise. The last row holds the correlation, its variance and its length.
 
         Raises
         ------
@@ -225,11 +237,13 @@ def filter_tests(
 
     Parameters
     ----------
-    most: epochs that are tested.
+    most : int
+        Epochs that are tested.
 
     Raises
     ------
-    numpy.linalg.LinAlgError: numbers that lead nowhere.
+    numpy.linalg.LinAlgError
+        Numbers that lead nowhere.
     """
     begin = max(history.initialisation, 1)
     tester, sums = EpochTester(process), no_sums()

@@ -105,7 +105,8 @@ def bound_or_reason(setup: Setup, truth: Truth, evaluation: Evaluation) -> tuple
 
     Parameters
     ----------
-    evaluation: of all epochs, whose frames i and g are those of the bound.
+    evaluation : Evaluation
+        Of all epochs, whose frames i and g are those of the bound.
     """
     epochs, most = len(setup.timeline), MOST_WITH_LANDMARKS if _is_separator(setup) else MOST_WITHOUT
     if epochs > most:
@@ -129,10 +130,7 @@ def bound_or_reason(setup: Setup, truth: Truth, evaluation: Evaluation) -> tuple
 
 
 def _states(setup: Setup, truth: Truth, evaluation: Evaluation) -> Float[np.ndarray, "k m"] | None:
-    """The truth at every epoch in the frames of the estimate.
-
-    None where it does not tell all of them.
-    """
+    """The truth at every epoch in the frames of the estimate; None where it is not known at all of them."""
     history = evaluation.history
     if evaluation.alignment is Alignment.BODY_FRAME and history.layout.translates:
         return None
@@ -184,7 +182,8 @@ def true_disturbances(setup: Setup, states: Float[np.ndarray, "k m"]) -> Process
 
     Parameters
     ----------
-    states: true ones at every epoch.
+    states : (k, m) float array
+        True ones at every epoch.
     """
     process, noise = setup.process, setup.process.noise
     layout, time = process.layout, times_of(setup.timeline)

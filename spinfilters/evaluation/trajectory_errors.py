@@ -52,11 +52,18 @@ class TruthErrors:
 
     Attributes
     ----------
-    time: (n,) s.   rows: (n,) frames of the trajectory that were compared.
-    position, velocity: (n, 3) of the centre of mass in i, m and m/s; None where only rotation is seen.
-    attitude: (n, 3) rotation vector e in rad, axes of the estimate's g: q_estimate = q_true (x) exp(e).
-    rate: (n, 3) in i axes, rad/s.
-    frame: (4,) quaternion from the estimate's g to that of the truth, None when nothing is aligned.
+    time : (n,) float array
+        Time, s.
+    rows : (n,) int array
+        Frames of the trajectory that were compared.
+    position, velocity : (n, 3) float array or None
+        Errors of the centre of mass in i, m and m/s; None where only rotation is seen.
+    attitude : (n, 3) float array
+        Rotation vector e in rad, axes of the estimate's g: q_estimate = q_true (x) exp(e).
+    rate : (n, 3) float array
+        Error of the rate in i axes, rad/s.
+    frame : (4,) float array or None
+        Quaternion from the estimate's g to that of the truth, None when nothing is aligned.
     """
 
     time: Float[np.ndarray, " n"]
@@ -106,9 +113,14 @@ class BodyErrors:
 
     Attributes
     ----------
-    principal_moments: (3,) ascending, largest = 1 in both.   k1, k2: of the logs of ratios.
-    axes_angle: (3,) angle in rad between each estimated and true principal axis, whatever their signs.
-    center_of_mass_g: (3,) m; None also when the frames g differ.
+    principal_moments : (3,) float array or None
+        Errors of the moments, ascending, largest = 1 in both.
+    k1, k2 : float or None
+        Errors of the log ratios of the moments.
+    axes_angle : (3,) float array or None
+        Angle in rad between each estimated and true principal axis, whatever their signs.
+    center_of_mass_g : (3,) float array or None
+        Error of the centre of mass, m; None also when the frames g differ.
     """
 
     principal_moments: Float[np.ndarray, "3"] | None
@@ -119,14 +131,14 @@ class BodyErrors:
 
 
 def truth_errors(trajectory: Trajectory, truth: Truth, alignment: Alignment = Alignment.NONE) -> TruthErrors:
-    """Errors of a trajectory at its common stamps with the truth.
+    """Errors of a trajectory at its common stamps with the truth, where it is finite; nothing is interpolated.
 
-    It counts where it is finite; nothing is interpolated. `Alignment.FIRST_FRAME` takes the first common stamp for the frame
-    that defines g (see `truth_frames.tells_first_frame`).
+    `Alignment.FIRST_FRAME` takes the first common stamp for the frame that defines g (`tells_first_frame`).
 
     Raises
     ------
-    InputError: when no two stamps agree within `TIME_TOLERANCE`, or the trajectory is finite at none of them.
+    InputError
+        When no two stamps agree within `TIME_TOLERANCE`, or the trajectory is finite at none of them.
     """
     rows, true_rows = _finite_stamps(trajectory, truth)
     frame = _turn_of_frame(trajectory.q_ig[rows], truth.q_ig[true_rows], alignment)
@@ -172,9 +184,8 @@ def _turn_of_frame(q: np.ndarray, q_true: np.ndarray, alignment: Alignment) -> F
 def attitude_alignment(
     q: Float[np.ndarray, "n 4"], q_true: Float[np.ndarray, "n 4"]
 ) -> Float[np.ndarray, "4"]:
-    """The constant rotation from the estimate's g to the truth's.
+    """The constant rotation x from the estimate's g to the truth's for which q is nearest to q_true (x) x.
 
-    x for which q is nearest to q_true (x) x.
     The mean of the quaternions q_true^-1 (x) q in the sense of Markley et al. (J. Guidance, Control, and
     Dynamics 30(4), 2007): the main eigenvector of the sum of their outer products, which knows no signs.
     """
@@ -211,7 +222,8 @@ def common_stamps(
 
     Raises
     ------
-    InputError: when there are none.
+    InputError
+        When there are none.
     """
     after = np.clip(np.searchsorted(reference, time), 1, max(len(reference) - 1, 1))
     before = after - 1
@@ -268,15 +280,15 @@ def tells_first_frame(history: EstimateHistory, truth: Truth) -> bool:
 
 
 def truth_in_first_frame(history: EstimateHistory, truth: Truth) -> Truth:
-    """The truth in the g of the estimate.
+    """The truth in the g that has the estimated pose at the history's first frame.
 
-    The g that has the estimated pose at the history's first frame.
     With T = (R_ig, t) and t = r - R_ig c the transformation from the estimate's g to that of the truth is
     T_true(0)^-1 T_estimate(0); attitude, principal axes and centre of mass of the truth are expressed with it.
 
     Raises
     ------
-    InputError: when `tells_first_frame` is False.
+    InputError
+        When `tells_first_frame` is False.
     """
     if not tells_first_frame(history, truth) or truth.center_of_mass_g is None:
         raise InputError(
@@ -291,14 +303,14 @@ def truth_in_first_frame(history: EstimateHistory, truth: Truth) -> Truth:
 
 
 def truth_in_inertial_frame(history: EstimateHistory, truth: Truth) -> Truth:
-    """The truth in the inertial frame of a rotation-only estimate.
+    """The truth in the inertial frame of a rotation-only estimate, with R_i'i from both attitudes of one body.
 
-    R_i'i from both attitudes of one body.
-    At the first frame where both have it and the estimate defines its attitude there, over all common frames otherwise.
+    R_i'i is that of the first common frame where the estimate defines its attitude there, else the one that fits best.
 
     Raises
     ------
-    InputError: when no time stamp is common, or the estimate is finite at none.
+    InputError
+        When no time stamp is common, or the estimate is finite at none.
     """
     rows, true_rows = common_stamps(history.time, truth.time)
     layout = history.layout

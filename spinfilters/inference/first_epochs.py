@@ -50,10 +50,7 @@ Make = Callable[[InitialisationOptions], InitialEstimate]
 
 
 def moments_std_of(start: InitialEstimate) -> float:
-    """Largest standard deviation of a principal moment after the initialisation.
-
-    Relative to the largest moment.
-    """
+    """Largest standard deviation of a principal moment after the initialisation, relative to the largest moment."""
     return float(np.max(body_estimate(start.belief, intervals=False).principal_moments_std))
 
 
@@ -94,7 +91,8 @@ def beyond_share(
 
     Parameters
     ----------
-    found: the long enough initialisation with these options.
+    found : InitialEstimate
+        The long enough initialisation with these options.
     """
     count = len(timeline)
     wider = min(BEYOND_SHARE * options.share, LARGEST_SHARE)
@@ -125,7 +123,8 @@ def departure_of(
 
     Parameters
     ----------
-    later: of more epochs; the filter goes on from ``start`` to its last. Infinite where the filter fails.
+    later : InitialEstimate
+        Of more epochs; the filter goes on from ``start`` to its last. Infinite where the filter fails.
     """
     first, last = len(start.mean), len(later.mean)
     ungated = MultiplicativeEkf(process, RobustOptions(gate_probability=1.0))
@@ -198,7 +197,8 @@ class FirstEpochs:
 
     Attributes
     ----------
-    view: what rows of landmarks are measured against, None without any.
+    view : CameraView or None
+        What rows of landmarks are measured against, None without any.
     """
 
     dataset: Dataset
@@ -216,7 +216,8 @@ class FirstEpochs:
 
         Parameters
         ----------
-        before: of the same data at other noise, whose motion, map and associations are used again where they serve.
+        before : InitialEstimate or None
+            Of the same data at other noise, whose motion, map and associations are used again where they serve.
         """
         options = self._with_leading_epochs(options)
         if before is not None:
@@ -252,7 +253,8 @@ class FirstEpochs:
 
         Parameters
         ----------
-        start: `smoothed` with these options.
+        start : InitialEstimate
+            `smoothed` with these options.
         """
         if start.has_failed:
             return None
@@ -267,7 +269,10 @@ class FirstEpochs:
 
         Parameters
         ----------
-        likely: of the same motion, whose mass distribution they are smoothed from.   before: see `smoothed`.
+        likely : InitialEstimate
+            Of the same motion, whose mass distribution they are smoothed from.
+        before : InitialEstimate or None
+            See `smoothed`.
         """
         count = min(len(self.timeline), max(COMPARED_EPOCHS, len(likely.mean)))
         duration = max(options.duration, self._duration(count))
@@ -297,10 +302,9 @@ class FirstEpochs:
         return self.timeline[epochs - 1].time - self.timeline[0].time
 
     def _with_leading_epochs(self, options: InitialisationOptions) -> InitialisationOptions:
-        """The options with enough leading epochs of the main sensor.
+        """The options with enough epochs to hold `LEADING_EPOCHS` of the most informative sensor.
 
-        `LEADING_EPOCHS` of the sensor that tells most of the motion.
-        Beside a fast gyro the first epochs would hold none or two of a camera.
+        With a fast gyro the first epochs would otherwise hold one or two of a camera.
         """
         leading = max(self.dataset.log.streams, key=_told).epoch_times
         last = leading[min(LEADING_EPOCHS, len(leading)) - 1]
@@ -314,7 +318,8 @@ class BoundLog:
 
     Attributes
     ----------
-    likely: estimate beside which this one is made, of epochs that do not depend on either.
+    likely : InitialEstimate or None
+        Estimate beside which this one is made, of epochs that do not depend on either.
     """
 
     dataset: Dataset
@@ -352,13 +357,12 @@ class BoundLog:
 def initial_samples(
     streams: Sequence[MeasurementStream], noise: SensorNoise, view: CameraView | None
 ) -> MotionSamples:
-    """Initial motion samples of the most informative stream.
-
-    Landmarks are asked before places, these before attitudes, these before rates.
+    """Initial motion samples of the most informative stream: landmarks first, then places, attitudes and rates.
 
     Raises
     ------
-    InputError: streams that do not tell a motion.
+    InputError
+        Streams that do not tell a motion.
     """
     for stream in sorted(streams, key=_told, reverse=True):
         samples = sensor_of(stream.sensor).initial_motion(stream, noise, view)

@@ -37,7 +37,10 @@ class WorkingSolutions:
 
     Attributes
     ----------
-    sources: the working variables.   normal: the linear problem of the measurements themselves.
+    sources : Sequence[WhitenedRows]
+        The working variables.
+    normal : NormalEquations
+        The linear problem of the measurements themselves.
     """
 
     problem: Problem
@@ -156,10 +159,18 @@ class Identified:
 
     Attributes
     ----------
-    components: sensors' standard deviations, then densities.   converged: whether every component has settled, or nearly.
-    log_variance: (c,) of the components, beside what the model states.   covariance: (c, c) of these.
-    sensitivity: (c, k, n) error of every epoch by each ln variance, up to its sign.
-    trajectory: (k, m) likeliest states at these levels.
+    components : tuple[VarianceComponent, ...]
+        Sensors' standard deviations, then densities.
+    converged : bool
+        Whether every component has settled, or nearly.
+    log_variance : (c,) float array
+        ln variances of the components, relative to those that the model states.
+    covariance : (c, c) float array
+        Covariance of these ln variances.
+    sensitivity : (c, k, n) float array
+        Error of every epoch by each ln variance, up to its sign.
+    trajectory : (k, m) float array
+        Likeliest states at these levels.
     """
 
     components: tuple[VarianceComponent, ...]
@@ -194,8 +205,10 @@ def identify(
 
     Parameters
     ----------
-    trajectory, points: about which the first linear problem is made, m in frame g.
-    first: ln variances to begin from; None for those of the median residuals.
+    trajectory, points : (k, m) float array, (L, 3) float array
+        About which the first linear problem is made, m in frame g.
+    first : (c,) float array or None
+        Ln variances to begin from; None for those of the median residuals.
     """
     theta = model.first(model.problem.at(trajectory, points)) if first is None else first
     best = _optimum(model, trajectory, points, theta)
@@ -275,10 +288,7 @@ def _optimum(
 
 
 def _suspect(residuals: Residuals) -> tuple[int, int] | None:
-    """Sensor and row of the measurement that lies farthest from all others.
-
-    None where chance explains that.
-    """
+    """Sensor and row of the measurement farthest from all others; None where chance explains its distance."""
     least = [float(each.min(initial=1.0)) for each in residuals.deleted]
     if not least or min(least) * sum(map(len, residuals.deleted)) >= SUSPECTED:
         return None
@@ -351,7 +361,8 @@ class LevelTest:
 
     Attributes
     ----------
-    score: standard deviations by which the data ask for more noise, as of a normal number; zero where they tell nothing.
+    score : float
+        Standard deviations by which the data ask for more noise, as of a normal number; zero where they tell nothing.
     """
 
     name: str
@@ -361,10 +372,7 @@ class LevelTest:
 def level_tests(
     model: NoiseModel, trajectory: Float[np.ndarray, "k m"], points: Float[np.ndarray, "L 3"]
 ) -> tuple[LevelTest, ...]:
-    """Score test of every noise level, about states near the most probable.
-
-    None where the problem has no solution.
-    """
+    """Score test of every noise level near the most probable states; empty where the problem has no solution."""
     problem, rule = model.problem, GaussNewton()
     here = problem.at(trajectory, points, STAGE.pose_only_loss)
     normal = problem.normal(here, STAGE)

@@ -49,7 +49,10 @@ class GyroNoise:
 
     Attributes
     ----------
-    relative_error: rms per axis relative to |w|.   correlation_time: tau, in samples, at least 1.
+    relative_error : float
+        Rms per axis relative to |w|.
+    correlation_time : float
+        Tau, in samples, at least 1.
     """
 
     relative_error: float
@@ -194,7 +197,10 @@ class Unstated:
 
     Attributes
     ----------
-    options: by option, the components of the innovation that it scales, by sensor.   densities: of the disturbances.
+    options : Mapping[str, Mapping[str, tuple[int, ...]]]
+        By option, the components of the innovation that it scales, by sensor.
+    densities : tuple[str, ...]
+        Names of the disturbances' densities.
     """
 
     options: Mapping[str, Mapping[str, tuple[int, ...]]]
@@ -228,7 +234,8 @@ def with_identified_noise(
 
     Parameters
     ----------
-    rounds: initialisations at most; 2 where noise is nearly known before the first.
+    rounds : int
+        Initialisations at most; 2 where noise is nearly known before the first.
     """
     made, found = _with_levels(make, make(process, noise, None), unstated, rounds)
     longer = make.beyond_share(made)
@@ -242,10 +249,7 @@ def with_identified_noise(
 def _with_levels(
     make: Initialise, made: NoisyModels, unstated: Unstated, rounds: int
 ) -> tuple[NoisyModels, Identified | None]:
-    """An initialisation made again with the levels that its epochs identify.
-
-    None beside it where they identify none.
-    """
+    """Repeat an initialisation with the noise levels that its epochs identify; None of the levels without any."""
     found = None
     for _ in range(rounds - 1 if unstated else 0):
         identified = _identified(made, unstated, found is None)

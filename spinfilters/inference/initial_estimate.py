@@ -31,22 +31,44 @@ class InitialEstimate:
 
     Attributes
     ----------
-    prior: of the first epoch's state.
-    mean: (k, m).   factor: (k, n, n) of each epoch's covariance given all of them; not finite where there is none.
-    cost: sum of squared whitened residuals about the mean, prior and dynamics included.
-    dof: scalar observations that count, less three per landmark: what the least cost is expected to be.
-    accepted, rejected: observations that count, and that do not.   used: per epoch, which of its landmark observations count.
-    refused: (r,) of each sensor without landmarks, in the order of time, which of its measurements do not count.
-    ids: (L,) landmarks that at least two inliers observe; empty where a map is known or there is none.
-    points: (L, 3) m, frame g.   counts: (L,) inliers of each.
-    marginals: covariances of everything, or None where some direction is not determined.
-    momentum_residual: how far the initial guess's angular momentum was from constant (relative rms).
-    noise_ratio: standard deviation of the observations over the stated, from the initial guess; None where it does not tell.
-    departure: of a filter from the smoother of the same measurements, in standard deviations; zero where none was tried.
-    status: whether it can be trusted, with reasons.
-    guess: that it was smoothed from, whose landmarks are all that the first epochs show; None where it is not known.
-    is_annealed_too: whether an annealed smoothing would have taken the same steps.
-    rivals: other optima of the same epochs, less likely at this noise; () where there are none or none was looked for.
+    prior : FirstStatePrior
+        Prior of the first epoch's state.
+    mean : (k, m) float array
+        Most probable states.
+    factor : (k, n, n) float array
+        Covariance factor of each epoch given all of them; not finite where there is none.
+    cost : float
+        Sum of squared whitened residuals about the mean, prior and dynamics included.
+    dof : int
+        Scalar observations that count, less three per landmark: what the least cost is expected to be.
+    accepted, rejected : int
+        Observations that count, and that do not.
+    used : tuple[(_,) bool array, ...]
+        Per epoch, which of its landmark observations count.
+    refused : Mapping[MeasurementModel, (r,) bool array]
+        Of each sensor without landmarks, in the order of time, which of its measurements do not count.
+    ids : (L,) int array
+        Landmarks that at least two inliers observe; empty where a map is known or there is none.
+    points : (L, 3) float array
+        Their positions, m, frame g.
+    counts : (L,) int array
+        Number of inliers of each landmark.
+    marginals : Marginals or None
+        Covariances of everything, or None where some direction is not determined.
+    momentum_residual : float
+        How far the initial guess's angular momentum was from constant (relative rms).
+    noise_ratio : float or None
+        Standard deviation of the observations over the stated, from the initial guess; None where it does not tell.
+    departure : float
+        Distance of a filter from the smoother of the same measurements, in standard deviations; zero where none was tried.
+    status : EstimatorStatus
+        Whether it can be trusted, with reasons.
+    guess : InitialGuess or None
+        The guess that it was smoothed from, whose landmarks are all that the first epochs show; None where it is not known.
+    is_annealed_too : bool
+        Whether an annealed smoothing would have taken the same steps.
+    rivals : tuple[InitialEstimate, ...]
+        Other optima of the same epochs, less likely at this noise; () where there are none or none was looked for.
     """
 
     layout: StateLayout
@@ -131,9 +153,12 @@ class SmoothingOptions:
 
     Attributes
     ----------
-    iterations: at most; 0 linearises at the guess and takes no step.
-    gate: whitened length of an innovation of three components beyond which an observation counts as wrong.
-    annealed: iterations in which the process noise may be inflated and the gate wide, at most.
+    iterations : int
+        At most; 0 linearises at the guess and takes no step.
+    gate : float
+        Whitened length of an innovation of three components beyond which an observation counts as wrong.
+    annealed : int
+        Iterations in which the process noise may be inflated and the gate wide, at most.
     """
 
     iterations: int = 40
@@ -158,12 +183,15 @@ def smooth_first_epochs(
 
     Parameters
     ----------
-    epochs: observations of landmarks that the guess does not hold are left out.
-    prior: of the first state; with unknown landmarks its pose must be tight, for it defines g.
+    epochs : Timeline
+        Observations of landmarks that the guess does not hold are left out.
+    prior : FirstStatePrior
+        Of the first state; with unknown landmarks its pose must be tight, for it defines g.
 
     Raises
     ------
-    InputError: when the guess has landmarks and none is observed twice, or the layout has no place for them.
+    InputError
+        When the guess has landmarks and none is observed twice, or the layout has no place for them.
     """
     order = np.argsort(guess.ids)
     ids, points = guess.ids[order], guess.points[order]
@@ -205,10 +233,7 @@ def _with_masked_refused(problem: Problem, solved: Solved, options: SmoothingOpt
 
 
 def _most_masked(problem: Problem, solved: Solved, gate: float) -> tuple[int, int] | None:
-    """Sensor and row of the measurement farthest from all others.
-
-    None where all are within the gate (whitened length).
-    """
+    """Sensor and row of the measurement farthest from all others, None where all are within the gate (whitened)."""
     if solved.normal.solution is None or not solved.converged:
         return None
     marginals = Marginals(solved.normal.solution, solved.normal.eliminated)

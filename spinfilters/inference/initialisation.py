@@ -41,10 +41,7 @@ def guessed_trajectory(
 def wide_prior(
     layout: StateLayout, first: np.ndarray, options: InitialisationOptions, evidence: InitialMotion
 ) -> FirstStatePrior:
-    """Wide prior of the first state at the measured pose and rate.
-
-    Tight only where the first epoch defines a frame.
-    """
+    """Wide prior of the first state at the measured pose and rate, tight only where the first epoch defines a frame."""
     mean, std = first.copy(), np.zeros(layout.error_dim)
     for block in layout.members:
         std[layout.slice(block.name)] = options.prior_std(block)
@@ -97,12 +94,15 @@ def initialise(
 
     Parameters
     ----------
-    samples: motion at (at least some of) those epochs, and the first guess of a map where landmarks are unknowns.
-    likely: of the same motion, whose mass distribution is tried alone where a fit from it settles.
+    samples : MotionSamples
+        Motion at (at least some of) those epochs, and the first guess of a map where landmarks are unknowns.
+    likely : InitialEstimate or None
+        Of the same motion, whose mass distribution is tried alone where a fit from it settles.
 
     Raises
     ------
-    InputError: fewer than 4 samples, a body that does not rotate, landmarks of which none is observed twice.
+    InputError
+        Fewer than 4 samples, a body that does not rotate, landmarks of which none is observed twice.
     """
     epochs = timeline[: options.count(timeline)]
     evidence = initial_motion(samples, len(epochs))
@@ -245,9 +245,6 @@ def _has_settled(found: InitialEstimate) -> bool:
 
 
 def _with_rejected(found: InitialEstimate, gate: float) -> float:
-    """Cost in which a rejected observation counts as at the gate.
-
-    A fit then gains nothing by rejecting.
-    """
+    """Cost that counts a rejected observation as one at the gate, so that a fit gains nothing by rejecting."""
     cost = found.cost + found.rejected * gate**2
     return cost if np.isfinite(cost) else np.inf

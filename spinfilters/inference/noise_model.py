@@ -31,7 +31,10 @@ class NoiseModel:
 
     Attributes
     ----------
-    problem: with the levels that it was stated with.   components, densities: those to be identified.
+    problem : Problem
+        Smoothing problem at its stated levels.
+    components, densities : tuple[ComponentRows, ...], tuple[str, ...]
+        Those to be identified.
     """
 
     problem: Problem
@@ -72,10 +75,7 @@ class NoiseModel:
         return NoiseModel(self.scaled(log_variance), components, self.densities)
 
     def first(self, here: LinearizationPoint) -> Float[np.ndarray, " c"]:
-        """Initial ln variances, from the median residual of every component.
-
-        Those of disturbances are as stated.
-        """
+        """Initial ln variances, from the median residual of every sensor component; zero (as stated) for disturbances."""
         found = np.zeros(len(self.components) + len(self.densities))
         for k, each in enumerate(self.components):
             squares = [
@@ -130,9 +130,14 @@ class Residuals:
 
     Attributes
     ----------
-    squares: r of each component, then of each density.   redundancy: S, likewise.
-    sources: whitened residuals as each of them explains them: the working variable of the average information.
-    deleted: (r,) of every sensor without landmarks, probability of larger residuals of each measurement about states of all others.
+    squares : (c,) float array
+        r of each component, then of each density.
+    redundancy : (c,) float array
+        S, likewise.
+    sources : tuple[WhitenedRows, ...]
+        Whitened residuals as each of them explains them: the working variable of the average information.
+    deleted : tuple[(r,) float array, ...]
+        Of every sensor without landmarks, probability of larger residuals of each measurement about states of all others.
     """
 
     squares: Float[np.ndarray, " c"]
@@ -147,7 +152,12 @@ class WhitenedRows:
 
     Attributes
     ----------
-    sensors: (r, i) of every sensor without landmarks.   steps: (k - 1, d).   observations: (N, 3), or None without any.
+    sensors : tuple[(r, i) float array, ...]
+        Of every sensor without landmarks.
+    steps : (k, d) float array
+        Rows of the k - 1 steps.
+    observations : (N, 3) float array or None
+        Rows of landmark observations, None without any.
     """
 
     sensors: tuple[Float[np.ndarray, "_ _"], ...]
@@ -173,7 +183,10 @@ def residuals_of(
 
     Parameters
     ----------
-    densities: names of the disturbances wanted.   normal: solved, its rows in memory (`Problem.is_long` is false).
+    densities : Sequence[str]
+        Names of the disturbances wanted.
+    normal : NormalEquations
+        Solved, its rows in memory (`Problem.is_long` is false).
     """
     marginals = Marginals(normal.system, normal.eliminated)
     steps = steps_after(problem, here, marginals)
@@ -203,20 +216,14 @@ def residuals_of(
 def deleted_residuals(
     problem: Problem, here: LinearizationPoint, marginals: Marginals
 ) -> tuple[Float[np.ndarray, " _"], ...]:
-    """Probabilities of larger residuals about states of all others.
-
-    Of each measurement, by sensor without landmarks.
-    """
+    """Probability of larger residuals of each measurement about states of all others, by pose-only sensor."""
     numbers = range(len(problem.motion.sensors))
     return tuple(_sensor_after(problem, here, marginals, k).deleted for k in numbers)
 
 
 @dataclass(frozen=True)
 class StepsAfter:
-    """Whitened residuals (k - 1, d) of the steps, and their states' covariance.
-
-    A factor (k - 1, d, w) of the share J P J'.
-    """
+    """Whitened residuals (k - 1, d) of the steps, and a factor (k - 1, d, w) of the share J P J' of their states."""
 
     rest: Float[np.ndarray, "j d"]
     spread: Float[np.ndarray, "j d w"]
@@ -234,9 +241,9 @@ class StepsAfter:
 
 @dataclass(frozen=True)
 class _SensorAfter:
-    """Whitened residuals (r, i) of a sensor with their redundancy.
+    """Whitened residuals (r, i) of a sensor, their redundancy 1 - diag(J P J') and the sum of diag(J P J').
 
-    1 - diag(J P J') of each (0 where it is not used), and the sum of diag(J P J').
+    The redundancy is 0 where a measurement is not used.
     """
 
     rest: Float[np.ndarray, "r i"]
@@ -254,10 +261,7 @@ class _SensorAfter:
 
 
 def explained_rows(problem: Problem, here: LinearizationPoint, normal: NormalEquations) -> WhitenedRows:
-    """Explained part J x of all whitened rows.
-
-    x is the solution of the linear problem, or of one with another right-hand side.
-    """
+    """Explained part J x of all whitened rows, x the solution of the linear problem (or with another right-hand side)."""
     errors = normal.system.errors
     sensors = [_explained_by_sensor(problem, here, errors, k) for k in range(len(problem.motion.sensors))]
     seen = None if here.linear is None else _explained_observations(here, normal)

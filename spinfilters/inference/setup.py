@@ -28,17 +28,32 @@ class Setup:
 
     Attributes
     ----------
-    log: of the data set, without covariances of rows in whose place the settings state a number.
-    timeline: all epochs.   initial: of which the first have been smoothed.
-    belief: what every filter begins from at the end of the initialisation, with landmarks where the map is not known.
-    map_points: (k, 3) m in g: the known map or that of the start, or None.
-    gyro_noise: identified correlated error of a gyro, or None where it is white or stated.   identified: other noise that nobody
-        states.
-    unstated: names of all noise that nobody states.   sought: what of it is identified, by sensor.
-    is_given: whether the initialisation was not made from the data, as in studies of filters alone.
-    calibration: deviations of the calibration that are considered.
-    inflation: of the variances that rows state for themselves, by noise option.
-    initial_seconds: working time of the initialisation, with the identification of noise, s.
+    log : MeasurementLog
+        Log of the data set, without covariances of rows that the settings replace by a number.
+    timeline : Timeline
+        All epochs.
+    initial : InitialEstimate
+        Initialisation, the smoothed first epochs.
+    belief : Gaussian or LandmarkBelief
+        What every filter begins from at the end of the initialisation, with landmarks where the map is not known.
+    map_points : (k, 3) float array or None
+        Landmarks, m, frame g: the known map or that of the start, or None.
+    gyro_noise : GyroNoise or None
+        Identified correlated error of a gyro, or None where it is white or stated.
+    identified : tuple[VarianceComponent, ...]
+        Other unspecified noise, as identified.
+    unstated : frozenset[str]
+        Names of all unspecified noise.
+    sought : Unstated
+        What of it is identified, by sensor.
+    is_given : bool
+        Whether the initialisation was not made from the data, as in studies of filters alone.
+    calibration : tuple[ConsideredDeviation, ...]
+        Deviations of the calibration that are considered.
+    inflation : Mapping[str, float]
+        Inflation of the variances that rows state for themselves, by noise option.
+    initial_seconds : float
+        Working time of the initialisation, with the identification of noise, s.
     """
 
     dataset: Dataset
@@ -71,10 +86,7 @@ class Setup:
 
     @property
     def observations(self) -> Int[np.ndarray, " n"]:
-        """Rows of the log at each epoch.
-
-        Those of landmarks that a known map lacks among them.
-        """
+        """Rows of the log at each epoch, those of landmarks that a known map lacks included."""
         times = times_of(self.timeline)
         counts = np.zeros(len(times), dtype=np.int64)
         for stream in self.dataset.log.streams:

@@ -34,7 +34,8 @@ def measured_motion(setup: Setup) -> InitialMotion:
 
     Raises
     ------
-    InputError: when it does not say them: too few poses, or too large turns between them.
+    InputError
+        When it does not say them: too few poses, or too large turns between them.
     """
     dataset = setup.dataset
     known = dataset.known_map is not None
@@ -49,10 +50,7 @@ def identified_levels(
     points: Float[np.ndarray, "L 3"],
     setup: Setup,
 ) -> Identified | None:
-    """Noise levels of a problem, from those of the initialisation.
-
-    None where all are stated or they do not settle.
-    """
+    """Noise levels of a problem, begun at those of the initialisation; None where all are stated or none settle."""
     model = noise_model(problem, setup.noise, setup.sought)
     if model is None or not np.isfinite(trajectory).all():
         return None
@@ -92,7 +90,8 @@ def smoothed_at_levels(
 
     Parameters
     ----------
-    part: of the problem's first epochs, whose rows are in memory together; the problem itself where it is short.
+    part : Problem
+        Of the problem's first epochs, whose rows are in memory together; the problem itself where it is short.
     """
     trajectory = smoothed.mean[: part.ordering.epochs]
     found = identified_levels(part, trajectory, np.zeros((0, 3)), setup)
@@ -163,10 +162,7 @@ def smoothed_history(smoother: RecursiveSmoother, passed: EstimateHistory, setup
 def _counts(
     smoother: RecursiveSmoother, passed: EstimateHistory
 ) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
-    """Inliers and outliers of every epoch in the end.
-
-    Marginalized epochs keep their numbers of before.
-    """
+    """Final inliers and outliers of every epoch; marginalized epochs keep the numbers they had."""
     first = np.array([(taken.accepted, taken.rejected) for taken in smoother.begun]).reshape(-1, 2)
     came = np.concatenate([first, np.stack([passed.accepted, passed.rejected], axis=1)])
     counts = smoother.sliding.counts()

@@ -50,10 +50,7 @@ def _setting(settings: Settings, option: str) -> float | str:
 
 
 def disturbances(dataset: Dataset, unknown: MeasurementStream | None) -> ProcessNoise:
-    """Disturbances: the data set's own, else of the kind, else the thesis'.
-
-    Rate sensors of unknown error have what is known of these.
-    """
+    """Disturbance densities of the data set, else those of a rate sensor of unknown noise, else the thesis'."""
     force_psd, torque_psd = dataset.options.force_psd, dataset.options.torque_psd
     if torque_psd is None and unknown is not None:
         torque_psd = disturbance_psd(unknown)
@@ -77,7 +74,8 @@ def levels_of_rows(log: MeasurementLog, dataset: Dataset) -> dict[str, float]:
 
     Parameters
     ----------
-    log: with the noise of the settings (`log_with_noise`), which may replace that of rows.
+    log : MeasurementLog
+        With the noise of the settings (`log_with_noise`), which may replace that of rows.
     """
     rows = [stream for stream in log.streams if stream.covariance is not None]
     return {
@@ -90,10 +88,7 @@ def levels_of_rows(log: MeasurementLog, dataset: Dataset) -> dict[str, float]:
 def sensor_of_unknown_noise(
     log: MeasurementLog, dataset: Dataset, settings: Settings
 ) -> MeasurementStream | None:
-    """The stream whose sensor's error is to be identified.
-
-    None where there is none or somebody states it.
-    """
+    """The stream whose sensor noise is to be identified; None where there is none or its noise is stated."""
     for stream in log.streams:
         option = sensor_of(stream.sensor).identified_option
         names = {each.name for each in sensor_format(stream.sensor).noise}
@@ -162,7 +157,10 @@ class StatedModels:
 
     Attributes
     ----------
-    gyro_noise: correlated error of a gyro, identified from its whole recording.   unknown: the stream that it is of.
+    gyro_noise : GyroNoise or None
+        Correlated error of a gyro, identified from its whole recording.
+    unknown : MeasurementStream or None
+        The stream that it is of.
     """
 
     process: TorqueFreeProcess

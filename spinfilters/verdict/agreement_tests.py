@@ -41,7 +41,10 @@ class OverConfidence:
 
     Attributes
     ----------
-    mean, last: over its epochs, and in the last.   dof: of the part.
+    mean, last : float
+        Over its epochs, and in the last.
+    dof : int
+        Of the part.
     """
 
     part: str
@@ -56,10 +59,7 @@ class OverConfidence:
 
 
 def over_confidence(history: EstimateHistory, smoother: EstimateHistory) -> list[Finding] | None:
-    """Finding where a filter departs from the smoother beyond its own covariance.
-
-    None where there is no epoch that both have.
-    """
+    """Finding where a filter departs from the smoother beyond its own covariance; None without a common epoch."""
     parts = compared_parts(history.layout)
     found = [
         OverConfidence(name, float(nees.mean()), float(nees[-1]), parts[name].stop - parts[name].start)
@@ -113,7 +113,10 @@ class InertiaEvidence:
 
     Attributes
     ----------
-    total: twice the logarithm of the likelihood ratio.   epochs: that it was gathered over.
+    total : float
+        Twice the logarithm of the likelihood ratio.
+    epochs : int
+        That it was gathered over.
     """
 
     total: float
@@ -207,7 +210,8 @@ def agreement_diagnostics(
 
     Parameters
     ----------
-    unheld: what is found of it where there is nothing to compare it with.
+    unheld : Sequence[Finding]
+        What is found of it where there is nothing to compare it with.
     """
     history = evaluation.history
     if smoother is None or history.status.verdict is Verdict.FAILED or history.layout != smoother.layout:

@@ -62,10 +62,7 @@ def _columns(motion: SmoothedMotion, considered: Sequence[ConsideredDeviation]) 
 
 
 def calibration_columns(motion: SmoothedMotion, parameter: ConsiderParameter) -> Columns:
-    """Derivative of the whitened right-hand side by the calibration.
-
-    Per unit of a parameter, a column for each of its errors.
-    """
+    """Derivative of the whitened right-hand side per unit of a calibration parameter, a column for each error."""
     if parameter.of_clock:
         return motion.longer()
     if parameter.displaced is not None:
@@ -93,7 +90,8 @@ class CalibrationErrors:
 
     Attributes
     ----------
-    ekf: of the table of estimators; its differences stand for those of a smoother that lets go of old epochs.
+    ekf : AnyEntry
+        Of the table of estimators; its differences stand for those of a smoother that lets go of old epochs.
     """
 
     setup: Setup
@@ -106,10 +104,7 @@ class CalibrationErrors:
         return tuple(each for each in self.setup.calibration if each.std > 0)
 
     def counted(self, history: EstimateHistory, entry: AnyEntry) -> EstimateHistory:
-        """History with calibration errors counted in its covariance.
-
-        ``degraded`` where that cannot be computed.
-        """
+        """History with calibration errors counted in its covariance, ``degraded`` where that cannot be computed."""
         if not self.considered or history.status.verdict is Verdict.FAILED:
             return history
         try:

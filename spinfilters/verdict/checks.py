@@ -343,7 +343,8 @@ def finding(
 
     Raises
     ------
-    KeyError: no such check, or a number that its sentence needs is missing.
+    KeyError
+        No such check, or a number that its sentence needs is missing.
     """
     return BY_NAME[check].finding(numbers, about, which)
 

@@ -68,9 +68,16 @@ class Doubts:
 
     Attributes
     ----------
-    shared: about every estimator.   of_filters: about those that continue from the initialisation, with no smoother beside.
-    smoother: that filters are held against, None where there is none.   models: tests of the models' errors.
-    baselines: names of others' estimators, whose noise levels say nothing of ours.
+    shared : list[Finding]
+        About every estimator.
+    of_filters : list[Finding]
+        About those that continue from the initialisation, with no smoother beside.
+    smoother : EstimateHistory or None
+        Smoother with which filters are compared, None where there is none.
+    models : TestedModels
+        Tests of the models' errors.
+    baselines : Collection[str]
+        Names of others' estimators, whose noise levels say nothing of ours.
     """
 
     setup: Setup
@@ -105,10 +112,7 @@ class Doubts:
 
     @cached_property
     def _of_landmarks(self) -> list[Finding]:
-        """Doubts about noise by the first filter beside a landmark smoother.
-
-        What it says of the noise that both are told, if they agree.
-        """
+        """Noise findings of the first filter that agrees with a landmark smoother, for both have the same noise."""
         if not self.setup.initial.has_landmarks:
             return []
         for each in self.evaluations:

@@ -60,7 +60,8 @@ def with_flywheel_refit(
 
     Parameters
     ----------
-    trajectory: that was tested.
+    trajectory : (k, m) float array
+        That was tested.
     """
     layout = setup.process.layout
     if layout.has(ROTOR) or is_steady(trajectory[:, layout.mean_slice(RATE.name)]):

@@ -44,10 +44,7 @@ assert LARGEST_ANGLE_STD < UNDETERMINED_STD
 
 
 def holding(evidence: Evidence, status: EstimatorStatus) -> dict[str, Holds]:
-    """Whether each quantity holds, given what was found.
-
-    Nothing of a failed estimate does.
-    """
+    """Whether each quantity holds, given the findings; nothing of a failed estimate does."""
     if status.verdict is Verdict.FAILED:
         return dict.fromkeys(QUANTITIES, Holds.NOT_DETERMINED)
     determined = determined_quantities(evidence)

@@ -81,10 +81,7 @@ Noise = Callable[[LinearRows], NoiseComponents]
 
 
 def with_refused_ends(solved: LinearRows, time: Float[np.ndarray, " k"], noise: Noise) -> LinearRows:
-    """The problem with refused first and last epochs taken in.
-
-    Where a contact explains them; else as it is.
-    """
+    """The problem with refused first and last epochs included where a contact explains them, else unchanged."""
     for epoch, contact in _refused_ends(solved):
         taken = among_inliers(solved.problem, solved, np.array([epoch]))
         if taken is None:
@@ -118,10 +115,7 @@ MOST_EPOCHS_WITH_MAP, MOST_EPOCHS = 300, 1024
 
 
 def tested_models(setup: Setup, evaluations: Sequence[Evaluation]) -> TestedModels:
-    """Score tests about the motion of the best estimator.
-
-    None where nothing can be linearised.
-    """
+    """Score tests about the motion of the best estimator; no tests where no estimate can be linearised."""
     best, units = tested_history(setup, evaluations), tuple(wrong_units(setup.dataset))
     if best is None:
         return replace(NOT_TESTED, units=units)
@@ -141,13 +135,12 @@ def tested_about(
     errors: Iterable[Alternative],
     placed: Placed,
 ) -> TestedModels:
-    """Score tests of the first epochs about a nearly most probable trajectory.
-
-    Where there are none, why.
+    """Score tests of the first epochs about a nearly most probable trajectory, or the reason why there are none.
 
     Parameters
     ----------
-    placed: errors at the places where a motion shows them most.
+    placed : Placed
+        Errors at the places where a motion shows them most.
     """
     try:
         with np.errstate(all="ignore"):
@@ -198,10 +191,7 @@ def _advantage(one: LinearRows, other: LinearRows) -> float:
 
 
 def _correlation(setup: Setup) -> dict[str, float]:
-    """Samples that count as one, of a correlated gyro's level.
-
-    The error is no error of the motion's model.
-    """
+    """Samples of a correlated gyro that count as one, by its noise options; empty where its error is not of a flight."""
     if setup.gyro_noise is None or not setup.gyro_noise.is_of_flight:
         return {}
     return {
@@ -213,10 +203,7 @@ def _correlation(setup: Setup) -> dict[str, float]:
 
 
 def tested_history(setup: Setup, evaluations: Sequence[Evaluation]) -> EstimateHistory | None:
-    """The estimate about which models are tested: the estimator that used most measurements of each epoch.
-
-    The smoother if it runs, else the first that has not failed.
-    """
+    """The estimate about which models are tested: the smoother's, else the first that has not failed."""
     good = [
         each.history
         for each in evaluations
@@ -239,10 +226,7 @@ def stated_levels(setup: Setup) -> frozenset[str]:
 
 
 def linear_problem(setup: Setup, epochs: Timeline, ids: Int[np.ndarray, " L"] | None = None) -> Problem:
-    """The smoothing problem of some epochs, the first among them.
-
-    With landmarks of these ids, or of all where none are given.
-    """
+    """The smoothing problem of some epochs, the first among them, with landmarks of these ids (default all)."""
     if ids is None:
         ids = np.unique(seen_ids(epochs)) if setup.initial.has_landmarks else np.zeros(0, dtype=int)
     return problem_of(setup.process, epochs, ids, setup.initial.prior, OBSERVATIONS_NEEDED)

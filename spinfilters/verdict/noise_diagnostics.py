@@ -43,10 +43,7 @@ def untested(error: Exception) -> Finding:
 
 
 def filter_noise_diagnostics(history: EstimateHistory, setup: Setup, settings: Settings) -> list[Finding]:
-    """Findings of a filter's own epochs about noise.
-
-    None of one that has failed, or that adapts what it was told.
-    """
+    """Noise findings of a filter's own epochs; none of one that has failed or that adapts its noise."""
     adapts = settings.adaptation.measurement or settings.adaptation.process
     if adapts or history.status.verdict is Verdict.FAILED:
         return []
@@ -114,10 +111,7 @@ def _finding(name: str, test: NoiseTest, told: bool) -> Finding:
 
 
 def _of_whiteness(found: FilterTests, setup: Setup) -> list[Finding]:
-    """Findings about white noise of a gyro of unknown error.
-
-    Its correlated noise is told to filters as white noise of more weight.
-    """
+    """Findings about corrections that are not white; none for a gyro whose noise was identified as correlated."""
     if setup.gyro_noise is not None:
         return []
     if found.whiteness_score <= LARGEST_SCORE or found.autocorrelation <= LARGEST_AUTOCORRELATION:
@@ -145,7 +139,8 @@ def stated_level_diagnostics(
 
     Parameters
     ----------
-    histories: of which the first that has not failed gives the states; with landmarks the initialisation does.
+    histories : Sequence[EstimateHistory]
+        Of which the first that has not failed gives the states; with landmarks the initialisation does.
     """
     if settings.adaptation.measurement or settings.adaptation.process:
         return []
@@ -163,7 +158,8 @@ class _Levels:
 
     Attributes
     ----------
-    by_rows: those that every row of a sensor states for itself; they are held against the data without their inflation.
+    by_rows : Mapping[str, float]
+        Those that every row of a sensor states for itself; they are compared with the data without their inflation.
     """
 
     setup: Setup

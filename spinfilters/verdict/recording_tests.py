@@ -52,7 +52,14 @@ class Slip:
 
     Attributes
     ----------
-    sensor: whose attitudes slip.   time: of the first epoch behind it, s.   angle: rad.   count: of slips in all.
+    sensor : str
+        Whose attitudes slip.
+    time : float
+        Of the first epoch behind it, s.
+    angle : float
+        Rad.
+    count : int
+        Of slips in all.
     """
 
     sensor: str
@@ -85,7 +92,8 @@ def front_end_slips(setup: Setup, with_fits: bool) -> tuple[Slip, ...]:
 
     Parameters
     ----------
-    with_fits: whether to look for them where every epoch's attitude has to be fitted to many rows, which takes time.
+    with_fits : bool
+        Whether to look for them where every epoch's attitude has to be fitted to many rows, which takes time.
     """
     found = []
     for stream in setup.log.streams:
@@ -206,7 +214,8 @@ def contradicted_convention(stream: MeasurementStream) -> tuple[str, float, floa
 
     Parameters
     ----------
-    stream: of poses (p m, q_ig) in its columns.
+    stream : MeasurementStream
+        Of poses (p m, q_ig) in its columns.
     """
     time, values = stream.time[:MOST_EPOCHS], stream.values[:MOST_EPOCHS]
     if len(time) < FEWEST_EPOCHS:

@@ -39,11 +39,15 @@ class PossibleCorrelation:
 
     Attributes
     ----------
-    doubts: findings of those that are likely.
-    widening: B of the first epochs, by which F B is a covariance factor that holds with them; None where F is one.
-    undecided: a finding of errors that only may be correlated.
-    score_inflation: by which errors of landmarks' observations that last enlarge scores, beyond what is stated of them; 1 where
-        they are white.
+    doubts : tuple[Finding, ...]
+        Findings of those that are likely.
+    widening : (k, e, e) float array or None
+        B of the first epochs, by which F B is a covariance factor that holds with them; None where F is one.
+    undecided : Finding or None
+        A finding of errors that only may be correlated.
+    score_inflation : float
+        By which errors of landmarks' observations that last enlarge scores, beyond what is stated of them; 1 where they are
+        white.
     """
 
     doubts: tuple[Finding, ...] = ()
@@ -64,7 +68,10 @@ def possible_correlation(
 
     Parameters
     ----------
-    rows: of a smoothed motion; None where there are none.   stated: names of levels that are not identified.
+    rows : LinearRows or None
+        Of a smoothed motion; None where there are none.
+    stated : Collection[str]
+        Names of levels that are not identified.
     """
     if rows is None or setup.gyro_noise is not None:
         return NO_CORRELATION
@@ -148,14 +155,27 @@ class TestedModels:
 
     Attributes
     ----------
-    tests: the most explaining first.   contradicted: whether residuals contradict the noise levels that the recording was told.
-    trouble: why there are no tests of a motion that was estimated; empty where there are.   units: that are probably others.
-    std: (k, n) stated deviations of the states that were tested, or None where they are unknown.
-    correlated: errors of the measurements that are, or may be, correlated in time.   solved: what was tested, while it is.
-    score_inflation: by which errors may enlarge a score that are known to be correlated and for which a noise level stands;
-        infinite where it is not known, None where there are none.
-    slips: of front ends, beside which residuals tell of no other cause.
-    has_inspector: whether poses of a moving camera are given, of which some cures speak.
+    tests : tuple[ScoreTest, ...]
+        The most explaining first.
+    contradicted : bool
+        Whether residuals contradict the noise levels that the recording was told.
+    trouble : str
+        Why there are no tests of a motion that was estimated; empty where there are.
+    units : tuple[WrongUnit, ...]
+        That are probably others.
+    std : (k, n) float array or None
+        Stated deviations of the states that were tested, or None where they are unknown.
+    correlated : PossibleCorrelation
+        Errors of the measurements that are, or may be, correlated in time.
+    solved : LinearRows or None
+        What was tested, while it is.
+    score_inflation : float or None
+        By which errors may enlarge a score that are known to be correlated and for which a noise level stands; infinite
+        where it is not known, None where there are none.
+    slips : tuple[Slip, ...]
+        Of front ends, beside which residuals tell of no other cause.
+    has_inspector : bool
+        Whether poses of a moving camera are given, of which some cures speak.
     """
 
     tests: tuple[ScoreTest, ...] = ()
@@ -273,10 +293,7 @@ class TestedModels:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the model errors in the verdict, the likeliest first.
-
-        Those that look alike as one ("drag/torque").
-        """
+        """Names of the model errors in the verdict, the likeliest first; alike ones are joined ("drag/torque")."""
         found = ("/".join(each.error.name for each in own) for own in self.classes)
         slow = () if self.slow is None else (SLOW_CHANGE,)
         slips = {each.name: None for each in self.slips}
@@ -299,9 +316,9 @@ class TestedModels:
         ]
 
     def share(self, test: ScoreTest) -> float:
-        """Share that an error explains of what the likeliest explains: the falls of -2 ln likelihood, numbers that are free off.
+        """Share that an error explains of what the likeliest explains; 1 where nothing is explained.
 
-        1 where nothing is explained.
+        Both are falls of -2 ln likelihood, corrected for the number of free parameters (`ScoreTest.merit`).
         """
         best = max((each.merit for own in self.classes for each in own), default=0.0)
         return float(np.clip(test.merit / best, 0.0, 1.0)) if best > 0 else 1.0

@@ -1,14 +1,12 @@
-"""Covariance of smoothed states under another explanation of the measurements.
+"""Errors of measurements that are correlated in time, and the covariance of smoothed states that holds with them.
 
 Estimates x = P J'z were made for white z. Had the whitened measurements the covariance C, that of x would be A = P J'C J P. With
 P = F F', the eigenvalues of F^-1 A F^-T tell by what the variances of the state's directions are wrong.
 
-Errors of measurements that are correlated in time, beside disturbances of the motion.
-
 Three explanations of one linearised motion are compared by their marginal likelihood, levels at their most likely values:
 
     white         white errors and disturbances,
-    correlated    these, and errors that last for a time tau (`linear_likelihood`),
+    correlated    these, and errors that last for a time tau (`LikelyLevels`),
     undisturbed   errors white and lasting, and no disturbances.
 
 A disturbance lets rates wander for ever, an error that lasts comes back: a recording of many tau tells them apart. A shorter one
@@ -16,10 +14,9 @@ need not, so that what matters is the probability of lasting errors times what t
 number that an explanation has more (Schwarz 1978), p is the probability of lasting errors; estimates that were made for white ones
 have then the covariance P J' C J P in place of P, C that of the whitened measurements.
 
-Correlation of each landmark's residuals from one of its observations to the next.
-
-Where errors are white it is minus what states and landmark take of both, a few per cent. Errors that last, of drifting features,
-leave it near their own correlation rho, and weigh on slow states like white ones of (1 + rho) / (1 - rho) times the variance.
+Of landmarks, the correlation of residuals from one observation to the next is tested. Where errors are white it is minus
+what states and landmark take of both, a few per cent. Errors that last, of drifting features, leave it near their own
+correlation rho, and weigh on slow states like white ones of (1 + rho) / (1 - rho) times the variance.
 """
 
 from collections.abc import Collection, Iterator
@@ -61,7 +58,10 @@ class ExplainedErrors:
 
     Attributes
     ----------
-    rows: of a solved problem without landmarks.   model: components of its measurement noise.
+    rows : LinearRows
+        Of a solved problem without landmarks.
+    model : NoiseModel
+        Components of its measurement noise.
     """
 
     rows: LinearRows
@@ -76,10 +76,7 @@ class ExplainedErrors:
     def covariance(
         self, levels: Float[np.ndarray, " c"], epochs: slice = slice(None)
     ) -> Float[np.ndarray, "k n n"]:
-        """A of some of the first epochs at levels of `linear_likelihood`.
-
-        What disturbances have in it falls with their densities.
-        """
+        """A of some of the first epochs at levels of `LikelyLevels`; the disturbances' part falls with their densities."""
         count, factors = len(self.model.components), self.factors[epochs]
         stated = factors @ np.swapaxes(factors, 1, 2)
         measured, lasting = np.zeros_like(stated), np.zeros_like(stated)
@@ -119,7 +116,8 @@ class ExplainedErrors:
 
         Parameters
         ----------
-        information: of the levels that are free.
+        information : (f, f) float array
+            Of the levels that are free.
         """
         beta = -float(ndtri(min(MOST_WRONG / (2 * probability), 0.5)))
         direction, deviation = self._steepest(likely, information)
@@ -182,10 +180,20 @@ class CorrelatedErrors:
 
     Attributes
     ----------
-    white, lasting: standard deviations by noise option, in its unit.   time: of correlation, s.   densities: beside them.
-    probability: of them.   advantage: fall of -2 ln likelihood.
-    inflation: of the variance of the state component that they touch most, mean over epochs, were they there.
-    widening: what covariance factors F of the first epochs' states are multiplied by to hold with these errors too.
+    white, lasting : dict[str, float]
+        Standard deviations by noise option, in its unit.
+    time : float
+        Of correlation, s.
+    densities : dict[str, float]
+        Beside them.
+    probability : float
+        Of them.
+    advantage : float
+        Fall of -2 ln likelihood.
+    inflation : float
+        Of the variance of the state component that they touch most, mean over epochs, were they there.
+    widening : (k, n, n) float array
+        What covariance factors F of the first epochs' states are multiplied by to hold with these errors too.
     """
 
     white: dict[str, float]
@@ -221,7 +229,8 @@ def correlated_errors(
 
     Parameters
     ----------
-    stated: names of levels that are known. Of these densities are taken as they are.
+    stated : Collection[str]
+        Names of levels that are known. Of these densities are taken as they are.
     """
     sensors = rows.problem.motion.sensors
     if rows.problem.observations is not None or any(len(np.unique(s.epoch)) < len(s.epoch) for s in sensors):
@@ -336,7 +345,10 @@ class ObservationCorrelation:
 
     Attributes
     ----------
-    value: correlation.   score: its standard deviations above zero.
+    value : float
+        Correlation.
+    score : float
+        Its standard deviations above zero.
     """
 
     value: float

@@ -77,10 +77,7 @@ def solved_near(
     points: Float[np.ndarray, "L 3"],
     stage: Stage = STAGE,
 ) -> LinearRows | None:
-    """The linear problem at the most probable states near a trajectory.
-
-    None where it has no solution.
-    """
+    """The linear problem at the most probable states near a trajectory; None where it has no solution."""
     common = np.ascontiguousarray(with_common_constants(problem.layout, trajectory[::-1])[::-1])
     here = problem.at(common, points, stage.pose_only_loss)
     found = solve(problem, here, SolverOptions(ITERATIONS), _OneStage(stage))
@@ -97,9 +94,12 @@ class KnownLevels:
 
     Attributes
     ----------
-    stated: names of levels that are not identified.
-    correlation: samples that count as one, by the name of the level of an error that stands for a correlated one.
-    inflation: of stated variances for errors that rows have in common, by the level's name; 1 where none is told.
+    stated : Collection[str]
+        Names of levels that are not identified.
+    correlation : Mapping[str, float]
+        Samples that count as one, by the name of the level of an error that stands for a correlated one.
+    inflation : Mapping[str, float]
+        Of stated variances for errors that rows have in common, by the level's name; 1 where none is told.
     """
 
     stated: Collection[str] = frozenset()
@@ -143,10 +143,7 @@ def noise_of(model: NoiseModel, solved: LinearRows, told: KnownLevels = NOTHING_
 
 
 def is_doubtful(noise: NoiseComponents, solved: LinearRows) -> bool:
-    """Whether residuals of some component contradict its noise level.
-
-    Smaller ones are where it is inflated.
-    """
+    """Whether residuals of some component contradict its noise level; small ones are expected where it is inflated."""
     ratio = noise.squares(solved.left) / np.maximum(noise.redundancy, 1.0)
     away = (ratio > NOISE_RATIO) | (ratio * noise.inflation < 1 / NOISE_RATIO)
     return bool(np.any(away & (noise.redundancy > TELLING))) or rejects(solved)
@@ -160,10 +157,7 @@ def is_contradicted(noise: NoiseComponents, solved: LinearRows) -> bool:
 
 
 def is_settled(solved: LinearRows) -> bool:
-    """Whether the states are nearly the most probable ones.
-
-    Then the linear problem says what residuals cost.
-    """
+    """Whether the states are nearly the most probable ones, so that the linear problem gives the cost of residuals."""
     cost = solved.here.cost(solved.normal.used, solved.normal.stage)
     return solved.normal.predicted_reduction < max(UNSETTLED * cost, 1.0)
 
@@ -177,20 +171,14 @@ def rejects(solved: LinearRows) -> bool:
 
 
 def rejects_in_a_row(solved: LinearRows) -> bool:
-    """Whether gates reject all of several successive epochs.
-
-    Gross errors of single measurements do not explain that.
-    """
+    """Whether gates reject whole successive epochs, which gross errors of single measurements do not explain."""
     measured, counted = measured_epochs(solved)
     empty = (measured & ~counted)[measured]
     return bool(np.any(np.convolve(empty, np.ones(IN_A_ROW), "valid") == IN_A_ROW))
 
 
 def measured_epochs(solved: LinearRows) -> tuple[Bool[np.ndarray, " k"], Bool[np.ndarray, " k"]]:
-    """Epochs with measurements, and those in which they count.
-
-    Any without landmarks, or more than half of the observations of landmarks.
-    """
+    """Epochs with measurements, and those in which any pose-only one or most landmark observations count."""
     epochs, fit = solved.problem.ordering.epochs, solved.normal.eliminated
     measured, counted = np.zeros((2, epochs), dtype=bool)
     for sensor, good in zip(solved.problem.motion.sensors, solved.counted, strict=True):
@@ -205,10 +193,7 @@ def measured_epochs(solved: LinearRows) -> tuple[Bool[np.ndarray, " k"], Bool[np
 
 
 def with_refused_in_a_row(solved: LinearRows) -> LinearRows | None:
-    """The problem with refused epochs taken in, where in a row.
-
-    Gates that refuse epochs in a row would hide an error; else as it is.
-    """
+    """The problem with all refused epochs included where several in a row were refused, else unchanged."""
     if not rejects_in_a_row(solved):
         return solved
     fit, stage = solved.normal.eliminated, EVERY_MEASUREMENT
@@ -331,7 +316,8 @@ def gross_error_cost(squares: Float[np.ndarray, " k"], size: int) -> Float[np.nd
 
     Parameters
     ----------
-    squares: squared lengths of whitened innovations of ``size`` components.
+    squares : (k,) float array
+        Squared lengths of whitened innovations of ``size`` components.
     """
     shape = (size + 1) / 2
     constant = size * np.log(GROSS**2 / 2) + 2 * (gammaln(0.5) - gammaln(shape)) - 2 * np.log(RARE)

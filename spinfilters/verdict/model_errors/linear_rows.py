@@ -1,8 +1,4 @@
-"""What the columns of right-hand sides become while a linearised smoothing problem is solved for them.
-
-Right-hand sides of a linearised smoothing problem, one column for each.
-
-Whitened rows of a linearised smoothing problem, and what its solution leaves of any right-hand sides.
+"""Whitened rows of a linearised smoothing problem, and what its solution leaves of any right-hand sides.
 
 At the solution of min |J e - y|^2 a right-hand side H leaves M H with M = I - J P J', P = (J'J)^-1. Columns of H are solved for
 together, from the factors that the problem's own solution left behind: landmarks, chained errors, then poses and constants.
@@ -50,10 +46,7 @@ class Gradient:
 
 @dataclass(frozen=True)
 class HalfSolved:
-    """A^-1 b with J'J = A A', by blocks.
-
-    (L, 3, m) of landmarks, (k, v, m) of chained errors, (n, m) of poses and constants.
-    """
+    """A^-1 b with J'J = A A': (L, 3, m) of landmarks, (k, v, m) of chained errors, (n, m) of poses and constants."""
 
     landmarks: Float[np.ndarray, "L 3 m"]
     chained: Float[np.ndarray, "k v m"]
@@ -72,7 +65,10 @@ class Sensitivity:
 
     Attributes
     ----------
-    states: (k, n, m) of every epoch, components in the order of the layout.   landmarks: (L, 3, m), zero of those not told.
+    states : (k, n, m) float array
+        Of every epoch, components in the order of the layout.
+    landmarks : (L, 3, m) float array
+        Zero of those not told.
     """
 
     states: Float[np.ndarray, "k n m"]
@@ -85,9 +81,16 @@ class Columns:
 
     Attributes
     ----------
-    sensors: (r, i, m) of every sensor without landmarks.   steps: (k - 1, d, m).
-    observations: (N, 3, m), or None without any.   prior: (n, m) of the first state.
-    is_measured: False where all numbers of sensors and observations are zero.
+    sensors : tuple[(r, i, m) float array, ...]
+        Of every sensor without landmarks.
+    steps : (k, d, m) float array
+        (k - 1, d, m).
+    observations : (N, 3, m) float array or None
+        Or None without any.
+    prior : (n, m) float array
+        Of the first state.
+    is_measured : bool
+        False where all numbers of sensors and observations are zero.
     """
 
     sensors: tuple[Float[np.ndarray, "_ _ m"], ...]
@@ -274,6 +277,7 @@ class LinearRows:
                 self.problem.motion.sensors, self.by_epoch, right.sensors, strict=True
             ):
                 every[:, self.columns_of(sensor)] += rows.gradient(part, ordering.epochs)
+        # A step k has the columns [moving k | moving k + 1 | constants]: each part of J'H goes to its own epoch.
         by_step = np.swapaxes(J, 1, 2) @ right.steps
         every[:-1, :d] += by_step[:, :d]
         every[1:, :d] += by_step[:, d : 2 * d]
@@ -283,6 +287,7 @@ class LinearRows:
         if self.observation_rows is not None and right.is_measured and right.observations is not None:
             fit = self.normal.eliminated
             assert fit is not None
+            # An observation has the columns [pose (6) | landmark (3)].
             by_row = np.swapaxes(self.observation_rows[:, :, :-1], 1, 2) @ right.observations
             every[:, :6] += summed(fit.observations.epoch, ordering.epochs, by_row[:, :6])
             landmarks += summed(fit.observations.landmark, len(landmarks), by_row[:, 6:])
@@ -293,9 +298,11 @@ class LinearRows:
         ordering, fit, s = self.problem.ordering, self.normal.eliminated, self.solution
         K, p, m = ordering.epochs, len(ordering.pose), b.constant.shape[1]
         pose, g = b.moving[:, :p].copy(), b.landmarks
+        # Landmarks first: g = L^-1 b of each, and their share off the poses that observe them.
         if fit is not None:
             g = np.linalg.solve(self._landmark_sqrts, np.where(fit.is_constrained[:, None, None], g, 0.0))
             pose -= (self._coupling @ g.reshape(-1, m)).reshape(pose.shape)
+        # Chained errors along time, then their coupling X off the separator [poses | constants].
         chained, X = self._forward(b.moving[:, p:]), s.tridiagonal.coupling[:, :, :-1]
         rest = np.concatenate([pose.reshape(K * p, m), b.constant])
         rest -= X.reshape(-1, X.shape[2]).T @ chained.reshape(-1, m)
@@ -308,6 +315,7 @@ class LinearRows:
         K, p, m = ordering.epochs, len(ordering.pose), b.constant.shape[1]
         half = self.half_solved(b)
         g, chained, X = half.landmarks, half.chained, s.tridiagonal.coupling[:, :, :-1]
+        # Backwards through the elimination: poses and constants, chained errors, landmarks.
         kept = solve_triangular(s.information_sqrt, half.kept, lower=True, trans=1, check_finite=False)
         moving = np.empty_like(b.moving)
         moving[:, :p] = kept[: K * p].reshape(K, p, m)

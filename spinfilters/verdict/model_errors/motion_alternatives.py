@@ -216,7 +216,10 @@ class Jump(Alternative):
 
     Attributes
     ----------
-    kicks: of every epoch.   step: of them the one that is kicked.
+    kicks : Kicks
+        Of every epoch.
+    step : int
+        Of them the one that is kicked.
     """
 
     kicks: Kicks
@@ -275,7 +278,8 @@ def interval_of_jump(time: Float[np.ndarray, " k"], among: Float[np.ndarray, " j
 
     Parameters
     ----------
-    among: statistics of the steps, without `FEWEST_STEPS` at each end.
+    among : (j,) float array
+        Statistics of the steps, without `FEWEST_STEPS` at each end.
     """
     possible = FEWEST_STEPS + np.flatnonzero(among >= among.max() - LARGEST_FALL)
     return float(time[possible[0]]), float(time[possible[-1] + 2])
@@ -293,7 +297,8 @@ def step_statistics(
 
     Parameters
     ----------
-    after: what the solution leaves of the steps, where it is known already.
+    after : StepsAfter or None
+        What the solution leaves of the steps, where it is known already.
     """
     after = after or _steps_after(motion)
     H = motion.kicks_of_steps(kicks(motion))

@@ -20,10 +20,7 @@ FEWEST: Final = 2.0
 
 
 def weighted_chi_square_tail(weights: Float[np.ndarray, " n"], value: float, dof: float) -> float:
-    """P(sum of weights z^2 > value chi2_dof / dof).
-
-    Weights positive, ``dof`` infinite for a known noise level.
-    """
+    """P(sum of w z^2 > value chi2_dof / dof), weights w positive, ``dof`` infinite for a known noise level."""
     w = weights[weights > 0]
     if not w.size or not value > 0:
         return 1.0
@@ -63,10 +60,7 @@ def _far(slope: Callable[[float], float], w: Float[np.ndarray, " n"]) -> float:
 
 
 def gain_tail(gain: float, count: float, dof: float) -> float:
-    """Probability of a greater gain by ``count`` constant errors.
-
-    Noise levels are known to ``dof`` degrees of freedom.
-    """
+    """Probability of a greater gain by ``count`` constant errors, noise levels known to ``dof`` degrees of freedom."""
     if not np.isfinite(dof):
         return float(chi_square_tail(gain, count))
     left = max(dof - count, FEWEST)
@@ -85,9 +79,11 @@ class Gain:
 
     Attributes
     ----------
-    dof: degrees of freedom that tell these levels; infinite of known ones.
-    level: by how much ln variance falls of the level that falls most, among those that are identified from the same residuals: not
-        those that are known or hardly told, and none beside a level that stands for a correlated error.
+    dof : float
+        Degrees of freedom that tell these levels; infinite of known ones.
+    level : float
+        By how much ln variance falls of the level that falls most, among those that are identified from the same residuals:
+        not those that are known or hardly told, and none beside a level that stands for a correlated error.
     """
 
     value: float
@@ -101,12 +97,21 @@ class NoiseComponents:
 
     Attributes
     ----------
-    components: of sensors.   factors: (k - 1, d, i) of each disturbance, L^-1 G of its share G G' of a step's covariance L L'.
-    redundancy: S of each, expected squared residuals, sensors first.   known: whether a level is stated, not identified.
-    correlation: samples that count as one, of a level that stands for a correlated error as white noise of its weight; else 1.
-    telling: degrees of freedom of the residuals that tell each level: its redundancy; of a correlated error what the states, which
-        are as slow, leave of its independent samples.
-    inflation: of stated variances for errors that rows have in common, at least 1.
+    components : tuple[ComponentRows, ...]
+        Of sensors.
+    factors : tuple[(k - 1, d, i) float array, ...]
+        Of each disturbance, L^-1 G of its share G G' of a step's covariance L L'.
+    redundancy : (c,) float array
+        S of each, expected squared residuals, sensors first.
+    known : (c,) bool array
+        Whether a level is stated, not identified.
+    correlation : (c,) float array
+        Samples that count as one, of a level that stands for a correlated error as white noise of its weight; else 1.
+    telling : (c,) float array
+        Degrees of freedom of the residuals that tell each level: its redundancy; of a correlated error what the states,
+        which are as slow, leave of its independent samples.
+    inflation : (c,) float array
+        Of stated variances for errors that rows have in common, at least 1.
     """
 
     components: tuple[ComponentRows, ...]
@@ -122,10 +127,7 @@ class NoiseComponents:
         return self.products(rest, rest)[:, 0, 0]
 
     def products(self, one: Columns, other: Columns) -> Float[np.ndarray, "c m o"]:
-        """Products of columns by component.
-
-        Over the rows of each that the columns have.
-        """
+        """Products of columns by component, over the rows of each component that the columns have."""
         found = np.zeros((len(self.redundancy), one.count, other.count))
         for k, each in enumerate(self.components):
             for sensor, rows in each.sensors.items() if one.sensors else ():
@@ -150,7 +152,8 @@ class NoiseComponents:
 
         Parameters
         ----------
-        left: squared residuals by component, the error in them.
+        left : (c,) float array
+            Squared residuals by component, the error in them.
         """
         if not self.correlated.any() or statistic <= 0:
             return 1.0
@@ -160,10 +163,7 @@ class NoiseComponents:
 
     @property
     def dof(self) -> Float[np.ndarray, " c"]:
-        """Degrees of freedom that tell each level, with those of its prior.
-
-        Infinite of known ones.
-        """
+        """Degrees of freedom by which each level is determined, its prior's included; infinite for known levels."""
         return np.where(self.known, np.inf, self.telling + 1)
 
     @property
@@ -204,8 +204,20 @@ class ColumnProducts:
 
     Attributes
     ----------
-    places: of each of the given right-hand sides among the m.   squares: (m,) H'H.   score: (m,) H'rho.
-    information: (m, m) of M H.   left: (c,) rho'rho by noise component.   shared: (c, m) rho'M H.   own: (c, m, m) of M H.
+    places : tuple[slice, ...]
+        Of each of the given right-hand sides among the m.
+    squares : (m,) float array
+        H'H.
+    score : (m,) float array
+        H'rho.
+    information : (m, m) float array
+        Of M H.
+    left : (c,) float array
+        Rho'rho by noise component.
+    shared : (c, m) float array
+        Rho'M H.
+    own : (c, m, m) float array
+        Of M H.
     """
 
     places: tuple[slice, ...]
@@ -248,7 +260,10 @@ class _Solved:
 
     Attributes
     ----------
-    states: (k, n, m) e of every epoch.   beside: M H of all rows but those of sensors.
+    states : (k, n, m) float array
+        e of every epoch.
+    beside : Columns
+        M H of all rows but those of sensors.
     """
 
     rows: LinearRows

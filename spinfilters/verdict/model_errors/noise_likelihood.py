@@ -23,7 +23,12 @@ class Innovations:
 
     Attributes
     ----------
-    log_likelihood: of each row.   residual: i.   covariance: S; the identity where nothing is measured.
+    log_likelihood : (b,) float array
+        Of each row.
+    residual : (k, b, m) float array
+        i.
+    covariance : (k, b, m, m) float array
+        S; the identity where nothing is measured.
     """
 
     log_likelihood: Float[np.ndarray, " b"]
@@ -54,9 +59,18 @@ class LinearMotion:
 
     Attributes
     ----------
-    interval: (k - 1,) s.   transition, shift: F (n, n) and b (n,) of every step.   sources: covariance that each density adds.
-    mean, covariance: of the first state.   jacobian, values, measured: H (m, n), z and whether there is one, at every epoch.
-    slots: rows of z that each component scales.
+    interval : (k - 1,) float array
+        Time, s.
+    transition, shift : (j, n, n) float array, (j, n) float array
+        F (n, n) and b (n,) of every step.
+    sources : tuple[(j, n, n) float array, ...]
+        Covariance that each density adds.
+    mean, covariance : (n,) float array, (n, n) float array
+        Of the first state.
+    jacobian, values, measured : (k, m, n) float array, (k, m) float array, (k, m) bool array
+        H (m, n), z and whether there is one, at every epoch.
+    slots : tuple[tuple[int, ...], ...]
+        Rows of z that each component scales.
     """
 
     interval: Float[np.ndarray, " j"]
@@ -76,10 +90,12 @@ class LinearMotion:
 
         Raises
         ------
-        numpy.linalg.LinAlgError: a prior or step without inverse.
+        numpy.linalg.LinAlgError
+            A prior or step without inverse.
         """
         ordering, steps = rows.problem.ordering, rows.here.dynamics.rows[: MOST_EPOCHS - 1]
         n, d = len(ordering.order), len(ordering.moving)
+        # A whitened step is J_k e_k + J_k+1 e_k+1 + J_c c = y; solved for e_k+1 it gives the transition and the shift.
         back = np.linalg.inv(steps[:, :, d : 2 * d])
         transition = np.tile(np.eye(n), (len(steps), 1, 1))
         transition[:, :d, :d] = -back @ steps[:, :, :d]
@@ -107,10 +123,7 @@ class LinearMotion:
         return 2 * len(self.slots) + len(self.sources) + 1
 
     def disturbed(self, levels: Float[np.ndarray, " c"]) -> float:
-        """Share of one interval's disturbances in a measurement's variance.
-
-        Largest over the components of the sensors.
-        """
+        """Share of one interval's disturbances in a measurement's variance, largest over the sensors' components."""
         count = len(self.slots)
         density = np.exp(levels[2 * count : -1])
         added = sum(
@@ -144,12 +157,14 @@ class LinearMotion:
 
         Raises
         ------
-        numpy.linalg.LinAlgError: levels that leave no covariance.
+        numpy.linalg.LinAlgError
+            Levels that leave no covariance.
         """
         (K, m, n), B, c = self.jacobian.shape, len(levels), len(self.slots)
         white, slow = self._by_row(levels[:, :c], 1.0), self._by_row(levels[:, c : 2 * c], 0.0)
         density, tau = np.exp(levels[:, 2 * c : -1]), np.exp(levels[:, -1])
         at, error = np.arange(m), np.arange(n, n + m)
+        # The state is augmented by a lasting error of each row of z (a first-order Gauss-Markov process).
         x, P = np.zeros((B, n + m)), np.zeros((B, n + m, n + m))
         x[:, :n], P[:, :n, :n] = self.mean, self.covariance
         P[:, error, error] = slow
@@ -185,7 +200,8 @@ def curvature(found: Innovations, rows: slice, steps: Float[np.ndarray, " f"]) -
 
     Parameters
     ----------
-    rows: of the levels, and then of each with one level larger by a step.
+    rows : slice
+        Of the levels, and then of each with one level larger by a step.
     """
     L, S, i = found.log_likelihood[rows], found.covariance[:, rows], found.residual[:, rows]
     inverse = np.linalg.inv(S[:, 0])
@@ -242,7 +258,12 @@ class LikelyLevels:
 
     Attributes
     ----------
-    levels: see `linear_likelihood`.   free: their numbers.   log_likelihood: -infinity before they are climbed to.
+    levels : (c,) float array
+        ln variances of white, then of lasting errors by component, ln densities, and ln of the correlation time.
+    free : (f,) int array
+        Their numbers.
+    log_likelihood : float
+        -infinity before they are climbed to.
     """
 
     levels: Float[np.ndarray, " c"]

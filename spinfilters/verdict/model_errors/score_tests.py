@@ -1,12 +1,4 @@
-"""An alternative to the models of the estimators.
-
-Score tests ask it for its right-hand sides.
-
-Score test of one model error: its size, gain and probability, and what its removal changes.
-
-Size of an error of the models by its score, before and beside a prior.
-
-Score tests: gain of each model error without a second fit.
+"""Score tests of model errors: size, gain and probability of each without a second fit.
 
 With y = J e + H theta + n and what the solution leaves, rho = M y (see `linear_rows`), the score of theta at zero is u = H'rho
 with the information F = H'M H, so that u'F^-1 u is chi-squared (Rao 1948). Of an error drawn anew at every epoch the variance
@@ -17,8 +9,8 @@ part of an error for noise; the gain therefore counts by how much every variance
 
 with r and r' its squared residuals before and after, S its redundancy: u'F^-1 u for small errors, and the fall of -2 ln of the
 likelihood profiled over the noise levels for large ones; r - r' of a level that is stated. The error is removed at its most
-probable size, beside what is plausible of it, and a size beyond that costs what it is less probable. How likely as much is
-without the error: `null_distributions`.
+probable size, beside what is plausible of it, and a size beyond that costs what it is less probable. The probability of as
+large a gain without the error is that of `noise_components`.
 """
 
 from abc import ABC, abstractmethod
@@ -49,15 +41,32 @@ class Alternative(ABC):
 
     Attributes
     ----------
-    name: of the error.   phrase: in a sentence, with its article.   unit: of its size.   cure: what to do about it.
-    moving_cure: the same where poses of a moving camera are given; empty where that makes no difference.
-    trials: places in a recording among which it was sought where it is likeliest.
-    by_epoch: whether it is drawn anew at every epoch; if not, it is the same in all.
-    plausible: standard deviation of what its size is before anything is measured; infinite where nothing is known.
-    only_positive: whether its one size is of one sign: what brakes does not drive.
-    is_of_poses: whether it is one of the poses given of a moving camera.
-    block: of a state that holds it, None where none does.   held_by: settings that put it there, by table and key.
-    parameter: of the calibration, where this is an error of one that estimates consider; else None.
+    name : str
+        Name of the error.
+    phrase : str
+        The error in a sentence, with its article.
+    unit : str
+        Unit of its size.
+    cure : str
+        What to do about it.
+    moving_cure : str
+        The same where poses of a moving camera are given; empty where that makes no difference.
+    trials : int
+        Places in a recording among which it was sought where it is likeliest.
+    by_epoch : bool
+        Whether it is drawn anew at every epoch; if not, it is the same in all.
+    plausible : float
+        Standard deviation of what its size is before anything is measured; infinite where nothing is known.
+    only_positive : bool
+        Whether its one size is of one sign: what brakes does not drive.
+    is_of_poses : bool
+        Whether it is one of the poses given of a moving camera.
+    block : StateBlock or None
+        Of a state that holds it, None where none does.
+    held_by : Mapping[str, Mapping[str, bool or float]]
+        Settings that put it there, by table and key.
+    parameter : str or None
+        Of the calibration, where this is an error of one that estimates consider; else None.
     """
 
     name: str
@@ -80,10 +89,7 @@ class Alternative(ABC):
 
     @abstractmethod
     def columns(self, motion: SmoothedMotion) -> Columns | None:
-        """Whitened right-hand sides per unit of it, one for each component.
-
-        None where a data set cannot have it.
-        """
+        """Whitened right-hand sides per unit of the error, a column per component; None where it does not apply."""
 
     def is_possible(self, size: Float[np.ndarray, " m"], motion: SmoothedMotion) -> bool:
         """Whether a recording can have an error of this size at all."""
@@ -101,10 +107,7 @@ TINY: Final = float(np.finfo(float).tiny)
 
 
 class Effect(NamedTuple):
-    """Effect of an error on the state component it moves most.
-
-    In deviations: at one epoch, and root mean square over all.
-    """
+    """Effect of an error on the state component it moves most, in deviations: at one epoch, and rms over all."""
 
     largest: float
     rms: float
@@ -116,17 +119,30 @@ class ScoreTest:
 
     Attributes
     ----------
-    size, std: of its components, in its unit; of an error by epoch its standard deviation.
-    statistic, dof: of the score, chi-squared without the error.   gain: see the module.
-    p_value: probability of as much without the error.
-    shift: (k, n) by which the states of all epochs move once the error is removed; None of one that is not `TELLING`.
-    explained: what it explains of all whitened residuals, likewise.
-    level: by how much ln variance of an identified noise level falls with it removed, of the one that falls most.
-    level_dof: degrees of freedom that tell the levels that fall; infinite of stated ones.
-    beside_all: probability of a greater statistic beside what all residuals leave, at the level of a correlated error; else 1.
-    slow: share of what it explains (squared) that slow changes explain as well, of a gyro in a spin about one axis; else 0.
-    beside_slow: statistic of what it explains beside these; infinite where there are none.
-    is_possible: whether a recording can have an error of this size; one by epoch also whether it is in more than a few of these.
+    size, std : (m,) float array
+        Of its components, in its unit; of an error by epoch its standard deviation.
+    statistic, dof : float
+        Of the score, chi-squared without the error.
+    gain : float
+        See the module.
+    p_value : float
+        Probability of as much without the error.
+    shift : (k, n) float array or None
+        By which the states of all epochs move once the error is removed; None of one that is not `TELLING`.
+    explained : (r,) float array or None
+        What it explains of all whitened residuals, likewise.
+    level : float
+        By how much ln variance of an identified noise level falls with it removed, of the one that falls most.
+    level_dof : float
+        Degrees of freedom that tell the levels that fall; infinite of stated ones.
+    beside_all : float
+        Probability of a greater statistic beside what all residuals leave, at the level of a correlated error; else 1.
+    slow : float
+        Share of what it explains (squared) that slow changes explain as well, of a gyro in a spin about one axis; else 0.
+    beside_slow : float
+        Statistic of what it explains beside these; infinite where there are none.
+    is_possible : bool
+        Whether a recording can have an error of this size; one by epoch also whether it is in more than a few of these.
     """
 
     error: Alternative
@@ -222,8 +238,14 @@ class ErrorSize(NamedTuple):
 
     Attributes
     ----------
-    value, covariance: without a prior.   probable: most probable beside one.   improbability: -2 ln prior of that.
-    dof: numbers that are told.
+    value, covariance : (q,) float array, (q, q) float array
+        Without a prior.
+    probable : (q,) float array
+        Most probable beside one.
+    improbability : float
+        -2 ln prior of that.
+    dof : float
+        Numbers that are told.
     """
 
     value: Float[np.ndarray, " q"]
@@ -240,7 +262,10 @@ class ErrorSize(NamedTuple):
 
         Parameters
         ----------
-        F, u: information and score.   prior: information of the diagonal prior.
+        F, u : (q, q) float array, (q,) float array
+            Information and score.
+        prior : (q,) float array
+            Information of the diagonal prior.
         """
         values, vectors = np.linalg.eigh((F + F.T) / 2)
         plausible = np.einsum("ij,i,ij->j", vectors, prior, vectors)
@@ -282,10 +307,7 @@ class _ErrorColumns(NamedTuple):
 def score_tests(
     motion: SmoothedMotion, noise: NoiseComponents, errors: Iterable[Alternative]
 ) -> list[ScoreTest]:
-    """Score tests of all possible errors, the most explaining first.
-
-    Those that a data set can have and that its states leave room for.
-    """
+    """Score tests of all errors that apply and that the states leave room for, the most explaining first."""
     left = _Left(motion.rows.left, noise.squares(motion.rows.left))
     found: list[ScoreTest | None] = []
     constant: list[_ErrorColumns] = []
@@ -302,14 +324,16 @@ def score_tests(
 
 
 def likelier(found: list[ScoreTest], beside: list[ScoreTest], advantage: float) -> list[ScoreTest]:
-    """The better of two tests of each error.
-
-    Among noise that explains the misfit, and in the place of that noise.
+    """The better of two tests of each error: at noise levels that explain the misfit, and at the stated levels.
 
     Parameters
     ----------
-    found: at noise levels as the data would have them.   beside: at those stated.
-    advantage: by how much -2 ln likelihood is less at the former, which an error has to make up for.
+    found : list[ScoreTest]
+        At noise levels as the data would have them.
+    beside : list[ScoreTest]
+        At those stated.
+    advantage : float
+        By how much -2 ln likelihood is less at the former, which an error has to make up for.
     """
     other = {each.error.name: each for each in beside}
     best = []

@@ -33,10 +33,7 @@ class ClockJitter(Alternative):
 
 
 class ClockDrift(Alternative):
-    """Linear drift of the clock.
-
-    Epochs are late by the square of the time from the middle, in units of its span.
-    """
+    """Linear clock drift: epochs are late by the square of the time from the middle, in units of its span."""
 
     name, phrase, unit = "clock-drift", "a drift of the clock's rate", "s over the recording"
     cure = "check the clock, and the unit of the time stamps"
@@ -116,10 +113,7 @@ class GyroBias(_GyroAlternative):
 
 
 class GyroDrift(_GyroAlternative):
-    """Linear drift of the gyro bias.
-
-    w reads w + b s, with s from -1 at the begin to 1 in the end.
-    """
+    """Linear drift of the gyro bias: w reads w + b s, with s from -1 at the begin to 1 in the end."""
 
     name, phrase, unit = "gyro-drift", "a bias of the gyro that drifts", "rad/s"
     plausible = 0.05

@@ -37,9 +37,20 @@ class MeasuredRows:
 
     Attributes
     ----------
-    sensor: number in `Motion.sensors`, or None of observations of unknown landmarks.   rows: of these observations.
-    epoch: (r,).   states: (r, m).   parameters: (r, p), the landmark's point first where there is one.
-    whitening: (r, i, i), zero of what does not count.   change: (r, i) of the whitened expected values by time, 1/s.
+    sensor : int or None
+        Number in `Motion.sensors`, or None of observations of unknown landmarks.
+    rows : (r,) int array
+        Of these observations.
+    epoch : (r,) int array
+        (r,).
+    states : (r, m) float array
+        (r, m).
+    parameters : (r, p) float array
+        The landmark's point first where there is one.
+    whitening : (r, i, i) float array
+        Zero of what does not count.
+    change : (r, i) float array
+        Of the whitened expected values by time, 1/s.
     """
 
     model: MeasurementModel
@@ -52,10 +63,7 @@ class MeasuredRows:
     change: Float[np.ndarray, "r i"]
 
     def by_calibration(self, parameter: ConsiderParameter) -> Float[np.ndarray, "r i e"] | None:
-        """Change of the innovations per unit of a calibration error.
-
-        None of one that is not of this sensor.
-        """
+        """Change of the innovations per unit of a calibration error; None for an error of another sensor."""
         if parameter.moved is None or self.model.name not in parameter.sensors:
             return None
         return self.model.by_error(parameter.moved, parameter.size, self.states, self.parameters)
@@ -85,7 +93,10 @@ class SmoothedMotion:
 
     Attributes
     ----------
-    time: (k,) s.   rows: of the linear problem.
+    time : (k,) float array
+        Time, s.
+    rows : LinearRows
+        Of the linear problem.
     """
 
     time: Float[np.ndarray, " k"]
@@ -131,9 +142,8 @@ class SmoothedMotion:
         angular: Float[np.ndarray, "k 3 m"] | None = None,
         linear: Float[np.ndarray, "k 3 m"] | None = None,
     ) -> Columns:
-        """Right-hand sides of angular and linear accelerations, per unit of m errors.
+        """Right-hand sides of angular (g axes) and linear (centre of mass, i axes) accelerations per unit of m errors.
 
-        Of the rate in g axes, of the centre of mass in i axes.
         Each step takes half of it before and half of it behind, which is enough for a direction to test.
         """
         layout = self.rows.problem.layout
@@ -182,10 +192,7 @@ class SmoothedMotion:
         return replace(measured, steps=measured.steps + steps)
 
     def _driven(self, change: Float[np.ndarray, "k n m"]) -> Columns:
-        """Right-hand sides of time derivatives of the state, 1/s per unit.
-
-        Components in the order of the layout.
-        """
+        """Right-hand sides of time derivatives of the state, 1/s per unit, components in the order of the layout."""
         ordering, rows, count = self.rows.problem.ordering, self.rows.here.dynamics.rows, change.shape[2]
         kicks, d = change[:, ordering.moving], len(ordering.moving)
         half = np.diff(self.time)[:, None, None] / 2
@@ -194,10 +201,7 @@ class SmoothedMotion:
         return replace(nothing, steps=steps)
 
     def kicks_of_steps(self, kicks: Float[np.ndarray, "k n m"]) -> Float[np.ndarray, "j d m"]:
-        """Whitened rows of every step by kicks of the state at its end.
-
-        Components in the order of the layout.
-        """
+        """Whitened rows of every step by kicks of the state at its end, components in the order of the layout."""
         ordering, rows = self.rows.problem.ordering, self.rows.here.dynamics.rows
         d = len(ordering.moving)
         return -rows[:, :, d : 2 * d] @ kicks[1:, ordering.moving]
@@ -240,10 +244,10 @@ class SmoothedMotion:
 
     @cached_property
     def slow_changes(self) -> Float[np.ndarray, "r s"] | None:
-        """Residuals that slow changes of torque and gyro explain in a spin about one axis.
+        """Orthonormal residuals that slow changes of torque and gyro explain in a spin about one axis.
 
-        Orthonormal columns of whitened residuals; None of another motion, or without a gyro.
-        With constant rates every error of the motion is a slow torque, and a slow torque looks like a slow bias.
+        Columns of whitened residuals; None of another motion, or without a gyro. With constant rates every error of the motion
+        is a slow torque, and a slow torque looks like a slow bias.
         """
         read = self.shifted(lambda each: self._slow(SLOW_RATE)[each.epoch] if each.model.reads_rate else None)
         if read is None or not is_steady(self.rates):
