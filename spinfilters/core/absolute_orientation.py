@@ -15,9 +15,9 @@ def absolute_orientation(
     points_b: Float[np.ndarray, "n 3"],
     weights: Float[np.ndarray, " n"] | None = None,
 ) -> tuple[Float[np.ndarray, " 4"], Float[np.ndarray, " 3"]]:
-    """(q_ab, t_ab) of least squares between two weighted sets of points.
+    """Least-squares rigid motion (q_ab, t_ab) between two weighted sets of matched points.
 
-    Minimises the weighted sum of |p_a - R_ab p_b - t_ab|^2, scale one; of one set (`absolute_orientations`).
+    Minimises the weighted sum of |p_a - R_ab p_b - t_ab|^2 with scale one; `absolute_orientations` solves many sets at once.
 
     Raises
     ------
@@ -68,9 +68,9 @@ def absolute_orientations(
 def rigid_motions(
     points_a: Float[np.ndarray, "h n 3"], points_b: Float[np.ndarray, "h n 3"]
 ) -> tuple[Float[np.ndarray, "h 3 3"], Float[np.ndarray, "h 3"]]:
-    """(R_ab, t_ab) of h sets of points at once.
+    """Rigid motions (R_ab, t_ab) between h sets of matched points, all weights equal.
 
-    U V' of the singular value decomposition of sum p_a p_b' (Kabsch 1976).
+    R_ab = U V' from the singular value decomposition of sum p_a p_b' (Kabsch 1976), with the sign that makes it a rotation.
     """
     mean_a, mean_b = points_a.mean(axis=1), points_b.mean(axis=1)
     M = np.swapaxes(points_a - mean_a[:, None], 1, 2) @ (points_b - mean_b[:, None])

@@ -111,10 +111,7 @@ _Place = Callable[[int, int], str]
 
 
 def simd_text(function: ca.Function) -> str | None:
-    """C of a function's loop over items, or None.
-
-    None where its tape holds an operation that is not known here.
-    """
+    """C of a function's loop over items; None where the function has an operation without a C form here."""
     gather: list[str] = []
 
     def taken(which: int, place: int) -> str:
