@@ -298,9 +298,7 @@ class PinholeCamera:
 
 @dataclass(frozen=True)
 class StereoRig:
-    """A parallel pinhole pair with lenses of their own.
-
-    The right camera is the left one moved by the baseline along x.
+    """A parallel pinhole pair, each camera with its own lens; the right one is displaced by the baseline along x.
 
     Parameters
     ----------
@@ -323,10 +321,7 @@ class StereoRig:
 
     @property
     def calibration(self) -> Float[np.ndarray, " c"]:
-        """(fx, fy, cx, cy px, baseline m), then coefficients of distorting lenses.
-
-        Both lenses have coefficients where one of them distorts.
-        """
+        """(fx, fy, cx, cy px, baseline m), then the coefficients of both lenses if either of them distorts."""
         lenses = (self.left.distortion, self.right_distortion)
         both = [each or PERFECT for each in lenses] if any(lenses) else []
         return np.array([*self.left.intrinsics, self.baseline_m, *chain(*both)])

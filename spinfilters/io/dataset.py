@@ -311,7 +311,9 @@ def calibrations_of(log: MeasurementLog) -> tuple[CalibrationFiles, ...]:
 def require_cover(inspector: MeasurementStream, log: MeasurementLog) -> None:
     """Require that the inspector's poses cover all observations of a camera.
 
-    InputError: a log without a camera, or observations of one before the first or after the last pose.
+    Raises
+    ------
+    InputError: a log without a camera, or camera observations before the first or after the last pose.
     """
     seen = [stream.time for stream in log.streams if sensor_format(stream.sensor).calibration is not None]
     if not seen:

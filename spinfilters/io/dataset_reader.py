@@ -39,10 +39,7 @@ class DatasetReader(ABC):
 
     @abstractmethod
     def recognises(self, path: Path) -> bool:
-        """Whether a path, which need not exist, is of this format.
-
-        Name or first bytes decide, without reading it all.
-        """
+        """Whether a path, which need not exist, is of this format, judged by its name or its first bytes alone."""
 
     @abstractmethod
     def read(self, path: Path, segment: int | None) -> Dataset:
@@ -56,9 +53,11 @@ class DatasetReader(ABC):
         return self.read(path, None)
 
     def stating(self, options: ReadingOptions) -> "DatasetReader":
-        """The reader with what the user states of a recording.
+        """The reader with what the user states about a recording.
 
-        InputError: a format that has no use for it.
+        Raises
+        ------
+        InputError: options that this format does not take.
         """
         options.require_only((), self.words or "this kind of file")
         return self
@@ -78,10 +77,7 @@ IMAGES: Final = "stereo images"
 
 
 def has_images(path: str | os.PathLike[str]) -> bool:
-    """Whether a path is a folder of stereo images without tracks.
-
-    A front end must follow these first.
-    """
+    """Whether a path is a folder of stereo images without tracks, which a front end must extract first."""
     folder = Path(path)
     return os.path.isdir(folder / "cam0" / "data") and not os.path.lexists(folder / "tracks.csv")
 

@@ -54,10 +54,7 @@ def value_text(value: object) -> str:
 
 
 def reason(error: Exception) -> str:
-    """One-line message of a system's or parser's error.
-
-    Such as 'Permission denied', at most 200 characters.
-    """
+    """One-line message of a system's or parser's error, such as 'Permission denied', of at most 200 characters."""
     text = (error.strerror if isinstance(error, OSError) else None) or str(error)
     return "".join(c if c.isprintable() else " " for c in " ".join(text.split())[:200])
 
@@ -94,7 +91,7 @@ def require_file(path: Path, max_bytes: int) -> int:
 def read_bytes(path: Path, max_bytes: int, may_be_empty: bool = False) -> bytes:
     """Content of a regular file of at most so many bytes.
 
-    Never waits: a pipe, socket or device is refused, also one that takes the file's place after it was looked at.
+    It never blocks: a pipe, socket or device is refused, even one that replaces the file after it was examined.
 
     Raises
     ------
@@ -187,7 +184,9 @@ def read_settings_text(path: Path) -> str:
 def read_toml(path: Path) -> dict[str, Any]:
     """Document of a TOML file of at most 1 MiB.
 
-    InputError: unreadable file, or text that is not TOML.
+    Raises
+    ------
+    InputError: an unreadable file, or text that is not TOML.
     """
     import tomllib  # slow to import, and every command has this module
 

@@ -152,10 +152,7 @@ _LARGEST_KEY = 1 << 62  # of whole numbers that are sorted
 
 
 def first_disorder(time: Float[np.ndarray, " n"], repeats: bool) -> int | None:
-    """First row whose time (s) is out of order, or None.
-
-    It is before its predecessor's, or equal unless `repeats`.
-    """
+    """First row whose time (s) is before its predecessor's, or equal to it unless `repeats`; None if in order."""
     step = np.diff(time)
     rows = np.flatnonzero(step < 0.0 if repeats else step <= 0.0)
     return int(rows[0]) + 1 if rows.size else None
@@ -291,9 +288,7 @@ def _row(stream: MeasurementStream, row: int) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Acceleration:
-    """Specific force at the sensor's place, axes of the gyro; read-only copies.
-
-    Acceleration without gravity.
+    """Specific force (acceleration without gravity) at the sensor's position, axes of the gyro; read-only copies.
 
     Attributes
     ----------

@@ -168,10 +168,7 @@ def _tells_rate(stem: str, unit: str) -> bool:
 
 
 def _stem_and_axis(words: list[str]) -> tuple[str, str, str]:
-    """Stem without blanks, axis letter and unit of a heading.
-
-    Axis and unit are empty where there is none.
-    """
+    """Stem without blanks, axis letter and unit of a heading; axis and unit are empty where it has none."""
     unit = ""
     for count in (2, 1):
         tail = _spelled("/".join(words[-count:]))
@@ -215,10 +212,7 @@ KNOWN_UNITS: Final[dict[Quantity, dict[str, float]]] = {
 
 @dataclass(frozen=True)
 class VectorColumns:
-    """Indices of a vector's components, and its unit.
-
-    Empty where none is stated; whether its name means SI by convention.
-    """
+    """Indices of a vector's components, its unit (empty if unstated), and whether its name implies SI by convention."""
 
     indices: tuple[int, ...]
     unit: str
@@ -295,7 +289,7 @@ def _vector(path: Path, names: Sequence[str], found: list[_Headed], axes: str) -
 def _clock(path: Path, names: Sequence[str], headings: Sequence[Heading | None]) -> tuple[int, str] | None:
     """Index and unit of the clock among the columns.
 
-    The only one, or the first that states its unit, seconds before others.
+    It is the only one, or the first that states its unit, with seconds preferred.
     """
     times = [(k, h) for k, h in enumerate(headings) if h is not None and h.quantity == "time"]
     named = [(k, h) for k, h in times if h.axis != FOREIGN]

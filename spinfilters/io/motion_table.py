@@ -222,9 +222,11 @@ def _read(
 def _rate_unit(
     table: TextTable, vector: VectorColumns, options: ReadingOptions, is_known_export: bool
 ) -> str:
-    """Unit of body rates, stated or by convention of the name.
+    """Unit of body rates, from the header, the user, or the convention of the name.
 
-    Stated by header or user. InputError: none, or two.
+    Raises
+    ------
+    InputError: no unit, or two that differ.
     """
     if vector.unit and options.unit not in (None, vector.unit):
         raise InputError(
@@ -248,10 +250,7 @@ def _timed(
     layout: TextLayout,
     speed: Float[np.ndarray, " n"] | None,
 ) -> tuple[TextTable, str]:
-    """Table with time in s first, and a remark on its unit.
-
-    "s" where the header says that.
-    """
+    """Table with time in s as its first column, and a remark on the clock's unit (just "s" for seconds)."""
     if columns.time is None:
         time = np.arange(len(table.values)) / (options.rate or 1.0)
         table = replace(table, names=("time", *table.names), values=np.column_stack([time, table.values]))
@@ -278,9 +277,11 @@ def _timed(
 
 
 def _require(table: TextTable, allowed: NumberRange, unit: str) -> None:
-    """Require every value of the first vector to be in range.
+    """Require every value of the first vector, whose numbers follow the time, to be in range.
 
-    The numbers behind the time. InputError: one that is not.
+    Raises
+    ------
+    InputError: a value that is not.
     """
     values = table.values[:, 1:4]
     outside = np.argwhere((values < allowed.smallest) | (values > allowed.largest))
@@ -364,10 +365,7 @@ class MotionFileReader(DatasetReader):
     words = "a gyro .csv"
 
     def recognises(self, path: Path) -> bool:
-        """Whether a file is a single table, by suffix and name.
-
-        It is no part of a data set folder.
-        """
+        """Whether a file is a single table, by suffix and name, and not a part of a data set folder."""
         return path.suffix.lower() in _SUFFIXES and path.name not in _parts() and not os.path.isdir(path)
 
     def read(self, path: Path, segment: int | None) -> Dataset:

@@ -65,9 +65,9 @@ def write_text(path: Path, text: str) -> None:
 
 
 def write_json(path: Path, document: object) -> None:
-    """Write a document as indented JSON, atomically.
+    """Write a document as indented JSON, atomically; numbers that are not finite are written as `null`.
 
-    It holds dicts, lists, strings, numbers and None, with `null` for what is not finite.
+    It may hold dicts, lists, strings, numbers and None.
 
     Raises
     ------

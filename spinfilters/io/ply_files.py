@@ -93,10 +93,7 @@ def write_ply(
     comments: tuple[str, ...],
     triangles: Int[np.ndarray, "f 3"] | None = None,
 ) -> None:
-    """Write a binary PLY of points and triangles, atomically.
-
-    Properties of float64, int32 or uint8.
-    """
+    """Write a binary PLY of points and triangles with float64, int32 or uint8 properties, atomically."""
     kinds = {"f": ("double", "<f8"), "i": ("int", "<i4"), "u": ("uchar", "u1")}
     layout = [(name, kinds[values.dtype.kind][1]) for name, values in columns.items()]
     count = len(next(iter(columns.values())))

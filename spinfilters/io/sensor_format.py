@@ -157,10 +157,9 @@ def _by_name(sensors: tuple[StoredSensor, ...]) -> Mapping[str, SensorFormat]:
 
 @dataclass(frozen=True, init=False)
 class SensorNoise:
-    """Standard deviations of sensors whose rows have no covariances.
+    """Standard deviations of sensors whose rows have no covariances; each sensor documents its noise model.
 
-    See each sensor for its model.
-    Every option of the registry has a value, its default where none is given, and is an attribute: ``noise.pixel_std``.
+    Every option of the registry has a value, by default the option's, and is an attribute: ``noise.pixel_std``.
 
     Raises
     ------

@@ -261,10 +261,7 @@ def read_tum(path: Path) -> MeasurementStream:
 
 
 def write_tum(path: Path, stream: MeasurementStream) -> None:
-    """Write a pose stream with at least 9 decimals, atomically.
-
-    It writes as many decimals as give the same bits when read.
-    """
+    """Write a pose stream atomically, with at least 9 decimals and as many as give the same bits when read."""
     write_poses(path, stream.time, stream.values[:, :3], stream.values[:, 3:])
 
 
@@ -305,9 +302,7 @@ _DEGREES = re.compile(r"(?<![a-z])(deg(ree)?s?|dps|degps)(?![a-z])|°(?!\s*[CF])
 
 
 def read_gyro_csv(path: Path) -> MeasurementStream:
-    """Gyro stream of the table of a data set folder.
-
-    Its header is `time_s,wx,wy,wz` (s, rad/s, g axes).
+    """Gyro stream of the table of a data set folder, with the header `time_s,wx,wy,wz` (s, rad/s, g axes).
 
     Raises
     ------
@@ -327,10 +322,7 @@ def read_gyro_csv(path: Path) -> MeasurementStream:
 
 
 def write_gyro_csv(path: Path, stream: MeasurementStream) -> None:
-    """Write a gyro stream so that reading gives the same bits.
-
-    Atomic; covariance is not part of the file.
-    """
+    """Write a gyro stream atomically, so that reading gives the same bits; its covariance is not written."""
     write_csv(path, GYRO_COLUMNS, [stream.time, *stream.values.T])
 
 

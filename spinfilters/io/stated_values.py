@@ -43,10 +43,7 @@ class NumberRange:
             raise InputError(f"{name} is {value_text(value)}; give {self}")
 
     def __get_pydantic_core_schema__(self, _source: object, _handler: object) -> Any:
-        """Pydantic validation of a field by its annotated range.
-
-        No truth value, no text, no other number.
-        """
+        """Pydantic validation of a field by its annotated range; Booleans and text are refused."""
         from pydantic_core import core_schema  # only settings need it
 
         number = core_schema.int_schema(strict=True) if self.whole else core_schema.float_schema(strict=True)

@@ -302,10 +302,7 @@ _WRITE_ROWS = 4096  # rows turned into text at a time, which bounds the memory o
 
 @dataclass(frozen=True)
 class TableFormat:
-    """Layout of a table.
-
-    Delimiter (None: blanks), comment mark, header line, comma as decimal mark.
-    """
+    """Format of a table: delimiter (None for blanks), comment mark, header line, and whether decimals have a comma."""
 
     delimiter: str | None
     comment: str | None = None
@@ -313,10 +310,7 @@ class TableFormat:
     decimal_comma: bool = False
 
     def cells(self, line: str) -> list[str]:
-        """Cells of one line as text.
-
-        An empty list for a line that is blank or only a comment.
-        """
+        """Cells of one line as text; empty for a line that is blank or only a comment."""
         text = line.split(self.comment, 1)[0] if self.comment else line.rstrip("\r\n")
         if not text.strip() and (self.delimiter is None or not text):
             return []
@@ -331,10 +325,7 @@ _LARGEST_ID = 2.0**53  # above it float64 does not tell whole numbers apart
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Finite numbers of a file with column names.
-
-    One row per line that is neither blank nor a comment.
-    """
+    """Finite numbers of a file with column names, one row per line that is neither blank nor a comment."""
 
     path: Path
     names: tuple[str, ...]
@@ -428,9 +419,7 @@ def write_csv(path: Path, names: Sequence[str], columns: Sequence[np.ndarray]) -
 
 
 def numbers(path: Path, key: str, value: object, shape: tuple[int, ...]) -> Float[np.ndarray, "..."]:
-    """Finite numbers of a key as an array of this shape.
-
-    Text such as '1e-3', no number in YAML, counts.
+    """Finite numbers of a key as an array of this shape; text such as '1e-3', which YAML reads as text, is accepted.
 
     Raises
     ------

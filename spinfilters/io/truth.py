@@ -47,9 +47,7 @@ _TRIANGLE = 1e-6  # relative: a flat body, whose moments satisfy A + B = C, must
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """True motion, and mass properties as far as known.
-
-    The arrays are read-only copies.
+    """True motion, and mass properties as far as they are known; arrays are copied and read-only.
 
     Parameters
     ----------
@@ -92,9 +90,7 @@ class Truth:
 
 
 def read_truth(folder: Path) -> Truth:
-    """Truth of a folder that has one of `TRUTH_FILES`.
-
-    `truth.csv`, and `truth.toml` where there is one.
+    """Truth of a folder: `truth.csv`, and `truth.toml` if there is one.
 
     Raises
     ------

@@ -43,9 +43,9 @@ SMALLEST_TURN = 1e-3
 
 @dataclass(frozen=True)
 class StepBatch:
-    """Steps of ``dt`` seconds from ``here`` to about ``there``.
+    """Steps of ``dt`` seconds from ``here`` to about ``there``; Jacobians are evaluated at ``about``.
 
-    Slopes are taken ``about`` points with other constants.
+    The points ``about`` are those of ``here``, possibly with other constants.
 
     Attributes
     ----------
@@ -122,9 +122,10 @@ class BatchedLinearisation:
 
     @built_property
     def _scan(self) -> VectorisedScan:
-        """The state of the scan.
+        """The scan over substeps.
 
-        The rotation, the same in substeps twice as long, and the sums of the linearisation.
+        Its state is [(q, w) in substeps of h | (q, w) in substeps of 2 h, for the error estimate | the sums of the
+        linearisation].
         """
         inputs = self._inputs()
         begin = ca.Function("begin_steps", inputs, [*self._begin(inputs[0], inputs[2]), inputs[4]])
@@ -175,9 +176,9 @@ class BatchedLinearisation:
 
 
 def _alike(turns: Float[np.ndarray, " k"]) -> list[Int[np.ndarray, " r"]]:
-    """Steps grouped by the size of their rotations, rad.
+    """Indices of steps grouped by the size of their rotations, rad.
 
-    Up to `ALIKE` times the median turn all belong together, which is every step of an ordinary recording.
+    Rotations of up to `ALIKE` times the median form one group, which holds every step of an ordinary recording.
     """
     largest, smallest = turns.max(initial=0.0), float(turns.min(initial=np.inf))
     # whatever the median between them: it is not asked for where one group is sure

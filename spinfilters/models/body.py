@@ -73,9 +73,9 @@ class BodyEstimate:
 
 @dataclass(frozen=True)
 class BodyHistory:
-    """The body after every epoch: fields as in `BodyEstimate` with time (n,) s in front.
+    """The body after every epoch: fields as in `BodyEstimate`, with an epoch axis (n,) in front.
 
-    ``log_ratios`` and ``log_ratios_std`` are (n, 2) and hold k1, k2.
+    ``time`` is in s; ``log_ratios`` and ``log_ratios_std`` are (n, 2) and hold k1, k2.
     """
 
     time: Float[np.ndarray, " n"]
@@ -123,9 +123,7 @@ def body_estimate(belief: Gaussian, intervals: bool = True) -> BodyEstimate:
 def bodies_of(
     layout: StateLayout, time: np.ndarray, mean: np.ndarray, factor: np.ndarray, intervals: bool = True
 ) -> BodyHistory:
-    """The body of every belief over a layout with block s.
-
-    Not a number where a belief is not finite.
+    """The body of every belief over a layout with block s; NaN where a belief is not finite.
 
     Parameters
     ----------
@@ -198,9 +196,9 @@ def _cover(
     found: dict[str, np.ndarray],
     rows: Int[np.ndarray, " v"],
 ) -> None:
-    """Widen deviations towards those of the integrals, correlations kept.
+    """Widen standard deviations to a quarter of the departures within four deviations of the belief.
 
-    To a quarter of what four of the belief make of moments, ratios and axes.
+    Moments, log ratios and axes are only ever widened, and correlations are kept (`widest_departures`).
     """
     axes = np.swapaxes(found["principal_axes_g"][rows], 1, 2)
     moments, ratios, turns = widest_departures(s, factor, axes)
@@ -212,10 +210,7 @@ def _cover(
 
 
 def _principal(J: Float[np.ndarray, "n 3 3"]) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3 3"]]:
-    """Principal moments and axes (columns).
-
-    Positive even of a needle; not a number where J is not finite.
-    """
+    """Principal moments and axes (columns); moments are positive even for a needle, NaN where J is not finite."""
     good = np.asarray(np.isfinite(J).all(axis=(1, 2)))
     moments, vectors = np.linalg.eigh(np.where(good[:, np.newaxis, np.newaxis], J, np.eye(3)))
     moments = np.maximum(
@@ -226,10 +221,7 @@ def _principal(J: Float[np.ndarray, "n 3 3"]) -> tuple[Float[np.ndarray, "n 3"],
 
 
 def _axis_turns(moments: np.ndarray, turned: np.ndarray) -> Float[np.ndarray, "n 3 e"]:
-    """Derivative of the axes' rotation phi in R_gb exp([phi x]).
-
-    phi_1 = u_3 . du_2 and cyclic, from u_i' dJ u_j.
-    """
+    """Derivative of the axes' rotation phi in R_gb exp([phi x]): phi_1 = u_3 . du_2 and cyclic, from u_i' dJ u_j."""
     after, last = [1, 2, 0], [2, 0, 1]
     gap = moments[:, after] - moments[:, last]
     floor = _SMALLEST_GAP * moments[:, 2:]
@@ -238,10 +230,7 @@ def _axis_turns(moments: np.ndarray, turned: np.ndarray) -> Float[np.ndarray, "n
 
 
 def _bounded(covariance: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 3 3"]:
-    """The covariance with bounded standard deviations.
-
-    The bound is that of an axis of which nothing is known.
-    """
+    """The covariance with standard deviations of at most `UNDETERMINED_STD`, correlations kept."""
     std = np.sqrt(np.einsum("nkk->nk", covariance))
     share = UNDETERMINED_STD / np.maximum(std, UNDETERMINED_STD)
     return covariance * share[:, :, np.newaxis] * share[:, np.newaxis]

@@ -40,9 +40,9 @@ def facing(
     rotations: Float[np.ndarray, "n 3 3"],
     origins: Float[np.ndarray, "n 3"],
 ) -> Bool[np.ndarray, "n k"]:
-    """Landmarks that face the camera from beyond `NEAREST_M`.
+    """Mask of landmarks beyond `NEAREST_M` that face the camera.
 
-    Normal and line to the camera have a larger cosine than this.
+    A landmark faces the camera if the cosine between its normal and the line to the camera exceeds the given one.
 
     Parameters
     ----------
@@ -241,10 +241,7 @@ def ball(count: int, radius_m: float, generator: np.random.Generator) -> Surface
 
 
 def stays_in_view(motion: TrueMotion, radius_m: float) -> bool:
-    """Whether a ball about g stays whole in both images.
-
-    All the time, at about its first depth (`DEPTHS`).
-    """
+    """Whether a ball about g stays whole in both images throughout, at about its first depth (`DEPTHS`)."""
     path = motion.block("t")
     return could_stay_in_view(path, float(path[0, 2]), radius_m, 0.0)
 
@@ -252,10 +249,7 @@ def stays_in_view(motion: TrueMotion, radius_m: float) -> bool:
 def could_stay_in_view(
     path: Float[np.ndarray, "n 3"], first_depth: float, radius_m: float, margin_m: float
 ) -> bool:
-    """Whether a ball may stay whole in both images.
-
-    When the path of its centre (camera frame) is off by at most ``margin_m``.
-    """
+    """Whether a ball may stay whole in both images if its centre's path (camera frame) errs by at most ``margin_m``."""
     x, y, z = path.T
     farthest = z + margin_m
     inside = (farthest > DEPTHS[0] * first_depth) & (z - margin_m < DEPTHS[1] * first_depth)
@@ -297,10 +291,7 @@ class TrackCamera:
 
 
 class FeatureTracks(NamedTuple):
-    """Observations (n rows) in order of time with surface rows.
-
-    The rows of the surface that landmarks 0, 1, 2 ... are.
-    """
+    """Observations (n rows) in order of time, and the rows of the surface that landmarks 0, 1, 2 ... are."""
 
     time: Float[np.ndarray, " n"]
     ids: Int[np.ndarray, " n"]

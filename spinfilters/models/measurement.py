@@ -99,7 +99,7 @@ class MeasurementModel(ABC):
 
     @property
     def landmark_sensor(self) -> "LandmarkSensor | None":
-        """The model as one that tells landmarks; None of one that does not."""
+        """The model as one that observes landmarks; None for any other model."""
         return None
 
     @cached_property
@@ -111,7 +111,7 @@ class MeasurementModel(ABC):
     def predict(
         self, x: Float[np.ndarray, "*batch m"], parameters: Float[np.ndarray, "*batch p"]
     ) -> Float[np.ndarray, "*batch v"]:
-        """Expected values."""
+        """Expected values of the measurements."""
         return self._predict(x, parameters)[0]
 
     def innovations(
@@ -120,7 +120,7 @@ class MeasurementModel(ABC):
         parameters: Float[np.ndarray, "*batch p"],
         measured: Float[np.ndarray, "*batch v"],
     ) -> tuple[Float[np.ndarray, "*batch r"], Bool[np.ndarray, "*batch"]]:
-        """Innovations at given points and where they are valid."""
+        """Innovations at given points, and where the model is valid."""
         innovation, valid = self._innovations(x, parameters, measured)
         return innovation, valid[..., 0] > 0
 
@@ -149,9 +149,9 @@ class MeasurementModel(ABC):
         parameters: Float[np.ndarray, "k p"],
         measured: Float[np.ndarray, "k v"],
     ) -> Linearisation:
-        """Innovations and their derivatives at one or many points.
+        """Whitened innovations and their Jacobians.
 
-        It is a point (m,), or each value has a point of its own (k, m).
+        ``x`` is one point (m,) common to all values, or a point for each value (k, m).
         """
         points = x if x.ndim == 2 else x[np.newaxis]
         return self._linearised(self.linearisation(points, parameters, measured, rows=(None, None, None)))
@@ -301,9 +301,7 @@ def row_by_row(matrix: Expression) -> Expression:
 
 
 class LandmarkLinearisation(NamedTuple):
-    """A sensor linearised about a state and landmarks, whitened.
-
-    One landmark per value, k values at once, by the noise factor.
+    """A sensor linearised about a state and k landmarks, one landmark per value, whitened by the noise factor.
 
     Attributes
     ----------
@@ -348,14 +346,14 @@ class LandmarkSensor(MeasurementModel):
     def landmark(
         self, state: dict[str, Expression], measured: Expression, parameters: Expression
     ) -> Expression:
-        """The point (3, frame g) that explains a measurement exactly.
+        """The point (3, frame g) that explains a measurement from this state exactly.
 
-        From this state; its parameters are not read.
+        The landmark among the parameters is not read, only what accompanies it.
         """
 
     @abstractmethod
     def determined(self, measured: Expression, parameters: Expression) -> Expression:
-        """Positive where `landmark` is far better known than nothing (the disparity stands out of its noise)."""
+        """Positive where one measurement constrains `landmark` well (the disparity is large against its noise)."""
 
     def linearise_landmarks(
         self,
@@ -381,9 +379,9 @@ class LandmarkSensor(MeasurementModel):
         parameters: Float[np.ndarray, "k p"],
         measured: Float[np.ndarray, "k v"],
     ) -> NewLandmarks:
-        """Landmarks from one measurement each, at a common point (m,) or one each (k, m).
+        """Landmarks initialised from one measurement each, at a common point (m,) or one each (k, m).
 
-        Their dependence on the state's error and on the sensor's noise comes with them.
+        The result holds their Jacobians by the state's error and their covariance factors due to the sensor's noise.
         """
         points, jacobian, root, determined = self._new_landmarks(x, parameters, measured)
         count = len(measured)
@@ -417,11 +415,7 @@ class LandmarkSensor(MeasurementModel):
 
     @built_property
     def observation_innovations(self) -> Vectorised:
-        """Whitened innovations, validity and determinant of the noise factor.
-
-        Validity is positive where the model applies.
-        Inputs: those of `observation_rows`.
-        """
+        """Whitened innovations, validity (positive where valid) and noise determinant, from `observation_rows`' inputs."""
         x, p, z = self._symbols
         state = self.layout.unpack(x)
         whitening, _ = self._whitening_expression(x, p)
@@ -447,9 +441,9 @@ class LandmarkSensor(MeasurementModel):
         return self._function("linearise_landmarks", [x, p, z], outputs)
 
     def _derivatives(self, x: ca.SX, p: ca.SX, z: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
-        """Whitening, innovation and its derivatives by the model's columns and the landmark.
+        """Whitening, innovation, and Jacobians by the model's columns and by the landmark.
 
-        The signs are those of the expectation's derivatives.
+        The Jacobians are those of the expected value, that is minus those of the innovation.
         """
         at, d = self._moved(x)
         expected = self.innovation(self.symbolic(at, p), z)

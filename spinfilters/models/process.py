@@ -40,9 +40,9 @@ TOGETHER = 16
 
 
 class DisturbedSteps:
-    """Steps disturbed before and after each (Strang splitting).
+    """Disturbed steps of one or many states, integrated by a `RotationIntegrator`.
 
-    It serves one or many states; see `RotationIntegrator`.
+    Half a step's white disturbance acts before each step, half after it (Strang splitting).
     """
 
     def __init__(self, layout: StateLayout, integrator: RotationIntegrator) -> None:
@@ -105,8 +105,7 @@ class DisturbedSteps:
     def _build(self, count: int, steps: int, kept: int | None = None) -> Compiled:
         """Build ``steps`` steps of ``count`` substeps each.
 
-        The last point, or those after every ``kept`` steps, one a column.
-        The error is the largest of a step.
+        Outputs: the last point, or those after every ``kept`` steps, one a column; and the largest integration error of a step.
         """
         into = ca.DM.zeros(self._layout.mean_dim, len(self.kicked))
         into[self.kicked, :] = ca.DM.eye(len(self.kicked))
@@ -197,9 +196,9 @@ def derivative(layout: StateLayout, x: Expression) -> Expression:
 
 
 class TorqueFreeProcess:
-    """Discrete torque-free process model over any layout with a, w, s.
+    """Discrete torque-free process model over any layout with the blocks a, w and s.
 
-    t, v, c together, and other constants, are optional.
+    The blocks t, v and c (together) and all other constants are optional.
 
     Parameters
     ----------
@@ -235,7 +234,7 @@ class TorqueFreeProcess:
     ) -> Float[np.ndarray, "*batch m"]:
         """Points after n disturbed steps of ``dt`` seconds (dt > 0).
 
-        Each between half a step's white disturbances before it and after it.
+        Half of a step's white disturbance acts before it, half after it.
 
         Parameters
         ----------
@@ -247,9 +246,7 @@ class TorqueFreeProcess:
     def disturbed_path(
         self, x: Float[np.ndarray, " m"], dt: float, normal: Float[np.ndarray, "n k 2 b"]
     ) -> Float[np.ndarray, "n_plus_1 m"]:
-        """One disturbed motion at the ends of n intervals of ``dt`` seconds, begin included.
-
-        Every interval has k disturbed steps.
+        """One disturbed motion at the ends of n intervals of ``dt`` seconds, the begin included, in k steps per interval.
 
         Parameters
         ----------
@@ -285,10 +282,13 @@ class TorqueFreeProcess:
         return self._many.linearise(here, there, dt, self._densities, about)
 
     def require_steps(self, time: Float[np.ndarray, " k"], rates: Float[np.ndarray, "k 3"]) -> None:
-        """Require that a motion needs few enough substeps.
+        """Require that a motion can be integrated within the budget of substeps.
 
-        InputError: these body rates (rad/s) at these times (s) take too many to integrate.
-        That is a step beyond `MAX_SUBSTEPS`, or more than `MOST_SUBSTEPS` and `USUAL_SUBSTEPS` a step in all.
+        The budget is `MAX_SUBSTEPS` for one step, and for all steps `MOST_SUBSTEPS` or on average `USUAL_SUBSTEPS`.
+
+        Raises
+        ------
+        InputError: body rates (rad/s) at these times (s) that take too many substeps.
         """
         turned = turns(rates[:-1], np.diff(time))
         if substeps(float(turned.max(initial=0.0)), self._tolerance) <= USUAL_SUBSTEPS:

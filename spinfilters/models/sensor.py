@@ -90,10 +90,9 @@ def with_noise(
 
 @dataclass(frozen=True)
 class CameraView:
-    """Landmarks in frame g, calibration and camera poses.
+    """What a camera's observations are compared with: landmarks in frame g, calibration and camera poses.
 
-    What rows of landmarks are measured against.
-    Without a known map the landmarks are left to the estimators: measurements then carry their ids.
+    Without a known map the estimators hold the landmarks, and measurements carry their ids.
 
     Attributes
     ----------
@@ -105,9 +104,11 @@ class CameraView:
     inspector: CameraTrajectory | None = None
 
     def camera_poses(self, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 7"] | None:
-        """(t_ic m, q_ic) at these times (s).
+        """(t_ic m, q_ic) at these times (s); None where frame i is the camera's.
 
-        None where frame i is the camera's. InputError: times that are not covered.
+        Raises
+        ------
+        InputError: times that the trajectory does not cover.
         """
         return None if self.inspector is None else self.inspector.at(time)
 
@@ -188,7 +189,7 @@ class AnalysedSensor:
 class Sensor(StoredSensor, ABC):
     """A sensor of the registry.
 
-    A subclass states its attributes and writes `bind`; what else it can do it overrides.
+    A subclass defines the attributes and `bind`; it overrides the other methods as far as it supports them.
 
     Attributes
     ----------
@@ -216,9 +217,7 @@ class Sensor(StoredSensor, ABC):
     def initial_motion(
         self, stream: MeasurementStream, noise: SensorNoise, view: CameraView | None
     ) -> MotionSamples | None:
-        """Motion that the rows measure directly.
-
-        None where they do not tell attitudes or rates.
+        """Initial motion that the rows measure directly; None if they determine neither attitudes nor rates.
 
         Raises
         ------
@@ -227,10 +226,7 @@ class Sensor(StoredSensor, ABC):
         return None
 
     def measured_rates(self, stream: MeasurementStream) -> Float[np.ndarray, "n 3"] | None:
-        """Body rates of the rows, rad/s, axes g.
-
-        None of a sensor that measures something else.
-        """
+        """Body rates of the rows, rad/s, axes g; None for a sensor that measures something else."""
         return None
 
     def diagnostics(self, stream: MeasurementStream) -> Sequence[str]:
@@ -250,8 +246,10 @@ class Sensor(StoredSensor, ABC):
     def points_at_infinity(
         self, count: int, rig: Rig | None, generator: np.random.Generator
     ) -> Float[np.ndarray, "count v"]:
-        """Values of points far away that are no part of the body.
+        """Values of distant points that are not part of the body.
 
+        Raises
+        ------
         InputError: a sensor without landmarks.
         """
         raise InputError(f"the sensor {self.name} sees no landmarks; choose another fault")

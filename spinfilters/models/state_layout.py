@@ -131,10 +131,7 @@ class StateLayout:
         return ca.vertcat(*parts)
 
     def local_expression(self, x: Expression, y: Expression) -> Expression:
-        """y [-] x, the error that takes x to y, symbolically.
-
-        The attitude error goes the short way round.
-        """
+        """y [-] x, the error that takes x to y, symbolically; the attitude error goes the short way round."""
         return self._difference(x, y, [block.chart.local for block in self.members])
 
     def near_local_expression(self, x: Expression, y: Expression) -> Expression:
@@ -198,9 +195,8 @@ class StateLayout:
 
 @building()
 def with_error_jacobian(layout: StateLayout, name: str, quantity: Quantity) -> Compiled:
-    """x -> (y, dy/dd at d = 0) with y = quantity(x [+] d).
+    """x -> (y, dy/dd at d = 0) with y = quantity(x [+] d), over any leading axes of x.
 
-    Over any leading axes of x.
     The derivative goes through the layout's own retraction, so it is right for every error chart. A matrix y
     comes as the column of its columns. Interpreted: it is called once per history, which no compiler repays.
     """
@@ -252,7 +248,7 @@ def _slices(blocks: tuple[str, ...], sizes: list[int]) -> dict[str, slice]:
 class Gaussian:
     """Mean and covariance of a state.
 
-    The covariance is held as a factor, P = factor factor', so that it cannot become indefinite by rounding.
+    The covariance is held as a factor, P = factor factor', so that rounding cannot make it indefinite.
 
     Attributes
     ----------

@@ -203,10 +203,7 @@ class LidarPointsSensor(Sensor):
         )
 
     def simulate(self, scene: Scene) -> SimulatedStream:
-        """Points on the faces of a box within the surface.
-
-        `MOST_POINTS` in a scan about every epoch.
-        """
+        """Points on the faces of a box within the surface, `MOST_POINTS` in the scan of every epoch."""
         from spinfilters.core.ray_angles import angles_of
 
         model, layout = LidarPoint(scene.motion.layout), scene.motion.layout
@@ -235,7 +232,7 @@ class LidarPointsSensor(Sensor):
     ) -> Float[np.ndarray, "count 8"]:
         """Ranges of random planes up to `FARTHEST_M`.
 
-        Beams lie before the lidar, planes anywhere within a metre of the origin of g.
+        Beams point to the front of the lidar; planes lie within a metre of the origin of g.
         """
         normals = generator.standard_normal((count, 3))
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)

@@ -114,9 +114,9 @@ def pose_format(
 
 
 class PoseSensor(Sensor):
-    """Values (tx, ty, tz, qx, qy, qz, qw) of a pose.
+    """Values (tx, ty, tz, qx, qy, qz, qw) of a pose: origin of g in i, m, and unit q_ig.
 
-    Origin of g in i, m, and unit q_ig; covariance over (t, a), m and rad.
+    The covariance is over (t, a), in m and rad.
     """
 
     name = "pose"

@@ -60,10 +60,7 @@ def require_before_cameras(table: Table) -> None:
 
 
 class StereoSensor(Sensor):
-    """Values (u_left, v_left, u_right), one row per landmark and epoch.
-
-    Pixels of the calibrated pair; covariance px^2.
-    """
+    """Stereo pixels (u_left, v_left, u_right), one row per landmark and epoch, of the calibrated pair; covariance px^2."""
 
     name = "stereo"
     format = SensorFormat(

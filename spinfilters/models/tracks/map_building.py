@@ -171,10 +171,7 @@ SMALLEST_DISPARITY_PX = 0.1
 
 
 class FoundMap(NamedTuple):
-    """Poses, their map, and the pixel noise over the stated.
-
-    None where nothing tells it.
-    """
+    """Poses, their map, and the ratio of the pixel noise to the stated one; None where the data do not determine it."""
 
     poses: MeasurementStream
     landmarks: KnownMap

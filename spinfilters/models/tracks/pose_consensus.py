@@ -165,10 +165,7 @@ class _UsableMatches:
         return np.count_nonzero(chosen, axis=1) / np.maximum(np.count_nonzero(self.usable, axis=1), 1)
 
     def agreeing(self, poses: Float[np.ndarray, "h 7"]) -> Bool[np.ndarray, "h k"]:
-        """Matches near the predicted pixels of a pose.
-
-        Poses are of all epochs, or h of one.
-        """
+        """Inliers: matches near the predicted pixels of a pose, for a pose per epoch or h poses of one epoch."""
         return self.usable & (self.squared_distances(poses) < 1.0)
 
     def cost(self, poses: Float[np.ndarray, "h 7"]) -> Float[np.ndarray, " h"]:
@@ -187,10 +184,7 @@ class _UsableMatches:
         return np.concatenate([t, q], axis=1), enough & determined
 
     def squared_distances(self, poses: Float[np.ndarray, "h 7"]) -> Float[np.ndarray, "h k"]:
-        """Squared distance of each match under each pose, in tolerances.
-
-        (u_left, v_left, u_right); infinite behind the camera.
-        """
+        """Squared distances, in tolerances, of (u_left, v_left, u_right) from each pose's; infinite behind the camera."""
         camera, rotations = stereo_pair(self.calibration), matrix_from_quaternion(poses[:, 3:])
         at = self.points @ np.swapaxes(rotations, 1, 2) + poses[:, None, :3]
         away = camera.pixels_of(at, self.calibration) - self.pixels
@@ -204,9 +198,9 @@ class _UsableMatches:
     def _squares_in_spread(
         self, away: Float[np.ndarray, "h k 3"], by_point: Float[np.ndarray, "h k 3 3"]
     ) -> Float[np.ndarray, "h k"]:
-        """Squared distances with the map points' own errors.
+        """Squared distances that account for the map points' own errors.
 
-        Far along the line of sight they were seen on, little across it.
+        These are large along the line of sight from which the points were triangulated, and small across it.
         """
         assert self.spread is not None
         spread = MAP_AGREEMENT**2 * by_point @ self.spread @ np.swapaxes(by_point, 2, 3)
@@ -243,10 +237,7 @@ def consensus_poses(table: MatchTable, calibration: Float[np.ndarray, " c"]) -> 
 def _refined(
     seen: _UsableMatches, poses: Float[np.ndarray, "h 7"], found: Bool[np.ndarray, " h"] | None = None
 ) -> Float[np.ndarray, "h 7"]:
-    """Poses refitted to their inliers until these stay.
-
-    Those that they do not determine stay.
-    """
+    """Poses refitted to their inliers until the inliers stay the same; undetermined poses are kept."""
     fitted = np.zeros((len(poses), seen.usable.shape[1]), dtype=bool)
     for _ in range(REFITS):
         agreeing = seen.agreeing(poses)

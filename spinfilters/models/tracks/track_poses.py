@@ -94,10 +94,7 @@ EPOCHS_AT_ONCE = 64
 
 @dataclass(frozen=True)
 class FittedPose:
-    """Pose (t, q_ig) with covariance (6 x 6, order t, a).
-
-    Which matches agree, and their squared whitened innovations.
-    """
+    """Pose (t, q_ig) with its covariance (6 x 6, order t, a), inliers, and their squared whitened innovations."""
 
     pose: Float[np.ndarray, " 7"]
     covariance: Float[np.ndarray, "6 6"]
@@ -290,10 +287,7 @@ def shared_landmarks(tracks: MeasurementStream, times: Float[np.ndarray, " k"]) 
 
 
 def find_landmarks(known: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Row of every wanted id, and whether it is known.
-
-    Among the ascending known ones (any row where unknown).
-    """
+    """Row of every wanted id among the ascending known ones (any row if unknown), and whether it is known."""
     index = np.clip(np.searchsorted(known, wanted), 0, len(known) - 1)
     return index, known[index] == wanted
 
