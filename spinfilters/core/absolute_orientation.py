@@ -21,7 +21,8 @@ def absolute_orientation(
 
     Raises
     ------
-    InputError: with fewer than three points, or points on one line, which leave a rotation undetermined.
+    InputError
+        With fewer than three points, or points on one line, which leave a rotation undetermined.
     """
     if len(points_a) < 3:
         raise InputError(f"absolute orientation needs at least 3 matched points, got {len(points_a)}")
@@ -37,7 +38,12 @@ class AbsoluteOrientations(NamedTuple):
 
     Attributes
     ----------
-    q: (h, 4) q_ab.   t: (h, 3) t_ab, m.   determined: (h,) whether the points determine them: those not on one line do.
+    q : Float[np.ndarray, 'h 4']
+        (h, 4) q_ab.
+    t : Float[np.ndarray, 'h 3']
+        (h, 3) t_ab, m.
+    determined : Bool[np.ndarray, ' h']
+        (h,) whether the points determine them: those not on one line do.
     """
 
     q: Float[np.ndarray, "h 4"]

@@ -115,8 +115,10 @@ def integrate_gyro(
 
     Raises
     ------
-    InputError: when the stamps (s) do not increase.
-    ShapeError: when there is no stamp, or not one rate per stamp.
+    InputError
+        When the stamps (s) do not increase.
+    ShapeError
+        When there is no stamp, or not one rate per stamp.
     """
     time, rate = _finite("time", time), _finite("rate", rate, 3)
     if time.ndim != 1 or not len(time) or rate.shape != (len(time), 3):

@@ -48,7 +48,9 @@ def private_folder() -> Path:
 
     Raises
     ------
-    OSError: there is none, it cannot be made, or others could write into it or put another in its place; the text says which.
+    OSError
+        There is none, it cannot be made, or others could write into it or put another in its place; the text says
+        which.
     """
     wanted = cache_folder()
     if wanted is None:

@@ -42,7 +42,10 @@ class CameraTrajectory:
 
     Raises
     ------
-    ShapeError: shapes.   InputError: times that do not ascend, or what is not finite.
+    ShapeError
+        Arrays of other shapes.
+    InputError
+        Times that do not ascend, or what is not finite.
     """
 
     time: Float[np.ndarray, " n"]
@@ -73,7 +76,8 @@ class CameraTrajectory:
 
         Raises
         ------
-        InputError: a time before the first pose or after the last.
+        InputError
+            A time before the first pose or after the last.
         """
         self.require_cover(time)
         if len(self.time) == 1:
@@ -99,7 +103,8 @@ class CameraTrajectory:
 
         Raises
         ------
-        InputError: a time before the first pose or after the last.
+        InputError
+            A time before the first pose or after the last.
         """
         self.require_cover(time)
         if len(self.time) < 3:

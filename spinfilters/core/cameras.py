@@ -141,8 +141,12 @@ class Camera(ABC):
 
     Attributes
     ----------
-    lens: before the (left) pinhole.
-    pixel_dim: numbers of an observation.   parameter_dim: numbers of the calibration.
+    lens : Lens
+        Before the (left) pinhole.
+    pixel_dim : int
+        Numbers of an observation.
+    parameter_dim : int
+        Numbers of the calibration.
     """
 
     lens: Lens = PERFECT
@@ -310,7 +314,8 @@ def monocular_camera(calibration: Float[np.ndarray, " c"]) -> Monocular:
 
     Raises
     ------
-    ShapeError: a calibration whose length fits no such camera.
+    ShapeError
+        A calibration whose length fits no such camera.
     """
     found = [each for each in (Monocular(), Monocular(RADIAL_TANGENTIAL)) if each.fits(calibration)]
     return found[0] if found else _refuse(calibration)
@@ -321,7 +326,8 @@ def stereo_pair(calibration: Float[np.ndarray, " c"]) -> StereoPair:
 
     Raises
     ------
-    ShapeError: a calibration whose length fits no such pair.
+    ShapeError
+        A calibration whose length fits no such pair.
     """
     found = [each for each in (StereoPair(), StereoPair(RADIAL_TANGENTIAL)) if each.fits(calibration)]
     return found[0] if found else _refuse(calibration)

@@ -37,13 +37,16 @@ class Compiled:
 
     Parameters
     ----------
-    function: the expression; every output is made dense here, because bound buffers would keep only
-        structural non-zeros.
-    load: makes its library at the first call; see `Compiled.interpreted` for one that never runs a compiler.
+    function : ca.Function
+        The expression; every output is made dense here, because bound buffers would keep only structural
+        non-zeros.
+    load : Loader
+        Makes its library at the first call; see `Compiled.interpreted` for one that never runs a compiler.
 
     Raises
     ------
-    ShapeError: at a call, for a wrong trailing shape or number of arguments, or batch axes that differ.
+    ShapeError
+        At a call, for a wrong trailing shape or number of arguments, or batch axes that differ.
     """
 
     def __init__(self, function: ca.Function, load: Loader = load_loop) -> None:

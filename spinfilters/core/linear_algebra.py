@@ -20,7 +20,8 @@ def correlation_root(covariance: Float[np.ndarray, "*batch n n"]) -> Float[np.nd
 
     Raises
     ------
-    numpy.linalg.LinAlgError: when one is singular or indefinite, or a number of its diagonal not positive and finite.
+    numpy.linalg.LinAlgError
+        When one is singular or indefinite, or a number of its diagonal not positive and finite.
     """
     diagonal = np.diagonal(covariance, axis1=-2, axis2=-1)
     if not np.all(np.isfinite(diagonal) & (diagonal > 0)):

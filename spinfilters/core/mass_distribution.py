@@ -92,7 +92,8 @@ def from_inertia(J: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, " 5"]:
 
     Raises
     ------
-    InputError: when J is no rigid body, that is when a principal moment reaches the sum of the other two (`SINGULAR`).
+    InputError
+        When J is no rigid body, that is when a principal moment reaches the sum of the other two (`SINGULAR`).
     """
     S = np.trace(J) / 2 * np.eye(3) - J
     smallest, _, largest = np.linalg.eigvalsh(S)

@@ -64,7 +64,8 @@ def require_file(path: Path, max_bytes: int) -> int:
 
     Raises
     ------
-    InputError: missing, a directory, a device or pipe, not readable, empty, or larger than `max_bytes`.
+    InputError
+        Missing, a directory, a device or pipe, not readable, empty, or larger than `max_bytes`.
     """
     try:
         status = os.stat(path)
@@ -95,7 +96,8 @@ def read_bytes(path: Path, max_bytes: int, may_be_empty: bool = False) -> bytes:
 
     Raises
     ------
-    InputError: as `require_file`; it cannot be read.
+    InputError
+        As `require_file`; it cannot be read.
     """
     if not (may_be_empty and os.path.isfile(path) and os.path.getsize(path) == 0):
         require_file(path, max_bytes)
@@ -169,7 +171,8 @@ def read_settings_text(path: Path) -> str:
 
     Raises
     ------
-    InputError: as `require_file` with 1 MiB, or a file that is not UTF-8 text.
+    InputError
+        As `require_file` with 1 MiB, or a file that is not UTF-8 text.
     """
     raw = read_bytes(path, MAX_SETTINGS_BYTES)
     try:
@@ -186,7 +189,8 @@ def read_toml(path: Path) -> dict[str, Any]:
 
     Raises
     ------
-    InputError: an unreadable file, or text that is not TOML.
+    InputError
+        An unreadable file, or text that is not TOML.
     """
     import tomllib  # slow to import, and every command has this module
 

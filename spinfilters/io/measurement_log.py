@@ -31,17 +31,25 @@ class MeasurementStream:
 
     Parameters
     ----------
-    sensor: name of a sensor of the registry (`spinfilters.models.sensor_registry`).
-    time: s, any origin, possibly irregular; strictly increasing, but non-decreasing for sensors with many rows an epoch.
-    values: (n, columns) as the sensor's `SensorFormat` says; unit quaternions are normalised.
-    ids: landmark of every row (sensors of landmarks only, and there required); no landmark twice at one time.
-    covariance: of every row, positive definite, squared units of the innovation; None where one value holds for all
+    sensor : str
+        Name of a sensor of the registry (`spinfilters.models.sensor_registry`).
+    time : Float[np.ndarray, ' n']
+        s, any origin, possibly irregular; strictly increasing, but non-decreasing for sensors with many rows an
+        epoch.
+    values : Float[np.ndarray, 'n m']
+        (n, columns) as the sensor's `SensorFormat` says; unit quaternions are normalised.
+    ids : Int[np.ndarray, ' n'] | None
+        Landmark of every row (sensors of landmarks only, and there required); no landmark twice at one time.
+    covariance : Float[np.ndarray, 'n k k'] | None
+        Of every row, positive definite, squared units of the innovation; None where one value holds for all
         (`DatasetOptions`).
 
     Raises
     ------
-    InputError: unknown sensor, not finite, out of order, not a unit quaternion, not positive definite.
-    ShapeError: shapes.
+    InputError
+        Unknown sensor, not finite, out of order, not a unit quaternion, not positive definite.
+    ShapeError
+        Arrays of other shapes.
     """
 
     sensor: str
@@ -93,7 +101,8 @@ class MeasurementLog:
 
     Raises
     ------
-    InputError: no stream, or two streams of one sensor.
+    InputError
+        No stream, or two streams of one sensor.
     """
 
     streams: tuple[MeasurementStream, ...]
@@ -292,7 +301,10 @@ class Acceleration:
 
     Attributes
     ----------
-    time: s, increasing, on the clock of the log.   values: (n, 3) m/s^2.
+    time : Float[np.ndarray, ' n']
+        s, increasing, on the clock of the log.
+    values : Float[np.ndarray, 'n 3']
+        (n, 3) m/s^2.
     """
 
     time: Float[np.ndarray, " n"]

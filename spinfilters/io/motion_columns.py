@@ -71,9 +71,14 @@ class Heading:
 
     Attributes
     ----------
-    quantity: of motion.   axis: "x", "y", "z" or "w"; empty of time.
-    unit: canonical spelling, empty where none is stated, behind a question mark where it is unknown.
-    is_si: whether its name, without a unit, is that of a quantity in SI by convention.
+    quantity : Quantity
+        Of motion.
+    axis : str
+        "x", "y", "z" or "w"; empty of time.
+    unit : str
+        Canonical spelling, empty where none is stated, behind a question mark where it is unknown.
+    is_si : bool
+        Whether its name, without a unit, is that of a quantity in SI by convention.
     """
 
     quantity: Quantity
@@ -87,7 +92,8 @@ def heading_of(text: str, bare: Quantity | None = None) -> Heading | None:
 
     Parameters
     ----------
-    bare: quantity of columns that are called x, y and z and no more, as the name of their file tells.
+    bare : Quantity | None
+        Quantity of columns that are called x, y and z and no more, as the name of their file tells.
     """
     name, unit = _parts(text)
     words, unit = _words(name), _spelled(unit)
@@ -225,7 +231,10 @@ class MotionColumns:
 
     Attributes
     ----------
-    time: index and unit of the clock, None without one.   vectors: of each quantity that has all its components, once.
+    time : tuple[int, str] | None
+        Index and unit of the clock, None without one.
+    vectors : dict[Quantity, VectorColumns]
+        Of each quantity that has all its components, once.
     """
 
     time: tuple[int, str] | None
@@ -239,11 +248,14 @@ def motion_columns(
 
     Parameters
     ----------
-    bare: see `heading_of`.
+    bare : Quantity | None
+        See `heading_of`.
 
     Raises
     ------
-    InputError: a quantity that stands twice, or in two units or one that is unknown; clocks among which none can be chosen.
+    InputError
+        A quantity that stands twice, or in two units or one that is unknown; clocks among which none can be
+        chosen.
     """
     headings = [heading_of(name, bare) for name in names]
     found: dict[Quantity, VectorColumns] = {}

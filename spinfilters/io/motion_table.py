@@ -53,11 +53,15 @@ def clock_unit(
 
     Parameters
     ----------
-    time: stamps.   speed: rad/s at them, None where not known.
+    time : Float[np.ndarray, ' n']
+        Stamps.
+    speed : Float[np.ndarray, ' n'] | None
+        rad/s at them, None where not known.
 
     Raises
     ------
-    InputError: several units or none are plausible.
+    InputError
+        Several units or none are plausible.
     """
     dated = [
         unit
@@ -107,8 +111,12 @@ class MotionTable:
 
     Attributes
     ----------
-    stream: of the gyro, of poses or of attitudes.   acceleration: of the accelerometer, None without one.
-    remarks: what was understood of it that its header does not say.
+    stream : MeasurementStream
+        Of the gyro, of poses or of attitudes.
+    acceleration : Acceleration | None
+        Of the accelerometer, None without one.
+    remarks : tuple[str, ...]
+        What was understood of it that its header does not say.
     """
 
     stream: MeasurementStream
@@ -121,12 +129,16 @@ def read_motion_table(path: Path, options: ReadingOptions, bare: Quantity | None
 
     Parameters
     ----------
-    options: what its user states.   bare: quantity of columns that are called x, y and z only.
+    options : ReadingOptions
+        What its user states.
+    bare : Quantity | None
+        Quantity of columns that are called x, y and z only.
 
     Raises
     ------
-    InputError: as `read_layout`, `motion_columns`, `read_columns` and `require_times`; no such columns; a unit that is in doubt or
-        contradicts what is stated; numbers out of their range.
+    InputError
+        As `read_layout`, `motion_columns`, `read_columns` and `require_times`; no such columns; a unit that is in
+        doubt or contradicts what is stated; numbers out of their range.
     """
     options.require_only(("unit", "clock", "rate"), "a table")
     layout = read_layout(path)
@@ -226,7 +238,8 @@ def _rate_unit(
 
     Raises
     ------
-    InputError: no unit, or two that differ.
+    InputError
+        No unit, or two that differ.
     """
     if vector.unit and options.unit not in (None, vector.unit):
         raise InputError(
@@ -281,7 +294,8 @@ def _require(table: TextTable, allowed: NumberRange, unit: str) -> None:
 
     Raises
     ------
-    InputError: a value that is not.
+    InputError
+        A value that is not.
     """
     values = table.values[:, 1:4]
     outside = np.argwhere((values < allowed.smallest) | (values > allowed.largest))
@@ -357,7 +371,8 @@ class MotionFileReader(DatasetReader):
 
     Attributes
     ----------
-    options: what the user states of the recording.
+    options : ReadingOptions
+        What the user states of the recording.
     """
 
     options: ReadingOptions = NOTHING_STATED

@@ -35,7 +35,12 @@ class PlyContent:
 
     Attributes
     ----------
-    columns: every property of the vertices, by name.   triangles: (f, 3), polygons as fans.   comments: without the keyword.
+    columns : dict[str, np.ndarray]
+        Every property of the vertices, by name.
+    triangles : Int[np.ndarray, 'f 3']
+        (f, 3), polygons as fans.
+    comments : tuple[str, ...]
+        Without the keyword.
     """
 
     columns: dict[str, np.ndarray]
@@ -76,7 +81,8 @@ def read_ply(path: Path) -> PlyContent:
 
     Raises
     ------
-    InputError: missing, too large, no PLY, truncated, without x, y, z, a face that names no vertex.
+    InputError
+        Missing, too large, no PLY, truncated, without x, y, z, a face that names no vertex.
     """
     data = read_bytes(path, MAX_PLY_BYTES)
     try:

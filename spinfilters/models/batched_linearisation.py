@@ -49,7 +49,8 @@ class StepBatch:
 
     Attributes
     ----------
-    speeds: (k,) |w| here, rad/s.
+    speeds : Float[np.ndarray, ' k']
+        (k,) |w| here, rad/s.
     """
 
     here: Float[np.ndarray, "k m"]
@@ -84,8 +85,9 @@ class BatchedLinearisation:
 
         Raises
         ------
-        InputError: when a time step is not positive and finite. Steps beyond the integrator's budget are NaN: a trial that turns
-        so fast is refused by its cost.
+        InputError
+            When a time step is not positive and finite. Steps beyond the integrator's budget are NaN: a trial
+            that turns so fast is refused by its cost.
         """
         wrong = dt[~(np.isfinite(dt) & (dt > 0))]
         if len(wrong):

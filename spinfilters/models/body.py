@@ -37,14 +37,21 @@ class BodyEstimate:
 
     Attributes
     ----------
-    principal_moments: (3,) ascending, largest = 1; only ratios show in torque-free motion.
-    principal_moments_cov: (3, 3), its last row and column zero.
-    principal_axes_g: (3, 3) rows are unit axes in g, right-handed, row k belongs to moment k: R_bg.
-    principal_axes_cov: (3, 3) rad^2 of the small rotation of these axes about themselves; the standard
-        deviation of an axis that is not determined (equal moments) is `UNDETERMINED_STD`.
-    k1, k2: ln(Jmax / Jmid), ln(Jmid / Jmin) (Tweddle 2013, Eqs 4.97-4.98, x major, z minor).
-    center_of_mass_g, center_of_mass_std: (3,) m, None where the state has none.
-    drag, drag_std: 1/rad, None where the state has none.
+    principal_moments : Float[np.ndarray, '3']
+        (3,) ascending, largest = 1; only ratios show in torque-free motion.
+    principal_moments_cov : Float[np.ndarray, '3 3']
+        (3, 3), its last row and column zero.
+    principal_axes_g : Float[np.ndarray, '3 3']
+        (3, 3) rows are unit axes in g, right-handed, row k belongs to moment k: R_bg.
+    principal_axes_cov : Float[np.ndarray, '3 3']
+        (3, 3) rad^2 of the small rotation of these axes about themselves; the standard deviation of an axis that
+        is not determined (equal moments) is `UNDETERMINED_STD`.
+    k1, k2 : float
+        ln(Jmax / Jmid), ln(Jmid / Jmin) (Tweddle 2013, Eqs 4.97-4.98, x major, z minor).
+    center_of_mass_g, center_of_mass_std : Float[np.ndarray, '3'] | None
+        (3,) m, None where the state has none.
+    drag, drag_std : float | None
+        1/rad, None where the state has none.
     """
 
     principal_moments: Float[np.ndarray, "3"]
@@ -127,8 +134,13 @@ def bodies_of(
 
     Parameters
     ----------
-    time: (n,) s.   mean, factor: (n, m), (n, e, e) of the beliefs.
-    intervals: whether deviations cover four of the belief; else they are the mean squares of an error alone, as of a bound.
+    time : np.ndarray
+        (n,) s.
+    mean, factor : np.ndarray
+        (n, m), (n, e, e) of the beliefs.
+    intervals : bool
+        Whether deviations cover four of the belief; else they are the mean squares of an error alone, as of a
+        bound.
     """
     centre, centre_std = _block(layout, CENTRE_OF_MASS, mean, factor)
     drag, drag_std = _block(layout, DRAG, mean, factor)

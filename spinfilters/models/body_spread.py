@@ -90,7 +90,8 @@ def principal_steps(
 
     Parameters
     ----------
-    sphere: errors that lead there; lengths are up to half of that, too, so that a needle may be anything else.
+    sphere : Float[np.ndarray, 'n 5'] | float
+        Errors that lead there; lengths are up to half of that, too, so that a needle may be anything else.
     """
     directions, deviations, _ = np.linalg.svd(factor, full_matrices=False)
     widest = np.maximum(np.linalg.norm(np.atleast_2d(sphere), axis=1) / 2, WIDEST)
@@ -173,7 +174,10 @@ def widest_departures(
 
     Parameters
     ----------
-    s: mass distributions, whose error has the covariance factor factor'.   axes: columns.
+    s : Float[np.ndarray, 'n 5']
+        Mass distributions, whose error has the covariance factor factor'.
+    axes : Float[np.ndarray, 'n 3 3']
+        Columns.
 
     Returns
     -------

@@ -129,7 +129,8 @@ def camera_parameters(
 
     Parameters
     ----------
-    noise: pixel_std (px) of every coordinate, or (count, v, v) covariances (px^2).
+    noise : NoiseLevel
+        pixel_std (px) of every coordinate, or (count, v, v) covariances (px^2).
     """
     count = len(points)
     rows = np.broadcast_to(calibration, (count, len(calibration)))

@@ -46,7 +46,8 @@ def facing(
 
     Parameters
     ----------
-    rotations, origins: of g in the camera's frame at every epoch, m.
+    rotations, origins
+        Of g in the camera's frame at every epoch, m.
     """
     camera = -np.einsum("nji,nj->ni", rotations, origins)  # its place in g
     least, library = NEAREST_M - origins[:, 2], _library()
@@ -88,7 +89,8 @@ def recognised(
 
     Parameters
     ----------
-    drawn: of appearance a of landmark k at (a, k), compared with the landmark's probability.
+    drawn : Float[np.ndarray, 'n k']
+        Of appearance a of landmark k at (a, k), compared with the landmark's probability.
     """
     library, count = _library(), visible.shape[1]
     if library is None:
@@ -210,11 +212,16 @@ class FrontEnd:
 
     Attributes
     ----------
-    pixel_std: white noise of each pixel coordinate, px.
-    detection: probability that a landmark in view, and known, is found in a frame.
-    facing_cosine: a landmark is in view when the cosine between its outward normal and the line to the camera exceeds this.
-    recognition: which landmarks in view are known again.
-    fewest_observations: landmarks with fewer in the whole recording are left out, and the others numbered anew.
+    pixel_std : float
+        White noise of each pixel coordinate, px.
+    detection : float
+        Probability that a landmark in view, and known, is found in a frame.
+    facing_cosine : float
+        a landmark is in view when the cosine between its outward normal and the line to the camera exceeds this.
+    recognition : Recognition
+        Which landmarks in view are known again.
+    fewest_observations : int
+        Landmarks with fewer in the whole recording are left out, and the others numbered anew.
     """
 
     pixel_std: float = 1.0
@@ -274,8 +281,14 @@ class TrackCamera:
 
     Attributes
     ----------
-    model: over the layout of the motion.   parameters: (k, p) of all landmarks.   rig: with the size of the images.
-    horizontal: columns of a value along the width of an image; column 1 is along its height.
+    model : MeasurementModel
+        Over the layout of the motion.
+    parameters : Float[np.ndarray, 'k p']
+        (k, p) of all landmarks.
+    rig : Rig
+        With the size of the images.
+    horizontal : tuple[int, ...]
+        Columns of a value along the width of an image; column 1 is along its height.
     """
 
     model: MeasurementModel
@@ -324,7 +337,8 @@ def feature_tracks(
 
     Raises
     ------
-    InputError: when no landmark is ever found.
+    InputError
+        When no landmark is ever found.
     """
     visible = facing(front_end.facing_cosine, surface, motion.rotations, motion.block("t"))
     if not _all_in_view(camera, surface, motion):

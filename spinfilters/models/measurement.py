@@ -28,10 +28,14 @@ class Linearisation(NamedTuple):
 
     Attributes
     ----------
-    innovation: (k, dim) whitened by the noise factor.
-    jacobian: (k, dim, c) whitened, with respect to the model's `columns` of the error.
-    valid: (k,) whether the model applies.
-    log_noise: (k,) log determinant of the noise factor, for likelihoods.
+    innovation : Float[np.ndarray, 'k r']
+        (k, dim) whitened by the noise factor.
+    jacobian : Float[np.ndarray, 'k r c']
+        (k, dim, c) whitened, with respect to the model's `columns` of the error.
+    valid : Bool[np.ndarray, ' k']
+        (k,) whether the model applies.
+    log_noise : Float[np.ndarray, ' k']
+        (k,) log determinant of the noise factor, for likelihoods.
     """
 
     innovation: Float[np.ndarray, "k r"]
@@ -45,7 +49,12 @@ class InnovationsAtPoints(NamedTuple):
 
     Attributes
     ----------
-    innovation: (k, dim, p).   valid: (k,) where all points are.   log_noise: (k,) log determinant of the noise factor.
+    innovation : Float[np.ndarray, 'k r p']
+        (k, dim, p).
+    valid : Bool[np.ndarray, ' k']
+        (k,) where all points are.
+    log_noise : Float[np.ndarray, ' k']
+        (k,) log determinant of the noise factor.
     """
 
     innovation: Float[np.ndarray, "k r p"]
@@ -58,14 +67,24 @@ class MeasurementModel(ABC):
 
     Attributes
     ----------
-    name: the sensor's name, as in a `MeasurementStream`.
-    dim: dimension of the innovation.
-    value_dim: dimension of a measured value (a pose has 7 numbers and an innovation of 6).
-    parameter_dim: dimension of what accompanies each measurement: landmark, calibration, noise.
-    needs: state blocks that the measurement depends on.
-    known_by: leading parameters that tell what is measured, by which it is known again; None for all of them.
-    images: of which a value holds pixels: one of a camera, two of a pair.   reads_rate: whether it reads the body rate, axes g.
-    known_pose: place of the sensor's own known pose (t_i m, q_i) among the parameters; None of one that defines frame i.
+    name : str
+        The sensor's name, as in a `MeasurementStream`.
+    dim : int
+        Dimension of the innovation.
+    value_dim : int
+        Dimension of a measured value (a pose has 7 numbers and an innovation of 6).
+    parameter_dim : int
+        Dimension of what accompanies each measurement: landmark, calibration, noise.
+    needs : tuple[str, ...]
+        State blocks that the measurement depends on.
+    known_by : int | None
+        Leading parameters that tell what is measured, by which it is known again; None for all of them.
+    images : int
+        Of which a value holds pixels: one of a camera, two of a pair.
+    reads_rate : bool
+        Whether it reads the body rate, axes g.
+    known_pose : slice | None
+        Place of the sensor's own known pose (t_i m, q_i) among the parameters; None of one that defines frame i.
     """
 
     name: str
@@ -305,8 +324,16 @@ class LandmarkLinearisation(NamedTuple):
 
     Attributes
     ----------
-    innovation: (k, dim).   jacobian: (k, dim, c) by the model's `columns` of the state's error.
-    by_landmark: (k, dim, 3) by the landmark, frame g.   valid: (k,).   log_noise: (k,), as in `Linearisation`.
+    innovation : Float[np.ndarray, 'k r']
+        (k, dim).
+    jacobian : Float[np.ndarray, 'k r c']
+        (k, dim, c) by the model's `columns` of the state's error.
+    by_landmark : Float[np.ndarray, 'k r 3']
+        (k, dim, 3) by the landmark, frame g.
+    valid : Bool[np.ndarray, ' k']
+        (k,).
+    log_noise : Float[np.ndarray, ' k']
+        (k,), as in `Linearisation`.
     """
 
     innovation: Float[np.ndarray, "k r"]
@@ -321,9 +348,14 @@ class NewLandmarks(NamedTuple):
 
     Attributes
     ----------
-    points: (k, 3) m, frame g.   jacobian: (k, 3, c) by the model's `columns` of the state's error.
-    root: (k, 3, 3) lower triangular factor of the covariance that the sensor's noise alone gives the point, m.
-    determined: (k,) whether the measurement tells all three coordinates (the depth of a far point is not told).
+    points : Float[np.ndarray, 'k 3']
+        (k, 3) m, frame g.
+    jacobian : Float[np.ndarray, 'k 3 c']
+        (k, 3, c) by the model's `columns` of the state's error.
+    root : Float[np.ndarray, 'k 3 3']
+        (k, 3, 3) lower triangular factor of the covariance that the sensor's noise alone gives the point, m.
+    determined : Bool[np.ndarray, ' k']
+        (k,) whether the measurement tells all three coordinates (the depth of a far point is not told).
     """
 
     points: Float[np.ndarray, "k 3"]

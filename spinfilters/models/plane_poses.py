@@ -54,7 +54,8 @@ def plane_poses(scans: Sequence[PlanePoints]) -> list[PlanePose | None]:
 
     Raises
     ------
-    InputError: no scan determines its pose.
+    InputError
+        No scan determines its pose.
     """
     poses: list[PlanePose | None] = []
     last: PlanePose | None = None
@@ -81,7 +82,8 @@ def _searched(scan: PlanePoints, good: float, place: Float[np.ndarray, "3"] | No
 
     Parameters
     ----------
-    place: of the origin of g before, m: kept where two planes leave it open along their edge.
+    place : Float[np.ndarray, '3'] | None
+        Of the origin of g before, m: kept where two planes leave it open along their edge.
     """
     few, middle = scan.thinned(_SEARCHED), scan.points.mean(axis=0)
     centre = (few.normals * few.offsets[:, None]).mean(axis=0)

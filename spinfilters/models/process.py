@@ -64,7 +64,8 @@ class DisturbedSteps:
 
         Parameters
         ----------
-        kicks: what is added to the `kicked` components before and after each step.
+        kicks : Float[np.ndarray, 'n *batch 2 b']
+            What is added to the `kicked` components before and after each step.
         """
         flat = kicks.reshape(*kicks.shape[:-2], -1)
         columns = flat[0] if len(flat) == 1 else np.moveaxis(flat, 0, -1)  # one column is a vector
@@ -134,8 +135,10 @@ class ProcessNoise:
 
     Attributes
     ----------
-    force_psd: of the acceleration of the centre of mass, (m/s^2)^2/Hz.
-    torque_psd: of the angular acceleration, (rad/s^2)^2/Hz.
+    force_psd : float
+        Of the acceleration of the centre of mass, (m/s^2)^2/Hz.
+    torque_psd : float
+        Of the angular acceleration, (rad/s^2)^2/Hz.
     """
 
     force_psd: float = 4e-8
@@ -167,10 +170,18 @@ def body_acceleration(
 
     Parameters
     ----------
-    w: body rate, rad/s.   J: inertia up to scale, 3 x 3.   drag: d, 1/rad.
-    torque: m, the angular acceleration of a constant body torque, rad/s^2.
-    rotor: h, the constant angular momentum of a flywheel inside, in units of J times rad/s.
-    linear_drag: l, 1/s.
+    w : Expression
+        Body rate, rad/s.
+    J : Expression
+        Inertia up to scale, 3 x 3.
+    drag : Expression | None
+        d, 1/rad.
+    torque : Expression | None
+        m, the angular acceleration of a constant body torque, rad/s^2.
+    rotor : Expression | None
+        h, the constant angular momentum of a flywheel inside, in units of J times rad/s.
+    linear_drag : Expression | None
+        l, 1/s.
     """
     momentum = J @ w if rotor is None else J @ w + rotor
     acceleration = ca.inv_minor(J) @ ca.cross(momentum, w)
@@ -202,9 +213,12 @@ class TorqueFreeProcess:
 
     Parameters
     ----------
-    layout: the state's blocks.
-    noise: disturbance densities.
-    tolerance: bound on the integration error of one step, rad and relative rate; the step is halved until it is met.
+    layout : StateLayout
+        The state's blocks.
+    noise : ProcessNoise
+        Disturbance densities.
+    tolerance : float
+        Bound on the integration error of one step, rad and relative rate; the step is halved until it is met.
     """
 
     def __init__(self, layout: StateLayout, noise: ProcessNoise, tolerance: float = 1e-9) -> None:
@@ -238,7 +252,9 @@ class TorqueFreeProcess:
 
         Parameters
         ----------
-        normal: independent standard normals before and after each step: of the body rate, then of the velocity if there is one.
+        normal : Float[np.ndarray, 'n *batch 2 b']
+            Independent standard normals before and after each step: of the body rate, then of the velocity if
+            there is one.
         """
         psd = np.repeat([self.noise.torque_psd, self.noise.force_psd], 3)[: self.disturbed_dim]
         return self._disturbed.run(x, dt, np.sqrt(psd * (dt / 2)) * normal)
@@ -250,7 +266,8 @@ class TorqueFreeProcess:
 
         Parameters
         ----------
-        normal: as of `disturbed_steps`, for every interval.
+        normal : Float[np.ndarray, 'n k 2 b']
+            As of `disturbed_steps`, for every interval.
         """
         h = dt / normal.shape[1]
         psd = np.repeat([self.noise.torque_psd, self.noise.force_psd], 3)[: self.disturbed_dim]
@@ -276,8 +293,10 @@ class TorqueFreeProcess:
 
         Parameters
         ----------
-        there: with the mass distribution of ``here``.   about: points at which slopes are taken: those of ``here`` with other
-        constants, or None for ``here``.
+        there : Float[np.ndarray, 'k m']
+            With the mass distribution of ``here``.
+        about : Float[np.ndarray, 'k m'] | None
+            Points at which slopes are taken: those of ``here`` with other constants, or None for ``here``.
         """
         return self._many.linearise(here, there, dt, self._densities, about)
 
@@ -288,7 +307,8 @@ class TorqueFreeProcess:
 
         Raises
         ------
-        InputError: body rates (rad/s) at these times (s) that take too many substeps.
+        InputError
+            Body rates (rad/s) at these times (s) that take too many substeps.
         """
         turned = turns(rates[:-1], np.diff(time))
         if substeps(float(turned.max(initial=0.0)), self._tolerance) <= USUAL_SUBSTEPS:

@@ -32,8 +32,12 @@ class LinearisedStep(NamedTuple):
 
     Attributes
     ----------
-    after: (m,) the point at its end.   transition: (n, n) of the multiplicative error, or (n, n + constants).
-    noise_factor: (n, q) G of the noise covariance Q = G G'.
+    after : Float[np.ndarray, ' m']
+        (m,) the point at its end.
+    transition : Float[np.ndarray, 'n c']
+        (n, n) of the multiplicative error, or (n, n + constants).
+    noise_factor : Float[np.ndarray, 'n q']
+        (n, q) G of the noise covariance Q = G G'.
     """
 
     after: Float[np.ndarray, " m"]
@@ -46,8 +50,12 @@ class LinearisedSteps(NamedTuple):
 
     Attributes
     ----------
-    defect: (k, n) error that takes ``there`` to the end of the step from ``here``.
-    transition: (k, n, n).   noise_factor: (k, n, q), of unit noise.
+    defect : Float[np.ndarray, 'k n']
+        (k, n) error that takes ``there`` to the end of the step from ``here``.
+    transition : Float[np.ndarray, 'k n n']
+        (k, n, n).
+    noise_factor : Float[np.ndarray, 'k n q']
+        (k, n, q), of unit noise.
     """
 
     defect: Float[np.ndarray, "k n"]
@@ -68,8 +76,10 @@ class RotationSubsteps:
 
     Parameters
     ----------
-    layout: blocks of the state; the acceleration may use the constants that have `RotationParameters`.
-    acceleration: w' in g axes, rad/s^2.
+    layout : StateLayout
+        Blocks of the state; the acceleration may use the constants that have `RotationParameters`.
+    acceleration : Acceleration
+        w' in g axes, rad/s^2.
     """
 
     def __init__(self, layout: StateLayout, acceleration: Acceleration) -> None:
@@ -287,12 +297,15 @@ class RotationIntegrator:
 
     Parameters
     ----------
-    layout, acceleration: see `RotationSubsteps`.
-    tolerance: bound on the estimated error of attitude (rad) and rate (relative) of one call.
+    layout, acceleration
+        See `RotationSubsteps`.
+    tolerance : float
+        Bound on the estimated error of attitude (rad) and rate (relative) of one call.
 
     Raises
     ------
-    IntegrationError: by every method that steps, when `MAX_SUBSTEPS` do not meet the tolerance.
+    IntegrationError
+        By every method that steps, when `MAX_SUBSTEPS` do not meet the tolerance.
     """
 
     def __init__(self, layout: StateLayout, acceleration: Acceleration, tolerance: float) -> None:

@@ -52,9 +52,18 @@ class Scene:
 
     Attributes
     ----------
-    motion: of the body in i.   seen: the same in the frame of the camera, of which the blocks t and a count.
-    surface: its landmarks.   front_end: how a camera finds them.
-    noise: of sensors without landmarks.   generator: of everything random.
+    motion : TrueMotion
+        Of the body in i.
+    seen : TrueMotion
+        The same in the frame of the camera, of which the blocks t and a count.
+    surface : Surface
+        Its landmarks.
+    front_end : FrontEnd
+        How a camera finds them.
+    noise : SceneNoise
+        Of sensors without landmarks.
+    generator : np.random.Generator
+        Of everything random.
     """
 
     motion: TrueMotion
@@ -71,8 +80,11 @@ class SimulatedStream:
 
     Attributes
     ----------
-    noise: standard deviations that the data set states, by noise option.
-    landmarks: rows of the surface that landmarks 0, 1, 2 ... are, and rig: of the camera; None for sensors without landmarks.
+    noise : Mapping[str, float]
+        Standard deviations that the data set states, by noise option.
+    landmarks : Int[np.ndarray, ' m'] | None
+        Rows of the surface that landmarks 0, 1, 2 ... are, and rig: of the camera; None for sensors without
+        landmarks.
     """
 
     stream: MeasurementStream
@@ -96,7 +108,8 @@ class CameraView:
 
     Attributes
     ----------
-    inspector: known trajectory of the camera in i; None where frame i is the camera's.
+    inspector : CameraTrajectory | None
+        Known trajectory of the camera in i; None where frame i is the camera's.
     """
 
     known_map: KnownMap | None
@@ -108,7 +121,8 @@ class CameraView:
 
         Raises
         ------
-        InputError: times that the trajectory does not cover.
+        InputError
+            Times that the trajectory does not cover.
         """
         return None if self.inspector is None else self.inspector.at(time)
 
@@ -126,8 +140,14 @@ class BoundStream:
 
     Attributes
     ----------
-    time: (n,) s.   values: (n, value_dim).   parameters: (n, parameter_dim).
-    ids: (n,) landmarks that an estimator holds in its state; None for a known map and sensors without landmarks.
+    time : Float[np.ndarray, ' n']
+        (n,) s.
+    values : Float[np.ndarray, 'n v']
+        (n, value_dim).
+    parameters : Float[np.ndarray, 'n p']
+        (n, parameter_dim).
+    ids : Int[np.ndarray, ' n'] | None
+        (n,) landmarks that an estimator holds in its state; None for a known map and sensors without landmarks.
     """
 
     model: MeasurementModel
@@ -143,13 +163,20 @@ class MotionSamples:
 
     Attributes
     ----------
-    time: (k,) s.
-    attitude: (k, 4) q_ig; None where the first sample defines frame i and rates are integrated from it.
-    rates: (k, 3) body rates, rad/s, axes g; None where attitudes are differenced.
-    positions: (k, 3) origins of g in i, m, or None.
-    landmarks: a map that was found with the poses, None where it was known or there is none.
-    noise_ratio: standard deviation of the rows over the stated, None where the samples do not tell it.
-    shared: (k,) landmarks that an epoch has in common with the one before, of poses from tracks; else None.
+    time : Float[np.ndarray, ' k']
+        (k,) s.
+    attitude : Float[np.ndarray, 'k 4'] | None
+        (k, 4) q_ig; None where the first sample defines frame i and rates are integrated from it.
+    rates : Float[np.ndarray, 'k 3'] | None
+        (k, 3) body rates, rad/s, axes g; None where attitudes are differenced.
+    positions : Float[np.ndarray, 'k 3'] | None
+        (k, 3) origins of g in i, m, or None.
+    landmarks : KnownMap | None
+        a map that was found with the poses, None where it was known or there is none.
+    noise_ratio : float | None
+        Standard deviation of the rows over the stated, None where the samples do not tell it.
+    shared : Int[np.ndarray, ' k'] | None
+        (k,) landmarks that an epoch has in common with the one before, of poses from tracks; else None.
     """
 
     time: Float[np.ndarray, " k"]
@@ -167,12 +194,25 @@ class AnalysedSensor:
 
     Attributes
     ----------
-    model: over any layout: only its expressions are used.
-    parameters: of a measurement, behind the landmark's point where it sees points.   noise: in words.
-    sees_points: whether it sees landmarks.   has_image: whether these must lie in front of it.   words: what it is called.
-    tells: state blocks that it measures in axes that are known: a pose ("t", "a"), a rate ("w",).
-    is_linear: whether its output is linear in axes that turn with the body, as a point, a pose or a rate is and a bearing is not.
-    assumption: what is taken as known, in words.
+    model : type[MeasurementModel]
+        Over any layout: only its expressions are used.
+    parameters : tuple[float, ...]
+        Of a measurement, behind the landmark's point where it sees points.
+    noise : str
+        In words.
+    sees_points : bool
+        Whether it sees landmarks.
+    has_image : bool
+        Whether these must lie in front of it.
+    words : str
+        What it is called.
+    tells : tuple[str, ...]
+        State blocks that it measures in axes that are known: a pose ("t", "a"), a rate ("w",).
+    is_linear : bool
+        Whether its output is linear in axes that turn with the body, as a point, a pose or a rate is and a
+        bearing is not.
+    assumption : str
+        What is taken as known, in words.
     """
 
     model: type[MeasurementModel]
@@ -193,12 +233,18 @@ class Sensor(StoredSensor, ABC):
 
     Attributes
     ----------
-    name: as in a `MeasurementStream`.
-    sees_place: whether it measures where g is; a log without such a sensor leaves out place, velocity and centre of mass.
-    tells_frames: whether it measures in frames i and g that are given, rather than defined by an estimator.
-    identified_option: of its noise, what a recording identifies where nobody states the sensor's noise.
-    error_blocks: its constant errors that a state can hold; it does where the settings give their prior.
-    analysis: for the observability analyser, None where it cannot look at this sensor.
+    name : str
+        As in a `MeasurementStream`.
+    sees_place : bool
+        Whether it measures where g is; a log without such a sensor leaves out place, velocity and centre of mass.
+    tells_frames : bool
+        Whether it measures in frames i and g that are given, rather than defined by an estimator.
+    identified_option : str | None
+        Of its noise, what a recording identifies where nobody states the sensor's noise.
+    error_blocks : tuple[StateBlock, ...]
+        Its constant errors that a state can hold; it does where the settings give their prior.
+    analysis : AnalysedSensor | None
+        For the observability analyser, None where it cannot look at this sensor.
     """
 
     name: str
@@ -221,7 +267,8 @@ class Sensor(StoredSensor, ABC):
 
         Raises
         ------
-        InputError: rows that no motion can be found from.
+        InputError
+            Rows that no motion can be found from.
         """
         return None
 
@@ -250,7 +297,8 @@ class Sensor(StoredSensor, ABC):
 
         Raises
         ------
-        InputError: a sensor without landmarks.
+        InputError
+            A sensor without landmarks.
         """
         raise InputError(f"the sensor {self.name} sees no landmarks; choose another fault")
 
@@ -291,6 +339,7 @@ def model_over(
 
     Parameters
     ----------
-    options: of its model, in order: noise; of a camera how it projects and whether it moves.
+    options : Hashable
+        Of its model, in order: noise; of a camera how it projects and whether it moves.
     """
     return kind(layout, *options)

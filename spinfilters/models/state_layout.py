@@ -36,7 +36,8 @@ class StateLayout:
 
     Attributes
     ----------
-    blocks: their names.
+    blocks : tuple[str, ...]
+        Their names.
     """
 
     blocks: tuple[str, ...]
@@ -252,9 +253,12 @@ class Gaussian:
 
     Attributes
     ----------
-    layout: which blocks the state holds.
-    mean: (mean_dim,) a point of the layout.
-    factor: (error_dim, error_dim) any square root of the error covariance.
+    layout : StateLayout
+        Which blocks the state holds.
+    mean : Float[np.ndarray, ' m']
+        (mean_dim,) a point of the layout.
+    factor : Float[np.ndarray, 'n n']
+        (error_dim, error_dim) any square root of the error covariance.
     """
 
     layout: StateLayout
@@ -277,7 +281,8 @@ class Gaussian:
 
         Raises
         ------
-        InputError: when the covariance is not positive definite; it is not repaired.
+        InputError
+            When the covariance is not positive definite; it is not repaired.
         """
         scale = np.sqrt(np.diag(covariance))
         if not np.all(np.isfinite(scale) & (scale > 0)):

@@ -99,7 +99,8 @@ def lidar_point_parameters(
 
     Raises
     ------
-    numpy.linalg.LinAlgError: when a covariance is not positive definite.
+    numpy.linalg.LinAlgError
+        When a covariance is not positive definite.
     """
     return np.column_stack([angles, delay, planes, parameters_of(covariance)])
 
@@ -249,7 +250,8 @@ def _box_points(
 
     Raises
     ------
-    InputError: a lidar within the box.
+    InputError
+        A lidar within the box.
     """
     seen = np.flatnonzero(np.abs(lidar) > half)
     if not seen.size:

@@ -152,7 +152,8 @@ def stereo_tracks(
 
     Raises
     ------
-    InputError: when no landmark is ever found.
+    InputError
+        When no landmark is ever found.
     """
     parameters = camera_parameters(surface.points, RIG.calibration, front_end.pixel_std)
     camera = TrackCamera(model_over(StereoLandmark, motion.layout), parameters, RIG, horizontal=(0, 2))

@@ -20,10 +20,15 @@ class Matches:
 
     Attributes
     ----------
-    points: (k, 3) m, frame g.   pixels: (k, 3) rectified.
-    noise: standard deviation (px) of each pixel coordinate, or (k, 3, 3) covariances of the matches (px^2).
-    covariance: (k, 3, 3) of the points, m^2, frame g; None for a map that is known exactly. A triangulated depth is so uncertain
-        that a fit without it would turn the body to please the depths.
+    points : Float[np.ndarray, 'k 3']
+        (k, 3) m, frame g.
+    pixels : Float[np.ndarray, 'k 3']
+        (k, 3) rectified.
+    noise : NoiseLevel
+        Standard deviation (px) of each pixel coordinate, or (k, 3, 3) covariances of the matches (px^2).
+    covariance : Float[np.ndarray, 'k 3 3'] | None
+        (k, 3, 3) of the points, m^2, frame g; None for a map that is known exactly. A triangulated depth is so
+        uncertain that a fit without it would turn the body to please the depths.
     """
 
     points: Float[np.ndarray, "k 3"]
@@ -38,9 +43,14 @@ class MatchTable:
 
     Attributes
     ----------
-    given: (f, k) where there is a match that is no copy.
-    parameters: (f, k, p) of the sensor: point, calibration, noise.   covariance: of the points, or None.
-    pixel_std: (f, k) of a pixel coordinate, px.
+    given : Bool[np.ndarray, 'f k']
+        (f, k) where there is a match that is no copy.
+    parameters : Float[np.ndarray, 'f k p']
+        (f, k, p) of the sensor: point, calibration, noise.
+    covariance : Float[np.ndarray, 'f k 3 3'] | None
+        Of the points, or None.
+    pixel_std : Float[np.ndarray, 'f k']
+        (f, k) of a pixel coordinate, px.
     """
 
     given: Bool[np.ndarray, "f k"]
@@ -127,7 +137,10 @@ class _UsableMatches:
 
     Attributes
     ----------
-    usable: (f, k) which do; elsewhere all else is finite and means nothing.   camera: (f, k, 3) triangulated points, m.
+    usable : Bool[np.ndarray, 'f k']
+        (f, k) which do; elsewhere all else is finite and means nothing.
+    camera : Float[np.ndarray, 'f k 3']
+        (f, k, 3) triangulated points, m.
     """
 
     usable: Bool[np.ndarray, "f k"]
@@ -214,7 +227,12 @@ class Consensus:
 
     Attributes
     ----------
-    poses: (f, 7).   found: (f,) where matches enough agree.   agreeing: (f, k).
+    poses : Float[np.ndarray, 'f 7']
+        (f, 7).
+    found : Bool[np.ndarray, ' f']
+        (f,) where matches enough agree.
+    agreeing : Bool[np.ndarray, 'f k']
+        (f, k).
     """
 
     poses: Float[np.ndarray, "f 7"]
