@@ -15,13 +15,14 @@ def absolute_orientation(
     points_b: Float[np.ndarray, "n 3"],
     weights: Float[np.ndarray, " n"] | None = None,
 ) -> tuple[Float[np.ndarray, " 4"], Float[np.ndarray, " 3"]]:
-    """(q_ab, t_ab) of least squares between two weighted sets of points.
+    """Least-squares rigid motion (q_ab, t_ab) between two weighted sets of matched points.
 
-    Minimises the weighted sum of |p_a - R_ab p_b - t_ab|^2, scale one; of one set (`absolute_orientations`).
+    Minimises the weighted sum of |p_a - R_ab p_b - t_ab|^2 with scale one; `absolute_orientations` solves many sets at once.
 
     Raises
     ------
-    InputError: with fewer than three points, or points on one line, which leave a rotation undetermined.
+    InputError
+        With fewer than three points, or points on one line, which leave a rotation undetermined.
     """
     if len(points_a) < 3:
         raise InputError(f"absolute orientation needs at least 3 matched points, got {len(points_a)}")
@@ -37,7 +38,12 @@ class AbsoluteOrientations(NamedTuple):
 
     Attributes
     ----------
-    q: (h, 4) q_ab.   t: (h, 3) t_ab, m.   determined: (h,) whether the points determine them: those not on one line do.
+    q : Float[np.ndarray, 'h 4']
+        (h, 4) q_ab.
+    t : Float[np.ndarray, 'h 3']
+        (h, 3) t_ab, m.
+    determined : Bool[np.ndarray, ' h']
+        (h,) whether the points determine them: those not on one line do.
     """
 
     q: Float[np.ndarray, "h 4"]
@@ -68,9 +74,9 @@ def absolute_orientations(
 def rigid_motions(
     points_a: Float[np.ndarray, "h n 3"], points_b: Float[np.ndarray, "h n 3"]
 ) -> tuple[Float[np.ndarray, "h 3 3"], Float[np.ndarray, "h 3"]]:
-    """(R_ab, t_ab) of h sets of points at once.
+    """Rigid motions (R_ab, t_ab) between h sets of matched points, all weights equal.
 
-    U V' of the singular value decomposition of sum p_a p_b' (Kabsch 1976).
+    R_ab = U V' from the singular value decomposition of sum p_a p_b' (Kabsch 1976), with the sign that makes it a rotation.
     """
     mean_a, mean_b = points_a.mean(axis=1), points_b.mean(axis=1)
     M = np.swapaxes(points_a - mean_a[:, None], 1, 2) @ (points_b - mean_b[:, None])

@@ -38,10 +38,7 @@ def matrix_from_quaternion(q: Quaternions) -> Matrices:
 
 
 def quaternion_from_matrix(R: Matrices) -> Quaternions:
-    """q_ab of R_ab with a non-negative scalar part.
-
-    Accurate at every angle, 180 degrees included.
-    """
+    """q_ab of R_ab with a non-negative scalar part, accurate at every angle, 180 degrees included."""
     R = _finite("R", R, 3, 3)
     off = np.abs(np.swapaxes(R, -1, -2) @ R - np.eye(3)).max(axis=(-2, -1))
     _require(off <= UNIT_TOLERANCE, "R", R, "is not orthonormal")
@@ -55,10 +52,7 @@ def quaternion_from_mrp(a: Vectors) -> Quaternions:
 
 
 def mrp_from_quaternion(q: Quaternions) -> Vectors:
-    """4 x MRP of the short way round, |a| <= 4.
-
-    Tweddle 2013, Eq. 2.34.
-    """
+    """4 x MRP of the short way round, |a| <= 4 (Tweddle 2013, Eq. 2.34)."""
     return _numeric(expressions.short_mrp_from_quaternion, 4)(_unit("q", q))[0]
 
 
@@ -73,10 +67,9 @@ def rotation_vector_from_quaternion(q: Quaternions) -> Vectors:
 
 
 def quaternion_from_euler321(angles: Vectors) -> Quaternions:
-    """q_ib of yaw, pitch and roll [psi, theta, phi], rad.
+    """q_ib of yaw, pitch and roll [psi, theta, phi] in rad, of any size: R_ib = Rz(psi) Ry(theta) Rx(phi).
 
-    R_ib = Rz(psi) Ry(theta) Rx(phi), any angles.
-    R_ib maps body to inertial: Tweddle 2013, Eq. 2.14, transposed, which is printed inertial to body.
+    R_ib maps body to inertial. It is the transpose of Tweddle 2013, Eq. 2.14, which is printed inertial to body.
     """
     return _numeric(expressions.quaternion_from_euler321, 3)(_finite("angles", angles, 3))[0]
 
@@ -97,18 +90,12 @@ def rotate(q: Quaternions, v: Vectors) -> Vectors:
 
 
 def angle_between(q: Quaternions, p: Quaternions) -> Angles:
-    """Angle in [0, pi] rad between two attitudes.
-
-    Accurate for tiny angles, for either sign of q and p.
-    """
+    """Angle in [0, pi] rad between two attitudes, accurate for tiny angles and for either sign of q and p."""
     return _numeric(expressions.angle_between, 4, 4)(_unit("q", q), _unit("p", p))[0][..., 0]
 
 
 def continuous_quaternions(q: Float[np.ndarray, "n *batch 4"]) -> Float[np.ndarray, "n *batch 4"]:
-    """The same attitudes with continuous signs along the first axis.
-
-    Each has the sign that is nearest to the one before it.
-    """
+    """The same attitudes with continuous signs along the first axis: each has the sign nearest to its predecessor."""
     unit = _unit("q", q)
     if unit.ndim < 2:
         raise ShapeError(f"q must have shape (n, ..., 4), got {unit.shape}")
@@ -128,8 +115,10 @@ def integrate_gyro(
 
     Raises
     ------
-    InputError: when the stamps (s) do not increase.
-    ShapeError: when there is no stamp, or not one rate per stamp.
+    InputError
+        When the stamps (s) do not increase.
+    ShapeError
+        When there is no stamp, or not one rate per stamp.
     """
     time, rate = _finite("time", time), _finite("rate", rate, 3)
     if time.ndim != 1 or not len(time) or rate.shape != (len(time), 3):
@@ -145,9 +134,9 @@ def integrate_gyro(
 
 
 def _prefix_products(q: np.ndarray) -> np.ndarray:
-    """Prefix products q_0, q_0 (x) q_1, ... by pairs.
+    """Prefix products q_0, q_0 (x) q_1, ... by recursive pairing.
 
-    Rounding grows with log n, and a level is two vectorised products.
+    Rounding grows with log n instead of n, and a level of the recursion is two vectorised products.
     """
     count = len(q)
     if count < 2:

@@ -28,10 +28,7 @@ def cross_matrix(v: Expression) -> Expression:
 
 
 def product(q: Expression, p: Expression) -> Expression:
-    """q (x) p with R(q (x) p) = R(q) R(p).
-
-    Tweddle 2013, Eq. 2.31; the sign in 2.30 is corrected.
-    """
+    """q (x) p with R(q (x) p) = R(q) R(p) (Tweddle 2013, Eq. 2.31; the sign in 2.30 is corrected)."""
     vector = q[3] * p[:3] + p[3] * q[:3] + ca.cross(q[:3], p[:3])
     return ca.vertcat(vector, q[3] * p[3] - ca.dot(q[:3], p[:3]))
 
@@ -59,11 +56,9 @@ def rotate(q: Expression, v: Expression) -> Expression:
 
 
 def angle_between(q: Expression, p: Expression) -> Expression:
-    """Angle in [0, pi] between attitudes q and p of either sign.
+    """Angle in [0, pi] between attitudes q and p of either sign, 4 atan2(|q - p|, |q + p|) (Kahan).
 
-    4 atan2(|q - p|, |q + p|) (Kahan).
-    Differences of close quaternions are exact, so tiny angles are not lost as in 2 acos(q . p). Not
-    differentiable at 0.
+    Differences of close quaternions are exact, so tiny angles are not lost as in 2 acos(q . p). Not differentiable at 0.
     """
     p = ca.if_else(ca.dot(q, p) < 0, -1, 1) * p
     return 4 * ca.atan2(ca.norm_2(q - p), ca.norm_2(q + p))
@@ -102,10 +97,7 @@ def quaternion_from_rotation_vector(r: Expression) -> Expression:
 
 
 def rotation_vector_from_quaternion(q: Expression) -> Expression:
-    """Rotation vector in rad of the short way round, |r| <= pi.
-
-    At pi its sign is that of q's vector part.
-    """
+    """Rotation vector in rad of the short way round, |r| <= pi; at pi its sign is that of q's vector part."""
     q = _short_way(q)
     square, scalar = ca.dot(q[:3], q[:3]), q[3]
     small = square < SMALL_SQUARE
@@ -133,43 +125,30 @@ def quaternion_from_mrp(a: Expression) -> Expression:
 
 
 def mrp_from_quaternion(q: Expression) -> Expression:
-    """4 x MRP of a unit quaternion, singular at q = [0, 0, 0, -1].
-
-    Tweddle 2013, Eq. 2.34.
-    """
+    """4 x MRP of a unit quaternion, singular at q = [0, 0, 0, -1] (Tweddle 2013, Eq. 2.34)."""
     return 4 * q[:3] / (1 + q[3])
 
 
 def short_mrp_from_quaternion(q: Expression) -> Expression:
-    """4 x MRP of the short way round, |a| <= 4.
-
-    It is that of q or -q, whichever has no negative scalar part.
-    """
+    """4 x MRP of the short way round, |a| <= 4: that of q or -q, whichever has no negative scalar part."""
     return mrp_from_quaternion(_short_way(q))
 
 
 def shadow_mrp(a: Expression) -> Expression:
-    """The other 4 x MRP of the same attitude, -16 a / |a|^2.
-
-    The MRP of -q, undefined at a = 0.
-    """
+    """The other 4 x MRP of the same attitude, -16 a / |a|^2: that of -q, undefined at a = 0."""
     return -16 * a / ca.dot(a, a)
 
 
 def quaternion_rate(q: Expression, w: Expression) -> Expression:
-    """q_ib' = q (x) [w, 0] / 2 for a body rate w, rad/s.
-
-    Tweddle 2013, Eq. 2.39, for q body to inertial.
-    """
+    """q_ib' = q (x) [w, 0] / 2 for a body rate w in rad/s (Tweddle 2013, Eq. 2.39, for q body to inertial)."""
     return product(q, ca.vertcat(w, 0)) / 2
 
 
 def linear_rate_rotation(w0: Expression, w1: Expression, dt: Expression) -> Expression:
-    """Rotation vector (end to start) of dt s at a linear rate.
+    """Rotation vector (end to start) of dt seconds at a body rate that goes linearly from w0 to w1 (rad/s).
 
-    The rate goes from w0 to w1.
-    (w0 + w1) dt/2 + (w0 x w1) dt^2/12, rates in rad/s: the Magnus series to its coning term, with an error of
-    order dt^5 (Blanes et al., Physics Reports 470, 2009; for a right factor, q' = q (x) [w, 0] / 2).
+    (w0 + w1) dt/2 + (w0 x w1) dt^2/12: the Magnus series to its coning term, with an error of order dt^5 (Blanes et al., Physics
+    Reports 470, 2009; for a right factor, q' = q (x) [w, 0] / 2).
     """
     return dt * (w0 + w1) / 2 + dt**2 / 12 * ca.cross(w0, w1)
 

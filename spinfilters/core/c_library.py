@@ -32,10 +32,7 @@ ABANDONED: Final = 3600.0
 
 
 def cache_folder() -> Path | None:
-    """Folder of compiled libraries.
-
-    ``$SPINFILTERS_CACHE`` or the user's cache folder; None for a user without a home.
-    """
+    """Folder of compiled libraries: ``$SPINFILTERS_CACHE`` or the user's cache folder; None for a user without a home."""
     chosen = os.environ.get("SPINFILTERS_CACHE")
     if chosen:
         return Path(os.path.abspath(chosen))
@@ -51,7 +48,9 @@ def private_folder() -> Path:
 
     Raises
     ------
-    OSError: there is none, it cannot be made, or others could write into it or put another in its place; the text says which.
+    OSError
+        There is none, it cannot be made, or others could write into it or put another in its place; the text says
+        which.
     """
     wanted = cache_folder()
     if wanted is None:
@@ -131,7 +130,7 @@ def _exchangeable(found: os.stat_result) -> str | None:
 def _has_one_member(group: int) -> bool:
     """Whether a group is the user's private one.
 
-    Such groups usually come with a umask of 002, and with it folders that their group may write to.
+    Systems with such groups usually have a umask of 002, and with it folders that the group may write to.
     """
     import grp
     import pwd
@@ -224,10 +223,7 @@ class Signature(NamedTuple):
 
 
 def with_signatures(library: ctypes.PyDLL | None, signatures: Mapping[str, Signature]) -> ctypes.PyDLL | None:
-    """A library whose functions know their signatures.
-
-    Arguments: integers i, numbers d and addresses p; and what they return.
-    """
+    """The library, its functions given the types of their arguments and results for calls through ctypes."""
     if library is not None:
         for name, (arguments, result) in signatures.items():
             function = getattr(library, name)

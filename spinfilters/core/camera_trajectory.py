@@ -42,7 +42,10 @@ class CameraTrajectory:
 
     Raises
     ------
-    ShapeError: shapes.   InputError: times that do not ascend, or what is not finite.
+    ShapeError
+        Arrays of other shapes.
+    InputError
+        Times that do not ascend, or what is not finite.
     """
 
     time: Float[np.ndarray, " n"]
@@ -68,11 +71,13 @@ class CameraTrajectory:
     def at(self, time: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k 7"]:
         """Interpolated poses at other times.
 
-        Positions linear, attitudes along the shorter rotation (slerp), of a listed time the listed pose.
+        Positions are interpolated linearly, attitudes along the shorter rotation (slerp). At a listed time the listed
+        pose is returned.
 
         Raises
         ------
-        InputError: a time before the first pose or after the last.
+        InputError
+            A time before the first pose or after the last.
         """
         self.require_cover(time)
         if len(self.time) == 1:
@@ -90,15 +95,16 @@ class CameraTrajectory:
     def interpolation_errors(
         self, time: Float[np.ndarray, " k"]
     ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-        """How far interpolated poses are off where the path bends as its poses do: (k,) m and (k,) rad.
+        """Estimated errors of interpolated poses where the path bends between stamps: (k,) m and (k,) rad.
 
-        At a share s between two poses h apart s (1 - s) h^2 / 2 times the second derivative there, the mean of those at both poses
-        by divided differences; zero at the stamps of the poses, and of less than three. The part of the differences that is noise
-        of the poses is no bend, and left out (`_share_of_bends`).
+        At a share s between two poses h apart the error is s (1 - s) h^2 / 2 times the second derivative, the mean of
+        the divided differences at both poses. It is zero at the stamps of the poses, and for fewer than three poses.
+        The part of the differences that is noise of the poses is not a bend and is left out (`_share_of_bends`).
 
         Raises
         ------
-        InputError: a time before the first pose or after the last.
+        InputError
+            A time before the first pose or after the last.
         """
         self.require_cover(time)
         if len(self.time) < 3:
@@ -132,10 +138,10 @@ class CameraTrajectory:
 
 
 def _share_of_bends(differences: Float[np.ndarray, "k 3"]) -> float:
-    """Share of second differences of poses, squared, that is bends of the path and not white noise of the poses.
+    """Share of the squared second differences of poses that is due to bends of the path, not to white noise of the poses.
 
-    White noise has products of neighbours that are -2/3 of the squares, bends that a path has for longer than an interval positive
-    ones. In between the share is linear in that ratio r: 1 + 3 r / 2.
+    For white noise the products of neighbouring differences average -2/3 of their squares. For bends that last longer
+    than an interval they are positive. In between the share is linear in that ratio r: 1 + 3 r / 2.
     """
     square = float(np.mean(np.sum(differences**2, axis=1)))
     if len(differences) < FEWEST_DIFFERENCES or not square > 0:
@@ -169,15 +175,15 @@ MINUTE: Final = 60.0
 
 
 def displaced(poses: Float[np.ndarray, "k 7"], by: Float[np.ndarray, "k 6"]) -> Float[np.ndarray, "k 7"]:
-    """Poses of a camera that are displaced."""
+    """Camera poses displaced by ``by``: positions in axes of i (m), then rotation vectors in axes of the camera (rad)."""
     turned = multiply(poses[:, 3:], quaternion_from_rotation_vector(by[:, 3:]))
     return np.concatenate([poses[:, :3] + by[:, :3], turned], axis=1)
 
 
 def later(time: Float[np.ndarray, " k"], poses: Float[np.ndarray, "k 7"]) -> Float[np.ndarray, "k 6 1"]:
-    """Displacement by the camera's own velocity, per second; zero of a single pose.
+    """Displacement of camera poses per second of clock error: the camera's own velocity; zero for a single pose.
 
-    By central differences of the place and of the attitude, of the ends by those of their neighbours.
+    Velocities are central differences of positions and attitudes; those at the ends are one-sided.
     """
     if len(time) < 2:
         return np.zeros((len(time), 6, 1))
@@ -190,14 +196,14 @@ def later(time: Float[np.ndarray, " k"], poses: Float[np.ndarray, "k 7"]) -> Flo
 
 
 def drifting(time: Float[np.ndarray, " k"], poses: Float[np.ndarray, "k 7"]) -> Float[np.ndarray, "k 6 3"]:
-    """Places that drift evenly from the first time on, by a unit per axis of i in a minute."""
+    """Displacement by positions that drift linearly from the first time on, per metre a minute along each axis of i."""
     found = np.zeros((len(time), 6, 3))
     found[:, :3] = _since(time)[:, None, None] * np.eye(3)
     return found
 
 
 def turning(time: Float[np.ndarray, " k"], poses: Float[np.ndarray, "k 7"]) -> Float[np.ndarray, "k 6 3"]:
-    """Attitudes that drift evenly from the first time on, by a radian about each axis of i in a minute."""
+    """Displacement by attitudes that drift linearly from the first time on, per radian a minute about each axis of i."""
     found = np.zeros((len(time), 6, 3))
     to_camera = np.swapaxes(
         matrix_from_quaternion(poses[:, 3:]), 1, 2
@@ -207,7 +213,7 @@ def turning(time: Float[np.ndarray, " k"], poses: Float[np.ndarray, "k 7"]) -> F
 
 
 def levered(time: Float[np.ndarray, " k"], poses: Float[np.ndarray, "k 7"]) -> Float[np.ndarray, "k 6 3"]:
-    """Places that are off by the same lever arm at all times, by a unit per axis of the camera."""
+    """Displacement by a constant lever arm, per metre along each axis of the camera."""
     found = np.zeros((len(time), 6, 3))
     found[:, :3] = matrix_from_quaternion(poses[:, 3:])
     return found

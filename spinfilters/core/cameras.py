@@ -38,10 +38,7 @@ class Lens(ABC):
 
     @abstractmethod
     def valid(self, xy: Expression, coefficients: Expression) -> Expression:
-        """Positive where the map is one to one.
-
-        Beyond, a point outside the image would be seen inside.
-        """
+        """Positive where the map is one to one; beyond, a point outside the image would be projected into it."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +106,8 @@ class RadialTangentialLens(Lens):
     def valid(self, xy: Expression, coefficients: Expression) -> Expression:
         """Positive where the radial part still grows with the radius.
 
-        1 + 3 k1 r^2 + 5 k2 r^4 where it is least, at its vertex if that is passed.
+        The slope 1 + 3 k1 r^2 + 5 k2 r^4 must be positive at every radius up to the point's, so it is taken where it is
+        least: at the point, or at the vertex of the parabola where that lies within.
         """
         k1, k2, square = coefficients[0], coefficients[1], ca.dot(xy, xy)
         has_vertex = ca.logic_and(k1 < 0, k2 > 0)
@@ -137,14 +135,18 @@ Formula = Callable[[Any, Expression, Expression], Expression]
 
 @dataclass(frozen=True)
 class Camera(ABC):
-    """A pinhole camera with a lens, or a pair.
+    """A pinhole camera with a lens, or a stereo pair.
 
-    A subclass writes expressions, the numbers come from them.
+    A subclass writes the projection and its inverse as expressions; the functions on arrays are derived here.
 
     Attributes
     ----------
-    lens: before the (left) pinhole.
-    pixel_dim: numbers of an observation.   parameter_dim: numbers of the calibration.
+    lens : Lens
+        Before the (left) pinhole.
+    pixel_dim : int
+        Numbers of an observation.
+    parameter_dim : int
+        Numbers of the calibration.
     """
 
     lens: Lens = PERFECT
@@ -174,11 +176,11 @@ class Camera(ABC):
         """Coefficients of the (left) lens."""
 
     def fits(self, calibration: Float[np.ndarray, " c"]) -> bool:
-        """Whether such a calibration is of such a camera."""
+        """Whether a calibration has as many numbers as this camera takes."""
         return calibration.shape == (self.parameter_dim,)
 
     def in_view(self, point: Expression, calibration: Expression) -> Expression:
-        """Positive where `project` means something: before the camera, where the lens is one to one."""
+        """Positive where `project` is meaningful: in front of the camera, and where the lens is one to one."""
         before = point[2] - NEAREST_DEPTH
         if self.lens == PERFECT:
             return before
@@ -285,9 +287,9 @@ class StereoPair(Camera):
     def backproject(
         self, pixels: Expression, calibration: Expression, smallest_disparity: float | None = None
     ) -> Expression:
-        """Point (3,), m, of stereo pixels.
+        """Point (3,), m, in the camera frame of the stereo pixels.
 
-        A disparity of zero or less gives none in front of the pair, unless a smallest one (px) takes its place.
+        A disparity of zero or less gives no point in front of the pair, unless it is replaced by ``smallest_disparity`` (px).
         """
         disparity = self.disparity(pixels, calibration)
         if smallest_disparity is not None:
@@ -308,18 +310,24 @@ class StereoPair(Camera):
 
 
 def monocular_camera(calibration: Float[np.ndarray, " c"]) -> Monocular:
-    """The camera of a calibration.
+    """The monocular camera of a calibration; one of 4 numbers has no distortion.
 
-    4 numbers mean no distortion. ShapeError: of no camera.
+    Raises
+    ------
+    ShapeError
+        A calibration whose length fits no such camera.
     """
     found = [each for each in (Monocular(), Monocular(RADIAL_TANGENTIAL)) if each.fits(calibration)]
     return found[0] if found else _refuse(calibration)
 
 
 def stereo_pair(calibration: Float[np.ndarray, " c"]) -> StereoPair:
-    """The stereo pair of a calibration.
+    """The stereo pair of a calibration; one of 5 numbers has no distortion.
 
-    5 numbers mean no distortion. ShapeError: of no pair.
+    Raises
+    ------
+    ShapeError
+        A calibration whose length fits no such pair.
     """
     found = [each for each in (StereoPair(), StereoPair(RADIAL_TANGENTIAL)) if each.fits(calibration)]
     return found[0] if found else _refuse(calibration)

@@ -21,9 +21,9 @@ AnyError = TypeVar("AnyError", bound=Exception)
 
 
 def numerical(error: AnyError) -> AnyError:
-    """The error, where numbers may have caused it.
+    """Return the error where numbers may have caused it, or raise it again where it is a defect of the program.
 
-    Shapes that do not fit, wrong indices and endless recursion are defects of a program: such an error is raised again.
+    Defects are shapes that do not fit, wrong indices and endless recursion.
     """
     if OF_PROGRAMS.match(f"{type(error).__name__}: {error}"):
         raise error
@@ -31,17 +31,11 @@ def numerical(error: AnyError) -> AnyError:
 
 
 class SpinfiltersError(Exception):
-    """Base of everything that spinfilters raises on purpose.
-
-    The command line prints its text and exits with code 2.
-    """
+    """Base of everything that spinfilters raises on purpose; the command line prints its text and exits with code 2."""
 
 
 class InputError(SpinfiltersError):
-    """A file, value or option that cannot be used.
-
-    The text names it, says what is wrong, and what to do.
-    """
+    """A file, value or option that cannot be used; the text names it, says what is wrong and how to correct it."""
 
 
 class ShapeError(InputError):

@@ -16,13 +16,12 @@ Rounding leaves some 1e-15 of a singular one's 0, and numbers that were measured
 
 
 def correlation_root(covariance: Float[np.ndarray, "*batch n n"]) -> Float[np.ndarray, "*batch n n"]:
-    """Lower Cholesky factors of matrices scaled to unit diagonals.
-
-    Symmetric; units have no say.
+    """Lower Cholesky factors of symmetric matrices scaled to unit diagonals, so that units do not matter.
 
     Raises
     ------
-    numpy.linalg.LinAlgError: when one is singular or indefinite, or a number of its diagonal not positive and finite.
+    numpy.linalg.LinAlgError
+        When one is singular or indefinite, or a number of its diagonal not positive and finite.
     """
     diagonal = np.diagonal(covariance, axis1=-2, axis2=-1)
     if not np.all(np.isfinite(diagonal) & (diagonal > 0)):
@@ -54,7 +53,7 @@ EQUAL: Final = 1e-6
 
 
 def with_largest_positive(vectors: Float[np.ndarray, "*batch n"]) -> Float[np.ndarray, "*batch n"]:
-    """Vectors, turned round where the first of their largest components is negative."""
+    """The vectors, negated where the first of their largest components is negative."""
     size = np.abs(vectors)
     first = (size >= (1 - EQUAL) * size.max(axis=-1, keepdims=True)).argmax(axis=-1)
     largest = np.take_along_axis(vectors, first[..., np.newaxis], axis=-1)
@@ -65,17 +64,17 @@ Numbers = np.ndarray | float
 
 
 def chi_square_tail(value: Numbers, dof: Numbers) -> Numbers:
-    """P(chi2_dof > value); 1 of negative values."""
+    """P(chi2_dof > value); 1 for negative values."""
     return chdtrc(dof, np.maximum(value, 0.0))
 
 
 def chi_square_median(dof: Numbers) -> Numbers:
-    """Median of chi2_dof."""
+    """Median of the chi-square distribution with ``dof`` degrees of freedom."""
     return 2 * gammaincinv(0.5 * dof, 0.5)
 
 
 def fisher_tail(value: float, first: float, second: float) -> float:
-    """P(F > value) of Fisher's distribution; 1 of negative values."""
+    """P(F > value) for Fisher's distribution with ``first`` and ``second`` degrees of freedom; 1 for negative values."""
     return float(fdtrc(first, second, max(value, 0.0)))
 
 
@@ -92,7 +91,7 @@ dgeqrf, dpotrf, dpstrf, dtpqrt, dtrtri, dtrtrs = get_lapack_funcs(NAMES, dtype=n
 def normalised_square(
     error: Float[np.ndarray, "n k"], rows: Float[np.ndarray, "n k e"]
 ) -> Float[np.ndarray, " n"]:
-    """e' P^-1 e for P = rows rows', infinite where P is singular.
+    """e' P^-1 e for P = rows rows', infinite where P is singular (the NEES of an error).
 
     ``rows`` are those rows of a covariance factor that belong to the error.
     """
@@ -102,10 +101,7 @@ def normalised_square(
 def normalised_trace(
     columns: Float[np.ndarray, "n k c"], rows: Float[np.ndarray, "n k e"]
 ) -> Float[np.ndarray, " n"]:
-    """tr(P^-1 C C') of columns C for P = rows rows', infinite where P is singular.
-
-    By a triangular factor of P and a solve.
-    """
+    """tr(P^-1 C C') of columns C for P = rows rows', infinite where P is singular, by a triangular factor of P."""
     upper = np.asarray(np.linalg.qr(np.swapaxes(rows, 1, 2), mode="r"))
     regular = regular_factors(upper)
     result = np.full(len(columns), np.inf)
@@ -115,9 +111,9 @@ def normalised_trace(
 
 
 def regular_factors(upper: np.ndarray) -> Bool[np.ndarray, " n"]:
-    """Mask of numerically non-singular triangular factors.
+    """Mask of numerically non-singular upper triangular factors (n, k, k).
 
-    No diagonal element is zero, not even next to its own row of P.
+    A factor is regular if no diagonal element vanishes to rounding relative to the norm of its column.
     """
     scale = np.linalg.norm(upper, axis=1)
     return (np.abs(np.einsum("nii->ni", upper)) > np.finfo(float).eps * scale).all(axis=1)
@@ -128,7 +124,7 @@ STRETCH = 1024
 
 
 def by_stretches(epochs: int, derive: Callable[[slice], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
-    """Named arrays over so many epochs, at least one, from those of stretches of the epochs."""
+    """Named arrays over ``epochs`` epochs (at least one), computed in stretches of `STRETCH` to bound memory."""
     whole: dict[str, np.ndarray] = {}
     for start in range(0, epochs, STRETCH):
         rows = slice(start, min(start + STRETCH, epochs))

@@ -73,10 +73,7 @@ def near_local_mass(s: Expression, other: Expression) -> Expression:
 
 
 def reset_mass_jacobian(d: Expression) -> Expression:
-    """Jacobian (5 x 5) of the error about s [+] d by that about s.
-
-    It is taken at d, and does not depend on s.
-    """
+    """Jacobian (5 x 5) of the error about s [+] d by that about s, taken at d; it does not depend on s."""
     e = ca.SX.sym("e", DIMENSION)
     root = exponential(traceless(d) / 2)
     inverse = _lower_inverse(_cholesky(root @ root.T))
@@ -95,7 +92,8 @@ def from_inertia(J: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, " 5"]:
 
     Raises
     ------
-    InputError: when J is no rigid body, that is when a principal moment reaches the sum of the other two (`SINGULAR`).
+    InputError
+        When J is no rigid body, that is when a principal moment reaches the sum of the other two (`SINGULAR`).
     """
     S = np.trace(J) / 2 * np.eye(3) - J
     smallest, _, largest = np.linalg.eigvalsh(S)

@@ -71,7 +71,7 @@ _MEMBERS: dict[str, Callable[[], tuple[object, ...]]] = {}
 
 
 def bind_members(group: str, members: Callable[[], tuple[object, ...]]) -> None:
-    """Say where the package's own members of a group stand.
+    """Register where the package's own members of a group are defined.
 
     The top of the package does so (`spinfilters.registries`), which knows the modules above the layers that ask.
 

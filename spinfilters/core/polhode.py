@@ -40,10 +40,7 @@ class EllipticModulus:
 def jacobi_functions(
     argument: Float[np.ndarray, "*batch"], modulus: EllipticModulus
 ) -> tuple[Float[np.ndarray, "*batch"], Float[np.ndarray, "*batch"], Float[np.ndarray, "*batch"]]:
-    """Jacobi's sn, cn and dn of a real argument.
-
-    To a few 1e-16 besides the rounding of the argument.
-    """
+    """Jacobi's sn, cn and dn of a real argument, to a few 1e-16 besides the rounding of the argument."""
     if modulus.parameter <= CIRCULAR_LIMIT:
         return _circular_series(argument, modulus)
     period = 2.0 * modulus.quarter_period
@@ -55,10 +52,7 @@ def jacobi_functions(
 
 
 def argument_of(sine: float, cosine: float, modulus: EllipticModulus) -> float:
-    """The u in [-K, K] with sn u = `sine`, cn u = `cosine` >= 0.
-
-    Uses Carlson's R_F (DLMF 19.25.5).
-    """
+    """The u in [-K, K] with sn u = `sine`, cn u = `cosine` >= 0, by Carlson's R_F (DLMF 19.25.5)."""
     square = cosine * cosine
     return float(sine * elliprf(square, square + modulus.complement * sine * sine, 1.0))
 
@@ -76,10 +70,7 @@ def _quarter_period(complement: float) -> float:
 def _circular_series(
     argument: Float[np.ndarray, "*batch"], modulus: EllipticModulus
 ) -> tuple[Float[np.ndarray, "*batch"], Float[np.ndarray, "*batch"], Float[np.ndarray, "*batch"]]:
-    """sn, cn, dn as ratios of theta functions of pi u / 2K.
-
-    z = pi u / 2K; theta 1, 2 lack the factor 2 q^(1/4).
-    """
+    """sn, cn, dn as ratios of theta functions of z = pi u / 2K; theta 1, 2 lack the factor 2 q^(1/4)."""
     quarter = modulus.quarter_period
     nome = math.exp(-math.pi * modulus.complementary_quarter_period / quarter)
     z = 0.5 * math.pi / quarter * argument
@@ -174,20 +165,14 @@ def finite_vector(
 def angular_momentum(
     principal_moments: Float[np.ndarray, " 3"], rate: Float[np.ndarray, "*batch 3"]
 ) -> Float[np.ndarray, "*batch 3"]:
-    """Angular momentum h = J w in body principal axes, kg m^2/s.
-
-    `rate` in rad/s (Tweddle 2013, Eq. 2.78).
-    """
+    """Angular momentum h = J w in body principal axes, kg m^2/s, of a rate in rad/s (Tweddle 2013, Eq. 2.78)."""
     return principal_moments * rate
 
 
 def rotational_energy(
     principal_moments: Float[np.ndarray, " 3"], rate: Float[np.ndarray, "*batch 3"]
 ) -> Float[np.ndarray, "*batch"]:
-    """Rotational kinetic energy w'Jw / 2, J.
-
-    `rate` in principal axes, rad/s (Tweddle 2013, Eq. 2.80).
-    """
+    """Rotational kinetic energy w'Jw / 2, J, of a rate in principal axes, rad/s (Tweddle 2013, Eq. 2.80)."""
     return np.asarray(0.5 * np.sum(principal_moments * np.square(rate), axis=-1))
 
 
@@ -235,9 +220,28 @@ class Polhode:
 def polhode(
     principal_moments: Float[np.ndarray, " 3"], rate: Float[np.ndarray, " 3"], points: int = 361
 ) -> Polhode:
-    """The polhode of a rate of a body with these moments.
+    """The polhode through a body rate: its kind, curves and ellipsoids.
 
-    Rad/s, principal axes; kg m^2, any order.
+    Parameters
+    ----------
+    principal_moments : Float[np.ndarray, " 3"]
+        Principal moments of inertia, kg m^2, in any order.
+    rate : Float[np.ndarray, " 3"]
+        Body rate in principal axes, rad/s.
+    points : int
+        Points of each closed curve.
+
+    Returns
+    -------
+    Polhode
+        Curves in principal axes, rad/s.
+
+    Raises
+    ------
+    InputError
+        Moments of no rigid body, or a rate that is not finite.
+    ShapeError
+        Moments or a rate that are not of shape (3,).
     """
     moments = validate_principal_moments(principal_moments)
     rate = finite_vector(rate, 3, "rate", "rad/s")
@@ -253,10 +257,7 @@ def polhode(
 def ellipsoid_semi_axes(
     principal_moments: Float[np.ndarray, " 3"], rate: Float[np.ndarray, " 3"]
 ) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
-    """Semi-axes H / J and sqrt(2 E / J) of both ellipsoids, rad/s.
-
-    Momentum and energy (Tweddle 2013, Eqs 2.79 and 2.81).
-    """
+    """Semi-axes H / J and sqrt(2 E / J) of the momentum and energy ellipsoids, rad/s (Tweddle 2013, Eqs 2.79, 2.81)."""
     momentum = float(np.linalg.norm(angular_momentum(principal_moments, rate)))
     energy = float(rotational_energy(principal_moments, rate))
     return momentum / principal_moments, np.sqrt(2.0 * energy / principal_moments)
@@ -280,10 +281,7 @@ def polhode_kind(principal_moments: Float[np.ndarray, " 3"], rate: Float[np.ndar
 
 
 def is_fixed_rate(principal_moments: Float[np.ndarray, " 3"], rate: Float[np.ndarray, " 3"]) -> bool:
-    """Whether J w x w is exactly zero.
-
-    The body rests, is a sphere, or spins about a principal axis.
-    """
+    """Whether J w x w is exactly zero: the body rests, is a sphere, or spins about a principal axis."""
     pairs = ((0, 1), (1, 2), (2, 0))
     return all(
         principal_moments[i] == principal_moments[j] or rate[i] == 0.0 or rate[j] == 0.0 for i, j in pairs
@@ -291,9 +289,9 @@ def is_fixed_rate(principal_moments: Float[np.ndarray, " 3"], rate: Float[np.nda
 
 
 def polhode_shape(principal_moments: Float[np.ndarray, " 3"], rate: Float[np.ndarray, " 3"]) -> PolhodeShape:
-    """Constants of a polhode that is not a point, exact and then rounded once.
+    """Constants of a polhode that is not a point (Landau and Lifshitz, Mechanics, Eqs 37.8-37.12).
 
-    Landau and Lifshitz, Mechanics, Eqs 37.8-37.12.
+    They are computed in exact rational arithmetic and rounded once.
     """
     J = [Fraction(float(moment)) for moment in principal_moments]
     squares = [Fraction(float(component)) ** 2 for component in rate]

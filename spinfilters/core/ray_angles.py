@@ -7,10 +7,7 @@ from jaxtyping import Float
 def unit_vectors(
     azimuth: Float[np.ndarray, " n"], elevation: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, "n 3"]:
-    """Unit vectors (cos E cos A, sin E, cos E sin A) in frame L.
-
-    Decoust 2008, section 2.2.3; theta_A is the azimuth.
-    """
+    """Unit vectors (cos E cos A, sin E, cos E sin A) in frame L (Decoust 2008, section 2.2.3; theta_A is the azimuth)."""
     c = np.cos(elevation)
     return np.stack([c * np.cos(azimuth), np.sin(elevation), c * np.sin(azimuth)], axis=-1)
 

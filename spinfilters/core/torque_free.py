@@ -21,9 +21,9 @@ from spinfilters.core.polhode import (
 
 @dataclass(frozen=True)
 class EulerRates:
-    """Elliptic parameters of a rate that moves.
+    """Elliptic parameters of a body rate that is not fixed.
 
-    Polhode, signs (+1 or -1) of w_A and w_C, u0, and lambda = du/dt in rad/s.
+    The polhode's shape, the signs (+1 or -1) of w_A and w_C, the argument u0 at t = 0, and lambda = du/dt in rad/s.
     """
 
     shape: PolhodeShape
@@ -48,10 +48,7 @@ class EulerRates:
 
 
 def euler_rates(moments: Float[np.ndarray, "3"], rate0: Float[np.ndarray, "3"]) -> EulerRates:
-    """The motion of a rate from `rate0` (rad/s) at t = 0.
-
-    It is not fixed (`polhode.is_fixed_rate`).
-    """
+    """Elliptic parameters of the motion from ``rate0`` (rad/s) at t = 0, which must not be fixed (`is_fixed_rate`)."""
     shape = polhode_shape(moments, rate0)
     a, b, c = shape.axes
     ac, bc = moments[c] - moments[a], moments[c] - moments[b]
@@ -124,10 +121,7 @@ def _periodic_twist(
 
 
 def _fourier_coefficients(invariants: Invariants, shape: PolhodeShape) -> Float[np.ndarray, " n"]:
-    """c_n of f(u) = sum c_n cos(n pi u / K), by the trapezoidal rule.
-
-    It converges as the series does.
-    """
+    """c_n of f(u) = sum c_n cos(n pi u / K) by the trapezoidal rule, which converges as fast as the series."""
     quarter, width = shape.modulus.quarter_period, shape.modulus.complementary_quarter_period
     harmonics = max(MINIMUM_HARMONICS, math.ceil(LOG_ROUNDING * quarter / (math.pi * width)))
     samples = 2 * harmonics + 2
@@ -143,10 +137,7 @@ def _separatrix_twist(
     rates: EulerRates,
     time: Float[np.ndarray, "*batch"],
 ) -> Float[np.ndarray, "*batch"]:
-    """Twist on the separatrix, m1 = 0.
-
-    The integral of psi' = 2 T/h + D gamma / (h (h cosh u + J_C gamma)).
-    """
+    """Twist on the separatrix, m1 = 0: the integral of psi' = 2 T/h + D gamma / (h (h cosh u + J_C gamma))."""
     a, _, _ = rates.shape.axes
     alpha, _, gamma = rates.shape.amplitudes
     h = invariants.momentum
@@ -216,9 +207,9 @@ def torque_free_motion(
 def _scaled(
     moments: Float[np.ndarray, "3"], rate: Float[np.ndarray, "3"]
 ) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"], float]:
-    """Moments and rate of order one, and the unit of the rate in rad/s.
+    """Moments and rate scaled to order one, and the unit of the rate in rad/s.
 
-    Powers of two, so exact: squares of the scaled numbers neither overflow nor underflow.
+    The scales are powers of two and so exact; squares of the scaled numbers neither overflow nor underflow.
     """
     unit = float(2.0 ** np.frexp(np.max(np.abs(rate)))[1])
     kept = np.where(np.abs(rate) < NEGLIGIBLE_RATE * np.max(np.abs(rate)), 0.0, rate)
@@ -253,10 +244,7 @@ def _encircled_axis(rates: EulerRates) -> Float[np.ndarray, "3"]:
 
 
 def _tilt(momentum: Float[np.ndarray, "*batch 3"], rates: EulerRates) -> Float[np.ndarray, "*batch 4"]:
-    """Quaternion S of the smallest rotation from e to h.
-
-    (e x h, |h| + e.h) / norm, never 180 degrees.
-    """
+    """Quaternion S of the smallest rotation from e to h, (e x h, |h| + e.h) normalised; never 180 degrees."""
     axis = _encircled_axis(rates)
     vector = np.cross(axis, momentum)
     scalar = np.linalg.norm(momentum, axis=-1) + momentum @ axis

@@ -111,10 +111,7 @@ _Place = Callable[[int, int], str]
 
 
 def simd_text(function: ca.Function) -> str | None:
-    """C of a function's loop over items, or None.
-
-    None where its tape holds an operation that is not known here.
-    """
+    """C of a function's loop over items; None where the function has an operation without a C form here."""
     gather: list[str] = []
 
     def taken(which: int, place: int) -> str:
@@ -181,7 +178,8 @@ def _scan_bodies(
 
     Parameters
     ----------
-    given, kept, made: places of the inputs, of what ``begin`` keeps for all steps, and of the outputs.
+    given, kept, made : Sequence[int]
+        Places of the inputs, of what ``begin`` keeps for all steps, and of the outputs.
     """
     last, inputs = scan.begin.n_out(), scan.begin.n_in()
 
@@ -253,11 +251,14 @@ class Vectorised:
 
     Parameters
     ----------
-    function: an SX function; an input of n numbers takes an array (k, n), outputs come as (k, n), matrices column by column.
+    function : ca.Function
+        An SX function; an input of n numbers takes an array (k, n), outputs come as (k, n), matrices column by
+        column.
 
     Attributes
     ----------
-    widths: how many numbers each input has.
+    widths : list[int]
+        How many numbers each input has.
     """
 
     def __init__(self, function: ca.Function) -> None:
@@ -278,12 +279,16 @@ class Vectorised:
 
         Parameters
         ----------
-        arguments: (k, width) each.   rows: per argument, (n,) which of its rows an item takes, or None where item i takes row i,
-            or all items the only one.
+        arguments : np.ndarray
+            (k, width) each.
+        rows : tuple[Int[np.ndarray, ' n'] | None, ...]
+            Per argument, (n,) which of its rows an item takes, or None where item i takes row i, or all items the
+            only one.
 
         Raises
         ------
-        ShapeError: for a wrong number or width of arguments, or rows that do not fit.
+        ShapeError
+            For a wrong number or width of arguments, or rows that do not fit.
         """
         count = self._count(arguments, rows)
         if self._library is None:
@@ -328,9 +333,12 @@ class VectorisedScan:
 
     Parameters
     ----------
-    begin: of the inputs; gives the state x, then columns that stay the same.
-    turn: of x, of those columns, and of a last column of numbers that are others in every turn; gives the next x.
-    end: of the inputs and x; gives what is wanted.
+    begin : ca.Function
+        Of the inputs; gives the state x, then columns that stay the same.
+    turn : ca.Function
+        Of x, of those columns, and of a last column of numbers that are others in every turn; gives the next x.
+    end : ca.Function
+        Of the inputs and x; gives what is wanted.
     """
 
     def __init__(self, begin: ca.Function, turn: ca.Function, end: ca.Function) -> None:
@@ -350,11 +358,13 @@ class VectorisedScan:
 
         Parameters
         ----------
-        each: (turns, numbers) of every turn.
+        each : np.ndarray
+            (turns, numbers) of every turn.
 
         Raises
         ------
-        ShapeError: for a wrong number, length or width of arguments, or of the numbers of turns.
+        ShapeError
+            For a wrong number, length or width of arguments, or of the numbers of turns.
         """
         if each.ndim != 2 or each.shape[1] != self._numbers:
             raise ShapeError(f"{self.name} takes {self._numbers} numbers for every turn, got {each.shape}")

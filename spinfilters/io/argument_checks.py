@@ -28,7 +28,8 @@ def checked_arguments(**checks: Check) -> Callable[[Callable[P, T]], Callable[P,
 
     Raises
     ------
-    InputError: at a call, for the first argument that its check refuses.
+    InputError
+        At a call, for the first argument that its check refuses.
     """
 
     def decorate(function: Callable[P, T]) -> Callable[P, T]:

@@ -38,10 +38,20 @@ class SensorFile:
 
     Attributes
     ----------
-    intrinsics: (fx, fy, cx, cy), px.   size: width and height, px.   pose: T_BS, camera to body, m.
-    distortion: coefficients as they are given, none where there are none.   model: of the distortion, as it is given.
-    intrinsics_std: standard deviations of the intrinsics, px.   position_std: of the camera's place in the body, m. None where the
-        file is silent.
+    intrinsics : Float[np.ndarray, ' 4']
+        (fx, fy, cx, cy), px.
+    size : tuple[int, int]
+        Width and height, px.
+    pose : Float[np.ndarray, '4 4']
+        T_BS, camera to body, m.
+    distortion : Float[np.ndarray, ' k']
+        Coefficients as they are given, none where there are none.
+    model : object
+        Of the distortion, as it is given.
+    intrinsics_std : Float[np.ndarray, ' 4'] | None
+        Standard deviations of the intrinsics, px.
+    position_std : float | None
+        Of the camera's place in the body, m. None where the file is silent.
     """
 
     intrinsics: Float[np.ndarray, " 4"]
@@ -58,7 +68,8 @@ def read_sensor_file(path: Path) -> SensorFile:
 
     Raises
     ------
-    InputError: unreadable YAML, a key that is missing, not a pinhole, numbers of another shape, half a pixel, no pose.
+    InputError
+        Unreadable YAML, a key that is missing, not a pinhole, numbers of another shape, half a pixel, no pose.
     """
     settings = read_yaml(path)
     for key in ("camera_model", "intrinsics", "resolution", "T_BS"):
@@ -175,8 +186,9 @@ def read_yaml(path: Path) -> dict[str, Any]:
 
     Raises
     ------
-    InputError: unreadable file, text that is not YAML, tags such as !!python, aliases, too many or too deeply nested values, or
-    no mapping at the top.
+    InputError
+        Unreadable file, text that is not YAML, tags such as !!python, aliases, too many or too deeply nested
+        values, or no mapping at the top.
     """
     import yaml  # here alone: few recordings have a camera's file
 
@@ -251,13 +263,17 @@ class PinholeCamera:
 
     Parameters
     ----------
-    fx, fy, cx, cy: focal lengths and principal point, px.
-    width, height: of the images, px.
-    distortion: four coefficients of the lens; none of rectified pixels.
+    fx, fy, cx, cy : float
+        Focal lengths and principal point, px.
+    width, height : int
+        Of the images, px.
+    distortion : tuple[float, ...]
+        Four coefficients of the lens; none of rectified pixels.
 
     Raises
     ------
-    InputError: a value out of its range in `CAMERA_RANGES`, another number of coefficients.
+    InputError
+        A value out of its range in `CAMERA_RANGES`, another number of coefficients.
     """
 
     fx: float
@@ -298,17 +314,21 @@ class PinholeCamera:
 
 @dataclass(frozen=True)
 class StereoRig:
-    """A parallel pinhole pair with lenses of their own.
-
-    The right camera is the left one moved by the baseline along x.
+    """A parallel pinhole pair, each camera with its own lens; the right one is displaced by the baseline along x.
 
     Parameters
     ----------
-    left: camera.   baseline_m: m, positive.   right_distortion: four coefficients of the right lens; none of rectified pixels.
+    left : PinholeCamera
+        Camera.
+    baseline_m : float
+        m, positive.
+    right_distortion : tuple[float, ...]
+        Four coefficients of the right lens; none of rectified pixels.
 
     Raises
     ------
-    InputError: a baseline out of its range in `CAMERA_RANGES`, another number of coefficients.
+    InputError
+        A baseline out of its range in `CAMERA_RANGES`, another number of coefficients.
     """
 
     left: PinholeCamera
@@ -323,10 +343,7 @@ class StereoRig:
 
     @property
     def calibration(self) -> Float[np.ndarray, " c"]:
-        """(fx, fy, cx, cy px, baseline m), then coefficients of distorting lenses.
-
-        Both lenses have coefficients where one of them distorts.
-        """
+        """(fx, fy, cx, cy px, baseline m), then the coefficients of both lenses if either of them distorts."""
         lenses = (self.left.distortion, self.right_distortion)
         both = [each or PERFECT for each in lenses] if any(lenses) else []
         return np.array([*self.left.intrinsics, self.baseline_m, *chain(*both)])
@@ -354,8 +371,9 @@ def read_stereo_rig(folder: Path) -> StereoRig:
 
     Raises
     ------
-    InputError: unreadable YAML; not a pinhole; a distortion that is not radial-tangential; intrinsics or
-    image sizes that differ; cameras not parallel or not side by side along x; degenerate numbers.
+    InputError
+        Unreadable YAML; not a pinhole; a distortion that is not radial-tangential; intrinsics or image sizes that
+        differ; cameras not parallel or not side by side along x; degenerate numbers.
     """
     left, right = (_read_camera(folder / file) for file in RIG_FILES)
     path = folder / RIG_FILES[1]
@@ -442,7 +460,8 @@ def told_deviations(folder: Path) -> Mapping[str, float]:
 
     Raises
     ------
-    InputError: as `read_sensor_file`; a deviation out of the range of its parameter.
+    InputError
+        As `read_sensor_file`; a deviation out of the range of its parameter.
     """
     cameras = {
         path: read_sensor_file(path) for path in (folder / file for file in RIG_FILES) if path.is_file()

@@ -24,15 +24,27 @@ class ConsiderParameter:
 
     Attributes
     ----------
-    name: the key of its standard deviation.   words: what it is called.   allowed: range of the deviation, with its unit.
-    default: deviation where nobody states one.
-    sensors: that it is of, by name; none of the clock, by which all durations are scaled.
-    size: how many independent errors share the deviation.
-    moved: see `Moved`; None of the clock, and of an inspector.
-    displaced: of the known trajectory of a moving camera, see `Displaced`; None of anything else. What its errors leave in the
-        residuals tells them, so that a run considers what is left of the deviation beside that.
-    block: of a state that estimates it, which need not consider it then; empty where none does.
-    order: of tables.
+    name : str
+        The key of its standard deviation.
+    words : str
+        What it is called.
+    allowed : NumberRange
+        Range of the deviation, with its unit.
+    default : float
+        Deviation where nobody states one.
+    sensors : tuple[str, ...]
+        That it is of, by name; none of the clock, by which all durations are scaled.
+    size : int
+        How many independent errors share the deviation.
+    moved : Moved | None
+        See `Moved`; None of the clock, and of an inspector.
+    displaced : Displaced | None
+        Of the known trajectory of a moving camera, see `Displaced`; None of anything else. What its errors leave
+        in the residuals tells them, so that a run considers what is left of the deviation beside that.
+    block : str
+        Of a state that estimates it, which need not consider it then; empty where none does.
+    order : int
+        Of tables.
     """
 
     name: str
@@ -69,7 +81,8 @@ class ConsideredDeviation:
 
     Attributes
     ----------
-    source: "stated" or "prior".
+    source : str
+        "stated" or "prior".
     """
 
     parameter: ConsiderParameter
@@ -86,7 +99,8 @@ def consider_parameters() -> Mapping[str, ConsiderParameter]:
 
     Raises
     ------
-    InputError: a plug-in that cannot be loaded, a repeated name.
+    InputError
+        A plug-in that cannot be loaded, a repeated name.
     """
     found: dict[str, ConsiderParameter] = {}
     for each in in_order(members_above("spinfilters.calibration", ConsiderParameter)):

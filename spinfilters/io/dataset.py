@@ -55,7 +55,8 @@ class DatasetOptions:
 
     Raises
     ------
-    InputError: a standard deviation, density or factor out of its range.
+    InputError
+        A standard deviation, density or factor out of its range.
     """
 
     sensor_noise: Mapping[str, float]
@@ -122,7 +123,8 @@ def options_from_toml(path: Path, document: Mapping[str, Any]) -> DatasetOptions
 
     Raises
     ------
-    InputError: an unknown key, a value of another type, a standard deviation that is not positive.
+    InputError
+        An unknown key, a value of another type, a standard deviation that is not positive.
     """
     noise = noise_ranges()
     known = [*noise, "frames", "calibration", "covariance_inflation", "notes"]
@@ -151,7 +153,8 @@ def with_told_deviations(options: DatasetOptions, folder: Path) -> DatasetOption
 
     Raises
     ------
-    InputError: as `read_sensor_file`; a deviation out of the range of its parameter.
+    InputError
+        As `read_sensor_file`; a deviation out of the range of its parameter.
     """
     return replace(options, calibration={**told_deviations(folder), **options.calibration})
 
@@ -201,8 +204,14 @@ class Segment:
 
     Attributes
     ----------
-    number: as marked or as found; None of one that its user states.   start, end: None for the ends of the recording.
-    keep: whether it is a trial.   comment: on it, or what says that it is a flight.
+    number : int | None
+        As marked or as found; None of one that its user states.
+    start, end : float | None
+        None for the ends of the recording.
+    keep : bool
+        Whether it is a trial.
+    comment : str
+        On it, or what says that it is a flight.
     """
 
     number: int | None
@@ -226,18 +235,28 @@ class Dataset:
 
     Parameters
     ----------
-    kind: of `dataset_kinds`.   log: with the sensor of that kind; other sensors may be there too.
-    path: where it was read, None when made in memory.
-    truth, rig, known_map: None where not known; measurements of a camera need its rig.
-    inspector: poses of cam0 in i over the time of all measurements of cameras; None where frame i is that of cam0.
-    segment: the stretch of a recording that this is, None of a whole one.
-    acceleration: of an accelerometer beside the sensors; it tells flights, no estimator reads it.
-    doubts: reasons why no estimate from these measurements is to be trusted, of what made them of raw data.
+    kind : str
+        Of `dataset_kinds`.
+    log : MeasurementLog
+        With the sensor of that kind; other sensors may be there too.
+    path : Path | None
+        Where it was read, None when made in memory.
+    truth, rig, known_map
+        None where not known; measurements of a camera need its rig.
+    inspector : MeasurementStream | None
+        Poses of cam0 in i over the time of all measurements of cameras; None where frame i is that of cam0.
+    segment : Segment | None
+        The stretch of a recording that this is, None of a whole one.
+    acceleration : Acceleration | None
+        Of an accelerometer beside the sensors; it tells flights, no estimator reads it.
+    doubts : tuple[str, ...]
+        Reasons why no estimate from these measurements is to be trusted, of what made them of raw data.
 
     Raises
     ------
-    InputError: unknown kind, a log without its sensor, measurements of a camera without its rig, an inspector without a camera
-    or of a shorter time.
+    InputError
+        Unknown kind, a log without its sensor, measurements of a camera without its rig, an inspector without a
+        camera or of a shorter time.
     """
 
     kind: str
@@ -311,7 +330,10 @@ def calibrations_of(log: MeasurementLog) -> tuple[CalibrationFiles, ...]:
 def require_cover(inspector: MeasurementStream, log: MeasurementLog) -> None:
     """Require that the inspector's poses cover all observations of a camera.
 
-    InputError: a log without a camera, or observations of one before the first or after the last pose.
+    Raises
+    ------
+    InputError
+        A log without a camera, or camera observations before the first or after the last pose.
     """
     seen = [stream.time for stream in log.streams if sensor_format(stream.sensor).calibration is not None]
     if not seen:

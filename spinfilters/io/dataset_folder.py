@@ -57,7 +57,8 @@ class DatasetFolderReader(DatasetReader):
 
     Attributes
     ----------
-    front_end: gives the maker of measurements from raw data of a kind, None where there is none.
+    front_end : Callable[[str], RawDataReader | None]
+        Gives the maker of measurements from raw data of a kind, None where there is none.
     """
 
     front_end: Callable[[str], RawDataReader | None]
@@ -79,7 +80,8 @@ class OtherFolderReader(DatasetReader):
 
     Attributes
     ----------
-    recordings_in: gives the recordings in a folder that is none itself.
+    recordings_in : Callable[[Path], Sequence[Path]]
+        Gives the recordings in a folder that is none itself.
     """
 
     recordings_in: Callable[[Path], Sequence[Path]]
@@ -235,7 +237,8 @@ class SensorTableReader(DatasetReader):
 
     Attributes
     ----------
-    readers: gives all readers, whose words say what can be read.
+    readers : Callable[[], Iterable[DatasetReader]]
+        Gives all readers, whose words say what can be read.
     """
 
     readers: Callable[[], Iterable[DatasetReader]]
@@ -291,8 +294,8 @@ def write_dataset(dataset: Dataset, folder: Path) -> None:
 
     Raises
     ------
-    InputError: disk full or no permission; a folder with a file that would be read as part of this data set
-    but is not.
+    InputError
+        Disk full or no permission; a folder with a file that would be read as part of this data set but is not.
     """
     make_folder(folder)
     _refuse_leftovers(dataset, folder)

@@ -27,9 +27,15 @@ class DatasetReader(ABC):
 
     Attributes
     ----------
-    name: of the format.   words: what a path of it is called, with article and extension.
-    order: in which readers are asked; the first that recognises a path reads it. Ours are at 0, other folders at 90, files at 100.
-    has_segments: whether a recording may hold several data sets, told by number.
+    name : str
+        Of the format.
+    words : str
+        What a path of it is called, with article and extension.
+    order : int
+        In which readers are asked; the first that recognises a path reads it. Ours are at 0, other folders at 90,
+        files at 100.
+    has_segments : bool
+        Whether a recording may hold several data sets, told by number.
     """
 
     name: str
@@ -39,10 +45,7 @@ class DatasetReader(ABC):
 
     @abstractmethod
     def recognises(self, path: Path) -> bool:
-        """Whether a path, which need not exist, is of this format.
-
-        Name or first bytes decide, without reading it all.
-        """
+        """Whether a path, which need not exist, is of this format, judged by its name or its first bytes alone."""
 
     @abstractmethod
     def read(self, path: Path, segment: int | None) -> Dataset:
@@ -56,9 +59,12 @@ class DatasetReader(ABC):
         return self.read(path, None)
 
     def stating(self, options: ReadingOptions) -> "DatasetReader":
-        """The reader with what the user states of a recording.
+        """The reader with what the user states about a recording.
 
-        InputError: a format that has no use for it.
+        Raises
+        ------
+        InputError
+            Options that this format does not take.
         """
         options.require_only((), self.words or "this kind of file")
         return self
@@ -68,7 +74,9 @@ class DatasetReader(ABC):
 
         Parameters
         ----------
-        on_refused: called with the number of a segment that is no data set, and why, instead of raising InputError for it.
+        on_refused : OnRefused | None
+            Called with the number of a segment that is no data set, and why, instead of raising InputError for
+            it.
         """
         return [self.read(path, None)]
 
@@ -78,10 +86,7 @@ IMAGES: Final = "stereo images"
 
 
 def has_images(path: str | os.PathLike[str]) -> bool:
-    """Whether a path is a folder of stereo images without tracks.
-
-    A front end must follow these first.
-    """
+    """Whether a path is a folder of stereo images without tracks, which a front end must extract first."""
     folder = Path(path)
     return os.path.isdir(folder / "cam0" / "data") and not os.path.lexists(folder / "tracks.csv")
 
@@ -92,8 +97,14 @@ class RawMeasurements:
 
     Attributes
     ----------
-    stream: the measurements.   truth: told in the stream's frame g.
-    remarks: what was left out or not determined.   doubts: reasons why no estimate from this stream is to be trusted.
+    stream : MeasurementStream
+        The measurements.
+    truth : Truth | None
+        Told in the stream's frame g.
+    remarks : tuple[str, ...]
+        What was left out or not determined.
+    doubts : tuple[str, ...]
+        Reasons why no estimate from this stream is to be trusted.
     """
 
     stream: "MeasurementStream"
@@ -109,8 +120,12 @@ class RawDataReader:
 
     Attributes
     ----------
-    kind: in dataset.toml.   made: kind of the data set that comes out.
-    read: of a folder with its truth, or None.
+    kind : str
+        In dataset.toml.
+    made : str
+        Kind of the data set that comes out.
+    read : Callable[[Path, Truth | None], RawMeasurements]
+        Of a folder with its truth, or None.
     """
 
     kind: str

@@ -54,10 +54,7 @@ def value_text(value: object) -> str:
 
 
 def reason(error: Exception) -> str:
-    """One-line message of a system's or parser's error.
-
-    Such as 'Permission denied', at most 200 characters.
-    """
+    """One-line message of a system's or parser's error, such as 'Permission denied', of at most 200 characters."""
     text = (error.strerror if isinstance(error, OSError) else None) or str(error)
     return "".join(c if c.isprintable() else " " for c in " ".join(text.split())[:200])
 
@@ -67,7 +64,8 @@ def require_file(path: Path, max_bytes: int) -> int:
 
     Raises
     ------
-    InputError: missing, a directory, a device or pipe, not readable, empty, or larger than `max_bytes`.
+    InputError
+        Missing, a directory, a device or pipe, not readable, empty, or larger than `max_bytes`.
     """
     try:
         status = os.stat(path)
@@ -94,11 +92,12 @@ def require_file(path: Path, max_bytes: int) -> int:
 def read_bytes(path: Path, max_bytes: int, may_be_empty: bool = False) -> bytes:
     """Content of a regular file of at most so many bytes.
 
-    Never waits: a pipe, socket or device is refused, also one that takes the file's place after it was looked at.
+    It never blocks: a pipe, socket or device is refused, even one that replaces the file after it was examined.
 
     Raises
     ------
-    InputError: as `require_file`; it cannot be read.
+    InputError
+        As `require_file`; it cannot be read.
     """
     if not (may_be_empty and os.path.isfile(path) and os.path.getsize(path) == 0):
         require_file(path, max_bytes)
@@ -172,7 +171,8 @@ def read_settings_text(path: Path) -> str:
 
     Raises
     ------
-    InputError: as `require_file` with 1 MiB, or a file that is not UTF-8 text.
+    InputError
+        As `require_file` with 1 MiB, or a file that is not UTF-8 text.
     """
     raw = read_bytes(path, MAX_SETTINGS_BYTES)
     try:
@@ -187,7 +187,10 @@ def read_settings_text(path: Path) -> str:
 def read_toml(path: Path) -> dict[str, Any]:
     """Document of a TOML file of at most 1 MiB.
 
-    InputError: unreadable file, or text that is not TOML.
+    Raises
+    ------
+    InputError
+        An unreadable file, or text that is not TOML.
     """
     import tomllib  # slow to import, and every command has this module
 

@@ -31,17 +31,25 @@ class MeasurementStream:
 
     Parameters
     ----------
-    sensor: name of a sensor of the registry (`spinfilters.models.sensor_registry`).
-    time: s, any origin, possibly irregular; strictly increasing, but non-decreasing for sensors with many rows an epoch.
-    values: (n, columns) as the sensor's `SensorFormat` says; unit quaternions are normalised.
-    ids: landmark of every row (sensors of landmarks only, and there required); no landmark twice at one time.
-    covariance: of every row, positive definite, squared units of the innovation; None where one value holds for all
+    sensor : str
+        Name of a sensor of the registry (`spinfilters.models.sensor_registry`).
+    time : Float[np.ndarray, ' n']
+        s, any origin, possibly irregular; strictly increasing, but non-decreasing for sensors with many rows an
+        epoch.
+    values : Float[np.ndarray, 'n m']
+        (n, columns) as the sensor's `SensorFormat` says; unit quaternions are normalised.
+    ids : Int[np.ndarray, ' n'] | None
+        Landmark of every row (sensors of landmarks only, and there required); no landmark twice at one time.
+    covariance : Float[np.ndarray, 'n k k'] | None
+        Of every row, positive definite, squared units of the innovation; None where one value holds for all
         (`DatasetOptions`).
 
     Raises
     ------
-    InputError: unknown sensor, not finite, out of order, not a unit quaternion, not positive definite.
-    ShapeError: shapes.
+    InputError
+        Unknown sensor, not finite, out of order, not a unit quaternion, not positive definite.
+    ShapeError
+        Arrays of other shapes.
     """
 
     sensor: str
@@ -93,7 +101,8 @@ class MeasurementLog:
 
     Raises
     ------
-    InputError: no stream, or two streams of one sensor.
+    InputError
+        No stream, or two streams of one sensor.
     """
 
     streams: tuple[MeasurementStream, ...]
@@ -152,10 +161,7 @@ _LARGEST_KEY = 1 << 62  # of whole numbers that are sorted
 
 
 def first_disorder(time: Float[np.ndarray, " n"], repeats: bool) -> int | None:
-    """First row whose time (s) is out of order, or None.
-
-    It is before its predecessor's, or equal unless `repeats`.
-    """
+    """First row whose time (s) is before its predecessor's, or equal to it unless `repeats`; None if in order."""
     step = np.diff(time)
     rows = np.flatnonzero(step < 0.0 if repeats else step <= 0.0)
     return int(rows[0]) + 1 if rows.size else None
@@ -291,13 +297,14 @@ def _row(stream: MeasurementStream, row: int) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Acceleration:
-    """Specific force at the sensor's place, axes of the gyro; read-only copies.
-
-    Acceleration without gravity.
+    """Specific force (acceleration without gravity) at the sensor's position, axes of the gyro; read-only copies.
 
     Attributes
     ----------
-    time: s, increasing, on the clock of the log.   values: (n, 3) m/s^2.
+    time : Float[np.ndarray, ' n']
+        s, increasing, on the clock of the log.
+    values : Float[np.ndarray, 'n 3']
+        (n, 3) m/s^2.
     """
 
     time: Float[np.ndarray, " n"]

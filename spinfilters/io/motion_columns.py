@@ -71,9 +71,14 @@ class Heading:
 
     Attributes
     ----------
-    quantity: of motion.   axis: "x", "y", "z" or "w"; empty of time.
-    unit: canonical spelling, empty where none is stated, behind a question mark where it is unknown.
-    is_si: whether its name, without a unit, is that of a quantity in SI by convention.
+    quantity : Quantity
+        Of motion.
+    axis : str
+        "x", "y", "z" or "w"; empty of time.
+    unit : str
+        Canonical spelling, empty where none is stated, behind a question mark where it is unknown.
+    is_si : bool
+        Whether its name, without a unit, is that of a quantity in SI by convention.
     """
 
     quantity: Quantity
@@ -87,7 +92,8 @@ def heading_of(text: str, bare: Quantity | None = None) -> Heading | None:
 
     Parameters
     ----------
-    bare: quantity of columns that are called x, y and z and no more, as the name of their file tells.
+    bare : Quantity | None
+        Quantity of columns that are called x, y and z and no more, as the name of their file tells.
     """
     name, unit = _parts(text)
     words, unit = _words(name), _spelled(unit)
@@ -168,10 +174,7 @@ def _tells_rate(stem: str, unit: str) -> bool:
 
 
 def _stem_and_axis(words: list[str]) -> tuple[str, str, str]:
-    """Stem without blanks, axis letter and unit of a heading.
-
-    Axis and unit are empty where there is none.
-    """
+    """Stem without blanks, axis letter and unit of a heading; axis and unit are empty where it has none."""
     unit = ""
     for count in (2, 1):
         tail = _spelled("/".join(words[-count:]))
@@ -215,10 +218,7 @@ KNOWN_UNITS: Final[dict[Quantity, dict[str, float]]] = {
 
 @dataclass(frozen=True)
 class VectorColumns:
-    """Indices of a vector's components, and its unit.
-
-    Empty where none is stated; whether its name means SI by convention.
-    """
+    """Indices of a vector's components, its unit (empty if unstated), and whether its name implies SI by convention."""
 
     indices: tuple[int, ...]
     unit: str
@@ -231,7 +231,10 @@ class MotionColumns:
 
     Attributes
     ----------
-    time: index and unit of the clock, None without one.   vectors: of each quantity that has all its components, once.
+    time : tuple[int, str] | None
+        Index and unit of the clock, None without one.
+    vectors : dict[Quantity, VectorColumns]
+        Of each quantity that has all its components, once.
     """
 
     time: tuple[int, str] | None
@@ -245,11 +248,14 @@ def motion_columns(
 
     Parameters
     ----------
-    bare: see `heading_of`.
+    bare : Quantity | None
+        See `heading_of`.
 
     Raises
     ------
-    InputError: a quantity that stands twice, or in two units or one that is unknown; clocks among which none can be chosen.
+    InputError
+        A quantity that stands twice, or in two units or one that is unknown; clocks among which none can be
+        chosen.
     """
     headings = [heading_of(name, bare) for name in names]
     found: dict[Quantity, VectorColumns] = {}
@@ -295,7 +301,7 @@ def _vector(path: Path, names: Sequence[str], found: list[_Headed], axes: str) -
 def _clock(path: Path, names: Sequence[str], headings: Sequence[Heading | None]) -> tuple[int, str] | None:
     """Index and unit of the clock among the columns.
 
-    The only one, or the first that states its unit, seconds before others.
+    It is the only one, or the first that states its unit, with seconds preferred.
     """
     times = [(k, h) for k, h in enumerate(headings) if h is not None and h.quantity == "time"]
     named = [(k, h) for k, h in times if h.axis != FOREIGN]

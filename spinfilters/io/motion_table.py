@@ -53,11 +53,15 @@ def clock_unit(
 
     Parameters
     ----------
-    time: stamps.   speed: rad/s at them, None where not known.
+    time : Float[np.ndarray, ' n']
+        Stamps.
+    speed : Float[np.ndarray, ' n'] | None
+        rad/s at them, None where not known.
 
     Raises
     ------
-    InputError: several units or none are plausible.
+    InputError
+        Several units or none are plausible.
     """
     dated = [
         unit
@@ -107,8 +111,12 @@ class MotionTable:
 
     Attributes
     ----------
-    stream: of the gyro, of poses or of attitudes.   acceleration: of the accelerometer, None without one.
-    remarks: what was understood of it that its header does not say.
+    stream : MeasurementStream
+        Of the gyro, of poses or of attitudes.
+    acceleration : Acceleration | None
+        Of the accelerometer, None without one.
+    remarks : tuple[str, ...]
+        What was understood of it that its header does not say.
     """
 
     stream: MeasurementStream
@@ -121,12 +129,16 @@ def read_motion_table(path: Path, options: ReadingOptions, bare: Quantity | None
 
     Parameters
     ----------
-    options: what its user states.   bare: quantity of columns that are called x, y and z only.
+    options : ReadingOptions
+        What its user states.
+    bare : Quantity | None
+        Quantity of columns that are called x, y and z only.
 
     Raises
     ------
-    InputError: as `read_layout`, `motion_columns`, `read_columns` and `require_times`; no such columns; a unit that is in doubt or
-        contradicts what is stated; numbers out of their range.
+    InputError
+        As `read_layout`, `motion_columns`, `read_columns` and `require_times`; no such columns; a unit that is in
+        doubt or contradicts what is stated; numbers out of their range.
     """
     options.require_only(("unit", "clock", "rate"), "a table")
     layout = read_layout(path)
@@ -222,9 +234,12 @@ def _read(
 def _rate_unit(
     table: TextTable, vector: VectorColumns, options: ReadingOptions, is_known_export: bool
 ) -> str:
-    """Unit of body rates, stated or by convention of the name.
+    """Unit of body rates, from the header, the user, or the convention of the name.
 
-    Stated by header or user. InputError: none, or two.
+    Raises
+    ------
+    InputError
+        No unit, or two that differ.
     """
     if vector.unit and options.unit not in (None, vector.unit):
         raise InputError(
@@ -248,10 +263,7 @@ def _timed(
     layout: TextLayout,
     speed: Float[np.ndarray, " n"] | None,
 ) -> tuple[TextTable, str]:
-    """Table with time in s first, and a remark on its unit.
-
-    "s" where the header says that.
-    """
+    """Table with time in s as its first column, and a remark on the clock's unit (just "s" for seconds)."""
     if columns.time is None:
         time = np.arange(len(table.values)) / (options.rate or 1.0)
         table = replace(table, names=("time", *table.names), values=np.column_stack([time, table.values]))
@@ -278,9 +290,12 @@ def _timed(
 
 
 def _require(table: TextTable, allowed: NumberRange, unit: str) -> None:
-    """Require every value of the first vector to be in range.
+    """Require every value of the first vector, whose numbers follow the time, to be in range.
 
-    The numbers behind the time. InputError: one that is not.
+    Raises
+    ------
+    InputError
+        A value that is not.
     """
     values = table.values[:, 1:4]
     outside = np.argwhere((values < allowed.smallest) | (values > allowed.largest))
@@ -356,7 +371,8 @@ class MotionFileReader(DatasetReader):
 
     Attributes
     ----------
-    options: what the user states of the recording.
+    options : ReadingOptions
+        What the user states of the recording.
     """
 
     options: ReadingOptions = NOTHING_STATED
@@ -364,10 +380,7 @@ class MotionFileReader(DatasetReader):
     words = "a gyro .csv"
 
     def recognises(self, path: Path) -> bool:
-        """Whether a file is a single table, by suffix and name.
-
-        It is no part of a data set folder.
-        """
+        """Whether a file is a single table, by suffix and name, and not a part of a data set folder."""
         return path.suffix.lower() in _SUFFIXES and path.name not in _parts() and not os.path.isdir(path)
 
     def read(self, path: Path, segment: int | None) -> Dataset:

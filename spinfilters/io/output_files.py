@@ -31,7 +31,8 @@ def atomic_file(path: Path) -> Iterator[BinaryIO]:
 
     Raises
     ------
-    InputError: disk full, no permission, no such folder, or a folder or device in the way; the target is untouched.
+    InputError
+        Disk full, no permission, no such folder, or a folder or device in the way; the target is untouched.
     """
     if path.exists() and not (path.is_file() or path.is_dir()):  # a file would take the place of the device
         raise InputError(f"{path_text(path)}: is a device or a pipe, not a file; choose a file in a folder")
@@ -65,13 +66,14 @@ def write_text(path: Path, text: str) -> None:
 
 
 def write_json(path: Path, document: object) -> None:
-    """Write a document as indented JSON, atomically.
+    """Write a document as indented JSON, atomically; numbers that are not finite are written as `null`.
 
-    It holds dicts, lists, strings, numbers and None, with `null` for what is not finite.
+    It may hold dicts, lists, strings, numbers and None.
 
     Raises
     ------
-    InputError: as `atomic_file`, or a document that JSON cannot hold (an array).
+    InputError
+        As `atomic_file`, or a document that JSON cannot hold (an array).
     """
     try:
         text = json.dumps(_with_null(document), indent=2, allow_nan=False, ensure_ascii=False)
@@ -96,7 +98,8 @@ def write_toml(path: Path, document: dict[str, Any]) -> None:
 
     Raises
     ------
-    InputError: as `atomic_file`, or a value that TOML cannot hold (None, an array).
+    InputError
+        As `atomic_file`, or a value that TOML cannot hold (None, an array).
     """
     try:
         text = tomli_w.dumps(document)
@@ -145,7 +148,8 @@ def output_folder(folder: Path, command: str) -> Iterator[Path]:
 
     Raises
     ------
-    InputError: as `refuse_foreign`; the folder cannot be made, or its files not be replaced.
+    InputError
+        As `refuse_foreign`; the folder cannot be made, or its files not be replaced.
     """
     refuse_foreign(folder, command)
     target = Path(os.path.realpath(folder))
@@ -174,7 +178,8 @@ def refuse_foreign(folder: Path, command: str) -> None:
 
     Raises
     ------
-    InputError: the text names the first such file.
+    InputError
+        The text names the first such file.
     """
     if not os.path.isdir(folder):
         if os.path.exists(folder):

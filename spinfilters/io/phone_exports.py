@@ -31,7 +31,8 @@ class PhoneExportReader(DatasetReader):
 
     Attributes
     ----------
-    options: what the user states of the recording.
+    options : ReadingOptions
+        What the user states of the recording.
     """
 
     options: ReadingOptions = NOTHING_STATED
@@ -90,7 +91,8 @@ def read_phyphox(folder: Path, options: ReadingOptions = NOTHING_STATED) -> Phyp
 
     Raises
     ------
-    InputError: as `spinfilters.io.motion_table.read_motion_table`; a segment that cannot be a stretch of time.
+    InputError
+        As `spinfilters.io.motion_table.read_motion_table`; a segment that cannot be a stretch of time.
     """
     table = read_motion_table(folder / PHYPHOX_TABLE, options)
     marked = folder / "meta" / "segments.csv"
@@ -160,7 +162,8 @@ class PhyphoxReader(DatasetReader):
 
     Attributes
     ----------
-    options: what the user states of the recording.
+    options : ReadingOptions
+        What the user states of the recording.
     """
 
     options: ReadingOptions = NOTHING_STATED
@@ -223,7 +226,9 @@ def phyphox_trial(folder: Path, recording: PhyphoxRecording, number: int | None)
 
     Raises
     ------
-    InputError: several kept segments and none chosen; no such segment; one that is not a trial; one outside the recording.
+    InputError
+        Several kept segments and none chosen; no such segment; one that is not a trial; one outside the
+        recording.
     """
     if number is None:
         return _only_trial(folder, recording)
@@ -248,7 +253,8 @@ def phyphox_trials(
 
     Parameters
     ----------
-    on_refused: called with the number of a kept segment that is no trial, and why, instead of raising InputError for it.
+    on_refused : OnRefused | None
+        Called with the number of a kept segment that is no trial, and why, instead of raising InputError for it.
     """
     kept = _kept(recording)
     if not kept:

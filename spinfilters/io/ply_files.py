@@ -35,7 +35,12 @@ class PlyContent:
 
     Attributes
     ----------
-    columns: every property of the vertices, by name.   triangles: (f, 3), polygons as fans.   comments: without the keyword.
+    columns : dict[str, np.ndarray]
+        Every property of the vertices, by name.
+    triangles : Int[np.ndarray, 'f 3']
+        (f, 3), polygons as fans.
+    comments : tuple[str, ...]
+        Without the keyword.
     """
 
     columns: dict[str, np.ndarray]
@@ -76,7 +81,8 @@ def read_ply(path: Path) -> PlyContent:
 
     Raises
     ------
-    InputError: missing, too large, no PLY, truncated, without x, y, z, a face that names no vertex.
+    InputError
+        Missing, too large, no PLY, truncated, without x, y, z, a face that names no vertex.
     """
     data = read_bytes(path, MAX_PLY_BYTES)
     try:
@@ -93,10 +99,7 @@ def write_ply(
     comments: tuple[str, ...],
     triangles: Int[np.ndarray, "f 3"] | None = None,
 ) -> None:
-    """Write a binary PLY of points and triangles, atomically.
-
-    Properties of float64, int32 or uint8.
-    """
+    """Write a binary PLY of points and triangles with float64, int32 or uint8 properties, atomically."""
     kinds = {"f": ("double", "<f8"), "i": ("int", "<i4"), "u": ("uchar", "u1")}
     layout = [(name, kinds[values.dtype.kind][1]) for name, values in columns.items()]
     count = len(next(iter(columns.values())))

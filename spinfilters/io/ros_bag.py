@@ -36,7 +36,9 @@ def require_bag(path: Path) -> None:
 
     Raises
     ------
-    InputError: as `require_file`; other first bytes than its suffix says; an MCAP whose data have another checksum than it states.
+    InputError
+        As `require_file`; other first bytes than its suffix says; an MCAP whose data have another checksum than
+        it states.
     """
     size, begin = require_file(path, LARGEST_BAG), FIRST_BYTES[path.suffix.lower()]
     try:
@@ -104,7 +106,8 @@ class RosBagReader(DatasetReader):
 
     Attributes
     ----------
-    options: with the topic, where a bag has several that can be read.
+    options : ReadingOptions
+        With the topic, where a bag has several that can be read.
     """
 
     options: ReadingOptions = NOTHING_STATED

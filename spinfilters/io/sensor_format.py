@@ -23,10 +23,18 @@ class NoiseOption:
 
     Attributes
     ----------
-    name: the key.   words: what it is called in a sentence.   allowed: its range, with its unit.
-    default: where neither settings nor data set state it.
-    components: of the covariance of a row that it is the standard deviation of; None for what no covariance tells.
-    in_dataset: whether dataset.toml may state it.
+    name : str
+        The key.
+    words : str
+        What it is called in a sentence.
+    allowed : NumberRange
+        Its range, with its unit.
+    default : float
+        Where neither settings nor data set state it.
+    components : tuple[int, ...] | None
+        Of the covariance of a row that it is the standard deviation of; None for what no covariance tells.
+    in_dataset : bool
+        Whether dataset.toml may state it.
     """
 
     name: str
@@ -43,7 +51,14 @@ class CalibrationFiles:
 
     Attributes
     ----------
-    kind: class of the calibration.   files: relative to the folder.   read: of the folder.   write: into the folder.
+    kind : type
+        Class of the calibration.
+    files : tuple[Path, ...]
+        Relative to the folder.
+    read : Callable[[Path], Any]
+        Of the folder.
+    write : Callable[[Any, Path], None]
+        Into the folder.
     """
 
     kind: type
@@ -58,18 +73,38 @@ class SensorFormat:
 
     Attributes
     ----------
-    name: of the sensor, as in a `MeasurementStream`.   kind: of data sets that must have it, in dataset.toml.
-    file: its table in a data set folder.   columns: of the values, behind time_s (and landmark_id).
-    dimension: of the covariance of a row.   noise: its standard deviations.
-    allowed: range of the values.   has_landmarks: whether every row has a landmark id, and time stamps repeat.
-    repeats: whether time stamps repeat without landmarks: many rows of one epoch.
-    logged_again: whether loggers faster than the sensor write its rows again, as those of rates at a fixed frequency.
-    quaternion: first of four columns that hold a unit quaternion, scalar last.
-    calibration: of the camera.
-    check: refuses rows that no such sensor measures.
-    read, write: of a `MeasurementStream`, where the table is not a CSV of these columns.
-    suffixes: of single files that are read as this sensor's.
-    suffix_words: what such files are called.
+    name : str
+        Of the sensor, as in a `MeasurementStream`.
+    kind : str
+        Of data sets that must have it, in dataset.toml.
+    file : str
+        Its table in a data set folder.
+    columns : tuple[str, ...]
+        Of the values, behind time_s (and landmark_id).
+    dimension : int
+        Of the covariance of a row.
+    noise : tuple[NoiseOption, ...]
+        Its standard deviations.
+    allowed : NumberRange
+        Range of the values.
+    has_landmarks : bool
+        Whether every row has a landmark id, and time stamps repeat.
+    repeats : bool
+        Whether time stamps repeat without landmarks: many rows of one epoch.
+    logged_again : bool
+        Whether loggers faster than the sensor write its rows again, as those of rates at a fixed frequency.
+    quaternion : int | None
+        First of four columns that hold a unit quaternion, scalar last.
+    calibration : CalibrationFiles | None
+        Of the camera.
+    check : Callable[[Table], None] | None
+        Refuses rows that no such sensor measures.
+    read, write
+        Of a `MeasurementStream`, where the table is not a CSV of these columns.
+    suffixes : tuple[str, ...]
+        Of single files that are read as this sensor's.
+    suffix_words : str
+        What such files are called.
     """
 
     name: str
@@ -111,7 +146,8 @@ class StoredSensor:
 
     Attributes
     ----------
-    format: None for a sensor that no data set holds.
+    format : SensorFormat | None
+        None for a sensor that no data set holds.
     """
 
     format: SensorFormat | None = None
@@ -157,14 +193,14 @@ def _by_name(sensors: tuple[StoredSensor, ...]) -> Mapping[str, SensorFormat]:
 
 @dataclass(frozen=True, init=False)
 class SensorNoise:
-    """Standard deviations of sensors whose rows have no covariances.
+    """Standard deviations of sensors whose rows have no covariances; each sensor documents its noise model.
 
-    See each sensor for its model.
-    Every option of the registry has a value, its default where none is given, and is an attribute: ``noise.pixel_std``.
+    Every option of the registry has a value, by default the option's, and is an attribute: ``noise.pixel_std``.
 
     Raises
     ------
-    InputError: an unknown option, a value that is not positive (or zero where the option allows it) and finite.
+    InputError
+        An unknown option, a value that is not positive (or zero where the option allows it) and finite.
     """
 
     values: Mapping[str, float]

@@ -63,8 +63,9 @@ def read_sensor_file(form: SensorFormat, path: Path) -> MeasurementStream:
 
     Raises
     ------
-    InputError: as `read_csv` and `require_times`; a value out of its range, a quaternion that is not a unit one, a
-    landmark twice at one time; what a check or reader of the sensor's own raises.
+    InputError
+        As `read_csv` and `require_times`; a value out of its range, a quaternion that is not a unit one, a
+        landmark twice at one time; what a check or reader of the sensor's own raises.
     """
     if form.read is not None:
         return form.read(path)
@@ -97,12 +98,14 @@ def require_times(table: RowsOfFile, repeats: bool) -> None:
 
     Parameters
     ----------
-    repeats: whether a stamp may occur on several lines (stereo tracks).
+    repeats : bool
+        Whether a stamp may occur on several lines (stereo tracks).
 
     Raises
     ------
-    InputError: not seconds, stamps closer than `SHORTEST_STEP`, going backwards or repeated (with line and both values), or less
-    than two distinct stamps.
+    InputError
+        Not seconds, stamps closer than `SHORTEST_STEP`, going backwards or repeated (with line and both values),
+        or less than two distinct stamps.
     """
     time = table.values[:, 0]
     unit = np.flatnonzero(np.abs(time) > LATEST_SECONDS)
@@ -131,7 +134,10 @@ def require_turns(table: RowsOfFile, speed: Float[np.ndarray, " n"]) -> None:
 
     Parameters
     ----------
-    table: with the time in s in its first column.   speed: |body rate| of its rows, rad/s.
+    table : RowsOfFile
+        With the time in s in its first column.
+    speed : Float[np.ndarray, ' n']
+        |body rate| of its rows, rad/s.
     """
     turns = float(np.median(speed[1:] * np.diff(table.values[:, 0]))) / (2 * np.pi)
     if turns > MOST_TURNS:
@@ -190,8 +196,9 @@ def with_covariance(stream: MeasurementStream, path: Path) -> MeasurementStream:
 
     Raises
     ------
-    InputError: as `read_csv`; entries beyond `ENTRY`, variances below `SMALLEST_VARIANCE`; other times than the
-    stream has; matrices that are not positive definite.
+    InputError
+        As `read_csv`; entries beyond `ENTRY`, variances below `SMALLEST_VARIANCE`; other times than the stream
+        has; matrices that are not positive definite.
     """
     table = read_csv(path, covariance_columns(stream.sensor))
     if len(table.values) != len(stream):
@@ -251,7 +258,9 @@ def read_tum(path: Path) -> MeasurementStream:
 
     Raises
     ------
-    InputError: as `read_blank_separated` and `require_times`, a position beyond `LENGTH`, or a quaternion that is not a unit one.
+    InputError
+        As `read_blank_separated` and `require_times`, a position beyond `LENGTH`, or a quaternion that is not a
+        unit one.
     """
     table = read_blank_separated(path, TUM_COLUMNS)
     require_times(table, repeats=False)
@@ -261,10 +270,7 @@ def read_tum(path: Path) -> MeasurementStream:
 
 
 def write_tum(path: Path, stream: MeasurementStream) -> None:
-    """Write a pose stream with at least 9 decimals, atomically.
-
-    It writes as many decimals as give the same bits when read.
-    """
+    """Write a pose stream atomically, with at least 9 decimals and as many as give the same bits when read."""
     write_poses(path, stream.time, stream.values[:, :3], stream.values[:, 3:])
 
 
@@ -305,13 +311,12 @@ _DEGREES = re.compile(r"(?<![a-z])(deg(ree)?s?|dps|degps)(?![a-z])|°(?!\s*[CF])
 
 
 def read_gyro_csv(path: Path) -> MeasurementStream:
-    """Gyro stream of the table of a data set folder.
-
-    Its header is `time_s,wx,wy,wz` (s, rad/s, g axes).
+    """Gyro stream of the table of a data set folder, with the header `time_s,wx,wy,wz` (s, rad/s, g axes).
 
     Raises
     ------
-    InputError: as `read_csv`, `require_times` and `require_turns`, or a column in degrees.
+    InputError
+        As `read_csv`, `require_times` and `require_turns`, or a column in degrees.
     """
     names = read_header(path)
     for name in names if names != GYRO_COLUMNS else ():
@@ -327,10 +332,7 @@ def read_gyro_csv(path: Path) -> MeasurementStream:
 
 
 def write_gyro_csv(path: Path, stream: MeasurementStream) -> None:
-    """Write a gyro stream so that reading gives the same bits.
-
-    Atomic; covariance is not part of the file.
-    """
+    """Write a gyro stream atomically, so that reading gives the same bits; its covariance is not written."""
     write_csv(path, GYRO_COLUMNS, [stream.time, *stream.values.T])
 
 
@@ -375,7 +377,10 @@ class KnownMap:
 
     Raises
     ------
-    InputError: an id twice, a point not finite.  ShapeError: shapes other than (k,) and (k, 3), k > 0.
+    InputError
+        An id twice, a point not finite.
+    ShapeError
+        Shapes other than (k,) and (k, 3), k > 0.
     """
 
     ids: Int[np.ndarray, " k"]

@@ -14,7 +14,12 @@ class NumberRange:
 
     Attributes
     ----------
-    unit: for messages, may be empty.   zero: whether 0 is allowed too.   whole: whether only whole numbers are.
+    unit : str
+        For messages, may be empty.
+    zero : bool
+        Whether 0 is allowed too.
+    whole : bool
+        Whether only whole numbers are.
     """
 
     smallest: float
@@ -43,10 +48,7 @@ class NumberRange:
             raise InputError(f"{name} is {value_text(value)}; give {self}")
 
     def __get_pydantic_core_schema__(self, _source: object, _handler: object) -> Any:
-        """Pydantic validation of a field by its annotated range.
-
-        No truth value, no text, no other number.
-        """
+        """Pydantic validation of a field by its annotated range; Booleans and text are refused."""
         from pydantic_core import core_schema  # only settings need it
 
         number = core_schema.int_schema(strict=True) if self.whole else core_schema.float_schema(strict=True)
@@ -63,7 +65,8 @@ class NumberRange:
 
         Raises
         ------
-        ValueError: the text is no number of the range, with what to give.
+        ValueError
+            The text is no number of the range, with what to give.
         """
         try:
             value: float | int = int(text) if self.whole else float(text)
@@ -106,12 +109,19 @@ class ReadingOptions:
 
     Attributes
     ----------
-    unit: of body rates, a key of `RATE_UNITS`.   clock: unit of time stamps, a key of `CLOCK_UNITS`.
-    rate: samples a second, Hz, in place of a clock.   topic: of a ROS bag.
+    unit : str | None
+        Of body rates, a key of `RATE_UNITS`.
+    clock : str | None
+        Unit of time stamps, a key of `CLOCK_UNITS`.
+    rate : float | None
+        Samples a second, Hz, in place of a clock.
+    topic : str | None
+        Of a ROS bag.
 
     Raises
     ------
-    InputError: an unknown unit, a rate out of its range.
+    InputError
+        An unknown unit, a rate out of its range.
     """
 
     unit: str | None = None
@@ -139,7 +149,10 @@ class ReadingOptions:
 
         Parameters
         ----------
-        allowed: names of statements that can be used.   words: what the format is called.
+        allowed : tuple[str, ...]
+            Names of statements that can be used.
+        words : str
+            What the format is called.
         """
         for name in self.stated:
             if name not in allowed:

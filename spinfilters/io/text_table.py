@@ -48,8 +48,16 @@ class TextLayout:
 
     Attributes
     ----------
-    encoding: of the text.   header_line: number of the line of column names, from 1.   delimiter: None for blanks.
-    decimal_comma: whether the decimal mark is a comma.   names: of the columns.
+    encoding : str
+        Of the text.
+    header_line : int
+        Number of the line of column names, from 1.
+    delimiter : str | None
+        None for blanks.
+    decimal_comma : bool
+        Whether the decimal mark is a comma.
+    names : tuple[str, ...]
+        Of the columns.
     """
 
     encoding: str
@@ -72,8 +80,12 @@ class TextTable:
 
     Attributes
     ----------
-    values: of the rows that have them.   lines: of the file, from 1, on which they stand.
-    incomplete: rows left out because every chosen column but the first ones was empty.
+    values : Float[np.ndarray, 'n m']
+        Of the rows that have them.
+    lines : Sequence[int]
+        Of the file, from 1, on which they stand.
+    incomplete : int
+        Rows left out because every chosen column but the first ones was empty.
     """
 
     path: Path
@@ -94,7 +106,8 @@ def read_layout(path: Path) -> TextLayout:
 
     Raises
     ------
-    InputError: as `require_file`; not text; no line of column names.
+    InputError
+        As `require_file`; not text; no line of column names.
     """
     require_file(path, MAX_TABLE_BYTES)
     encoding = _encoding(path)
@@ -120,11 +133,15 @@ def read_columns(path: Path, layout: TextLayout, columns: Sequence[int], keys: i
 
     Parameters
     ----------
-    columns: indices.   keys: how many of the first of them stand in every row; a row whose others are all empty is left out.
+    columns : Sequence[int]
+        Indices.
+    keys : int
+        How many of the first of them stand in every row; a row whose others are all empty is left out.
 
     Raises
     ------
-    InputError: no rows, a row without one of the columns, a cell that is not a finite number, a table that is too large.
+    InputError
+        No rows, a row without one of the columns, a cell that is not a finite number, a table that is too large.
     """
     names = tuple(layout.names[k] for k in columns)
     fast = _plain_columns(path, layout, columns)
@@ -302,10 +319,7 @@ _WRITE_ROWS = 4096  # rows turned into text at a time, which bounds the memory o
 
 @dataclass(frozen=True)
 class TableFormat:
-    """Layout of a table.
-
-    Delimiter (None: blanks), comment mark, header line, comma as decimal mark.
-    """
+    """Format of a table: delimiter (None for blanks), comment mark, header line, and whether decimals have a comma."""
 
     delimiter: str | None
     comment: str | None = None
@@ -313,10 +327,7 @@ class TableFormat:
     decimal_comma: bool = False
 
     def cells(self, line: str) -> list[str]:
-        """Cells of one line as text.
-
-        An empty list for a line that is blank or only a comment.
-        """
+        """Cells of one line as text; empty for a line that is blank or only a comment."""
         text = line.split(self.comment, 1)[0] if self.comment else line.rstrip("\r\n")
         if not text.strip() and (self.delimiter is None or not text):
             return []
@@ -331,10 +342,7 @@ _LARGEST_ID = 2.0**53  # above it float64 does not tell whole numbers apart
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Finite numbers of a file with column names.
-
-    One row per line that is neither blank nor a comment.
-    """
+    """Finite numbers of a file with column names, one row per line that is neither blank nor a comment."""
 
     path: Path
     names: tuple[str, ...]
@@ -383,7 +391,8 @@ def read_header(path: Path) -> tuple[str, ...]:
 
     Raises
     ------
-    InputError: not a text table, or a first line of numbers.
+    InputError
+        Not a text table, or a first line of numbers.
     """
     require_text_table(path)
     return _table_files_header(path)[0]
@@ -394,12 +403,14 @@ def read_csv(path: Path, names: Sequence[str] | None = None) -> Table:
 
     Parameters
     ----------
-    names: the exact column names that the file must have, or None for any.
+    names : Sequence[str] | None
+        The exact column names that the file must have, or None for any.
 
     Raises
     ------
-    InputError: missing, binary, empty or too large a file, another header, no rows, a line with another
-    number of cells, a cell that is not a finite number.
+    InputError
+        Missing, binary, empty or too large a file, another header, no rows, a line with another number of cells,
+        a cell that is not a finite number.
     """
     require_text_table(path)
     found, layout = _table_files_header(path)
@@ -428,14 +439,12 @@ def write_csv(path: Path, names: Sequence[str], columns: Sequence[np.ndarray]) -
 
 
 def numbers(path: Path, key: str, value: object, shape: tuple[int, ...]) -> Float[np.ndarray, "..."]:
-    """Finite numbers of a key as an array of this shape.
-
-    Text such as '1e-3', no number in YAML, counts.
+    """Finite numbers of a key as an array of this shape; text such as '1e-3', which YAML reads as text, is accepted.
 
     Raises
     ------
-    InputError: another shape, a cell that is no finite number; the text names the file, the key and the
-    value.
+    InputError
+        Another shape, a cell that is no finite number; the text names the file, the key and the value.
     """
     items = value if isinstance(value, list) else [value]
     if len(shape) == 2:

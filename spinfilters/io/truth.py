@@ -47,23 +47,37 @@ _TRIANGLE = 1e-6  # relative: a flat body, whose moments satisfy A + B = C, must
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """True motion, and mass properties as far as known.
-
-    The arrays are read-only copies.
+    """True motion, and mass properties as far as they are known; arrays are copied and read-only.
 
     Parameters
     ----------
-    time: s, strictly increasing, at least one row.
-    center_of_mass: in i, m.   q_ig: maps g to i, scalar last, unit.
-    velocity: of the centre of mass in i, m/s.   rate_i: rate in i axes, rad/s (not g axes as in the state).
-    principal_moments: any common scale, positive, none above the sum of the others.
-    principal_axes_g: rows are the principal axes in g, so that it is R_bg; right-handed.
-    center_of_mass_g: in g, m.   gyro_bias: constant error of a gyro's rates, g axes, rad/s.
-    frame_is_fitted: whether g is the one that fits the measurements best, as nothing else defines it.
+    time : Float[np.ndarray, ' n']
+        s, strictly increasing, at least one row.
+    center_of_mass : Float[np.ndarray, 'n 3']
+        In i, m.
+    q_ig : Float[np.ndarray, 'n 4']
+        Maps g to i, scalar last, unit.
+    velocity : Float[np.ndarray, 'n 3']
+        Of the centre of mass in i, m/s.
+    rate_i : Float[np.ndarray, 'n 3']
+        Rate in i axes, rad/s (not g axes as in the state).
+    principal_moments : Float[np.ndarray, '3'] | None
+        Any common scale, positive, none above the sum of the others.
+    principal_axes_g : Float[np.ndarray, '3 3'] | None
+        Rows are the principal axes in g, so that it is R_bg; right-handed.
+    center_of_mass_g : Float[np.ndarray, '3'] | None
+        In g, m.
+    gyro_bias : Float[np.ndarray, '3'] | None
+        Constant error of a gyro's rates, g axes, rad/s.
+    frame_is_fitted : bool
+        Whether g is the one that fits the measurements best, as nothing else defines it.
 
     Raises
     ------
-    InputError: not finite, out of order, not a unit quaternion, not a possible body.   ShapeError: shapes.
+    InputError
+        Not finite, out of order, not a unit quaternion, not a possible body.
+    ShapeError
+        Arrays of other shapes.
     """
 
     time: Float[np.ndarray, " n"]
@@ -92,14 +106,13 @@ class Truth:
 
 
 def read_truth(folder: Path) -> Truth:
-    """Truth of a folder that has one of `TRUTH_FILES`.
-
-    `truth.csv`, and `truth.toml` where there is one.
+    """Truth of a folder: `truth.csv`, and `truth.toml` if there is one.
 
     Raises
     ------
-    InputError: as `read_csv`, `require_times` and `read_toml`; a truth.toml without truth.csv; an unknown
-    key; what `Truth` refuses.
+    InputError
+        As `read_csv`, `require_times` and `read_toml`; a truth.toml without truth.csv; an unknown key; what
+        `Truth` refuses.
     """
     require_folder(folder)
     path, settings = folder / TRUTH_TABLE, folder / TRUTH_BODY

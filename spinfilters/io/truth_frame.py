@@ -14,7 +14,10 @@ def truth_in_moved_frame(truth: Truth, turn: Float[np.ndarray, "4"], shift: Floa
 
     Parameters
     ----------
-    turn: maps the new g to that of the truth.   shift: origin of the new g in that of the truth, m.
+    turn : Float[np.ndarray, '4']
+        Maps the new g to that of the truth.
+    shift : Float[np.ndarray, '3']
+        Origin of the new g in that of the truth, m.
     """
     axes, centre, bias = truth.principal_axes_g, truth.center_of_mass_g, truth.gyro_bias
     back = inverse(turn)

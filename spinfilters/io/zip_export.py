@@ -27,8 +27,10 @@ class ZipReader(DatasetReader):
 
     Attributes
     ----------
-    reader_of: gives the reader of what an archive holds, with what the user states.
-    options: what the user states of the recording.
+    reader_of : Callable[[Path, ReadingOptions], DatasetReader]
+        Gives the reader of what an archive holds, with what the user states.
+    options : ReadingOptions
+        What the user states of the recording.
     """
 
     reader_of: Callable[[Path, ReadingOptions], DatasetReader]

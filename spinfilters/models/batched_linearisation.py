@@ -43,13 +43,14 @@ SMALLEST_TURN = 1e-3
 
 @dataclass(frozen=True)
 class StepBatch:
-    """Steps of ``dt`` seconds from ``here`` to about ``there``.
+    """Steps of ``dt`` seconds from ``here`` to about ``there``; Jacobians are evaluated at ``about``.
 
-    Slopes are taken ``about`` points with other constants.
+    The points ``about`` are those of ``here``, possibly with other constants.
 
     Attributes
     ----------
-    speeds: (k,) |w| here, rad/s.
+    speeds : Float[np.ndarray, ' k']
+        (k,) |w| here, rad/s.
     """
 
     here: Float[np.ndarray, "k m"]
@@ -84,8 +85,9 @@ class BatchedLinearisation:
 
         Raises
         ------
-        InputError: when a time step is not positive and finite. Steps beyond the integrator's budget are NaN: a trial that turns
-        so fast is refused by its cost.
+        InputError
+            When a time step is not positive and finite. Steps beyond the integrator's budget are NaN: a trial
+            that turns so fast is refused by its cost.
         """
         wrong = dt[~(np.isfinite(dt) & (dt > 0))]
         if len(wrong):
@@ -122,9 +124,10 @@ class BatchedLinearisation:
 
     @built_property
     def _scan(self) -> VectorisedScan:
-        """The state of the scan.
+        """The scan over substeps.
 
-        The rotation, the same in substeps twice as long, and the sums of the linearisation.
+        Its state is [(q, w) in substeps of h | (q, w) in substeps of 2 h, for the error estimate | the sums of the
+        linearisation].
         """
         inputs = self._inputs()
         begin = ca.Function("begin_steps", inputs, [*self._begin(inputs[0], inputs[2]), inputs[4]])
@@ -175,9 +178,9 @@ class BatchedLinearisation:
 
 
 def _alike(turns: Float[np.ndarray, " k"]) -> list[Int[np.ndarray, " r"]]:
-    """Steps grouped by the size of their rotations, rad.
+    """Indices of steps grouped by the size of their rotations, rad.
 
-    Up to `ALIKE` times the median turn all belong together, which is every step of an ordinary recording.
+    Rotations of up to `ALIKE` times the median form one group, which holds every step of an ordinary recording.
     """
     largest, smallest = turns.max(initial=0.0), float(turns.min(initial=np.inf))
     # whatever the median between them: it is not asked for where one group is sure

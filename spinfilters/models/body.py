@@ -37,14 +37,21 @@ class BodyEstimate:
 
     Attributes
     ----------
-    principal_moments: (3,) ascending, largest = 1; only ratios show in torque-free motion.
-    principal_moments_cov: (3, 3), its last row and column zero.
-    principal_axes_g: (3, 3) rows are unit axes in g, right-handed, row k belongs to moment k: R_bg.
-    principal_axes_cov: (3, 3) rad^2 of the small rotation of these axes about themselves; the standard
-        deviation of an axis that is not determined (equal moments) is `UNDETERMINED_STD`.
-    k1, k2: ln(Jmax / Jmid), ln(Jmid / Jmin) (Tweddle 2013, Eqs 4.97-4.98, x major, z minor).
-    center_of_mass_g, center_of_mass_std: (3,) m, None where the state has none.
-    drag, drag_std: 1/rad, None where the state has none.
+    principal_moments : Float[np.ndarray, '3']
+        (3,) ascending, largest = 1; only ratios show in torque-free motion.
+    principal_moments_cov : Float[np.ndarray, '3 3']
+        (3, 3), its last row and column zero.
+    principal_axes_g : Float[np.ndarray, '3 3']
+        (3, 3) rows are unit axes in g, right-handed, row k belongs to moment k: R_bg.
+    principal_axes_cov : Float[np.ndarray, '3 3']
+        (3, 3) rad^2 of the small rotation of these axes about themselves; the standard deviation of an axis that
+        is not determined (equal moments) is `UNDETERMINED_STD`.
+    k1, k2 : float
+        ln(Jmax / Jmid), ln(Jmid / Jmin) (Tweddle 2013, Eqs 4.97-4.98, x major, z minor).
+    center_of_mass_g, center_of_mass_std : Float[np.ndarray, '3'] | None
+        (3,) m, None where the state has none.
+    drag, drag_std : float | None
+        1/rad, None where the state has none.
     """
 
     principal_moments: Float[np.ndarray, "3"]
@@ -73,9 +80,9 @@ class BodyEstimate:
 
 @dataclass(frozen=True)
 class BodyHistory:
-    """The body after every epoch: fields as in `BodyEstimate` with time (n,) s in front.
+    """The body after every epoch: fields as in `BodyEstimate`, with an epoch axis (n,) in front.
 
-    ``log_ratios`` and ``log_ratios_std`` are (n, 2) and hold k1, k2.
+    ``time`` is in s; ``log_ratios`` and ``log_ratios_std`` are (n, 2) and hold k1, k2.
     """
 
     time: Float[np.ndarray, " n"]
@@ -123,14 +130,17 @@ def body_estimate(belief: Gaussian, intervals: bool = True) -> BodyEstimate:
 def bodies_of(
     layout: StateLayout, time: np.ndarray, mean: np.ndarray, factor: np.ndarray, intervals: bool = True
 ) -> BodyHistory:
-    """The body of every belief over a layout with block s.
-
-    Not a number where a belief is not finite.
+    """The body of every belief over a layout with block s; NaN where a belief is not finite.
 
     Parameters
     ----------
-    time: (n,) s.   mean, factor: (n, m), (n, e, e) of the beliefs.
-    intervals: whether deviations cover four of the belief; else they are the mean squares of an error alone, as of a bound.
+    time : np.ndarray
+        (n,) s.
+    mean, factor : np.ndarray
+        (n, m), (n, e, e) of the beliefs.
+    intervals : bool
+        Whether deviations cover four of the belief; else they are the mean squares of an error alone, as of a
+        bound.
     """
     centre, centre_std = _block(layout, CENTRE_OF_MASS, mean, factor)
     drag, drag_std = _block(layout, DRAG, mean, factor)
@@ -198,9 +208,9 @@ def _cover(
     found: dict[str, np.ndarray],
     rows: Int[np.ndarray, " v"],
 ) -> None:
-    """Widen deviations towards those of the integrals, correlations kept.
+    """Widen standard deviations to a quarter of the departures within four deviations of the belief.
 
-    To a quarter of what four of the belief make of moments, ratios and axes.
+    Moments, log ratios and axes are only ever widened, and correlations are kept (`widest_departures`).
     """
     axes = np.swapaxes(found["principal_axes_g"][rows], 1, 2)
     moments, ratios, turns = widest_departures(s, factor, axes)
@@ -212,10 +222,7 @@ def _cover(
 
 
 def _principal(J: Float[np.ndarray, "n 3 3"]) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3 3"]]:
-    """Principal moments and axes (columns).
-
-    Positive even of a needle; not a number where J is not finite.
-    """
+    """Principal moments and axes (columns); moments are positive even for a needle, NaN where J is not finite."""
     good = np.asarray(np.isfinite(J).all(axis=(1, 2)))
     moments, vectors = np.linalg.eigh(np.where(good[:, np.newaxis, np.newaxis], J, np.eye(3)))
     moments = np.maximum(
@@ -226,10 +233,7 @@ def _principal(J: Float[np.ndarray, "n 3 3"]) -> tuple[Float[np.ndarray, "n 3"],
 
 
 def _axis_turns(moments: np.ndarray, turned: np.ndarray) -> Float[np.ndarray, "n 3 e"]:
-    """Derivative of the axes' rotation phi in R_gb exp([phi x]).
-
-    phi_1 = u_3 . du_2 and cyclic, from u_i' dJ u_j.
-    """
+    """Derivative of the axes' rotation phi in R_gb exp([phi x]): phi_1 = u_3 . du_2 and cyclic, from u_i' dJ u_j."""
     after, last = [1, 2, 0], [2, 0, 1]
     gap = moments[:, after] - moments[:, last]
     floor = _SMALLEST_GAP * moments[:, 2:]
@@ -238,10 +242,7 @@ def _axis_turns(moments: np.ndarray, turned: np.ndarray) -> Float[np.ndarray, "n
 
 
 def _bounded(covariance: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 3 3"]:
-    """The covariance with bounded standard deviations.
-
-    The bound is that of an axis of which nothing is known.
-    """
+    """The covariance with standard deviations of at most `UNDETERMINED_STD`, correlations kept."""
     std = np.sqrt(np.einsum("nkk->nk", covariance))
     share = UNDETERMINED_STD / np.maximum(std, UNDETERMINED_STD)
     return covariance * share[:, :, np.newaxis] * share[:, np.newaxis]

@@ -90,7 +90,8 @@ def principal_steps(
 
     Parameters
     ----------
-    sphere: errors that lead there; lengths are up to half of that, too, so that a needle may be anything else.
+    sphere : Float[np.ndarray, 'n 5'] | float
+        Errors that lead there; lengths are up to half of that, too, so that a needle may be anything else.
     """
     directions, deviations, _ = np.linalg.svd(factor, full_matrices=False)
     widest = np.maximum(np.linalg.norm(np.atleast_2d(sphere), axis=1) / 2, WIDEST)
@@ -129,10 +130,7 @@ def axis_turns(
 @cache
 @building()
 def _moved_inertia() -> Compiled:
-    """J (9 x 1) at s [+] d.
-
-    Interpreted, for it is called a few times in a run.
-    """
+    """J (9 x 1) at s [+] d, interpreted because it is evaluated a few times in a run."""
     s, d = ca.SX.sym("s", DIMENSION), ca.SX.sym("d", DIMENSION)
     moved = ca.vec(inertia(retract_mass(s, d)))
     return Compiled.interpreted(ca.Function("moved_inertia", [s, d], [moved], ["s", "d"], ["J"]))
@@ -176,7 +174,10 @@ def widest_departures(
 
     Parameters
     ----------
-    s: mass distributions, whose error has the covariance factor factor'.   axes: columns.
+    s : Float[np.ndarray, 'n 5']
+        Mass distributions, whose error has the covariance factor factor'.
+    axes : Float[np.ndarray, 'n 3 3']
+        Columns.
 
     Returns
     -------

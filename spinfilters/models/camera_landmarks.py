@@ -125,13 +125,12 @@ class CameraLandmark(MeasurementModel, Generic[CameraType]):
 def camera_parameters(
     points: Float[np.ndarray, "count 3"], calibration: Float[np.ndarray, " c"], noise: NoiseLevel
 ) -> Float[np.ndarray, "count p"]:
-    """Parameters of landmarks at ``points`` (frame g, m) for a calibrated camera.
-
-    Frame i is the camera's own.
+    """Parameters of landmarks at ``points`` (frame g, m) for a calibrated camera whose frame is frame i.
 
     Parameters
     ----------
-    noise: pixel_std (px) of every coordinate, or (count, v, v) covariances (px^2).
+    noise : NoiseLevel
+        pixel_std (px) of every coordinate, or (count, v, v) covariances (px^2).
     """
     count = len(points)
     rows = np.broadcast_to(calibration, (count, len(calibration)))
@@ -178,7 +177,7 @@ class StereoLandmark(CameraLandmark[StereoPair], LandmarkSensor):
 class MonocularLandmark(CameraLandmark[Monocular]):
     """z = (u, v) in pixels of the point p_g; see `CameraLandmark`.
 
-    One view does not tell the distance, so this is no `LandmarkSensor`: a landmark cannot be made from a single measurement.
+    A single view does not determine the distance, so a landmark cannot be initialised from one measurement: no `LandmarkSensor`.
     """
 
     name = "monocular"
@@ -206,10 +205,7 @@ CALIBRATION: Final = (466.7, 470.0, 320.0, 240.0)
 def mapped_rows(
     stream: MeasurementStream, known_map: KnownMap
 ) -> tuple[slice | Bool[np.ndarray, " n"], Float[np.ndarray, "k 3"]]:
-    """Rows that see mapped landmarks, and the points of these.
-
-    A slice where all do.
-    """
+    """Rows that observe mapped landmarks (a full slice if all do), and the points of these landmarks in frame g, m."""
     assert stream.ids is not None  # a stream of landmarks always has them
     ids, last = known_map.ids, len(known_map.ids) - 1
     numbered = ids[0] == 0 and ids[-1] == last  # from 0 on: an id is its row
@@ -224,10 +220,7 @@ def posed_samples(
     view: CameraView,
     landmarks: KnownMap | None = None,
 ) -> MotionSamples:
-    """Initial motion samples of camera poses (t m, q) of g.
-
-    They are in the camera's frame, with the map that was found with them, if one was.
-    """
+    """Initial motion samples from camera-frame poses (t m, q) of g, with the map found with them, if any."""
     camera_poses = view.camera_poses(time)
     if camera_poses is not None:
         poses = in_inertial(poses, camera_poses)

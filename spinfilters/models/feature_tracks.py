@@ -40,13 +40,14 @@ def facing(
     rotations: Float[np.ndarray, "n 3 3"],
     origins: Float[np.ndarray, "n 3"],
 ) -> Bool[np.ndarray, "n k"]:
-    """Landmarks that face the camera from beyond `NEAREST_M`.
+    """Mask of landmarks beyond `NEAREST_M` that face the camera.
 
-    Normal and line to the camera have a larger cosine than this.
+    A landmark faces the camera if the cosine between its normal and the line to the camera exceeds the given one.
 
     Parameters
     ----------
-    rotations, origins: of g in the camera's frame at every epoch, m.
+    rotations, origins
+        Of g in the camera's frame at every epoch, m.
     """
     camera = -np.einsum("nji,nj->ni", rotations, origins)  # its place in g
     least, library = NEAREST_M - origins[:, 2], _library()
@@ -88,7 +89,8 @@ def recognised(
 
     Parameters
     ----------
-    drawn: of appearance a of landmark k at (a, k), compared with the landmark's probability.
+    drawn : Float[np.ndarray, 'n k']
+        Of appearance a of landmark k at (a, k), compared with the landmark's probability.
     """
     library, count = _library(), visible.shape[1]
     if library is None:
@@ -210,11 +212,16 @@ class FrontEnd:
 
     Attributes
     ----------
-    pixel_std: white noise of each pixel coordinate, px.
-    detection: probability that a landmark in view, and known, is found in a frame.
-    facing_cosine: a landmark is in view when the cosine between its outward normal and the line to the camera exceeds this.
-    recognition: which landmarks in view are known again.
-    fewest_observations: landmarks with fewer in the whole recording are left out, and the others numbered anew.
+    pixel_std : float
+        White noise of each pixel coordinate, px.
+    detection : float
+        Probability that a landmark in view, and known, is found in a frame.
+    facing_cosine : float
+        a landmark is in view when the cosine between its outward normal and the line to the camera exceeds this.
+    recognition : Recognition
+        Which landmarks in view are known again.
+    fewest_observations : int
+        Landmarks with fewer in the whole recording are left out, and the others numbered anew.
     """
 
     pixel_std: float = 1.0
@@ -241,10 +248,7 @@ def ball(count: int, radius_m: float, generator: np.random.Generator) -> Surface
 
 
 def stays_in_view(motion: TrueMotion, radius_m: float) -> bool:
-    """Whether a ball about g stays whole in both images.
-
-    All the time, at about its first depth (`DEPTHS`).
-    """
+    """Whether a ball about g stays whole in both images throughout, at about its first depth (`DEPTHS`)."""
     path = motion.block("t")
     return could_stay_in_view(path, float(path[0, 2]), radius_m, 0.0)
 
@@ -252,10 +256,7 @@ def stays_in_view(motion: TrueMotion, radius_m: float) -> bool:
 def could_stay_in_view(
     path: Float[np.ndarray, "n 3"], first_depth: float, radius_m: float, margin_m: float
 ) -> bool:
-    """Whether a ball may stay whole in both images.
-
-    When the path of its centre (camera frame) is off by at most ``margin_m``.
-    """
+    """Whether a ball may stay whole in both images if its centre's path (camera frame) errs by at most ``margin_m``."""
     x, y, z = path.T
     farthest = z + margin_m
     inside = (farthest > DEPTHS[0] * first_depth) & (z - margin_m < DEPTHS[1] * first_depth)
@@ -280,8 +281,14 @@ class TrackCamera:
 
     Attributes
     ----------
-    model: over the layout of the motion.   parameters: (k, p) of all landmarks.   rig: with the size of the images.
-    horizontal: columns of a value along the width of an image; column 1 is along its height.
+    model : MeasurementModel
+        Over the layout of the motion.
+    parameters : Float[np.ndarray, 'k p']
+        (k, p) of all landmarks.
+    rig : Rig
+        With the size of the images.
+    horizontal : tuple[int, ...]
+        Columns of a value along the width of an image; column 1 is along its height.
     """
 
     model: MeasurementModel
@@ -297,10 +304,7 @@ class TrackCamera:
 
 
 class FeatureTracks(NamedTuple):
-    """Observations (n rows) in order of time with surface rows.
-
-    The rows of the surface that landmarks 0, 1, 2 ... are.
-    """
+    """Observations (n rows) in order of time, and the rows of the surface that landmarks 0, 1, 2 ... are."""
 
     time: Float[np.ndarray, " n"]
     ids: Int[np.ndarray, " n"]
@@ -333,7 +337,8 @@ def feature_tracks(
 
     Raises
     ------
-    InputError: when no landmark is ever found.
+    InputError
+        When no landmark is ever found.
     """
     visible = facing(front_end.facing_cosine, surface, motion.rotations, motion.block("t"))
     if not _all_in_view(camera, surface, motion):

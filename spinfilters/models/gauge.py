@@ -34,10 +34,7 @@ GAUGE_STD = 1e-6
 
 
 def gauge_move(layout: StateLayout, x: Expression, move: Expression) -> Expression:
-    """The state after g has been moved by (theta, rho).
-
-    It describes the same motion; theta is 4 x MRP.
-    """
+    """The state after frame g has been moved by (theta, rho), theta as 4 x MRP; it describes the same motion."""
     values = layout.unpack(x)
     turn, rho = quaternion_from_mrp(move[:3]), move[3:]
     R = matrix_from_quaternion(turn)
@@ -59,10 +56,7 @@ def gauge_directions(
 
 
 def gauge_of_points(points: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "l 6"]:
-    """Errors of landmarks per unit of (theta, rho).
-
-    theta x p + rho; l = 3 k.
-    """
+    """Jacobian (3 k, 6) of landmarks by the gauge move (theta, rho): theta x p + rho."""
     x, y, z = points.T
     zero = np.zeros(len(points))
     turn = np.stack([zero, z, -y, -z, zero, x, y, -x, zero], axis=1).reshape(-1, 3, 3)

@@ -28,10 +28,14 @@ class Linearisation(NamedTuple):
 
     Attributes
     ----------
-    innovation: (k, dim) whitened by the noise factor.
-    jacobian: (k, dim, c) whitened, with respect to the model's `columns` of the error.
-    valid: (k,) whether the model applies.
-    log_noise: (k,) log determinant of the noise factor, for likelihoods.
+    innovation : Float[np.ndarray, 'k r']
+        (k, dim) whitened by the noise factor.
+    jacobian : Float[np.ndarray, 'k r c']
+        (k, dim, c) whitened, with respect to the model's `columns` of the error.
+    valid : Bool[np.ndarray, ' k']
+        (k,) whether the model applies.
+    log_noise : Float[np.ndarray, ' k']
+        (k,) log determinant of the noise factor, for likelihoods.
     """
 
     innovation: Float[np.ndarray, "k r"]
@@ -45,7 +49,12 @@ class InnovationsAtPoints(NamedTuple):
 
     Attributes
     ----------
-    innovation: (k, dim, p).   valid: (k,) where all points are.   log_noise: (k,) log determinant of the noise factor.
+    innovation : Float[np.ndarray, 'k r p']
+        (k, dim, p).
+    valid : Bool[np.ndarray, ' k']
+        (k,) where all points are.
+    log_noise : Float[np.ndarray, ' k']
+        (k,) log determinant of the noise factor.
     """
 
     innovation: Float[np.ndarray, "k r p"]
@@ -58,14 +67,24 @@ class MeasurementModel(ABC):
 
     Attributes
     ----------
-    name: the sensor's name, as in a `MeasurementStream`.
-    dim: dimension of the innovation.
-    value_dim: dimension of a measured value (a pose has 7 numbers and an innovation of 6).
-    parameter_dim: dimension of what accompanies each measurement: landmark, calibration, noise.
-    needs: state blocks that the measurement depends on.
-    known_by: leading parameters that tell what is measured, by which it is known again; None for all of them.
-    images: of which a value holds pixels: one of a camera, two of a pair.   reads_rate: whether it reads the body rate, axes g.
-    known_pose: place of the sensor's own known pose (t_i m, q_i) among the parameters; None of one that defines frame i.
+    name : str
+        The sensor's name, as in a `MeasurementStream`.
+    dim : int
+        Dimension of the innovation.
+    value_dim : int
+        Dimension of a measured value (a pose has 7 numbers and an innovation of 6).
+    parameter_dim : int
+        Dimension of what accompanies each measurement: landmark, calibration, noise.
+    needs : tuple[str, ...]
+        State blocks that the measurement depends on.
+    known_by : int | None
+        Leading parameters that tell what is measured, by which it is known again; None for all of them.
+    images : int
+        Of which a value holds pixels: one of a camera, two of a pair.
+    reads_rate : bool
+        Whether it reads the body rate, axes g.
+    known_pose : slice | None
+        Place of the sensor's own known pose (t_i m, q_i) among the parameters; None of one that defines frame i.
     """
 
     name: str
@@ -99,7 +118,7 @@ class MeasurementModel(ABC):
 
     @property
     def landmark_sensor(self) -> "LandmarkSensor | None":
-        """The model as one that tells landmarks; None of one that does not."""
+        """The model as one that observes landmarks; None for any other model."""
         return None
 
     @cached_property
@@ -111,7 +130,7 @@ class MeasurementModel(ABC):
     def predict(
         self, x: Float[np.ndarray, "*batch m"], parameters: Float[np.ndarray, "*batch p"]
     ) -> Float[np.ndarray, "*batch v"]:
-        """Expected values."""
+        """Expected values of the measurements."""
         return self._predict(x, parameters)[0]
 
     def innovations(
@@ -120,7 +139,7 @@ class MeasurementModel(ABC):
         parameters: Float[np.ndarray, "*batch p"],
         measured: Float[np.ndarray, "*batch v"],
     ) -> tuple[Float[np.ndarray, "*batch r"], Bool[np.ndarray, "*batch"]]:
-        """Innovations at given points and where they are valid."""
+        """Innovations at given points, and where the model is valid."""
         innovation, valid = self._innovations(x, parameters, measured)
         return innovation, valid[..., 0] > 0
 
@@ -149,9 +168,9 @@ class MeasurementModel(ABC):
         parameters: Float[np.ndarray, "k p"],
         measured: Float[np.ndarray, "k v"],
     ) -> Linearisation:
-        """Innovations and their derivatives at one or many points.
+        """Whitened innovations and their Jacobians.
 
-        It is a point (m,), or each value has a point of its own (k, m).
+        ``x`` is one point (m,) common to all values, or a point for each value (k, m).
         """
         points = x if x.ndim == 2 else x[np.newaxis]
         return self._linearised(self.linearisation(points, parameters, measured, rows=(None, None, None)))
@@ -301,14 +320,20 @@ def row_by_row(matrix: Expression) -> Expression:
 
 
 class LandmarkLinearisation(NamedTuple):
-    """A sensor linearised about a state and landmarks, whitened.
-
-    One landmark per value, k values at once, by the noise factor.
+    """A sensor linearised about a state and k landmarks, one landmark per value, whitened by the noise factor.
 
     Attributes
     ----------
-    innovation: (k, dim).   jacobian: (k, dim, c) by the model's `columns` of the state's error.
-    by_landmark: (k, dim, 3) by the landmark, frame g.   valid: (k,).   log_noise: (k,), as in `Linearisation`.
+    innovation : Float[np.ndarray, 'k r']
+        (k, dim).
+    jacobian : Float[np.ndarray, 'k r c']
+        (k, dim, c) by the model's `columns` of the state's error.
+    by_landmark : Float[np.ndarray, 'k r 3']
+        (k, dim, 3) by the landmark, frame g.
+    valid : Bool[np.ndarray, ' k']
+        (k,).
+    log_noise : Float[np.ndarray, ' k']
+        (k,), as in `Linearisation`.
     """
 
     innovation: Float[np.ndarray, "k r"]
@@ -323,9 +348,14 @@ class NewLandmarks(NamedTuple):
 
     Attributes
     ----------
-    points: (k, 3) m, frame g.   jacobian: (k, 3, c) by the model's `columns` of the state's error.
-    root: (k, 3, 3) lower triangular factor of the covariance that the sensor's noise alone gives the point, m.
-    determined: (k,) whether the measurement tells all three coordinates (the depth of a far point is not told).
+    points : Float[np.ndarray, 'k 3']
+        (k, 3) m, frame g.
+    jacobian : Float[np.ndarray, 'k 3 c']
+        (k, 3, c) by the model's `columns` of the state's error.
+    root : Float[np.ndarray, 'k 3 3']
+        (k, 3, 3) lower triangular factor of the covariance that the sensor's noise alone gives the point, m.
+    determined : Bool[np.ndarray, ' k']
+        (k,) whether the measurement tells all three coordinates (the depth of a far point is not told).
     """
 
     points: Float[np.ndarray, "k 3"]
@@ -348,14 +378,14 @@ class LandmarkSensor(MeasurementModel):
     def landmark(
         self, state: dict[str, Expression], measured: Expression, parameters: Expression
     ) -> Expression:
-        """The point (3, frame g) that explains a measurement exactly.
+        """The point (3, frame g) that explains a measurement from this state exactly.
 
-        From this state; its parameters are not read.
+        The landmark among the parameters is not read, only what accompanies it.
         """
 
     @abstractmethod
     def determined(self, measured: Expression, parameters: Expression) -> Expression:
-        """Positive where `landmark` is far better known than nothing (the disparity stands out of its noise)."""
+        """Positive where one measurement constrains `landmark` well (the disparity is large against its noise)."""
 
     def linearise_landmarks(
         self,
@@ -381,9 +411,9 @@ class LandmarkSensor(MeasurementModel):
         parameters: Float[np.ndarray, "k p"],
         measured: Float[np.ndarray, "k v"],
     ) -> NewLandmarks:
-        """Landmarks from one measurement each, at a common point (m,) or one each (k, m).
+        """Landmarks initialised from one measurement each, at a common point (m,) or one each (k, m).
 
-        Their dependence on the state's error and on the sensor's noise comes with them.
+        The result holds their Jacobians by the state's error and their covariance factors due to the sensor's noise.
         """
         points, jacobian, root, determined = self._new_landmarks(x, parameters, measured)
         count = len(measured)
@@ -417,11 +447,7 @@ class LandmarkSensor(MeasurementModel):
 
     @built_property
     def observation_innovations(self) -> Vectorised:
-        """Whitened innovations, validity and determinant of the noise factor.
-
-        Validity is positive where the model applies.
-        Inputs: those of `observation_rows`.
-        """
+        """Whitened innovations, validity (positive where valid) and noise determinant, from `observation_rows`' inputs."""
         x, p, z = self._symbols
         state = self.layout.unpack(x)
         whitening, _ = self._whitening_expression(x, p)
@@ -447,9 +473,9 @@ class LandmarkSensor(MeasurementModel):
         return self._function("linearise_landmarks", [x, p, z], outputs)
 
     def _derivatives(self, x: ca.SX, p: ca.SX, z: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
-        """Whitening, innovation and its derivatives by the model's columns and the landmark.
+        """Whitening, innovation, and Jacobians by the model's columns and by the landmark.
 
-        The signs are those of the expectation's derivatives.
+        The Jacobians are those of the expected value, that is minus those of the innovation.
         """
         at, d = self._moved(x)
         expected = self.innovation(self.symbolic(at, p), z)

@@ -26,10 +26,7 @@ DETERMINED: Final = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class PlanePoints:
-    """Points of one scan, frame L, m, with their planes.
-
-    Planes n.p = d of frame g.
-    """
+    """Points of one scan in frame L, m, with the planes n.p = d of frame g that they lie on."""
 
     points: Float[np.ndarray, "n 3"]
     normals: Float[np.ndarray, "n 3"]
@@ -43,10 +40,7 @@ class PlanePoints:
 
 @dataclass(frozen=True, eq=False)
 class PlanePose:
-    """R_Lg and the origin of g in L, m, with the fit.
-
-    The fit: root-mean-square distance of the points from their planes, m.
-    """
+    """Pose of a scan, R_Lg and the origin of g in L (m), with the root-mean-square point-to-plane distance (m)."""
 
     rotation: Float[np.ndarray, "3 3"]
     translation: Float[np.ndarray, "3"]
@@ -54,13 +48,14 @@ class PlanePose:
 
 
 def plane_poses(scans: Sequence[PlanePoints]) -> list[PlanePose | None]:
-    """A pose of every scan, None of one with too few points.
+    """A pose of every scan, None for one with too few points.
 
-    Begun from that of the scan before, or from many attitudes.
+    The search starts at the pose of the scan before, or at many attitudes.
 
     Raises
     ------
-    InputError: no scan determines its pose.
+    InputError
+        No scan determines its pose.
     """
     poses: list[PlanePose | None] = []
     last: PlanePose | None = None
@@ -83,13 +78,12 @@ def plane_poses(scans: Sequence[PlanePoints]) -> list[PlanePose | None]:
 
 
 def _searched(scan: PlanePoints, good: float, place: Float[np.ndarray, "3"] | None) -> PlanePose | None:
-    """The best of many attitudes in which the planes face the lidar.
-
-    Or the first with residuals below ``good`` m.
+    """The best of many attitudes in which the planes face the lidar, or the first with residuals below ``good`` m.
 
     Parameters
     ----------
-    place: of the origin of g before, m: kept where two planes leave it open along their edge.
+    place : Float[np.ndarray, '3'] | None
+        Of the origin of g before, m: kept where two planes leave it open along their edge.
     """
     few, middle = scan.thinned(_SEARCHED), scan.points.mean(axis=0)
     centre = (few.normals * few.offsets[:, None]).mean(axis=0)

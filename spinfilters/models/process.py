@@ -40,9 +40,9 @@ TOGETHER = 16
 
 
 class DisturbedSteps:
-    """Steps disturbed before and after each (Strang splitting).
+    """Disturbed steps of one or many states, integrated by a `RotationIntegrator`.
 
-    It serves one or many states; see `RotationIntegrator`.
+    Half a step's white disturbance acts before each step, half after it (Strang splitting).
     """
 
     def __init__(self, layout: StateLayout, integrator: RotationIntegrator) -> None:
@@ -64,7 +64,8 @@ class DisturbedSteps:
 
         Parameters
         ----------
-        kicks: what is added to the `kicked` components before and after each step.
+        kicks : Float[np.ndarray, 'n *batch 2 b']
+            What is added to the `kicked` components before and after each step.
         """
         flat = kicks.reshape(*kicks.shape[:-2], -1)
         columns = flat[0] if len(flat) == 1 else np.moveaxis(flat, 0, -1)  # one column is a vector
@@ -105,8 +106,7 @@ class DisturbedSteps:
     def _build(self, count: int, steps: int, kept: int | None = None) -> Compiled:
         """Build ``steps`` steps of ``count`` substeps each.
 
-        The last point, or those after every ``kept`` steps, one a column.
-        The error is the largest of a step.
+        Outputs: the last point, or those after every ``kept`` steps, one a column; and the largest integration error of a step.
         """
         into = ca.DM.zeros(self._layout.mean_dim, len(self.kicked))
         into[self.kicked, :] = ca.DM.eye(len(self.kicked))
@@ -135,8 +135,10 @@ class ProcessNoise:
 
     Attributes
     ----------
-    force_psd: of the acceleration of the centre of mass, (m/s^2)^2/Hz.
-    torque_psd: of the angular acceleration, (rad/s^2)^2/Hz.
+    force_psd : float
+        Of the acceleration of the centre of mass, (m/s^2)^2/Hz.
+    torque_psd : float
+        Of the angular acceleration, (rad/s^2)^2/Hz.
     """
 
     force_psd: float = 4e-8
@@ -168,10 +170,18 @@ def body_acceleration(
 
     Parameters
     ----------
-    w: body rate, rad/s.   J: inertia up to scale, 3 x 3.   drag: d, 1/rad.
-    torque: m, the angular acceleration of a constant body torque, rad/s^2.
-    rotor: h, the constant angular momentum of a flywheel inside, in units of J times rad/s.
-    linear_drag: l, 1/s.
+    w : Expression
+        Body rate, rad/s.
+    J : Expression
+        Inertia up to scale, 3 x 3.
+    drag : Expression | None
+        d, 1/rad.
+    torque : Expression | None
+        m, the angular acceleration of a constant body torque, rad/s^2.
+    rotor : Expression | None
+        h, the constant angular momentum of a flywheel inside, in units of J times rad/s.
+    linear_drag : Expression | None
+        l, 1/s.
     """
     momentum = J @ w if rotor is None else J @ w + rotor
     acceleration = ca.inv_minor(J) @ ca.cross(momentum, w)
@@ -197,15 +207,18 @@ def derivative(layout: StateLayout, x: Expression) -> Expression:
 
 
 class TorqueFreeProcess:
-    """Discrete torque-free process model over any layout with a, w, s.
+    """Discrete torque-free process model over any layout with the blocks a, w and s.
 
-    t, v, c together, and other constants, are optional.
+    The blocks t, v and c (together) and all other constants are optional.
 
     Parameters
     ----------
-    layout: the state's blocks.
-    noise: disturbance densities.
-    tolerance: bound on the integration error of one step, rad and relative rate; the step is halved until it is met.
+    layout : StateLayout
+        The state's blocks.
+    noise : ProcessNoise
+        Disturbance densities.
+    tolerance : float
+        Bound on the integration error of one step, rad and relative rate; the step is halved until it is met.
     """
 
     def __init__(self, layout: StateLayout, noise: ProcessNoise, tolerance: float = 1e-9) -> None:
@@ -235,11 +248,13 @@ class TorqueFreeProcess:
     ) -> Float[np.ndarray, "*batch m"]:
         """Points after n disturbed steps of ``dt`` seconds (dt > 0).
 
-        Each between half a step's white disturbances before it and after it.
+        Half of a step's white disturbance acts before it, half after it.
 
         Parameters
         ----------
-        normal: independent standard normals before and after each step: of the body rate, then of the velocity if there is one.
+        normal : Float[np.ndarray, 'n *batch 2 b']
+            Independent standard normals before and after each step: of the body rate, then of the velocity if
+            there is one.
         """
         psd = np.repeat([self.noise.torque_psd, self.noise.force_psd], 3)[: self.disturbed_dim]
         return self._disturbed.run(x, dt, np.sqrt(psd * (dt / 2)) * normal)
@@ -247,13 +262,12 @@ class TorqueFreeProcess:
     def disturbed_path(
         self, x: Float[np.ndarray, " m"], dt: float, normal: Float[np.ndarray, "n k 2 b"]
     ) -> Float[np.ndarray, "n_plus_1 m"]:
-        """One disturbed motion at the ends of n intervals of ``dt`` seconds, begin included.
-
-        Every interval has k disturbed steps.
+        """One disturbed motion at the ends of n intervals of ``dt`` seconds, the begin included, in k steps per interval.
 
         Parameters
         ----------
-        normal: as of `disturbed_steps`, for every interval.
+        normal : Float[np.ndarray, 'n k 2 b']
+            As of `disturbed_steps`, for every interval.
         """
         h = dt / normal.shape[1]
         psd = np.repeat([self.noise.torque_psd, self.noise.force_psd], 3)[: self.disturbed_dim]
@@ -279,16 +293,22 @@ class TorqueFreeProcess:
 
         Parameters
         ----------
-        there: with the mass distribution of ``here``.   about: points at which slopes are taken: those of ``here`` with other
-        constants, or None for ``here``.
+        there : Float[np.ndarray, 'k m']
+            With the mass distribution of ``here``.
+        about : Float[np.ndarray, 'k m'] | None
+            Points at which slopes are taken: those of ``here`` with other constants, or None for ``here``.
         """
         return self._many.linearise(here, there, dt, self._densities, about)
 
     def require_steps(self, time: Float[np.ndarray, " k"], rates: Float[np.ndarray, "k 3"]) -> None:
-        """Require that a motion needs few enough substeps.
+        """Require that a motion can be integrated within the budget of substeps.
 
-        InputError: these body rates (rad/s) at these times (s) take too many to integrate.
-        That is a step beyond `MAX_SUBSTEPS`, or more than `MOST_SUBSTEPS` and `USUAL_SUBSTEPS` a step in all.
+        The budget is `MAX_SUBSTEPS` for one step, and for all steps `MOST_SUBSTEPS` or on average `USUAL_SUBSTEPS`.
+
+        Raises
+        ------
+        InputError
+            Body rates (rad/s) at these times (s) that take too many substeps.
         """
         turned = turns(rates[:-1], np.diff(time))
         if substeps(float(turned.max(initial=0.0)), self._tolerance) <= USUAL_SUBSTEPS:

@@ -32,8 +32,12 @@ class LinearisedStep(NamedTuple):
 
     Attributes
     ----------
-    after: (m,) the point at its end.   transition: (n, n) of the multiplicative error, or (n, n + constants).
-    noise_factor: (n, q) G of the noise covariance Q = G G'.
+    after : Float[np.ndarray, ' m']
+        (m,) the point at its end.
+    transition : Float[np.ndarray, 'n c']
+        (n, n) of the multiplicative error, or (n, n + constants).
+    noise_factor : Float[np.ndarray, 'n q']
+        (n, q) G of the noise covariance Q = G G'.
     """
 
     after: Float[np.ndarray, " m"]
@@ -42,14 +46,16 @@ class LinearisedStep(NamedTuple):
 
 
 class LinearisedSteps(NamedTuple):
-    """k steps to first order in their errors.
-
-    e_there = defect + transition e_here + noise_factor n.
+    """k steps to first order in their errors: e_there = defect + transition e_here + noise_factor n.
 
     Attributes
     ----------
-    defect: (k, n) error that takes ``there`` to the end of the step from ``here``.
-    transition: (k, n, n).   noise_factor: (k, n, q), of unit noise.
+    defect : Float[np.ndarray, 'k n']
+        (k, n) error that takes ``there`` to the end of the step from ``here``.
+    transition : Float[np.ndarray, 'k n n']
+        (k, n, n).
+    noise_factor : Float[np.ndarray, 'k n q']
+        (k, n, q), of unit noise.
     """
 
     defect: Float[np.ndarray, "k n"]
@@ -70,8 +76,10 @@ class RotationSubsteps:
 
     Parameters
     ----------
-    layout: blocks of the state; the acceleration may use the constants that have `RotationParameters`.
-    acceleration: w' in g axes, rad/s^2.
+    layout : StateLayout
+        Blocks of the state; the acceleration may use the constants that have `RotationParameters`.
+    acceleration : Acceleration
+        w' in g axes, rad/s^2.
     """
 
     def __init__(self, layout: StateLayout, acceleration: Acceleration) -> None:
@@ -248,18 +256,12 @@ def _double_integrator_root(dt: Expression) -> Expression:
 
 
 def boole_weights(count: int) -> Float[np.ndarray, " nodes"]:
-    """Boole's weights of the noise at every node of ``count`` substeps.
-
-    Panels have four substeps; the last node is the end.
-    """
+    """Boole's weights of the noise at the nodes of ``count`` substeps, in panels of four; the last node is the end."""
     return np.array([7.0, *([32.0, 12.0, 32.0, 14.0] * (count // 4))[:-1], 7.0]) * 2 / 45
 
 
 def rotation_parameters(layout: StateLayout, values: dict[str, Expression]) -> Expression:
-    """Constants that enter the rotation, block after block.
-
-    Six entries of J(s), then the drag.
-    """
+    """Constants that enter the equation of the body rate: six entries of J(s), then those of the other blocks in order."""
     return ca.vertcat(
         *[block.rotation.of(values[block.symbol]) for block in layout.members if block.rotation]
     )
@@ -295,12 +297,15 @@ class RotationIntegrator:
 
     Parameters
     ----------
-    layout, acceleration: see `RotationSubsteps`.
-    tolerance: bound on the estimated error of attitude (rad) and rate (relative) of one call.
+    layout, acceleration
+        See `RotationSubsteps`.
+    tolerance : float
+        Bound on the estimated error of attitude (rad) and rate (relative) of one call.
 
     Raises
     ------
-    IntegrationError: by every method that steps, when `MAX_SUBSTEPS` do not meet the tolerance.
+    IntegrationError
+        By every method that steps, when `MAX_SUBSTEPS` do not meet the tolerance.
     """
 
     def __init__(self, layout: StateLayout, acceleration: Acceleration, tolerance: float) -> None:
@@ -323,9 +328,9 @@ class RotationIntegrator:
             count *= 2
 
     def steps(self, x: Float[np.ndarray, "k m"], dt: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k m"]:
-        """Points after dt > 0 seconds of their own.
+        """Points after dt > 0 seconds, each with its own dt.
 
-        Points of equal dt take equal numbers of substeps, as in one `step` of theirs.
+        Points of equal dt take the same number of substeps, as in one `step` of them.
         """
         if not (np.isfinite(dt) & (dt > 0)).all():
             raise InputError("time steps must be positive and finite")
@@ -420,10 +425,7 @@ class RotationIntegrator:
 
 
 def speeds(rates: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch"]:
-    """Length |w| of rates, rad/s.
-
-    Infinite where it is beyond all numbers, which no square on the way is.
-    """
+    """Length |w| of rates, rad/s, scaled so that squares do not overflow; infinite only where the length itself is."""
     scale = np.abs(rates).max(axis=-1, keepdims=True, initial=float_info.min)
     with np.errstate(over="ignore", invalid="ignore"):
         return scale[..., 0] * np.linalg.norm(rates / scale, axis=-1)
@@ -438,10 +440,7 @@ def turns(
 
 
 def substeps(turn: float, tolerance: float) -> int:
-    """Substeps that a rotation (rad) in one step needs.
-
-    A power of two; above `MAX_SUBSTEPS` for what needs more.
-    """
+    """Substeps needed for a rotation (rad) in one step, a power of two; above `MAX_SUBSTEPS` if more are needed."""
     angle = (tolerance / (STEP_ERROR * max(turn, tolerance))) ** 0.25
     noise_angle = (NOISE_ERROR / BOOLE_ERROR) ** (1 / 6) * max(turn, NOISE_ERROR) ** (1 / 3)
     count = FEWEST

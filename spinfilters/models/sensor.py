@@ -52,9 +52,18 @@ class Scene:
 
     Attributes
     ----------
-    motion: of the body in i.   seen: the same in the frame of the camera, of which the blocks t and a count.
-    surface: its landmarks.   front_end: how a camera finds them.
-    noise: of sensors without landmarks.   generator: of everything random.
+    motion : TrueMotion
+        Of the body in i.
+    seen : TrueMotion
+        The same in the frame of the camera, of which the blocks t and a count.
+    surface : Surface
+        Its landmarks.
+    front_end : FrontEnd
+        How a camera finds them.
+    noise : SceneNoise
+        Of sensors without landmarks.
+    generator : np.random.Generator
+        Of everything random.
     """
 
     motion: TrueMotion
@@ -71,8 +80,11 @@ class SimulatedStream:
 
     Attributes
     ----------
-    noise: standard deviations that the data set states, by noise option.
-    landmarks: rows of the surface that landmarks 0, 1, 2 ... are, and rig: of the camera; None for sensors without landmarks.
+    noise : Mapping[str, float]
+        Standard deviations that the data set states, by noise option.
+    landmarks : Int[np.ndarray, ' m'] | None
+        Rows of the surface that landmarks 0, 1, 2 ... are, and rig: of the camera; None for sensors without
+        landmarks.
     """
 
     stream: MeasurementStream
@@ -90,14 +102,14 @@ def with_noise(
 
 @dataclass(frozen=True)
 class CameraView:
-    """Landmarks in frame g, calibration and camera poses.
+    """What a camera's observations are compared with: landmarks in frame g, calibration and camera poses.
 
-    What rows of landmarks are measured against.
-    Without a known map the landmarks are left to the estimators: measurements then carry their ids.
+    Without a known map the estimators hold the landmarks, and measurements carry their ids.
 
     Attributes
     ----------
-    inspector: known trajectory of the camera in i; None where frame i is the camera's.
+    inspector : CameraTrajectory | None
+        Known trajectory of the camera in i; None where frame i is the camera's.
     """
 
     known_map: KnownMap | None
@@ -105,9 +117,12 @@ class CameraView:
     inspector: CameraTrajectory | None = None
 
     def camera_poses(self, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 7"] | None:
-        """(t_ic m, q_ic) at these times (s).
+        """(t_ic m, q_ic) at these times (s); None where frame i is the camera's.
 
-        None where frame i is the camera's. InputError: times that are not covered.
+        Raises
+        ------
+        InputError
+            Times that the trajectory does not cover.
         """
         return None if self.inspector is None else self.inspector.at(time)
 
@@ -125,8 +140,14 @@ class BoundStream:
 
     Attributes
     ----------
-    time: (n,) s.   values: (n, value_dim).   parameters: (n, parameter_dim).
-    ids: (n,) landmarks that an estimator holds in its state; None for a known map and sensors without landmarks.
+    time : Float[np.ndarray, ' n']
+        (n,) s.
+    values : Float[np.ndarray, 'n v']
+        (n, value_dim).
+    parameters : Float[np.ndarray, 'n p']
+        (n, parameter_dim).
+    ids : Int[np.ndarray, ' n'] | None
+        (n,) landmarks that an estimator holds in its state; None for a known map and sensors without landmarks.
     """
 
     model: MeasurementModel
@@ -142,13 +163,20 @@ class MotionSamples:
 
     Attributes
     ----------
-    time: (k,) s.
-    attitude: (k, 4) q_ig; None where the first sample defines frame i and rates are integrated from it.
-    rates: (k, 3) body rates, rad/s, axes g; None where attitudes are differenced.
-    positions: (k, 3) origins of g in i, m, or None.
-    landmarks: a map that was found with the poses, None where it was known or there is none.
-    noise_ratio: standard deviation of the rows over the stated, None where the samples do not tell it.
-    shared: (k,) landmarks that an epoch has in common with the one before, of poses from tracks; else None.
+    time : Float[np.ndarray, ' k']
+        (k,) s.
+    attitude : Float[np.ndarray, 'k 4'] | None
+        (k, 4) q_ig; None where the first sample defines frame i and rates are integrated from it.
+    rates : Float[np.ndarray, 'k 3'] | None
+        (k, 3) body rates, rad/s, axes g; None where attitudes are differenced.
+    positions : Float[np.ndarray, 'k 3'] | None
+        (k, 3) origins of g in i, m, or None.
+    landmarks : KnownMap | None
+        a map that was found with the poses, None where it was known or there is none.
+    noise_ratio : float | None
+        Standard deviation of the rows over the stated, None where the samples do not tell it.
+    shared : Int[np.ndarray, ' k'] | None
+        (k,) landmarks that an epoch has in common with the one before, of poses from tracks; else None.
     """
 
     time: Float[np.ndarray, " k"]
@@ -166,12 +194,25 @@ class AnalysedSensor:
 
     Attributes
     ----------
-    model: over any layout: only its expressions are used.
-    parameters: of a measurement, behind the landmark's point where it sees points.   noise: in words.
-    sees_points: whether it sees landmarks.   has_image: whether these must lie in front of it.   words: what it is called.
-    tells: state blocks that it measures in axes that are known: a pose ("t", "a"), a rate ("w",).
-    is_linear: whether its output is linear in axes that turn with the body, as a point, a pose or a rate is and a bearing is not.
-    assumption: what is taken as known, in words.
+    model : type[MeasurementModel]
+        Over any layout: only its expressions are used.
+    parameters : tuple[float, ...]
+        Of a measurement, behind the landmark's point where it sees points.
+    noise : str
+        In words.
+    sees_points : bool
+        Whether it sees landmarks.
+    has_image : bool
+        Whether these must lie in front of it.
+    words : str
+        What it is called.
+    tells : tuple[str, ...]
+        State blocks that it measures in axes that are known: a pose ("t", "a"), a rate ("w",).
+    is_linear : bool
+        Whether its output is linear in axes that turn with the body, as a point, a pose or a rate is and a
+        bearing is not.
+    assumption : str
+        What is taken as known, in words.
     """
 
     model: type[MeasurementModel]
@@ -188,16 +229,22 @@ class AnalysedSensor:
 class Sensor(StoredSensor, ABC):
     """A sensor of the registry.
 
-    A subclass states its attributes and writes `bind`; what else it can do it overrides.
+    A subclass defines the attributes and `bind`; it overrides the other methods as far as it supports them.
 
     Attributes
     ----------
-    name: as in a `MeasurementStream`.
-    sees_place: whether it measures where g is; a log without such a sensor leaves out place, velocity and centre of mass.
-    tells_frames: whether it measures in frames i and g that are given, rather than defined by an estimator.
-    identified_option: of its noise, what a recording identifies where nobody states the sensor's noise.
-    error_blocks: its constant errors that a state can hold; it does where the settings give their prior.
-    analysis: for the observability analyser, None where it cannot look at this sensor.
+    name : str
+        As in a `MeasurementStream`.
+    sees_place : bool
+        Whether it measures where g is; a log without such a sensor leaves out place, velocity and centre of mass.
+    tells_frames : bool
+        Whether it measures in frames i and g that are given, rather than defined by an estimator.
+    identified_option : str | None
+        Of its noise, what a recording identifies where nobody states the sensor's noise.
+    error_blocks : tuple[StateBlock, ...]
+        Its constant errors that a state can hold; it does where the settings give their prior.
+    analysis : AnalysedSensor | None
+        For the observability analyser, None where it cannot look at this sensor.
     """
 
     name: str
@@ -216,21 +263,17 @@ class Sensor(StoredSensor, ABC):
     def initial_motion(
         self, stream: MeasurementStream, noise: SensorNoise, view: CameraView | None
     ) -> MotionSamples | None:
-        """Motion that the rows measure directly.
-
-        None where they do not tell attitudes or rates.
+        """Initial motion that the rows measure directly; None if they determine neither attitudes nor rates.
 
         Raises
         ------
-        InputError: rows that no motion can be found from.
+        InputError
+            Rows that no motion can be found from.
         """
         return None
 
     def measured_rates(self, stream: MeasurementStream) -> Float[np.ndarray, "n 3"] | None:
-        """Body rates of the rows, rad/s, axes g.
-
-        None of a sensor that measures something else.
-        """
+        """Body rates of the rows, rad/s, axes g; None for a sensor that measures something else."""
         return None
 
     def diagnostics(self, stream: MeasurementStream) -> Sequence[str]:
@@ -250,9 +293,12 @@ class Sensor(StoredSensor, ABC):
     def points_at_infinity(
         self, count: int, rig: Rig | None, generator: np.random.Generator
     ) -> Float[np.ndarray, "count v"]:
-        """Values of points far away that are no part of the body.
+        """Values of distant points that are not part of the body.
 
-        InputError: a sensor without landmarks.
+        Raises
+        ------
+        InputError
+            A sensor without landmarks.
         """
         raise InputError(f"the sensor {self.name} sees no landmarks; choose another fault")
 
@@ -293,6 +339,7 @@ def model_over(
 
     Parameters
     ----------
-    options: of its model, in order: noise; of a camera how it projects and whether it moves.
+    options : Hashable
+        Of its model, in order: noise; of a camera how it projects and whether it moves.
     """
     return kind(layout, *options)

@@ -23,7 +23,8 @@ def parameters_of(covariance: Float[np.ndarray, "count d d"]) -> Float[np.ndarra
 
     Raises
     ------
-    numpy.linalg.LinAlgError: when a covariance is not positive definite.
+    numpy.linalg.LinAlgError
+        When a covariance is not positive definite.
     """
     factor = np.linalg.cholesky(covariance)
     rows, cols = zip(*_lower(covariance.shape[1]), strict=True)
@@ -109,7 +110,8 @@ def noise_parameters(level: NoiseLevel, count: int) -> Float[np.ndarray, "count 
 
     Raises
     ------
-    numpy.linalg.LinAlgError: when a covariance is not positive definite.
+    numpy.linalg.LinAlgError
+        When a covariance is not positive definite.
     """
     return parameters_of(np.asarray(level)) if np.ndim(level) else np.full((count, 1), level)
 

@@ -34,7 +34,8 @@ def all_sensors() -> tuple[Sensor, ...]:
 
     Raises
     ------
-    InputError: a plug-in that cannot be loaded, or is no sensor.
+    InputError
+        A plug-in that cannot be loaded, or is no sensor.
     """
     return entries_of_kind((*OWN_SENSORS, *installed_plugins("spinfilters.sensors", StoredSensor)), Sensor)
 

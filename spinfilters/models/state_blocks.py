@@ -50,11 +50,16 @@ class ErrorChart:
 
     Attributes
     ----------
-    retract: (point, error) to the point at that error.
-    local: (here, there) to the error that takes one to the other.
-    near_local: ``local`` to first order at here = there, for derivatives there: a shorter expression.
-    reset_jacobian: derivative of the error about retract(x, d) by the error about x, at d; None where it is the identity.
-    normalised: a point without rounding off its manifold; None where every number is a point.
+    retract : PointAndError
+        (point, error) to the point at that error.
+    local : PointAndError
+        (here, there) to the error that takes one to the other.
+    near_local : PointAndError
+        ``local`` to first order at here = there, for derivatives there: a shorter expression.
+    reset_jacobian : Callable[[Expression], Expression] | None
+        Derivative of the error about retract(x, d) by the error about x, at d; None where it is the identity.
+    normalised : Callable[[Expression], Expression] | None
+        a point without rounding off its manifold; None where every number is a point.
     """
 
     retract: PointAndError = add
@@ -70,7 +75,10 @@ class RotationParameters:
 
     Attributes
     ----------
-    count: how many.   of: them from a point of the block.
+    count : int
+        How many.
+    of : Callable[[Expression], Expression]
+        Them from a point of the block.
     """
 
     count: int
@@ -83,8 +91,10 @@ class ReportedConstant:
 
     Attributes
     ----------
-    value_key, std_key: of its value and standard deviation in `summary.json`.
-    value_format, std_format: of a number in the table.
+    value_key, std_key : str
+        Of its value and standard deviation in `summary.json`.
+    value_format, std_format : str
+        Of a number in the table.
     """
 
     value_key: str
@@ -99,21 +109,45 @@ class StateBlock:
 
     Attributes
     ----------
-    name: its letter in layouts and formulas.   rank: its place among the blocks of a layout, ascending.
-    dimension: of its error.   unit: of its error.
-    label: in tables and figures.   phrase: in a sentence, with its article.
-    constant: whether it is the same at every time; if not, the process model moves it.
-    translational: whether it means anything only where the state has a position.
-    prior_std: of the prior of the first state, in `unit`.   prior_option: of the initialisation, which has it instead; "" for none.
-    prior_at_origin: whether that prior lies at the origin, not at what the first measurements say.
-    symbol: of its point among the expressions of a state, its name by default.
-    chart: of its points and errors.   origin: its point of reference; zeros by default.
-    largest_step: of a component in one iteration, beyond which a linear model of it says nothing.
-    rotation: how it enters the equation of the body rate, None where it does not.
-    after_gauge_move: the point once frame g has been moved by the rotation R and then rho (m), both in g axes, from
-        (point, R, rho); None where it does not depend on g.
-    truth_field: of a `Truth`, which is this block's point; "" where the truth does not hold it as such.
-    reported: how it is shown as a result of its own, None where it is not.
+    name : str
+        Its letter in layouts and formulas.
+    rank : int
+        Its place among the blocks of a layout, ascending.
+    dimension : int
+        Of its error.
+    unit : str
+        Of its error.
+    label : str
+        In tables and figures.
+    phrase : str
+        In a sentence, with its article.
+    constant : bool
+        Whether it is the same at every time; if not, the process model moves it.
+    translational : bool
+        Whether it means anything only where the state has a position.
+    prior_std : float
+        Of the prior of the first state, in `unit`.
+    prior_option : str
+        Of the initialisation, which has it instead; "" for none.
+    prior_at_origin : bool
+        Whether that prior lies at the origin, not at what the first measurements say.
+    symbol : str
+        Of its point among the expressions of a state, its name by default.
+    chart : ErrorChart
+        Of its points and errors.
+    origin : tuple[float, ...]
+        Its point of reference; zeros by default.
+    largest_step : float
+        Of a component in one iteration, beyond which a linear model of it says nothing.
+    rotation : RotationParameters | None
+        How it enters the equation of the body rate, None where it does not.
+    after_gauge_move : Callable[[Expression, Expression, Expression], Expression] | None
+        The point once frame g has been moved by the rotation R and then rho (m), both in g axes, from (point, R,
+        rho); None where it does not depend on g.
+    truth_field : str
+        Of a `Truth`, which is this block's point; "" where the truth does not hold it as such.
+    reported : ReportedConstant | None
+        How it is shown as a result of its own, None where it is not.
     """
 
     name: str
@@ -396,7 +430,8 @@ def table(blocks: Iterable[StateBlock]) -> Mapping[str, StateBlock]:
 
     Raises
     ------
-    InputError: a name or a rank that two of them have.
+    InputError
+        A name or a rank that two of them have.
     """
     ranked = sorted(blocks, key=lambda block: block.rank)
     for attribute in ("name", "rank"):

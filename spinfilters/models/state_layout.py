@@ -36,7 +36,8 @@ class StateLayout:
 
     Attributes
     ----------
-    blocks: their names.
+    blocks : tuple[str, ...]
+        Their names.
     """
 
     blocks: tuple[str, ...]
@@ -131,10 +132,7 @@ class StateLayout:
         return ca.vertcat(*parts)
 
     def local_expression(self, x: Expression, y: Expression) -> Expression:
-        """y [-] x, the error that takes x to y, symbolically.
-
-        The attitude error goes the short way round.
-        """
+        """y [-] x, the error that takes x to y, symbolically; the attitude error goes the short way round."""
         return self._difference(x, y, [block.chart.local for block in self.members])
 
     def near_local_expression(self, x: Expression, y: Expression) -> Expression:
@@ -198,9 +196,8 @@ class StateLayout:
 
 @building()
 def with_error_jacobian(layout: StateLayout, name: str, quantity: Quantity) -> Compiled:
-    """x -> (y, dy/dd at d = 0) with y = quantity(x [+] d).
+    """x -> (y, dy/dd at d = 0) with y = quantity(x [+] d), over any leading axes of x.
 
-    Over any leading axes of x.
     The derivative goes through the layout's own retraction, so it is right for every error chart. A matrix y
     comes as the column of its columns. Interpreted: it is called once per history, which no compiler repays.
     """
@@ -252,13 +249,16 @@ def _slices(blocks: tuple[str, ...], sizes: list[int]) -> dict[str, slice]:
 class Gaussian:
     """Mean and covariance of a state.
 
-    The covariance is held as a factor, P = factor factor', so that it cannot become indefinite by rounding.
+    The covariance is held as a factor, P = factor factor', so that rounding cannot make it indefinite.
 
     Attributes
     ----------
-    layout: which blocks the state holds.
-    mean: (mean_dim,) a point of the layout.
-    factor: (error_dim, error_dim) any square root of the error covariance.
+    layout : StateLayout
+        Which blocks the state holds.
+    mean : Float[np.ndarray, ' m']
+        (mean_dim,) a point of the layout.
+    factor : Float[np.ndarray, 'n n']
+        (error_dim, error_dim) any square root of the error covariance.
     """
 
     layout: StateLayout
@@ -281,7 +281,8 @@ class Gaussian:
 
         Raises
         ------
-        InputError: when the covariance is not positive definite; it is not repaired.
+        InputError
+            When the covariance is not positive definite; it is not repaired.
         """
         scale = np.sqrt(np.diag(covariance))
         if not np.all(np.isfinite(scale) & (scale > 0)):

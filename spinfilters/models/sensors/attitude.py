@@ -55,7 +55,8 @@ def attitude_parameters(covariance: Float[np.ndarray, "count 3 3"]) -> Float[np.
 
     Raises
     ------
-    numpy.linalg.LinAlgError: when a covariance is not positive definite.
+    numpy.linalg.LinAlgError
+        When a covariance is not positive definite.
     """
     return parameters_of(covariance)
 

@@ -99,7 +99,8 @@ def lidar_point_parameters(
 
     Raises
     ------
-    numpy.linalg.LinAlgError: when a covariance is not positive definite.
+    numpy.linalg.LinAlgError
+        When a covariance is not positive definite.
     """
     return np.column_stack([angles, delay, planes, parameters_of(covariance)])
 
@@ -203,10 +204,7 @@ class LidarPointsSensor(Sensor):
         )
 
     def simulate(self, scene: Scene) -> SimulatedStream:
-        """Points on the faces of a box within the surface.
-
-        `MOST_POINTS` in a scan about every epoch.
-        """
+        """Points on the faces of a box within the surface, `MOST_POINTS` in the scan of every epoch."""
         from spinfilters.core.ray_angles import angles_of
 
         model, layout = LidarPoint(scene.motion.layout), scene.motion.layout
@@ -235,7 +233,7 @@ class LidarPointsSensor(Sensor):
     ) -> Float[np.ndarray, "count 8"]:
         """Ranges of random planes up to `FARTHEST_M`.
 
-        Beams lie before the lidar, planes anywhere within a metre of the origin of g.
+        Beams point to the front of the lidar; planes lie within a metre of the origin of g.
         """
         normals = generator.standard_normal((count, 3))
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
@@ -252,7 +250,8 @@ def _box_points(
 
     Raises
     ------
-    InputError: a lidar within the box.
+    InputError
+        A lidar within the box.
     """
     seen = np.flatnonzero(np.abs(lidar) > half)
     if not seen.size:

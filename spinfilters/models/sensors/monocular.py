@@ -46,7 +46,7 @@ POSE_LAYOUT: Final = StateLayout(("t", "a"))
 class MonocularSensor(Sensor):
     """Values (u, v), pixels of the calibrated camera, one row per landmark and epoch; covariance px^2.
 
-    One camera does not tell the scale of what it sees: the map must be known.
+    A single camera does not determine the scale of the scene, so the map must be known.
     """
 
     name = "monocular"

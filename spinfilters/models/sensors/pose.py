@@ -69,7 +69,8 @@ def pose_parameters(covariance: Float[np.ndarray, "count 6 6"]) -> Float[np.ndar
 
     Raises
     ------
-    numpy.linalg.LinAlgError: when a covariance is not positive definite.
+    numpy.linalg.LinAlgError
+        When a covariance is not positive definite.
     """
     return parameters_of(covariance)
 
@@ -85,7 +86,8 @@ def pose_format(
 
     Parameters
     ----------
-    suffixes, suffix_words: of single files that are read as this sensor's.
+    suffixes, suffix_words
+        Of single files that are read as this sensor's.
     """
 
     def read(path: Path) -> MeasurementStream:
@@ -114,9 +116,9 @@ def pose_format(
 
 
 class PoseSensor(Sensor):
-    """Values (tx, ty, tz, qx, qy, qz, qw) of a pose.
+    """Values (tx, ty, tz, qx, qy, qz, qw) of a pose: origin of g in i, m, and unit q_ig.
 
-    Origin of g in i, m, and unit q_ig; covariance over (t, a), m and rad.
+    The covariance is over (t, a), in m and rad.
     """
 
     name = "pose"

@@ -60,10 +60,7 @@ def require_before_cameras(table: Table) -> None:
 
 
 class StereoSensor(Sensor):
-    """Values (u_left, v_left, u_right), one row per landmark and epoch.
-
-    Pixels of the calibrated pair; covariance px^2.
-    """
+    """Stereo pixels (u_left, v_left, u_right), one row per landmark and epoch, of the calibrated pair; covariance px^2."""
 
     name = "stereo"
     format = SensorFormat(
@@ -155,7 +152,8 @@ def stereo_tracks(
 
     Raises
     ------
-    InputError: when no landmark is ever found.
+    InputError
+        When no landmark is ever found.
     """
     parameters = camera_parameters(surface.points, RIG.calibration, front_end.pixel_std)
     camera = TrackCamera(model_over(StereoLandmark, motion.layout), parameters, RIG, horizontal=(0, 2))

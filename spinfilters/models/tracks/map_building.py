@@ -36,7 +36,14 @@ class StereoView:
 
     Attributes
     ----------
-    ids: (k,).   camera: (k, 3) m, camera frame.   information: (k, 3, 3) 1/m^2 of them.   pixels: (k, 3) rectified.
+    ids : Int[np.ndarray, ' k']
+        (k,).
+    camera : Float[np.ndarray, 'k 3']
+        (k, 3) m, camera frame.
+    information : Float[np.ndarray, 'k 3 3']
+        (k, 3, 3) 1/m^2 of them.
+    pixels : Float[np.ndarray, 'k 3']
+        (k, 3) rectified.
     """
 
     ids: Int[np.ndarray, " k"]
@@ -95,8 +102,14 @@ class MapInProgress:
 
     Attributes
     ----------
-    ids: (n,) ascending.   information: (n, 2, 3, 3) 1/m^2, frame g.   weighted: (n, 2, 3) information times point.
-    hits: (n, 2) observations of each candidate.
+    ids : Int[np.ndarray, ' n']
+        (n,) ascending.
+    information : Float[np.ndarray, 'n 2 3 3']
+        (n, 2, 3, 3) 1/m^2, frame g.
+    weighted : Float[np.ndarray, 'n 2 3']
+        (n, 2, 3) information times point.
+    hits : Int[np.ndarray, 'n 2']
+        (n, 2) observations of each candidate.
     """
 
     ids: Int[np.ndarray, " n"]
@@ -171,10 +184,7 @@ SMALLEST_DISPARITY_PX = 0.1
 
 
 class FoundMap(NamedTuple):
-    """Poses, their map, and the pixel noise over the stated.
-
-    None where nothing tells it.
-    """
+    """Poses, their map, and the ratio of the pixel noise to the stated one; None where the data do not determine it."""
 
     poses: MeasurementStream
     landmarks: KnownMap
@@ -197,12 +207,15 @@ def poses_without_map(
 
     Parameters
     ----------
-    noise: of the tracks: a standard deviation (px), or the covariance of every row (px^2).
-    epochs: how many of the first epochs to look at; all when None.
+    noise : NoiseLevel
+        Of the tracks: a standard deviation (px), or the covariance of every row (px^2).
+    epochs : int | None
+        How many of the first epochs to look at; all when None.
 
     Raises
     ------
-    InputError: when fewer than four landmarks are seen at first, or no epoch can be fitted.
+    InputError
+        When fewer than four landmarks are seen at first, or no epoch can be fitted.
     """
     assert tracks.ids is not None
     chosen = track_epochs(tracks)[:epochs]

@@ -40,7 +40,8 @@ def perspective_pose(
 
     Parameters
     ----------
-    model: of the camera over (t, a), frame i being its own.
+    model : MonocularLandmark
+        Of the camera over (t, a), frame i being its own.
     """
     if len(pixels) < FEWEST:
         return None

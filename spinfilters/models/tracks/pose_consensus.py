@@ -20,10 +20,15 @@ class Matches:
 
     Attributes
     ----------
-    points: (k, 3) m, frame g.   pixels: (k, 3) rectified.
-    noise: standard deviation (px) of each pixel coordinate, or (k, 3, 3) covariances of the matches (px^2).
-    covariance: (k, 3, 3) of the points, m^2, frame g; None for a map that is known exactly. A triangulated depth is so uncertain
-        that a fit without it would turn the body to please the depths.
+    points : Float[np.ndarray, 'k 3']
+        (k, 3) m, frame g.
+    pixels : Float[np.ndarray, 'k 3']
+        (k, 3) rectified.
+    noise : NoiseLevel
+        Standard deviation (px) of each pixel coordinate, or (k, 3, 3) covariances of the matches (px^2).
+    covariance : Float[np.ndarray, 'k 3 3'] | None
+        (k, 3, 3) of the points, m^2, frame g; None for a map that is known exactly. A triangulated depth is so
+        uncertain that a fit without it would turn the body to please the depths.
     """
 
     points: Float[np.ndarray, "k 3"]
@@ -38,9 +43,14 @@ class MatchTable:
 
     Attributes
     ----------
-    given: (f, k) where there is a match that is no copy.
-    parameters: (f, k, p) of the sensor: point, calibration, noise.   covariance: of the points, or None.
-    pixel_std: (f, k) of a pixel coordinate, px.
+    given : Bool[np.ndarray, 'f k']
+        (f, k) where there is a match that is no copy.
+    parameters : Float[np.ndarray, 'f k p']
+        (f, k, p) of the sensor: point, calibration, noise.
+    covariance : Float[np.ndarray, 'f k 3 3'] | None
+        Of the points, or None.
+    pixel_std : Float[np.ndarray, 'f k']
+        (f, k) of a pixel coordinate, px.
     """
 
     given: Bool[np.ndarray, "f k"]
@@ -127,7 +137,10 @@ class _UsableMatches:
 
     Attributes
     ----------
-    usable: (f, k) which do; elsewhere all else is finite and means nothing.   camera: (f, k, 3) triangulated points, m.
+    usable : Bool[np.ndarray, 'f k']
+        (f, k) which do; elsewhere all else is finite and means nothing.
+    camera : Float[np.ndarray, 'f k 3']
+        (f, k, 3) triangulated points, m.
     """
 
     usable: Bool[np.ndarray, "f k"]
@@ -165,10 +178,7 @@ class _UsableMatches:
         return np.count_nonzero(chosen, axis=1) / np.maximum(np.count_nonzero(self.usable, axis=1), 1)
 
     def agreeing(self, poses: Float[np.ndarray, "h 7"]) -> Bool[np.ndarray, "h k"]:
-        """Matches near the predicted pixels of a pose.
-
-        Poses are of all epochs, or h of one.
-        """
+        """Inliers: matches near the predicted pixels of a pose, for a pose per epoch or h poses of one epoch."""
         return self.usable & (self.squared_distances(poses) < 1.0)
 
     def cost(self, poses: Float[np.ndarray, "h 7"]) -> Float[np.ndarray, " h"]:
@@ -187,10 +197,7 @@ class _UsableMatches:
         return np.concatenate([t, q], axis=1), enough & determined
 
     def squared_distances(self, poses: Float[np.ndarray, "h 7"]) -> Float[np.ndarray, "h k"]:
-        """Squared distance of each match under each pose, in tolerances.
-
-        (u_left, v_left, u_right); infinite behind the camera.
-        """
+        """Squared distances, in tolerances, of (u_left, v_left, u_right) from each pose's; infinite behind the camera."""
         camera, rotations = stereo_pair(self.calibration), matrix_from_quaternion(poses[:, 3:])
         at = self.points @ np.swapaxes(rotations, 1, 2) + poses[:, None, :3]
         away = camera.pixels_of(at, self.calibration) - self.pixels
@@ -204,9 +211,9 @@ class _UsableMatches:
     def _squares_in_spread(
         self, away: Float[np.ndarray, "h k 3"], by_point: Float[np.ndarray, "h k 3 3"]
     ) -> Float[np.ndarray, "h k"]:
-        """Squared distances with the map points' own errors.
+        """Squared distances that account for the map points' own errors.
 
-        Far along the line of sight they were seen on, little across it.
+        These are large along the line of sight from which the points were triangulated, and small across it.
         """
         assert self.spread is not None
         spread = MAP_AGREEMENT**2 * by_point @ self.spread @ np.swapaxes(by_point, 2, 3)
@@ -220,7 +227,12 @@ class Consensus:
 
     Attributes
     ----------
-    poses: (f, 7).   found: (f,) where matches enough agree.   agreeing: (f, k).
+    poses : Float[np.ndarray, 'f 7']
+        (f, 7).
+    found : Bool[np.ndarray, ' f']
+        (f,) where matches enough agree.
+    agreeing : Bool[np.ndarray, 'f k']
+        (f, k).
     """
 
     poses: Float[np.ndarray, "f 7"]
@@ -243,10 +255,7 @@ def consensus_poses(table: MatchTable, calibration: Float[np.ndarray, " c"]) -> 
 def _refined(
     seen: _UsableMatches, poses: Float[np.ndarray, "h 7"], found: Bool[np.ndarray, " h"] | None = None
 ) -> Float[np.ndarray, "h 7"]:
-    """Poses refitted to their inliers until these stay.
-
-    Those that they do not determine stay.
-    """
+    """Poses refitted to their inliers until the inliers stay the same; undetermined poses are kept."""
     fitted = np.zeros((len(poses), seen.usable.shape[1]), dtype=bool)
     for _ in range(REFITS):
         agreeing = seen.agreeing(poses)

@@ -30,9 +30,12 @@ class UncertainRows(NamedTuple):
 
     Attributes
     ----------
-    innovation: (k, 3), jacobian: (k, 3, 6) by the pose, whitened by the pixels' and the points' noise together.
-    valid: (k,) where the sensor applies.
-    by_left: (k, 3, 3) correction of the map's point, m, by what a step leaves of the whitened innovation.
+    innovation : Float[np.ndarray, 'k 3']
+        (k, 3), jacobian: (k, 3, 6) by the pose, whitened by the pixels' and the points' noise together.
+    valid : Bool[np.ndarray, ' k']
+        (k,) where the sensor applies.
+    by_left : Float[np.ndarray, 'k 3 3']
+        (k, 3, 3) correction of the map's point, m, by what a step leaves of the whitened innovation.
     """
 
     innovation: Float[np.ndarray, "k 3"]
@@ -46,8 +49,14 @@ class UncertainMatches(NamedTuple):
 
     Attributes
     ----------
-    parameters: (k, p) of the sensor, with the points that all is linear about.   pixels: (k, 3).
-    away: (k, 3) from those points to the map's.   covariance: (k, 3, 3) of the map.
+    parameters : Float[np.ndarray, 'k p']
+        (k, p) of the sensor, with the points that all is linear about.
+    pixels : Float[np.ndarray, 'k 3']
+        (k, 3).
+    away : Float[np.ndarray, 'k 3']
+        (k, 3) from those points to the map's.
+    covariance : Float[np.ndarray, 'k 3 3']
+        (k, 3, 3) of the map.
     """
 
     parameters: Float[np.ndarray, "k p"]
@@ -94,10 +103,7 @@ EPOCHS_AT_ONCE = 64
 
 @dataclass(frozen=True)
 class FittedPose:
-    """Pose (t, q_ig) with covariance (6 x 6, order t, a).
-
-    Which matches agree, and their squared whitened innovations.
-    """
+    """Pose (t, q_ig) with its covariance (6 x 6, order t, a), inliers, and their squared whitened innovations."""
 
     pose: Float[np.ndarray, " 7"]
     covariance: Float[np.ndarray, "6 6"]
@@ -122,8 +128,10 @@ def fit_poses(epochs: Sequence[Matches], calibration: Float[np.ndarray, " c"]) -
 
     Parameters
     ----------
-    epochs: whose noise is told in one way: all by a standard deviation, or all by covariances; so are their points.
-    calibration: of the pair (`spinfilters.core.cameras.StereoPair`).
+    epochs : Sequence[Matches]
+        Whose noise is told in one way: all by a standard deviation, or all by covariances; so are their points.
+    calibration : Float[np.ndarray, ' c']
+        Of the pair (`spinfilters.core.cameras.StereoPair`).
     """
     found: list[FittedPose | None] = []
     for first in range(0, len(epochs), EPOCHS_AT_ONCE):
@@ -172,9 +180,18 @@ class _Step(NamedTuple):
 
     Attributes
     ----------
-    poses: (f, 7), points: (f, k, 3) after it.   information: (f, 6, 6) before it.   inliers: (f, k) matches that took part.
-    squares: (f, k) squared lengths of the whitened innovations before it.
-    length: (f,) in standard deviations of the pose.   determined: (f,) whether the matches tell a pose; else it stays.
+    poses : Float[np.ndarray, 'f 7']
+        (f, 7), points: (f, k, 3) after it.
+    information : Float[np.ndarray, 'f 6 6']
+        (f, 6, 6) before it.
+    inliers : Bool[np.ndarray, 'f k']
+        (f, k) matches that took part.
+    squares : Float[np.ndarray, 'f k']
+        (f, k) squared lengths of the whitened innovations before it.
+    length : Float[np.ndarray, ' f']
+        (f,) in standard deviations of the pose.
+    determined : Bool[np.ndarray, ' f']
+        (f,) whether the matches tell a pose; else it stays.
     """
 
     poses: Float[np.ndarray, "f 7"]
@@ -217,7 +234,9 @@ class _Rows(NamedTuple):
 
     Attributes
     ----------
-    by_left: (f, k, 3, 3) corrections of the points by what a step leaves of the innovations; None of a map known exactly.
+    by_left : Float[np.ndarray, 'f k 3 3'] | None
+        (f, k, 3, 3) corrections of the points by what a step leaves of the innovations; None of a map known
+        exactly.
     """
 
     innovation: Float[np.ndarray, "f k 3"]
@@ -260,11 +279,13 @@ def poses_with_map(
 
     Parameters
     ----------
-    noise: of the tracks: a standard deviation (px), or the covariance of every row (px^2).
+    noise : NoiseLevel
+        Of the tracks: a standard deviation (px), or the covariance of every row (px^2).
 
     Raises
     ------
-    InputError: when no epoch does.
+    InputError
+        When no epoch does.
     """
     assert tracks.ids is not None
     times, epochs = [], []
@@ -290,10 +311,7 @@ def shared_landmarks(tracks: MeasurementStream, times: Float[np.ndarray, " k"]) 
 
 
 def find_landmarks(known: np.ndarray, wanted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Row of every wanted id, and whether it is known.
-
-    Among the ascending known ones (any row where unknown).
-    """
+    """Row of every wanted id among the ascending known ones (any row if unknown), and whether it is known."""
     index = np.clip(np.searchsorted(known, wanted), 0, len(known) - 1)
     return index, known[index] == wanted
 
@@ -303,7 +321,8 @@ def pose_stream(fits: dict[float, FittedPose | None]) -> MeasurementStream:
 
     Raises
     ------
-    InputError: when none could.
+    InputError
+        When none could.
     """
     good = {time: fit for time, fit in fits.items() if fit is not None}
     if not good:
