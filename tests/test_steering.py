@@ -17,10 +17,8 @@ FOREIGN_VALUES = {
     "cli": "arguments of a user",
     "io": "files",
     "live": "errors of sockets",
-    "plugins.py": "plug-ins",
-    "runs": "files of a run, fields of a data set",
+    "core/plugins.py": "plug-ins",
     "settings": "files",
-    "symbolic": "arrays or numbers for buffers, errors of a compiler",
 }
 """Rooms of spinfilters that are handed values of any type, and which: they ask for types because nobody else has."""
 VALIDATED = {
@@ -29,7 +27,11 @@ VALIDATED = {
     "spinfilters/core/compiled.py": "arrays or numbers for buffers",
     "spinfilters/filters/timeline.py": "an index is a number or a slice",
     "spinfilters/lidar/scan.py": "a file, and its times",
+    "spinfilters/run/array_files.py": "files of a run",
+    "spinfilters/run/checkpoints.py": "files of a run",
     "spinfilters/run/conditions.py": "a file",
+    "spinfilters/run/run_folder.py": "fields of a data set",
+    "spinfilters/run/run_summary.py": "files of a run",
     "spinfilters/run/optional_outputs.py": "values for a file",
     "spinfilters/run/reconstruction.py": "a key of a file",
     "spinfilters/vision/rectification.py": "a file",

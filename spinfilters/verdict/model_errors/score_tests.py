@@ -65,7 +65,7 @@ class Alternative(ABC):
         Of a state that holds it, None where none does.
     held_by : Mapping[str, Mapping[str, bool or float]]
         Settings that put it there, by table and key.
-    parameter : str or None
+    parameter : ConsiderParameter or None
         Of the calibration, where this is an error of one that estimates consider; else None.
     """
 
