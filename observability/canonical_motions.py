@@ -31,8 +31,14 @@ class CanonicalMotion:
 
     Attributes
     ----------
-    name: in words.   rate: about the principal axes x, y, z, rad/s.   moments: about them, any scale.
-    steady: whether the rate stays constant, that is, whether it is along a principal axis or zero.
+    name : str
+        In words.
+    rate : Rationals
+        About the principal axes x, y, z, rad/s.
+    moments : Rationals
+        About them, any scale.
+    steady : bool
+        Whether the rate stays constant, that is, whether it is along a principal axis or zero.
     """
 
     name: str
@@ -53,7 +59,8 @@ def motion(
 
     Raises
     ------
-    InputError: when the moments are not those of a rigid body.
+    InputError
+        When the moments are not those of a rigid body.
     """
     exact = rationals(moments)
     if len(rate) != 3 or len(exact) != 3 or not sum(exact) > 2 * max(exact) or not min(exact) > 0:
@@ -92,7 +99,8 @@ def point_of(chart: Chart, of: CanonicalMotion) -> Rationals:
 
     Raises
     ------
-    InputError: for a chart that is none of `observability.charts`.
+    InputError
+        For a chart that is none of `observability.charts`.
     """
     blocks = blocks_of(chart, of)
     return chart.point({block.name: blocks[block.name] for block in chart.blocks})
@@ -124,7 +132,8 @@ def blocks_of(chart: Chart, of: CanonicalMotion) -> dict[str, Rationals]:
 
     Raises
     ------
-    InputError: for a chart without an entry.
+    InputError
+        For a chart without an entry.
     """
     raise InputError(
         f"no motion is given in the chart {chart.name}; use Chart.point with numbers of your own"

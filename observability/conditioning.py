@@ -34,7 +34,8 @@ def double_integrator_covariance(dt: float, alpha: float = 1.0) -> Float[np.ndar
 
     Raises
     ------
-    InputError: unless dt and alpha are positive and finite.
+    InputError
+        Unless dt and alpha are positive and finite.
     """
     _check_positive(dt=dt, alpha=alpha)
     return np.array([[dt**3 / 3, dt**2 / (2 * alpha)], [dt**2 / (2 * alpha), dt / alpha**2]])
@@ -104,7 +105,8 @@ def condition_number(covariance: Float[np.ndarray, "n n"]) -> float:
 
     Raises
     ------
-    InputError: when the matrix is not positive definite.
+    InputError
+        When the matrix is not positive definite.
     """
     whitening = whitening_matrix(covariance)
     return float(np.linalg.eigvalsh(covariance)[-1] * np.linalg.norm(whitening, 2) ** 2)
@@ -136,7 +138,8 @@ def whitening_matrix(covariance: Float[np.ndarray, "n n"]) -> Float[np.ndarray, 
 
     Raises
     ------
-    InputError: when the matrix is not positive definite.
+    InputError
+        When the matrix is not positive definite.
     """
     divisors = jacobi_scaling(covariance)
     try:
@@ -154,8 +157,13 @@ class Scaling:
 
     Attributes
     ----------
-    dt: time step, s.   velocity, rate: units alpha of v relative to that of t, and of w relative to that of a, 1/s.
-    before, after: condition numbers of the noise of (a, w) in SI and in these units; `BEST_CONDITION` where nothing rotates.
+    dt : float
+        Time step, s.
+    velocity, rate : float
+        Units alpha of v relative to that of t, and of w relative to that of a, 1/s.
+    before, after : float
+        Condition numbers of the noise of (a, w) in SI and in these units; `BEST_CONDITION` where nothing
+        rotates.
     """
 
     dt: float
@@ -179,7 +187,8 @@ def suggest_scaling(dt: float, w: Float[np.ndarray, " 3"]) -> Scaling:
 
     Raises
     ------
-    InputError: unless dt is positive and all is finite.
+    InputError
+        Unless dt is positive and all is finite.
     """
     _check_positive(dt=dt)
     if not np.all(np.isfinite(w)):
@@ -221,10 +230,18 @@ class CovarianceConditioning:
 
     Attributes
     ----------
-    name: of the estimator.   time: (n,) s.
-    plain: (n,) in SI units.   jacobi: (n,) every component in units of its own deviation at that epoch.
-    fixed: (n,) in one unit per block for all epochs.
-    units: of every block, SI: root mean square deviation in the median epoch; empty where no epoch has a number.
+    name : str
+        Of the estimator.
+    time : ndarray of shape (n,)
+        s.
+    plain : ndarray of shape (n,)
+        In SI units.
+    jacobi : ndarray of shape (n,)
+        Every component in units of its own deviation at that epoch.
+    fixed : ndarray of shape (n,)
+        In one unit per block for all epochs.
+    units : dict[str, float]
+        Of every block, SI: root mean square deviation in the median epoch; empty where no epoch has a number.
     """
 
     name: str

@@ -122,8 +122,14 @@ class GeometricMoves:
 
     Attributes
     ----------
-    inertia: J of the blocks.   with_inertia: the blocks with another J.   axes: of rotations of g with names.
-    scale_held: whether the chart holds J with its scale.
+    inertia : Callable[[dict[str, Expression]], Expression]
+        J of the blocks.
+    with_inertia : Callable[[dict[str, Expression], Expression], dict[str, Expression]]
+        The blocks with another J.
+    axes : Sequence[GaugeAxis]
+        Of rotations of g with names.
+    scale_held : bool
+        Whether the chart holds J with its scale.
     """
 
     inertia: Callable[[dict[str, Expression]], Expression]

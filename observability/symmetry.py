@@ -42,8 +42,14 @@ class Symmetry:
 
     Attributes
     ----------
-    group: of what kind it is, for sentences: "gauge translation".   name: the group with its direction.
-    move: of the state.   amount: a finite step in the move's own unit that changes the state visibly.
+    group : str
+        Of what kind it is, for sentences: "gauge translation".
+    name : str
+        The group with its direction.
+    move : Move
+        Of the state.
+    amount : float
+        a finite step in the move's own unit that changes the state visibly.
     """
 
     group: str
@@ -169,8 +175,12 @@ def principal_symmetries(
 
     Parameters
     ----------
-    axes: of rotations of g with names.
-    still: the body does not rotate, so that no spin axis is defined.   crooked: its rate has no component that is 0.
+    axes : list[GaugeAxis]
+        Of rotations of g with names.
+    still : bool
+        The body does not rotate, so that no spin axis is defined.
+    crooked : bool
+        Its rate has no component that is 0.
     """
     yield from _gauge_and_scales(values, axes)
     if "q_gb" in values:

@@ -48,7 +48,8 @@ class DaskCluster:
 
         Raises
         ------
-        InputError: no scheduler at the address, or none for `RECOVERY_COUNT` seconds.
+        InputError
+            No scheduler at the address, or none for `RECOVERY_COUNT` seconds.
         """
         logging.getLogger("distributed").setLevel(logging.CRITICAL)  # of a lost scheduler we say so ourselves
         left = dict.fromkeys(chunks)

@@ -36,7 +36,11 @@ class ReferenceFilter:
 
     Attributes
     ----------
-    mean: (m,) point.   covariance: (n, n).   landmarks: by place in the map.
+    mean : ndarray of shape (m,)
+        Point.
+    covariance : ndarray of shape (n, n)
+    landmarks : dict[int, OwnLandmark]
+        By place in the map.
     """
 
     def __init__(

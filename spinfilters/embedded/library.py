@@ -100,7 +100,8 @@ def function_text(function: ca.Function) -> str:
 
     Raises
     ------
-    ValueError: a call that a filter without libm cannot make.
+    ValueError
+        a call that a filter without libm cannot make.
     """
     body = _body(function)
     inputs = [f"const sf_real *{name}" for name in function.name_in()]

@@ -35,8 +35,11 @@ class ExpectedRanges:
 
     Attributes
     ----------
-    mean, std: (n,).   by_pose: (n, 6) derivative of the mean by (rotation in L, rad; translation, m).
-    by_faces: (n, 3 F) by two tangent components of every face's normal and its offset, m.
+    mean, std : ndarray of shape (n,)
+    by_pose : ndarray of shape (n, 6)
+        Derivative of the mean by (rotation in L, rad; translation, m).
+    by_faces : ndarray of shape (n, f)
+        (n, 3 F) by two tangent components of every face's normal and its offset, m.
     """
 
     mean: Float[np.ndarray, " n"]
@@ -198,7 +201,12 @@ def with_edges(
 
     Parameters
     ----------
-    points: frame L, m.   size: of the body, m.   common: share of the map's errors in the pose's covariance.
+    points : ndarray of shape (n, 3)
+        Frame L, m.
+    size : float
+        Of the body, m.
+    common : ndarray of shape (6, 6)
+        Share of the map's errors in the pose's covariance.
     """
     kept = inner_rays(points, noise, _MOST)
     if kept is None:
@@ -304,7 +312,10 @@ def edge_adjusted(
 
     Parameters
     ----------
-    clouds: points of every scan, frame L, m.   size: of the body, m.
+    clouds : Sequence[ndarray of shape (n, 3)]
+        Points of every scan, frame L, m.
+    size : float
+        Of the body, m.
     """
     rays = [inner_rays(points, noise, MOST_RAYS + 1) for points in clouds]
     if not tracked.faces or any(each is None or len(each) > MOST_RAYS for each in rays):

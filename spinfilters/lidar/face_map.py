@@ -41,10 +41,13 @@ class TrackedFaces:
 
     Attributes
     ----------
-    matches: for every scan, the face of each of its planes.
-    covariance: (3 F, 3 F) of the faces: two tangent components of the normal (`Face.tangents`) and the offset, m; zero before it
-        is known.   common: what it adds to the covariance of every pose.
-    contradicted: number of scans with a plane that lies where the body's uniform drift leaves no face.
+    matches : tuple[tuple[int, ...], ...]
+        For every scan, the face of each of its planes.
+    covariance : ndarray of shape (f, f)
+        (3 F, 3 F) of the faces: two tangent components of the normal (`Face.tangents`) and the offset, m;
+        zero before it is known.   common: what it adds to the covariance of every pose.
+    contradicted : int
+        Number of scans with a plane that lies where the body's uniform drift leaves no face.
     """
 
     poses: tuple[ScanPose, ...]
@@ -63,7 +66,11 @@ class FaceInformation:
 
     Attributes
     ----------
-    own: (6, 6).   cross: (6, f).   shared: (f, f).   own_side: (6,), shared_side: (f,) right-hand sides.
+    own : ndarray of shape (6, 6)
+    cross : ndarray of shape (6, f)
+    shared : ndarray of shape (f, f)
+    own_side : ndarray of shape (6,)
+        shared_side: (f,) right-hand sides.
     """
 
     own: Float[np.ndarray, "6 6"]
@@ -380,7 +387,10 @@ def consistent_faces(
 
     Parameters
     ----------
-    planes: of every scan, in the order of ``tracked.matches``.   size: of the body, m.
+    planes : Sequence[Sequence[FittedPlane]]
+        Of every scan, in the order of ``tracked.matches``.
+    size : float
+        Of the body, m.
     """
     drift, unchanged = uniform_drift(tracked, size), tuple(map(tuple, planes))
     if not np.isfinite(drift.scatter):

@@ -29,12 +29,19 @@ class TriangleMesh:
 
     Parameters
     ----------
-    vertices: (v, 3) m.   triangles: (f, 3) indices of vertices.
-    name: how messages name it.   remarks: what its reader left out, in words.
+    vertices : ndarray of shape (v, 3)
+        m.
+    triangles : ndarray of shape (f, 3)
+        Indices of vertices.
+    name : str
+        How messages name it.
+    remarks : tuple[str, ...]
+        What its reader left out, in words.
 
     Raises
     ------
-    InputError: no triangle, an index without a vertex, a coordinate that is not finite.
+    InputError
+        No triangle, an index without a vertex, a coordinate that is not finite.
     """
 
     vertices: Float[np.ndarray, "v 3"]
@@ -116,7 +123,8 @@ def cleaned_mesh(
 
     Raises
     ------
-    InputError: as `TriangleMesh`.
+    InputError
+        As `TriangleMesh`.
     """
     raw = TriangleMesh(vertices, triangles, name)
     points, same = np.unique(raw.vertices, axis=0, return_inverse=True)
@@ -165,7 +173,9 @@ def read_mesh(path: str | os.PathLike[str]) -> TriangleMesh:
 
     Raises
     ------
-    InputError: missing, too large, truncated, of another format, a coordinate that is not finite, no triangle of positive area.
+    InputError
+        Missing, too large, truncated, of another format, a coordinate that is not finite, no triangle of
+        positive area.
     """
     path = Path(path)
     require_file(path, MAX_MESH_BYTES)
@@ -309,8 +319,16 @@ class MassProperties:
 
     Attributes
     ----------
-    volume: m^3.   center_of_mass: (3,) m.   inertia: (3, 3) about the centre of mass, m^5 (times the density, kg/m^3: kg m^2).
-    principal_moments: (3,) ascending, m^5.   principal_axes: (3, 3), rows, right-handed.
+    volume : float
+        m^3.
+    center_of_mass : ndarray of shape (3,)
+        m.
+    inertia : ndarray of shape (3, 3)
+        About the centre of mass, m^5 (times the density, kg/m^3: kg m^2).
+    principal_moments : ndarray of shape (3,)
+        Ascending, m^5.
+    principal_axes : ndarray of shape (3, 3)
+        Rows, right-handed.
     """
 
     volume: float
@@ -329,7 +347,8 @@ def mass_properties(mesh: TriangleMesh) -> MassProperties:
 
     Raises
     ------
-    InputError: a mesh that is not watertight, or inside out.
+    InputError
+        a mesh that is not watertight, or inside out.
     """
     if not mesh.is_watertight:
         raise InputError(

@@ -62,8 +62,14 @@ class Registration:
 
     Attributes
     ----------
-    information: (6, 6) over (rotation, translation) in map axes, with the residuals' own deviation, m^-2 and 1.
-    residual_std: of the point-to-plane distances, m.   matched: points.   overlap: their share of the cloud.
+    information : ndarray of shape (6, 6)
+        Over (rotation, translation) in map axes, with the residuals' own deviation, m^-2 and 1.
+    residual_std : float
+        Of the point-to-plane distances, m.
+    matched : int
+        Points.
+    overlap : float
+        Their share of the cloud.
     """
 
     rotation: Float[np.ndarray, "3 3"]

@@ -41,8 +41,12 @@ class FacePoints:
 
     Attributes
     ----------
-    time: (n,) epochs of their scans, s.   values: (n, 8) range m, azimuth and elevation rad, delay s, normal and offset (g, m).
-    covariance: (n, 3, 3) over (range, azimuth, elevation), m and rad.
+    time : ndarray of shape (n,)
+        Epochs of their scans, s.
+    values : ndarray of shape (n, 8)
+        Range m, azimuth and elevation rad, delay s, normal and offset (g, m).
+    covariance : ndarray of shape (n, 3, 3)
+        Over (range, azimuth, elevation), m and rad.
     """
 
     time: Float[np.ndarray, " n"]
@@ -58,7 +62,8 @@ def face_points(found: ScanPoses) -> FacePoints:
 
     Raises
     ------
-    InputError: a body without plane faces; no point that is clearly of one face.
+    InputError
+        a body without plane faces; no point that is clearly of one face.
     """
     if found.faces is None:
         raise InputError(
@@ -154,7 +159,9 @@ def read_scans(folder: Path, truth: Truth | None) -> RawMeasurements:
 
     Raises
     ------
-    InputError: no scan, one that cannot be read, stamps that do not rise with the names, fewer than two that see the body.
+    InputError
+        No scan, one that cannot be read, stamps that do not rise with the names, fewer than two that see the
+        body.
     """
     found = registered_scans(folder)
     stream = pose_stream(found)
@@ -167,7 +174,8 @@ def read_scan_points(folder: Path, truth: Truth | None) -> RawMeasurements:
 
     Raises
     ------
-    InputError: as `read_scans`; a body without plane faces.
+    InputError
+        As `read_scans`; a body without plane faces.
     """
     found = registered_scans(folder)
     try:

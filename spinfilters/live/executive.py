@@ -37,7 +37,8 @@ class GapRule:
 
     Parameters
     ----------
-    largest: seconds ahead that are believed at once, at most.
+    largest : float
+        Seconds ahead that are believed at once, at most.
     """
 
     def __init__(self, largest: float) -> None:
@@ -81,7 +82,12 @@ class Executive:
 
     Attributes
     ----------
-    track: the filter.   supervisor: the smoother's process.   summary: what is counted.
+    track
+        The filter.
+    supervisor
+        The smoother's process.
+    summary
+        What is counted.
     """
 
     def __init__(self, setup: LiveSetup, options: LiveOptions) -> None:

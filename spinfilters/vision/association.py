@@ -71,7 +71,12 @@ class LandmarkViews:
 
     Attributes
     ----------
-    count: of landmarks.   last_seen: (count,) epoch.   observations: (count,).
+    count : int
+        Of landmarks.
+    last_seen : ndarray of shape (k,)
+        (count,) epoch.
+    observations : ndarray of shape (k,)
+        (count,).
     """
 
     def __init__(self, descriptor_dim: int) -> None:
@@ -191,8 +196,16 @@ def second_numbers(
 
     Parameters
     ----------
-    similarity: of features to landmarks.   rows: numbers of the landmarks.   expected: their pixels.
-    least: similarity.   farthest: largest distance, px.
+    similarity : ndarray of shape (n, m)
+        Of features to landmarks.
+    rows : ndarray of shape (m,)
+        Numbers of the landmarks.
+    expected : ndarray of shape (m, 3)
+        Their pixels.
+    least : float
+        Similarity.
+    farthest : float
+        Largest distance, px.
     """
     feature, column = np.nonzero(similarity >= least)
     best = similarity.argmax(axis=1)[feature]
@@ -220,10 +233,18 @@ class Association:
 
     Attributes
     ----------
-    similarity, ratio: see `StereoMatching`.   search_px: around the place where a landmark of late epochs is expected.
-    return_px: around that of one that comes back after a revolution, which drift has moved.   gate: largest error of a match
-    in standard deviations.   crowded_px: from a landmark in view, within which a point that looks like it is no new landmark.
-    same_px: between the places of two landmarks that look alike, within which they are one.
+    similarity, ratio : float
+        See `StereoMatching`.
+    search_px : float
+        Around the place where a landmark of late epochs is expected.
+    return_px : float
+        Around that of one that comes back after a revolution, which drift has moved.
+    gate : float
+        Largest error of a match in standard deviations.
+    crowded_px : float
+        From a landmark in view, within which a point that looks like it is no new landmark.
+    same_px : float
+        Between the places of two landmarks that look alike, within which they are one.
     """
 
     similarity: float = 0.72

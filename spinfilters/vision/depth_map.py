@@ -32,7 +32,8 @@ def disparity_map(
 
     Parameters
     ----------
-    smallest, largest: disparities that are looked for, px; the range is widened to a multiple of 16.
+    smallest, largest : int
+        Disparities that are looked for, px; the range is widened to a multiple of 16.
     """
     count = -(-(largest - smallest + 1) // 16) * 16
     area = BLOCK * BLOCK
@@ -82,7 +83,12 @@ class DepthMap:
 
     Attributes
     ----------
-    corner: column and row of its first pixel.   depth, std: (h, w) m, NaN where there is none.   grey: of the image, 0..255.
+    corner : tuple[int, int]
+        Column and row of its first pixel.
+    depth, std : Grey
+        (h, w) m, NaN where there is none.
+    grey : ndarray of shape (h, w)
+        Of the image, 0..255.
     """
 
     corner: tuple[int, int]
@@ -155,7 +161,12 @@ class _Window:
 
     Attributes
     ----------
-    step: of the disparity towards the least squares, px.   std: of the disparity, px.   correlation: of both windows.
+    step
+        Of the disparity towards the least squares, px.
+    std
+        Of the disparity, px.
+    correlation
+        Of both windows.
     """
 
     def __init__(

@@ -175,7 +175,10 @@ class LossCount:
 
     Attributes
     ----------
-    lost: of (stage, cause).   kept: of a stage.
+    lost : Counter[tuple[str, str]]
+        Of (stage, cause).
+    kept : Counter[str]
+        Of a stage.
     """
 
     lost: Counter[tuple[str, str]] = field(default_factory=Counter)
@@ -265,7 +268,10 @@ class PairReader:
 
     Attributes
     ----------
-    size: width and height that images must have, px.   losses: counted here.
+    size : tuple[int, int]
+        Width and height that images must have, px.
+    losses : LossCount
+        Counted here.
     """
 
     size: tuple[int, int]
@@ -371,7 +377,8 @@ def stamped_pairs(folder: Path, losses: LossCount) -> list[StampedPair]:
 
     Raises
     ------
-    InputError: no images, a list that is none, time stamps out of order or fewer than two pairs.
+    InputError
+        No images, a list that is none, time stamps out of order or fewer than two pairs.
     """
     require_folder(folder)
     left, right = (_stamps(folder / camera) for camera in CAMERAS)

@@ -29,8 +29,14 @@ class Features:
 
     Attributes
     ----------
-    pixels: (n, 2) column and row.   size: (n,) diameter, px.   angle: (n,) rad.
-    descriptors: (n, d) of unit length: the product of two is 1 for the same look.
+    pixels : ndarray of shape (n, 2)
+        Column and row.
+    size : ndarray of shape (n,)
+        Diameter, px.
+    angle : ndarray of shape (n,)
+        rad.
+    descriptors : ndarray of shape (n, d)
+        Of unit length: the product of two is 1 for the same look.
     """
 
     pixels: Float[np.ndarray, "n 2"]
@@ -132,11 +138,22 @@ class StereoMatching:
 
     Attributes
     ----------
-    row_tolerance: rows by which the two places may differ before refinement, px, and a share of the feature's size.
-    refined_row_tolerance: after it.   depths: nearest and farthest, m; beyond the farthest a point tells no depth.
-    similarity: smallest product of descriptors.   ratio: of the distances to best and second best descriptor, at most (Lowe 2004).
-    size_ratio: between the two, at most.   window: half width of the patch that is aligned, px.
-    residual: mean grey difference of aligned patches over their contrast, at most.
+    row_tolerance : float
+        Rows by which the two places may differ before refinement, px, and a share of the feature's size.
+    refined_row_tolerance : float
+        After it.
+    depths : tuple[float, float]
+        Nearest and farthest, m; beyond the farthest a point tells no depth.
+    similarity : float
+        Smallest product of descriptors.
+    ratio : float
+        Of the distances to best and second best descriptor, at most (Lowe 2004).
+    size_ratio : float
+        Between the two, at most.
+    window : int
+        Half width of the patch that is aligned, px.
+    residual : float
+        Mean grey difference of aligned patches over their contrast, at most.
     """
 
     row_tolerance: float = 2.0
@@ -155,7 +172,12 @@ class StereoFeatures:
 
     Attributes
     ----------
-    values: (n, 3) u_left, v_left, u_right, px.   features: of the left image.   residual: (n,) of the aligned patches, 0..1.
+    values : ndarray of shape (n, 3)
+        u_left, v_left, u_right, px.
+    features : Features
+        Of the left image.
+    residual : ndarray of shape (n,)
+        Of the aligned patches, 0..1.
     """
 
     values: Float[np.ndarray, "n 3"]
@@ -257,7 +279,8 @@ def clear_pairs(
 
     Parameters
     ----------
-    similarity: products of descriptors of unit length, -1 for pairs that are out of the question.
+    similarity : ndarray of shape (n, m)
+        Products of descriptors of unit length, -1 for pairs that are out of the question.
     """
     if not similarity.size:
         return np.zeros((0, 2), dtype=int)
@@ -326,8 +349,18 @@ class EpochObservations:
 
     Attributes
     ----------
-    epoch: number.   time: s.   pose: (t, q_ig) of g.   ids: (n,) landmarks.   points: the features that they are.
-    covariance: (n, 3, 3) px^2.
+    epoch : int
+        Number.
+    time : float
+        s.
+    pose : ndarray of shape (7,)
+        (t, q_ig) of g.
+    ids : ndarray of shape (n,)
+        Landmarks.
+    points : StereoFeatures
+        The features that they are.
+    covariance : ndarray of shape (n, 3, 3)
+        px^2.
     """
 
     epoch: int
