@@ -79,10 +79,7 @@ class BoundStudy:
 
 
 def study(case: Case, frames: int, interval: float, report: Callable[[int, int], None]) -> BoundStudy:
-    """All bounds from a case with so many epochs at such an interval, s.
-
-    ``report`` gets steps done and of all.
-    """
+    """All bounds of a case over `frames` epochs, `interval` s apart; `report` gets the steps done and their total."""
     counts = COUNTS if case.sees_points else ()
     steps = _Steps(len(DURATIONS) + len(INTERVALS) + len(counts) + len(ANGLES) ** 2, report)
     duration = (frames - 1) * interval

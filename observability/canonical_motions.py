@@ -87,10 +87,7 @@ CANONICAL_MOTIONS: tuple[CanonicalMotion, ...] = (
 
 
 def equal_moments(of: CanonicalMotion, first: int, second: int) -> bool:
-    """Whether two moments are equal in the charts of logarithms.
-
-    That is to `DIGITS` decimals of their ratio's.
-    """
+    """Whether two moments are equal in the logarithmic charts, to `DIGITS` decimals of their log ratio."""
     return _log_ratio(of.moments[first], of.moments[second]) == 0
 
 
@@ -107,10 +104,7 @@ def point_of(chart: Chart, of: CanonicalMotion) -> Rationals:
 
 
 def principal_axes(chart: Chart) -> tuple[Rationals, ...]:
-    """Directions in g of the principal axes of any motion.
-
-    x, y, z at its point (`point_of`).
-    """
+    """Directions in g of the principal axes x, y, z at the point of any canonical motion (`point_of`)."""
     if not chart.has_turned_axes:
         return AXES_OF_G
     R = exact_matrix(ATTITUDE_GB)

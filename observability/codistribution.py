@@ -248,10 +248,7 @@ def eliminate(sensors: list[SensorCodistribution]) -> Elimination:
 
 
 def null_vectors(reduced: Reduced, columns: int) -> Num[np.ndarray, "c d"]:
-    """Basis of the null space of the first (only) matrix.
-
-    One vector per column without a pivot.
-    """
+    """Basis of the null space of the first (only) matrix: one vector for each column without a pivot."""
     pivots = reduced.pivots[0]
     free, bound = np.flatnonzero(pivots < 0), np.flatnonzero(pivots >= 0)
     space = np.zeros((columns, len(free)), dtype=np.uint64)

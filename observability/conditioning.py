@@ -28,9 +28,7 @@ TYPICAL_MOMENTS: Final = (1.0322, 1.0, 0.8596)
 
 
 def double_integrator_covariance(dt: float, alpha: float = 1.0) -> Float[np.ndarray, "2 2"]:
-    """Covariance of (r, v / alpha) after unit white acceleration over dt s.
-
-    Tweddle 2013, Eq. 4.118.
+    """Covariance of (r, v / alpha) after unit white acceleration over dt s (Tweddle 2013, Eq. 4.118).
 
     Raises
     ------
@@ -224,9 +222,7 @@ def _rate_unit(rotation: Float[np.ndarray, "6 6"], start: float) -> float:
 
 @dataclass(frozen=True)
 class CovarianceConditioning:
-    """Condition numbers of an estimator's covariance, epoch by epoch.
-
-    Infinite where it is singular or not finite.
+    """Condition numbers of a covariance, epoch by epoch; infinite where it is singular or not finite.
 
     Attributes
     ----------

@@ -218,10 +218,7 @@ class FilterChart(Chart):
         return ca.diagcat(own, 1) if "n" in values else own
 
     def change(self, values: Values, moved: Values) -> Expression:
-        """Change of the masses as S, where moved beside s.
-
-        No move changes s itself.
-        """
+        """Change of the masses as S where a move gives S as well as s; no move changes s itself."""
         return super().change(values, moved | {"s": moved.get("S", moved["s"])})
 
     def settled(self, moved: Values) -> Values:
@@ -245,10 +242,7 @@ class FilterChart(Chart):
 
 
 def with_second_moments(values: Values, J: Expression) -> Values:
-    """The blocks with the inertia as second moments, S = tr(J)/2 I - J.
-
-    Beside s until the chart settles them.
-    """
+    """The blocks with the inertia added as second moments, S = tr(J)/2 I - J; s remains until the chart sets it."""
     return values | {"S": ca.trace(J) / 2 * ca.DM.eye(3) - J}
 
 

@@ -49,9 +49,7 @@ def rationals(values: Iterable[float | str | Fraction]) -> Rationals:
 
 
 def unit_quaternion(q: Sequence[float | Fraction] | Float[np.ndarray, " 4"]) -> Rationals:
-    """A quaternion of exactly unit norm near q / |q|.
-
-    Within rounding (scalar last), by stereographic projection.
+    """A rational quaternion (scalar last) of exactly unit norm near q / |q|, by stereographic projection.
 
     Raises
     ------

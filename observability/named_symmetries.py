@@ -197,10 +197,7 @@ class GeometricMoves:
         return State(self.with_inertia(state.values, self.inertia(state.values) * (1 + amount)), state.points)
 
     def _mass(self, spin: int | None, row: int, column: int) -> Move:
-        """Change of J that keeps the rate principal.
-
-        Or in any way where there is no rate.
-        """
+        """Change of J that keeps the rate along a principal axis; any change of J where the rate is zero."""
 
         def move(state: State, amount: ca.SX) -> State:
             """The state moved by an amount."""
@@ -261,10 +258,7 @@ def _longer(state: State, amount: ca.SX) -> State:
 
 
 def _centre_along(axis: int | None) -> Move:
-    """Move of the centre of mass along the rate or an axis.
-
-    Elsewhere in the body; g and all points stay.
-    """
+    """Move of the centre of mass within the body, along the rate or an axis; g and all points stay."""
 
     def move(state: State, amount: ca.SX) -> State:
         """The state moved by an amount."""

@@ -256,10 +256,7 @@ class _CentreOfMass(MeasurementModel):
 
 
 def _mixing_components(case: Case) -> list[int]:
-    """Mass components whose equality mixes axes.
-
-    Components of the mass distribution that decide the moments.
-    """
+    """Components of the mass distribution that set the moments, or mix axes whose moments are equal."""
     return [0, 1, *[component for pair, component in MIXING.items() if equal_moments(case.motion, *pair)]]
 
 

@@ -19,10 +19,7 @@ from spinfilters.core.attitude_expressions import (
 
 @dataclass(frozen=True)
 class State:
-    """A symbolic point: the chart's blocks and unknown points.
-
-    (3, items) of every sensor that has some.
-    """
+    """A symbolic point: the chart's blocks, and the unknown points (3, items) of every sensor that has some."""
 
     values: Values
     points: tuple[Expression, ...]
@@ -89,10 +86,7 @@ def scaled(state: State, names: tuple[str, ...], amount: ca.SX) -> State:
 
 @dataclass(frozen=True)
 class GaugeAxis:
-    """An axis in g about which g may be free to rotate.
-
-    Its name, and its direction from the blocks.
-    """
+    """An axis in g about which g may be free to rotate: its name, and its direction from the blocks."""
 
     name: str
     direction: Callable[[Values], Expression]

@@ -236,8 +236,5 @@ def watching(name: str, points: Sequence[Rationals] = (), known: bool = False) -
 
 
 def is_linear_in_body_axes(model: MeasurementModel) -> bool:
-    """Whether a model is linear in axes that turn with the body.
-
-    It is that of a registered sensor.
-    """
+    """Whether a model is a registered sensor's that is linear in axes which rotate with the body."""
     return any(type(model) is each.model and each.is_linear for each in analysed_sensors().values())

@@ -218,10 +218,7 @@ class NeesSeries:
 
 
 def _flat(column: pa.ChunkedArray) -> tuple[Float[np.ndarray, " m"], Int[np.ndarray, " n_plus_1"]]:
-    """Concatenated values of a column of lists, and where each row's begin.
-
-    Rows without a list have none.
-    """
+    """Concatenated values of a column of lists and the offset of each row; a row without a list is empty."""
     values = column.combine_chunks()
     if isinstance(values, pa.ChunkedArray):
         values = pa.concat_arrays(values.chunks) if values.num_chunks else pa.array([], column.type)

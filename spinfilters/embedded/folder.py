@@ -277,10 +277,7 @@ class _OneValue:
 
 
 class _Landmarks:
-    """Stereo landmarks on the near side of a ball, half of them known.
-
-    Those of every other place are known at first.
-    """
+    """Stereo landmarks on the near side of a ball; every other one is known at the start."""
 
     def __init__(
         self, options: EmbedOptions, arrays: dict[str, np.ndarray], rng: np.random.Generator

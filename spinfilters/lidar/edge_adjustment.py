@@ -69,10 +69,7 @@ def expected_ranges(
     t: Float[np.ndarray, "3"],
     noise: PointNoise,
 ) -> ExpectedRanges:
-    """Ranges of jittering beams, of the body in a pose.
-
-    Azimuth, elevation, rad; t in m.
-    """
+    """Expected ranges of beams with jitter (azimuth, elevation, rad) to the body in the pose (R, t in m)."""
     u, by_angles = unit_vectors(*angles.T), _deviations(angles, noise)
     count, size = len(u), _PARAMETERS * len(faces)
     nothing = np.zeros((count, 2, size))
@@ -289,10 +286,7 @@ class RangeEvidence:
     def _linearised(
         self, tracked: TrackedFaces, number: int
     ) -> tuple[Float[np.ndarray, "n m"], Float[np.ndarray, " n"]]:
-        """Whitened residuals of ranges and their derivatives by pose and faces.
-
-        Rays without a face are left out.
-        """
+        """Derivatives of the whitened ranges by pose and faces, and their residuals; rays without a face are left out."""
         pose = tracked.poses[number]
         expected = expected_ranges(
             self.angles[number], tracked.faces, pose.rotation, pose.translation, self.noise

@@ -45,7 +45,9 @@ class TrackedFaces:
         For every scan, the face of each of its planes.
     covariance : ndarray of shape (f, f)
         (3 F, 3 F) of the faces: two tangent components of the normal (`Face.tangents`) and the offset, m;
-        zero before it is known.   common: what it adds to the covariance of every pose.
+        zero before it is known.
+    common : ndarray
+        What it adds to the covariance of every pose.
     contradicted : int
         Number of scans with a plane that lies where the body's uniform drift leaves no face.
     """
@@ -60,9 +62,7 @@ class TrackedFaces:
 
 @dataclass(frozen=True, eq=False)
 class FaceInformation:
-    """Normal equations of one scan: pose and faces.
-
-    Pose (6: rotation in L, translation), faces 3 each.
+    """Normal equations of one scan over its pose (6: rotation in L, translation) and the faces (3 each).
 
     Attributes
     ----------
@@ -367,10 +367,7 @@ MOST_CONTRADICTED: Final = 0.2
 
 @dataclass(frozen=True, eq=False)
 class ConsistentFaces:
-    """Tracked faces with the consistent planes of every scan.
-
-    ``contradicted``: number of scans that lost a plane.
-    """
+    """Tracked faces, every scan's consistent planes, and the number of scans that lost a plane (contradicted)."""
 
     tracked: TrackedFaces
     planes: tuple[tuple[FittedPlane, ...], ...]

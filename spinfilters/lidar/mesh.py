@@ -142,10 +142,7 @@ def cleaned_mesh(
 
 
 def box(sides: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> TriangleMesh:
-    """A box about the origin, by default the thesis' cube.
-
-    Sides in m along x, y, z.
-    """
+    """A box about the origin with sides in m along x, y, z; by default the unit cube of the thesis."""
     corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
     faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     triangles = [(a, b, c) for a, b, c, _ in faces] + [(a, c, d) for a, _, c, d in faces]
@@ -167,9 +164,7 @@ _NUMBER = re.compile(rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)", re.IGNORECASE)
 
 @checked_arguments(path=path_of("a mesh"))
 def read_mesh(path: str | os.PathLike[str]) -> TriangleMesh:
-    """Mesh of a file of `MESH_SUFFIXES`, in its own unit.
-
-    Triangles without area are left out and remarked upon.
+    """Mesh of a file of `MESH_SUFFIXES`, in its own unit; triangles without area are left out with a remark.
 
     Raises
     ------

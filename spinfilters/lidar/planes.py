@@ -257,10 +257,7 @@ def _largest_plane(
     noise: PointNoise,
     generator: np.random.Generator,
 ) -> FittedPlane | None:
-    """The plane with the most points, grown over all points.
-
-    Among those through patches of neighbouring rays.
-    """
+    """The plane with most votes among patches of neighbouring rays, grown over all points."""
     size = int(np.clip(len(points) // 40, 12, 400))
     subset = points[generator.choice(len(points), min(_SUBSET, len(points)), replace=False)]
     seeds = generator.integers(len(points), size=_SEEDS)

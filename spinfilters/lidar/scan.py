@@ -256,10 +256,7 @@ class Losses:
         distance: Float[np.ndarray, " n"],
         generator: np.random.Generator,
     ) -> Int[np.ndarray, " n"]:
-        """Flag of every ray, infinite distances being misses.
-
-        Normals are those of the surfaces that were hit.
-        """
+        """Flag of every ray from the normals of the surfaces that were hit; an infinite distance is a miss."""
         hit = np.isfinite(distance)
         power = (
             self.intensity(directions, normals)

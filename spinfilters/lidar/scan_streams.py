@@ -153,9 +153,7 @@ _STEPS = 8
 
 
 def read_scans(folder: Path, truth: Truth | None) -> RawMeasurements:
-    """Poses of the scans in ``scans/*.ply`` in time order.
-
-    The truth is told in their frame g.
+    """Poses of the scans in ``scans/*.ply`` in time order, and the truth in their frame g.
 
     Raises
     ------
@@ -262,10 +260,7 @@ def in_frame_of(stream: MeasurementStream, truth: Truth) -> Truth:
 def _common_rotation(
     true: Float[np.ndarray, "n 3 3"], measured: Float[np.ndarray, "n 3 3"], P: Float[np.ndarray, "n 3 3"]
 ) -> Float[np.ndarray, "3 3"]:
-    """Rotation of the scans' g in that of the truth.
-
-    A pose that is wrong has little say (Cauchy).
-    """
+    """Rotation of the scans' g in that of the truth; outlying poses have little weight (Cauchy loss)."""
     weights = 1 / np.trace(P, axis1=1, axis2=2)
     loss, turn = np.ones(len(true)), np.eye(3)
     for _ in range(_STEPS):
@@ -278,10 +273,7 @@ def _common_rotation(
 def _common_shift(
     true: Float[np.ndarray, "n 3 3"], apart: Float[np.ndarray, "n 3"], P: Float[np.ndarray, "n 3 3"]
 ) -> Float[np.ndarray, "3"]:
-    """Origin of the scans' g in that of the truth, m.
-
-    A pose that is wrong has little say (Cauchy).
-    """
+    """Origin of the scans' g in that of the truth, m; outlying poses have little weight (Cauchy loss)."""
     W = np.linalg.inv(P)
     loss, shift = np.ones(len(true)), np.zeros(3)
     for _ in range(_STEPS):

@@ -133,10 +133,7 @@ def _binding(setup: Setup, models: dict[str, MeasurementModel]) -> Callable[[Mea
 
 
 def _first_smoother(setup: Setup, settings: Settings) -> tuple[Callable[[], RecursiveSmoother], float] | None:
-    """Builder of the first smoother, and the end of its initialisation, s.
-
-    None without a smoother.
-    """
+    """Builder of the first smoother and the end of its initialisation, s; None where no smoother runs."""
     if sliding_smoother(setup, settings) is None:
         return None
 

@@ -41,10 +41,7 @@ class TimedPose(NamedTuple):
 
 
 def constant_rate(poses: Sequence[TimedPose], time: float) -> Float[np.ndarray, " 7"] | None:
-    """Pose extrapolated from two epochs at constant velocity and rate.
-
-    None without two, or too long after.
-    """
+    """Pose extrapolated from two epochs at constant velocity and rate; None without two, or too long after."""
     if len(poses) < 2:
         return None
     earlier, later = poses
@@ -65,9 +62,7 @@ WIDEST_VIEW: Final = float(np.cos(np.deg2rad(52)))
 
 
 class LandmarkViews:
-    """Landmarks in frame g with descriptors by viewing direction.
-
-    0, 1, 2 ...; weighted means of their observations.
+    """Landmarks 0, 1, 2, ... in frame g, weighted means of their observations, with descriptors by direction.
 
     Attributes
     ----------
@@ -150,10 +145,7 @@ class LandmarkViews:
         directions: Float[np.ndarray, "n 3"],
         descriptors: Float[np.ndarray, "n d"],
     ) -> None:
-        """Store the landmarks' descriptors from new viewing directions.
-
-        Unit, frame g, from the landmark to the camera.
-        """
+        """Store descriptors seen from new viewing directions: unit vectors in frame g, from landmark to camera."""
         cosines = np.einsum("nvi,ni->nv", self._directions[rows], directions)
         new = np.where(np.arange(VIEWS) < self._kept[rows, None], cosines, -1.0).max(axis=1) < NEW_VIEW
         chosen = rows[new]

@@ -137,10 +137,7 @@ def adjust(
     points: Float[np.ndarray, "l 3"],
     rig: StereoRig,
 ) -> Adjusted:
-    """Poses and landmarks of least robust cost, by Gauss-Newton.
-
-    The best of all iterations.
-    """
+    """Poses and landmarks of least robust cost by Gauss-Newton: the best of all iterations."""
     best, least, last = _linearised(observations, poses, points, rig), np.inf, np.inf
     state = best
     for _ in range(ITERATIONS):

@@ -370,10 +370,7 @@ class BodyModel:
     dimensions: Dimensions
 
     def share_near(self, points: Float[np.ndarray, "k 3"], distance: float) -> float:
-        """Share of points within a distance, m, of a vertex.
-
-        Points in m, principal axes.
-        """
+        """Share of points (m, principal axes) that lie within a distance, m, of a vertex."""
         return float(np.mean(KDTree(self.vertices).query(points)[0] <= distance))
 
 

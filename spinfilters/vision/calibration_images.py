@@ -205,10 +205,7 @@ def _too_few(pairs: list[BoardImages], board: Board, found: int, losses: LossCou
 def _same_way(
     left: Float[np.ndarray, "n 2"], right: Float[np.ndarray, "n 2"], board: Board
 ) -> Float[np.ndarray, "n 2"]:
-    """The right corners in the order of the left ones.
-
-    A chessboard may be found the other way round.
-    """
+    """The right corners in the order of the left ones: a chessboard may be found the other way round."""
     if board.charuco:
         return right
     along_left, along_right = left[-1] - left[0], right[-1] - right[0]

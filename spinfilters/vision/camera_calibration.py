@@ -172,8 +172,8 @@ class _LinearisedViews:
     seen : ndarray
         (v, 2n).
     intrinsics : ndarray of shape (v, m, 9)
-        (v, 2n, 9) and pose: (v, 2n, 6) Jacobians.   reduced: of the intrinsics once the pose of the view is
-        eliminated.   information: its Gramian, (9, 9).
+        Jacobian by the intrinsics; that by the pose of the view is (v, 2n, 6). ``reduced`` is the former once
+        the pose of the view is eliminated, and ``information`` its Gramian, (9, 9).
     """
 
     residuals: Float[np.ndarray, "v m"]

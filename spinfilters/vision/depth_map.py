@@ -26,9 +26,7 @@ LARGEST_DIFFERENCE_PX: Final = 2.0
 def disparity_map(
     left: UInt8[np.ndarray, "h w"], right: UInt8[np.ndarray, "h w"], largest: int, smallest: int = 0
 ) -> Float[np.ndarray, "h w"]:
-    """Disparity u_left - u_right of each pixel of the left image, px.
-
-    NaN where none is found.
+    """Disparity u_left - u_right of each pixel of the left image, px; NaN where none is found.
 
     Parameters
     ----------
@@ -128,10 +126,7 @@ def depth_map(
 def refined_disparity(
     left: Float[np.ndarray, "h w"], right: Float[np.ndarray, "h w"], disparity: Grey
 ) -> tuple[Grey, Grey]:
-    """Disparity to a fraction of a pixel with standard deviation, px.
-
-    NaN where windows do not correspond.
-    """
+    """Subpixel disparity and its standard deviation, px; NaN where the windows do not correspond."""
     found = np.isfinite(disparity)
     start = np.where(found, disparity, 0.0).astype(np.float32)
     columns, rows = np.meshgrid(
@@ -155,9 +150,7 @@ def _inside(good: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
 
 
 class _Window:
-    """Sums over the window of each pixel at given disparities.
-
-    These tell the places of the right image.
+    """Sums over each pixel's window, with the right image sampled at the given columns and rows.
 
     Attributes
     ----------

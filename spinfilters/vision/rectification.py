@@ -331,10 +331,7 @@ class Rectification:
         x: Float[np.ndarray, "..."],
         y: Float[np.ndarray, "..."],
     ) -> Float[np.ndarray, "..."]:
-        """Grey values of a raw image at rectified columns and rows.
-
-        Camera 0 is the left one; single precision.
-        """
+        """Grey values of a raw image (camera 0 is the left one) at rectified columns and rows, single precision."""
         across, down = (np.ascontiguousarray(each, dtype=np.float32).reshape(len(x), -1) for each in (x, y))
         column, row = (
             cv2.remap(each, across, down, MODE, borderMode=cv2.BORDER_REPLICATE)
@@ -370,10 +367,7 @@ class Rectification:
         )
 
     def left_poses(self, poses: Float[np.ndarray, "n 7"]) -> Float[np.ndarray, "n 7"]:
-        """Poses of the rectified left camera from those of the raw one.
-
-        t (m), q.
-        """
+        """Poses (t in m, q) of the rectified left camera from those of the raw one."""
         turn = inverse(quaternion_from_matrix(self.rotation))
         q = multiply(poses[:, 3:], np.broadcast_to(turn, (len(poses), 4)))
         return np.concatenate([poses[:, :3], q], axis=1)

@@ -79,10 +79,7 @@ class SiftDetector:
 
 
 class OrbDetector:
-    """ORB features (Rublee et al. 2011): faster and less exact.
-
-    Bits are kept as +1 and -1.
-    """
+    """ORB features (Rublee et al. 2011), faster and less exact; descriptor bits are kept as +1 and -1."""
 
     def __init__(self) -> None:
         self._orb = cv2.ORB.create(nfeatures=MOST_FEATURES, fastThreshold=8)
@@ -230,10 +227,7 @@ def match_stereo(
     options: StereoMatching,
     losses: LossCount,
 ) -> StereoFeatures:
-    """Matches of rectified images: points alike on one row.
-
-    Rejected ones are counted by cause.
-    """
+    """Matches of similar points on one row of rectified images; rejected ones are counted by cause."""
     pairs = _best_on_row(left.features, right.features, rig, options, losses)
     chosen = left.features.part(pairs[:, 0])
     start = right.features.pixels[pairs[:, 1]]
@@ -307,10 +301,7 @@ def _aligned(
     start: Float[np.ndarray, "k 2"],
     options: StereoMatching,
 ) -> tuple[Float[np.ndarray, "k 2"], Float[np.ndarray, " k"], Bool[np.ndarray, " k"]]:
-    """Aligned places of left patches in the right image (Lucas and Kanade 1981).
-
-    The residuals come with them, and which were found.
-    """
+    """Left patches aligned in the right image (Lucas and Kanade 1981): places, residuals and which converged."""
     if not len(pixels):
         return np.zeros((0, 2)), np.zeros(0), np.zeros(0, dtype=bool)
     side = 2 * options.window + 1

@@ -210,7 +210,10 @@ def stereo_points(
 ) -> FolderPoints:
     """Stereo points of every pair of a folder, before association.
 
-    Errors: no images, no calibration.
+    Raises
+    ------
+    InputError
+        The folder has no images or no calibration.
     """
     source = read_image_source(folder, losses)
     reader = PairReader(source.rectification.rig.size, losses)

@@ -222,10 +222,7 @@ def _residual_projection(one: LandmarkResiduals) -> Float[np.ndarray, "m m"]:
 
 
 def _kernels(one: LandmarkResiduals) -> Float[np.ndarray, "k m m"]:
-    """Covariances of one landmark's m = 3 n errors by each coefficient.
-
-    The place comes first, then the disparity.
-    """
+    """Covariances of one landmark's m = 3 n errors per unit of each coefficient: place first, then disparity."""
     n, place, disparity = len(one.landmark), one.rotation.copy(), np.zeros((3, 3))
     place[:, 2], disparity[2, 2] = 0.0, 1.0
     alike = np.einsum("iac,jbc->ijab", place, place)

@@ -119,10 +119,7 @@ def _draw(
 
 
 def _planes(corners: Float[np.ndarray, "f 3 2"]) -> Float[np.ndarray, "f 2 3"]:
-    """Barycentric weights of the first two corners, linear in the sample.
-
-    Factors of column and row, and a constant.
-    """
+    """First two barycentric weights, linear in the sample: factors of column and row, and a constant."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     area = _cross(b - a, c - a)[:, None]
     first = np.stack([b[:, 1] - c[:, 1], c[:, 0] - b[:, 0], _cross(b, c)], axis=1) / area
