@@ -48,7 +48,10 @@ class InputGain:
 
     Attributes
     ----------
-    rank, dimension: of the certificates.   falls: standard deviations after the last frame that fall by enough to be told.
+    rank, dimension : tuple[int, int]
+        Of the certificates.
+    falls : dict[Quantity, tuple[float, float]]
+        Standard deviations after the last frame that fall by enough to be told.
     """
 
     rank: tuple[int, int]
@@ -84,7 +87,8 @@ def input_gain(
 
     Parameters
     ----------
-    certificate, final: of the case: what is proved, and the standard deviations after the last frame.
+    certificate, final : Certificate and Mapping[Quantity, float]
+        Of the case: what is proved, and the standard deviations after the last frame.
     """
     if not case.inputs:
         return None
@@ -254,8 +258,12 @@ class Report:
 
     Attributes
     ----------
-    quantities: standard deviations over time.   verdicts: of every quantity after the last frame.
-    gain: of the known inputs, None without any.
+    quantities : dict[Quantity, ndarray of shape (frames,)]
+        Standard deviations over time.
+    verdicts : dict[Quantity, QuantityBound]
+        Of every quantity after the last frame.
+    gain : InputGain or None
+        Of the known inputs, None without any.
     """
 
     case: Case

@@ -26,7 +26,11 @@ class Curve:
 
     Attributes
     ----------
-    label: of the choice with its unit.   choices: (k,).   std: of every quantity after the last frame, (k,).
+    label : str
+        Of the choice with its unit.
+    choices : ndarray of shape (k,)
+    std : dict[Quantity, ndarray of shape (k,)]
+        Of every quantity after the last frame, (k,).
     """
 
     label: str
@@ -40,9 +44,14 @@ class BoundStudy:
 
     Attributes
     ----------
-    curves: against duration, interval and landmarks.
-    tilts, turns: (k,) degrees, and moments: (k, k) the bound of the inertia ratios of a rate that is tilted from the minor axis and
-        turned from the intermediate (0) to the major axis (90).
+    curves : tuple[Curve, ...]
+        Against duration, interval and landmarks.
+    tilts : ndarray of shape (k,)
+        Angle of the rate from the minor axis, degrees.
+    turns : ndarray of shape (l,)
+        Angle of the rate from the intermediate (0) to the major axis (90), degrees.
+    moments : ndarray of shape (k, l)
+        Bound of the inertia ratios for each pair of these angles.
     """
 
     curves: tuple[Curve, ...]
@@ -70,10 +79,7 @@ class BoundStudy:
 
 
 def study(case: Case, frames: int, interval: float, report: Callable[[int, int], None]) -> BoundStudy:
-    """All bounds from a case with so many epochs at such an interval, s.
-
-    ``report`` gets steps done and of all.
-    """
+    """All bounds of a case over `frames` epochs, `interval` s apart; `report` gets the steps done and their total."""
     counts = COUNTS if case.sees_points else ()
     steps = _Steps(len(DURATIONS) + len(INTERVALS) + len(counts) + len(ANGLES) ** 2, report)
     duration = (frames - 1) * interval

@@ -31,8 +31,14 @@ class CanonicalMotion:
 
     Attributes
     ----------
-    name: in words.   rate: about the principal axes x, y, z, rad/s.   moments: about them, any scale.
-    steady: whether the rate stays constant, that is, whether it is along a principal axis or zero.
+    name : str
+        In words.
+    rate : Rationals
+        About the principal axes x, y, z, rad/s.
+    moments : Rationals
+        About them, any scale.
+    steady : bool
+        Whether the rate stays constant, that is, whether it is along a principal axis or zero.
     """
 
     name: str
@@ -53,7 +59,8 @@ def motion(
 
     Raises
     ------
-    InputError: when the moments are not those of a rigid body.
+    InputError
+        When the moments are not those of a rigid body.
     """
     exact = rationals(moments)
     if len(rate) != 3 or len(exact) != 3 or not sum(exact) > 2 * max(exact) or not min(exact) > 0:
@@ -80,10 +87,7 @@ CANONICAL_MOTIONS: tuple[CanonicalMotion, ...] = (
 
 
 def equal_moments(of: CanonicalMotion, first: int, second: int) -> bool:
-    """Whether two moments are equal in the charts of logarithms.
-
-    That is to `DIGITS` decimals of their ratio's.
-    """
+    """Whether two moments are equal in the logarithmic charts, to `DIGITS` decimals of their log ratio."""
     return _log_ratio(of.moments[first], of.moments[second]) == 0
 
 
@@ -92,17 +96,15 @@ def point_of(chart: Chart, of: CanonicalMotion) -> Rationals:
 
     Raises
     ------
-    InputError: for a chart that is none of `observability.charts`.
+    InputError
+        For a chart that is none of `observability.charts`.
     """
     blocks = blocks_of(chart, of)
     return chart.point({block.name: blocks[block.name] for block in chart.blocks})
 
 
 def principal_axes(chart: Chart) -> tuple[Rationals, ...]:
-    """Directions in g of the principal axes of any motion.
-
-    x, y, z at its point (`point_of`).
-    """
+    """Directions in g of the principal axes x, y, z at the point of any canonical motion (`point_of`)."""
     if not chart.has_turned_axes:
         return AXES_OF_G
     R = exact_matrix(ATTITUDE_GB)
@@ -124,7 +126,8 @@ def blocks_of(chart: Chart, of: CanonicalMotion) -> dict[str, Rationals]:
 
     Raises
     ------
-    InputError: for a chart without an entry.
+    InputError
+        For a chart without an entry.
     """
     raise InputError(
         f"no motion is given in the chart {chart.name}; use Chart.point with numbers of your own"

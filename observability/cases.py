@@ -54,9 +54,22 @@ class Case:
 
     Attributes
     ----------
-    sensors: of `analysed_sensors`.   landmarks: how many each camera or lidar sees.   known_map: whether they are known.
-    chart: of `CHARTS`.   unknowns: of `UNKNOWNS`, in the principal chart; a torque asks for moments.
-    motion: of the body.   inputs: what acts and is known; with a torque the inertia has a scale.   sizes: of the inputs.
+    sensors : tuple[str, ...]
+        Of `analysed_sensors`.
+    landmarks : int
+        How many each camera or lidar sees.
+    known_map : bool
+        Whether they are known.
+    chart : str
+        Of `CHARTS`.
+    unknowns : str
+        Of `UNKNOWNS`, in the principal chart; a torque asks for moments.
+    motion : CanonicalMotion
+        Of the body.
+    inputs : Sequence[Input]
+        What acts and is known; with a torque the inertia has a scale.
+    sizes : InputSizes
+        Of the inputs.
     """
 
     sensors: tuple[str, ...] = ("stereo",)
@@ -195,7 +208,8 @@ class Case:
 
         Raises
         ------
-        InputError: no frames, or a manoeuvre that leaves a camera without the body.
+        InputError
+            No frames, or a manoeuvre that leaves a camera without the body.
         """
         process = _process(self.layout, noise or THESIS_NOISE)
         start = self._start(frames, interval)

@@ -50,12 +50,26 @@ class Certificate:
 
     Attributes
     ----------
-    dimension: unknowns.   names: of all unknowns.
-    ranks: exact, with orders 0, 0 to 1, and so on.   order: the first with the last rank.
-    regular: whether the rank is that of points in general position nearby.
-    null_space: residues, a basis in its columns.   explanations: of the null space, independent of one another.
-    vectors: (n, explanations) of each explanation the direction as floats.
-    unnamed: null directions that no explanation covers.   proof: of the last rank.
+    dimension : int
+        Unknowns.
+    names : tuple[str, ...]
+        Of all unknowns.
+    ranks : tuple[int, ...]
+        Exact, with orders 0, 0 to 1, and so on.
+    order : int
+        The first with the last rank.
+    regular : bool
+        Whether the rank is that of points in general position nearby.
+    null_space : ndarray of shape (n, d)
+        Residues, a basis in its columns.
+    explanations : tuple[Explained, ...]
+        Of the null space, independent of one another.
+    vectors : ndarray of shape (n, e)
+        (n, explanations) of each explanation the direction as floats.
+    unnamed : int
+        Null directions that no explanation covers.
+    proof : Proof
+        Of the last rank.
     """
 
     dimension: int
@@ -98,7 +112,8 @@ def certify(system: System, point: Rationals, inputs: Sequence[InputSeries] = ()
 
     Parameters
     ----------
-    inputs: experiments with the system's known inputs; their rows are taken together.
+    inputs : Sequence[InputSeries]
+        Experiments with the system's known inputs; their rows are taken together.
     """
     experiments = list(inputs) or [()]
     together = _rows(system, point, experiments, STEADY_ORDERS)

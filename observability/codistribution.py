@@ -27,8 +27,10 @@ class SensorCodistribution:
 
     Attributes
     ----------
-    common: (items, orders, values, n) by the chart's directions.
-    own: (items, orders, values, unknown) by each item's own unknowns.
+    common : ndarray of shape (l, k, r, n)
+        (items, orders, values, n) by the chart's directions.
+    own : ndarray of shape (l, k, r, o)
+        (items, orders, values, unknown) by each item's own unknowns.
     """
 
     common: Num[np.ndarray, "l k r n"]
@@ -46,11 +48,17 @@ def codistribution(
 
     Parameters
     ----------
-    point: exact numbers of the chart (`Chart.point`).   orders: 0 to orders - 1.   inputs: known inputs of the system.
+    point : Rationals
+        Exact numbers of the chart (`Chart.point`).
+    orders : int
+        0 to orders - 1.
+    inputs : InputSeries
+        Known inputs of the system.
 
     Raises
     ------
-    InputError, ShapeError: for a wrong number of orders, numbers or inputs, or a point where an expression is not differentiable.
+    InputError, ShapeError
+        For a wrong number of orders, numbers or inputs, or a point where an expression is not differentiable.
     """
     motion = motion_series(system, point, orders, arithmetic, inputs)
     return [
@@ -143,8 +151,10 @@ class Reduced:
 
     Attributes
     ----------
-    rows: (b, r, c) the matrices after elimination.
-    pivots: (b, columns) the row that holds each column's pivot, scaled to 1, or -1.
+    rows : ndarray of shape (b, r, c)
+        The matrices after elimination.
+    pivots : ndarray of shape (b, p)
+        (b, columns) the row that holds each column's pivot, scaled to 1, or -1.
     """
 
     rows: Num[np.ndarray, "b r c"]
@@ -193,9 +203,12 @@ class Elimination:
 
     Attributes
     ----------
-    rank: of the whole.
-    own: per sensor, its items with their own unknowns eliminated; columns are (own, common).
-    common: what remains of all, in the chart's directions, as a batch of one.
+    rank : int
+        Of the whole.
+    own : tuple[Reduced, ...]
+        Per sensor, its items with their own unknowns eliminated; columns are (own, common).
+    common : Reduced
+        What remains of all, in the chart's directions, as a batch of one.
     """
 
     rank: int
@@ -235,10 +248,7 @@ def eliminate(sensors: list[SensorCodistribution]) -> Elimination:
 
 
 def null_vectors(reduced: Reduced, columns: int) -> Num[np.ndarray, "c d"]:
-    """Basis of the null space of the first (only) matrix.
-
-    One vector per column without a pivot.
-    """
+    """Basis of the null space of the first (only) matrix: one vector for each column without a pivot."""
     pivots = reduced.pivots[0]
     free, bound = np.flatnonzero(pivots < 0), np.flatnonzero(pivots >= 0)
     space = np.zeros((columns, len(free)), dtype=np.uint64)

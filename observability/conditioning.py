@@ -28,13 +28,12 @@ TYPICAL_MOMENTS: Final = (1.0322, 1.0, 0.8596)
 
 
 def double_integrator_covariance(dt: float, alpha: float = 1.0) -> Float[np.ndarray, "2 2"]:
-    """Covariance of (r, v / alpha) after unit white acceleration over dt s.
-
-    Tweddle 2013, Eq. 4.118.
+    """Covariance of (r, v / alpha) after unit white acceleration over dt s (Tweddle 2013, Eq. 4.118).
 
     Raises
     ------
-    InputError: unless dt and alpha are positive and finite.
+    InputError
+        Unless dt and alpha are positive and finite.
     """
     _check_positive(dt=dt, alpha=alpha)
     return np.array([[dt**3 / 3, dt**2 / (2 * alpha)], [dt**2 / (2 * alpha), dt / alpha**2]])
@@ -104,7 +103,8 @@ def condition_number(covariance: Float[np.ndarray, "n n"]) -> float:
 
     Raises
     ------
-    InputError: when the matrix is not positive definite.
+    InputError
+        When the matrix is not positive definite.
     """
     whitening = whitening_matrix(covariance)
     return float(np.linalg.eigvalsh(covariance)[-1] * np.linalg.norm(whitening, 2) ** 2)
@@ -136,7 +136,8 @@ def whitening_matrix(covariance: Float[np.ndarray, "n n"]) -> Float[np.ndarray, 
 
     Raises
     ------
-    InputError: when the matrix is not positive definite.
+    InputError
+        When the matrix is not positive definite.
     """
     divisors = jacobi_scaling(covariance)
     try:
@@ -154,8 +155,13 @@ class Scaling:
 
     Attributes
     ----------
-    dt: time step, s.   velocity, rate: units alpha of v relative to that of t, and of w relative to that of a, 1/s.
-    before, after: condition numbers of the noise of (a, w) in SI and in these units; `BEST_CONDITION` where nothing rotates.
+    dt : float
+        Time step, s.
+    velocity, rate : float
+        Units alpha of v relative to that of t, and of w relative to that of a, 1/s.
+    before, after : float
+        Condition numbers of the noise of (a, w) in SI and in these units; `BEST_CONDITION` where nothing
+        rotates.
     """
 
     dt: float
@@ -179,7 +185,8 @@ def suggest_scaling(dt: float, w: Float[np.ndarray, " 3"]) -> Scaling:
 
     Raises
     ------
-    InputError: unless dt is positive and all is finite.
+    InputError
+        Unless dt is positive and all is finite.
     """
     _check_positive(dt=dt)
     if not np.all(np.isfinite(w)):
@@ -215,16 +222,22 @@ def _rate_unit(rotation: Float[np.ndarray, "6 6"], start: float) -> float:
 
 @dataclass(frozen=True)
 class CovarianceConditioning:
-    """Condition numbers of an estimator's covariance, epoch by epoch.
-
-    Infinite where it is singular or not finite.
+    """Condition numbers of a covariance, epoch by epoch; infinite where it is singular or not finite.
 
     Attributes
     ----------
-    name: of the estimator.   time: (n,) s.
-    plain: (n,) in SI units.   jacobi: (n,) every component in units of its own deviation at that epoch.
-    fixed: (n,) in one unit per block for all epochs.
-    units: of every block, SI: root mean square deviation in the median epoch; empty where no epoch has a number.
+    name : str
+        Of the estimator.
+    time : ndarray of shape (n,)
+        s.
+    plain : ndarray of shape (n,)
+        In SI units.
+    jacobi : ndarray of shape (n,)
+        Every component in units of its own deviation at that epoch.
+    fixed : ndarray of shape (n,)
+        In one unit per block for all epochs.
+    units : dict[str, float]
+        Of every block, SI: root mean square deviation in the median epoch; empty where no epoch has a number.
     """
 
     name: str

@@ -54,9 +54,13 @@ class Chart(ABC):
 
     Attributes
     ----------
-    name: in words.
-    blocks: of a point, in order. A block of four numbers and three error components is a unit quaternion; others add.
-    has_turned_axes: whether principal axes may lie anywhere in g, rather than along its axes.
+    name : str
+        In words.
+    blocks : tuple[Block, ...]
+        Of a point, in order. A block of four numbers and three error components is a unit quaternion; others
+        add.
+    has_turned_axes : bool
+        Whether principal axes may lie anywhere in g, rather than along its axes.
     """
 
     name: str
@@ -127,7 +131,8 @@ class Chart(ABC):
 
         Raises
         ------
-        InputError, ShapeError: for a block that is missing, unknown or of another size, or numbers that are not finite.
+        InputError, ShapeError
+            For a block that is missing, unknown or of another size, or numbers that are not finite.
         """
         names = [block.name for block in self.blocks]
         if set(names) != set(given):
@@ -180,7 +185,8 @@ class FilterChart(Chart):
 
     Parameters
     ----------
-    with_scale: whether the scale of the inertia is one more unknown, as a known torque needs it.
+    with_scale : bool
+        Whether the scale of the inertia is one more unknown, as a known torque needs it.
     """
 
     def __init__(self, layout: StateLayout | None = None, with_scale: bool = False) -> None:
@@ -212,10 +218,7 @@ class FilterChart(Chart):
         return ca.diagcat(own, 1) if "n" in values else own
 
     def change(self, values: Values, moved: Values) -> Expression:
-        """Change of the masses as S, where moved beside s.
-
-        No move changes s itself.
-        """
+        """Change of the masses as S where a move gives S as well as s; no move changes s itself."""
         return super().change(values, moved | {"s": moved.get("S", moved["s"])})
 
     def settled(self, moved: Values) -> Values:
@@ -239,10 +242,7 @@ class FilterChart(Chart):
 
 
 def with_second_moments(values: Values, J: Expression) -> Values:
-    """The blocks with the inertia as second moments, S = tr(J)/2 I - J.
-
-    Beside s until the chart settles them.
-    """
+    """The blocks with the inertia added as second moments, S = tr(J)/2 I - J; s remains until the chart sets it."""
     return values | {"S": ca.trace(J) / 2 * ca.DM.eye(3) - J}
 
 
@@ -261,8 +261,10 @@ class PrincipalChart(Chart):
 
     Parameters
     ----------
-    inertia: `RATIOS` or `MOMENTS`.
-    with_attitude, with_place: whether the blocks q_ib and q_gb, and r, v and c, belong to the state.
+    inertia : Block
+        `RATIOS` or `MOMENTS`.
+    with_attitude, with_place : bool
+        Whether the blocks q_ib and q_gb, and r, v and c, belong to the state.
     """
 
     def __init__(self, inertia: Block = RATIOS, with_attitude: bool = True, with_place: bool = True) -> None:

@@ -46,10 +46,16 @@ class Bound:
 
     Attributes
     ----------
-    layout: of the state.   prior_std: (n,) of all unknowns in the first frame.
-    std: (frames, n) of the state's error, then of the flight's constants and the sensors' unknowns.
-    covariances: (frames, e, e) of the state's error and the flight's constants.
-    widened: (frames, e, e) the same with all priors that are no definitions `WIDENING` times as wide.
+    layout : StateLayout
+        Of the state.
+    prior_std : ndarray of shape (n,)
+        Of all unknowns in the first frame.
+    std : ndarray of shape (frames, n)
+        Of the state's error, then of the flight's constants and the sensors' unknowns.
+    covariances : ndarray of shape (frames, e, e)
+        Of the state's error and the flight's constants.
+    widened : ndarray of shape (frames, e, e)
+        The same with all priors that are no definitions `WIDENING` times as wide.
     """
 
     layout: StateLayout
@@ -106,12 +112,17 @@ def cramer_rao_bound(
 
     Parameters
     ----------
-    prior_std: of every block of the layout in the first frame, positive.   landmark_std: of every unknown parameter.
-    defined: components of the error whose prior is a definition, and no guess; None for those of `DEFINED`.
+    prior_std : Deviations
+        Of every block of the layout in the first frame, positive.
+    landmark_std : float
+        Of every unknown parameter.
+    defined : Sequence[int] or None
+        Components of the error whose prior is a definition, and no guess; None for those of `DEFINED`.
 
     Raises
     ------
-    InputError, ShapeError: for no sensors, sensors over other frames, or priors that are missing or not positive.
+    InputError, ShapeError
+        For no sensors, sensors over other frames, or priors that are missing or not positive.
     """
     starts, total = _columns(reference, schedules)
     layout, constants = reference.process.layout, reference.constants

@@ -29,7 +29,8 @@ def rational(value: float | str | Fraction) -> Fraction:
 
     Raises
     ------
-    InputError: for a number that is not finite.
+    InputError
+        For a number that is not finite.
     """
     if not isinstance(value, float | np.floating):
         return Fraction(value)
@@ -48,13 +49,12 @@ def rationals(values: Iterable[float | str | Fraction]) -> Rationals:
 
 
 def unit_quaternion(q: Sequence[float | Fraction] | Float[np.ndarray, " 4"]) -> Rationals:
-    """A quaternion of exactly unit norm near q / |q|.
-
-    Within rounding (scalar last), by stereographic projection.
+    """A rational quaternion (scalar last) of exactly unit norm near q / |q|, by stereographic projection.
 
     Raises
     ------
-    InputError: when q is no quaternion or its norm is 0.
+    InputError
+        When q is no quaternion or its norm is 0.
     """
     values = np.array([float(part) for part in q])
     norm = float(np.linalg.norm(values))
@@ -175,7 +175,8 @@ class PrimeField(Arithmetic):
 
     Parameters
     ----------
-    base: stands for e: any residue but -1, 0 and 1; its square generates the squares.
+    base : int
+        Stands for e: any residue but -1, 0 and 1; its square generates the squares.
     """
 
     dtype = np.dtype(np.uint64)

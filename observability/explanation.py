@@ -26,7 +26,10 @@ class Trajectories:
 
     Attributes
     ----------
-    states: (mean_dim, b).   parameters: (parameter_dim, items, b) of every sensor.
+    states : ndarray of shape (n, b)
+        (mean_dim, b).
+    parameters : tuple[ndarray, ...]
+        (parameter_dim, items, b) of every sensor.
     """
 
     states: Float[np.ndarray, "n b"]
@@ -103,8 +106,12 @@ class Explained:
 
     Attributes
     ----------
-    symmetry: what it is called.   change: largest difference of any output after the finite move.
-    finite: whether outputs stay; if not, they change with the square of the move.
+    symmetry : Symmetry
+        What it is called.
+    change : float
+        Largest difference of any output after the finite move.
+    finite : bool
+        Whether outputs stay; if not, they change with the square of the move.
     """
 
     symmetry: Symmetry

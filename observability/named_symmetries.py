@@ -122,8 +122,14 @@ class GeometricMoves:
 
     Attributes
     ----------
-    inertia: J of the blocks.   with_inertia: the blocks with another J.   axes: of rotations of g with names.
-    scale_held: whether the chart holds J with its scale.
+    inertia : Callable[[dict[str, Expression]], Expression]
+        J of the blocks.
+    with_inertia : Callable[[dict[str, Expression], Expression], dict[str, Expression]]
+        The blocks with another J.
+    axes : Sequence[GaugeAxis]
+        Of rotations of g with names.
+    scale_held : bool
+        Whether the chart holds J with its scale.
     """
 
     inertia: Callable[[dict[str, Expression]], Expression]
@@ -191,10 +197,7 @@ class GeometricMoves:
         return State(self.with_inertia(state.values, self.inertia(state.values) * (1 + amount)), state.points)
 
     def _mass(self, spin: int | None, row: int, column: int) -> Move:
-        """Change of J that keeps the rate principal.
-
-        Or in any way where there is no rate.
-        """
+        """Change of J that keeps the rate along a principal axis; any change of J where the rate is zero."""
 
         def move(state: State, amount: ca.SX) -> State:
             """The state moved by an amount."""
@@ -255,10 +258,7 @@ def _longer(state: State, amount: ca.SX) -> State:
 
 
 def _centre_along(axis: int | None) -> Move:
-    """Move of the centre of mass along the rate or an axis.
-
-    Elsewhere in the body; g and all points stay.
-    """
+    """Move of the centre of mass within the body, along the rate or an axis; g and all points stay."""
 
     def move(state: State, amount: ca.SX) -> State:
         """The state moved by an amount."""

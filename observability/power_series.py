@@ -20,9 +20,12 @@ class Series:
 
     Parameters
     ----------
-    tape, branch_decisions: the program, and its decisions at the points.
-    arithmetic: floats or residues.
-    shape: orders, batch, 1 + tangents.
+    tape, branch_decisions : Tape and BranchDecisions
+        The program, and its decisions at the points.
+    arithmetic : Arithmetic
+        Floats or residues.
+    shape : tuple[int, int, int]
+        Orders, batch, 1 + tangents.
     """
 
     def __init__(
@@ -47,7 +50,8 @@ class Series:
 
         Raises
         ------
-        InputError: at a point where the expression has no power series.
+        InputError
+            At a point where the expression has no power series.
         """
         try:
             for index, group in enumerate(self._tape.groups):

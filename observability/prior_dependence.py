@@ -59,14 +59,23 @@ class QuantityBound:
 
     Attributes
     ----------
-    std: root mean square over components.   dimension: components.
-    prior_directions: (k, dimension) orthonormal rows, along which the prior alone speaks.
-    std_along, std_across: root mean square along them and across them, 0 where there is no such direction.
-    remains: largest share of the prior's deviation that remains across them.
-    undetermined: how many directions the sensors do not determine, exactly, however long they look.
-    times_longer: factor of the flight's length that halves the prior's deviation in all other directions; None where the data tell
-        them already.
-    searched: largest factor that was tried; a ``times_longer`` of infinity means beyond it.
+    std : float
+        Root mean square over components.
+    dimension : int
+        Components.
+    prior_directions : ndarray of shape (k, d)
+        (k, dimension) orthonormal rows, along which the prior alone speaks.
+    std_along, std_across : float
+        Root mean square along them and across them, 0 where there is no such direction.
+    remains : float
+        Largest share of the prior's deviation that remains across them.
+    undetermined : int
+        How many directions the sensors do not determine, exactly, however long they look.
+    times_longer : float or None
+        Factor of the flight's length that halves the prior's deviation in all other directions; None where
+        the data tell them already.
+    searched : float
+        Largest factor that was tried; a ``times_longer`` of infinity means beyond it.
     """
 
     std: float
@@ -247,10 +256,7 @@ class _CentreOfMass(MeasurementModel):
 
 
 def _mixing_components(case: Case) -> list[int]:
-    """Mass components whose equality mixes axes.
-
-    Components of the mass distribution that decide the moments.
-    """
+    """Components of the mass distribution that set the moments, or mix axes whose moments are equal."""
     return [0, 1, *[component for pair, component in MIXING.items() if equal_moments(case.motion, *pair)]]
 
 

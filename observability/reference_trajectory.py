@@ -71,8 +71,12 @@ class DrivenMotion:
 
     Parameters
     ----------
-    process: the free motion.   inputs: what acts.
-    scale: the inertia in kg m^2 over J(s).
+    process : TorqueFreeProcess
+        The free motion.
+    inputs : Sequence[KnownInput]
+        What acts.
+    scale : float
+        The inertia in kg m^2 over J(s).
     """
 
     def __init__(self, process: TorqueFreeProcess, inputs: Sequence[KnownInput], scale: float) -> None:
@@ -226,10 +230,15 @@ class SensorSchedule:
 
     Attributes
     ----------
-    model: over the layout of the flight.   parameters: (items, p).
-    unknown: leading parameters of every item that are unknown constants (3 for landmarks to be mapped).
-    seen: (frames, items) which item is measured when.
-    camera_poses: (frames, 7) t_ic m and q_ic of a camera that moves on a known trajectory, for a model with
+    model : MeasurementModel
+        Over the layout of the flight.
+    parameters : ndarray of shape (items, p)
+    unknown : int
+        Leading parameters of every item that are unknown constants (3 for landmarks to be mapped).
+    seen : ndarray of shape (frames, items)
+        Which item is measured when.
+    camera_poses : ndarray of shape (frames, 7) or None
+        (frames, 7) t_ic m and q_ic of a camera that moves on a known trajectory, for a model with
         `spinfilters.models.camera_landmarks.MOVING`; None for other models.
     """
 

@@ -19,10 +19,7 @@ from spinfilters.core.attitude_expressions import (
 
 @dataclass(frozen=True)
 class State:
-    """A symbolic point: the chart's blocks and unknown points.
-
-    (3, items) of every sensor that has some.
-    """
+    """A symbolic point: the chart's blocks, and the unknown points (3, items) of every sensor that has some."""
 
     values: Values
     points: tuple[Expression, ...]
@@ -42,8 +39,14 @@ class Symmetry:
 
     Attributes
     ----------
-    group: of what kind it is, for sentences: "gauge translation".   name: the group with its direction.
-    move: of the state.   amount: a finite step in the move's own unit that changes the state visibly.
+    group : str
+        Of what kind it is, for sentences: "gauge translation".
+    name : str
+        The group with its direction.
+    move : Move
+        Of the state.
+    amount : float
+        a finite step in the move's own unit that changes the state visibly.
     """
 
     group: str
@@ -83,10 +86,7 @@ def scaled(state: State, names: tuple[str, ...], amount: ca.SX) -> State:
 
 @dataclass(frozen=True)
 class GaugeAxis:
-    """An axis in g about which g may be free to rotate.
-
-    Its name, and its direction from the blocks.
-    """
+    """An axis in g about which g may be free to rotate: its name, and its direction from the blocks."""
 
     name: str
     direction: Callable[[Values], Expression]
@@ -169,8 +169,12 @@ def principal_symmetries(
 
     Parameters
     ----------
-    axes: of rotations of g with names.
-    still: the body does not rotate, so that no spin axis is defined.   crooked: its rate has no component that is 0.
+    axes : list[GaugeAxis]
+        Of rotations of g with names.
+    still : bool
+        The body does not rotate, so that no spin axis is defined.
+    crooked : bool
+        Its rate has no component that is 0.
     """
     yield from _gauge_and_scales(values, axes)
     if "q_gb" in values:

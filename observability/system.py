@@ -58,9 +58,13 @@ class SystemSensor:
 
     Attributes
     ----------
-    model: the sensor, over any layout: only its expressions are used.
-    parameters: of every item (landmark, calibration, noise).
-    unknown: how many of the leading parameters are unknown constants: 3 for a landmark to be mapped, 0 for a known map.
+    model : MeasurementModel
+        The sensor, over any layout: only its expressions are used.
+    parameters : tuple[Rationals, ...]
+        Of every item (landmark, calibration, noise).
+    unknown : int
+        How many of the leading parameters are unknown constants: 3 for a landmark to be mapped, 0 for a known
+        map.
     """
 
     model: MeasurementModel
@@ -94,11 +98,15 @@ class System:
 
     Attributes
     ----------
-    chart: coordinates of the motion.
-    sensors: at least one.
-    inputs: what acts and is known as a function of time.
-    torque_axes: directions in axes g of the torques about x, y and z. They are known: where g lies in the body is then no longer
-        free, but for a rotation about a single such axis.
+    chart : Chart
+        Coordinates of the motion.
+    sensors : Sequence[SystemSensor]
+        At least one.
+    inputs : Sequence[Input]
+        What acts and is known as a function of time.
+    torque_axes : Sequence[Rationals]
+        Directions in axes g of the torques about x, y and z. They are known: where g lies in the body is then
+        no longer free, but for a rotation about a single such axis.
     """
 
     chart: Chart
@@ -217,7 +225,8 @@ def watching(name: str, points: Sequence[Rationals] = (), known: bool = False) -
 
     Parameters
     ----------
-    points: landmarks (frame g, m) of a sensor that sees some; to be mapped, unless the map is ``known``.
+    points : Sequence[Rationals]
+        Landmarks (frame g, m) of a sensor that sees some; to be mapped, unless the map is ``known``.
     """
     sensor = analysed(name)
     model, rest = sensor.model(LAYOUT), rationals(sensor.parameters)
@@ -227,8 +236,5 @@ def watching(name: str, points: Sequence[Rationals] = (), known: bool = False) -
 
 
 def is_linear_in_body_axes(model: MeasurementModel) -> bool:
-    """Whether a model is linear in axes that turn with the body.
-
-    It is that of a registered sensor.
-    """
+    """Whether a model is a registered sensor's that is linear in axes which rotate with the body."""
     return any(type(model) is each.model and each.is_linear for each in analysed_sensors().values())

@@ -38,12 +38,18 @@ class Tape:
 
     Attributes
     ----------
-    name: of the expression, for complaints.
-    size: number of registers.
-    inputs: registers of every element of each input.
-    constants: registers and their values.
-    groups: in an order in which every operand is ready.
-    output: registers of the elements of the only output, column by column.
+    name : str
+        Of the expression, for complaints.
+    size : int
+        Number of registers.
+    inputs : tuple[ndarray, ...]
+        Registers of every element of each input.
+    constants : tuple[tuple[int, Fraction], ...]
+        Registers and their values.
+    groups : tuple[Group, ...]
+        In an order in which every operand is ready.
+    output : ndarray
+        Registers of the elements of the only output, column by column.
     """
 
     name: str
@@ -59,7 +65,8 @@ def tape_of(name: str, inputs: list[ca.SX], output: ca.SX) -> Tape:
 
     Raises
     ------
-    InputError: when the expression holds an operation that has no derivative or no power series here.
+    InputError
+        When the expression holds an operation that has no derivative or no power series here.
     """
     function = ca.Function("tape", inputs, [ca.densify(output)])
     edges = np.concatenate([[0], np.cumsum([function.numel_in(k) for k in range(function.n_in())])])
@@ -170,8 +177,10 @@ class BranchDecisions:
 
     Attributes
     ----------
-    choices: (g, b) whether a piecewise group takes its left operand, or what a condition says.
-    exponents: arguments of exp as fractions, register by register, point by point.
+    choices : dict[int, ndarray of shape (g, b)]
+        (g, b) whether a piecewise group takes its left operand, or what a condition says.
+    exponents : dict[int, list[Fraction]]
+        Arguments of exp as fractions, register by register, point by point.
     """
 
     choices: dict[int, Bool[np.ndarray, "g b"]]
@@ -183,7 +192,8 @@ def branch_decisions(tape: Tape, points: list[list[Rationals]]) -> BranchDecisio
 
     Raises
     ------
-    InputError: at a point where the alternatives of a piecewise expression meet: it has no derivative there.
+    InputError
+        At a point where the alternatives of a piecewise expression meet: it has no derivative there.
     """
     operations = {group.operation for group in tape.groups}
     floats = [np.stack([as_floats(item) for item in items], axis=1) for items in points]

@@ -24,7 +24,8 @@ def open_folder(folder: Path, study: Study, resume: bool) -> None:
 
     Raises
     ------
-    InputError: it holds something else, another study, or rows although the campaign is not resumed.
+    InputError
+        It holds something else, another study, or rows although the campaign is not resumed.
     """
     held = [
         path.name
@@ -86,7 +87,8 @@ def read_folder(folder: Path) -> tuple[Study, dict[str, Any]]:
 
     Raises
     ------
-    InputError: no folder of a campaign, or a damaged one.
+    InputError
+        No folder of a campaign, or a damaged one.
     """
     if not (folder / STUDY_FILE).is_file() or not (folder / BEGUN_FILE).is_file():
         raise InputError(
@@ -115,7 +117,8 @@ def merge(shards: Sequence[Path], output: Path) -> int:
 
     Raises
     ------
-    InputError: no shard, folders of different studies, an output that is not empty.
+    InputError
+        No shard, folders of different studies, an output that is not empty.
     """
     if not shards:
         raise InputError("no folder to merge; give those of the shards")

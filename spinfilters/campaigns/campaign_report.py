@@ -239,7 +239,8 @@ def write_report(folder: Path) -> Path:
 
     Raises
     ------
-    InputError: no campaign's folder, no rows, damaged rows, a report that cannot be written.
+    InputError
+        No campaign's folder, no rows, damaged rows, a report that cannot be written.
     """
     study, document = read_folder(folder)
     table = read_rows(folder, study.columns, levels=study.levels)

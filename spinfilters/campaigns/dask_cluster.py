@@ -48,7 +48,8 @@ class DaskCluster:
 
         Raises
         ------
-        InputError: no scheduler at the address, or none for `RECOVERY_COUNT` seconds.
+        InputError
+            No scheduler at the address, or none for `RECOVERY_COUNT` seconds.
         """
         logging.getLogger("distributed").setLevel(logging.CRITICAL)  # of a lost scheduler we say so ourselves
         left = dict.fromkeys(chunks)
@@ -71,10 +72,7 @@ class _SchedulerLostError(Exception):
 
 
 def make_runs(document: str, fingerprint: str, chunk: Chunk) -> str:
-    """Rows of some runs as lines of JSON, made in a Dask worker.
-
-    Its process stays for the next.
-    """
+    """Rows of some runs as lines of JSON, made in a Dask worker whose process is kept for the next chunk."""
     worker = _process(document, fingerprint)
     worker.assign(chunk)
     rows: list[Row] = []
@@ -103,10 +101,7 @@ def _process(document: str, fingerprint: str) -> WorkerProcess:
 
 
 def _answers(client: Any, study: Study, chunks: list[Chunk]) -> Iterator[tuple[Chunk, list[Row]]]:
-    """Chunks with their rows as they come, a few under way at any time.
-
-    _SchedulerLostError: not all came.
-    """
+    """Chunks with their rows as they arrive, a few under way at a time; _SchedulerLostError if some never do."""
     document, waiting = json.dumps(dict(study.document)), iter(chunks)
     under_way: dict[Any, Chunk] = {}
     answered: queue.SimpleQueue[Any] = queue.SimpleQueue()

@@ -44,7 +44,8 @@ class WorkerProcess:
 
     Parameters
     ----------
-    command: that answers as `spinfilters.campaigns.worker` does.
+    command : Sequence[str]
+        That answers as `spinfilters.campaigns.worker` does.
     """
 
     def __init__(self, study: Study, command: Sequence[str] = COMMAND) -> None:
@@ -283,8 +284,11 @@ def run_campaign(
 
     Raises
     ------
-    InputError: as `open_folder`, `RowsFolder` and `keep_study`; workers that cannot be started, a scheduler that cannot be reached.
-    KeyboardInterrupt: Ctrl-C; every row that had come is kept.
+    InputError
+        As `open_folder`, `RowsFolder` and `keep_study`; workers that cannot be started, a scheduler that
+        cannot be reached.
+    KeyboardInterrupt
+        Ctrl-C; every row that had come is kept.
     """
     make_folder(folder)
     with locked_run(folder), _opened(folder, study, resume) as rows:

@@ -63,8 +63,14 @@ class MotionFactor:
 
     Attributes
     ----------
-    rate_rpm: about the principal axes.   velocity_m_s: of the centre of mass, frame i.   range_m: along the camera's axis.
-    attempts: motions drawn until one stays in view; the last is taken if none does.
+    rate_rpm : tuple[float, float, float]
+        About the principal axes.
+    velocity_m_s : tuple[float, float, float]
+        Of the centre of mass, frame i.
+    range_m : float
+        Along the camera's axis.
+    attempts : int
+        Motions drawn until one stays in view; the last is taken if none does.
     """
 
     rate_rpm: tuple[Annotated[float, RPM], Annotated[float, RPM], Annotated[float, RPM]] = EXAMPLE.rate_rpm
@@ -107,8 +113,10 @@ class SensorFactor:
 
     Attributes
     ----------
-    known_map: whether estimators are told where the landmarks are.
-    recognition: two shapes of the Beta distribution of how often an appearance is known again; empty for always.
+    known_map : bool
+        Whether estimators are told where the landmarks are.
+    recognition : tuple[float, ...]
+        Two shapes of the Beta distribution of how often an appearance is known again; empty for always.
     """
 
     kind: str = EXAMPLE.kind
@@ -136,8 +144,11 @@ class NoiseFactor:
 
     Attributes
     ----------
-    stated: whether estimators are told it, unless ``settings`` say otherwise; if not, they identify it.
-    calibrated: whether they are told that the calibration has no error; if not, they consider the errors that are usual.
+    stated : bool
+        Whether estimators are told it, unless ``settings`` say otherwise; if not, they identify it.
+    calibrated : bool
+        Whether they are told that the calibration has no error; if not, they consider the errors that are
+        usual.
     """
 
     pixel_std: Annotated[float, STD] = EXAMPLE.pixel_std
@@ -176,13 +187,26 @@ class FaultFactor:
 
     Attributes
     ----------
-    wrong_associations, outliers: shares.   dropout_s: begin and end.   frozen_epochs: first epoch and how many repeat it.
-    points_at_infinity: how many in every epoch.   new_ids_s: begin and end of a time in which no landmark is known again.
-    few_at_first: share of the landmarks that are seen at first, and until when (s).
-    gross_error: kind of a single wrong measurement (`spinfilters.simulation.measurement_faults`), "" for none.
-    gross_error_epoch: in which; negative ones count from the last.
-    model: what is wrong with the models (`spinfilters.simulation.model_faults`), "" for nothing.
-    model_size: of that, in multiples of a plain size of its own.
+    wrong_associations, outliers : float
+        Shares.
+    dropout_s : tuple[float, ...]
+        Begin and end.
+    frozen_epochs : tuple[int, ...]
+        First epoch and how many repeat it.
+    points_at_infinity : int
+        How many in every epoch.
+    new_ids_s : tuple[float, ...]
+        Begin and end of a time in which no landmark is known again.
+    few_at_first : tuple[float, ...]
+        Share of the landmarks that are seen at first, and until when (s).
+    gross_error : str
+        Kind of a single wrong measurement (`spinfilters.simulation.measurement_faults`), "" for none.
+    gross_error_epoch : int
+        In which; negative ones count from the last.
+    model : str
+        What is wrong with the models (`spinfilters.simulation.model_faults`), "" for nothing.
+    model_size : float
+        Of that, in multiples of a plain size of its own.
     """
 
     wrong_associations: Annotated[float, SHARE] = 0.0

@@ -261,10 +261,7 @@ def nees_metrics(evaluation: Evaluation, truth: Truth) -> dict[str, Any]:
 
 
 def _body_nees(history: EstimateHistory, truth: Truth) -> dict[str, Any]:
-    """NEES of rate and mass distribution, which need no frame i.
-
-    Serves a gyro, whose axes are those of g.
-    """
+    """NEES of rate and mass distribution, which need no frame i: for a gyro, whose axes are those of g."""
     layout, (epochs, rows) = history.layout, common_stamps(history.time, truth.time)
     own = epochs >= history.initialisation
     epochs, rows = epochs[own], rows[own]

@@ -36,7 +36,10 @@ class RowRules:
 
     Attributes
     ----------
-    schema: of the rows.   levels: of the factors, of every cell; none where the study is not at hand.
+    schema : pa.Schema
+        Of the rows.
+    levels : Sequence[Mapping[str, str]]
+        Of the factors, of every cell; none where the study is not at hand.
     """
 
     schema: pa.Schema
@@ -120,11 +123,17 @@ class RowsFolder:
 
     Parameters
     ----------
-    folder: of the campaign.   factors: names of the study's factors.   levels: of every cell, against which rows are checked.
+    folder : Path
+        Of the campaign.
+    factors : Sequence[str]
+        Names of the study's factors.
+    levels : Sequence[Mapping[str, str]]
+        Of every cell, against which rows are checked.
 
     Raises
     ------
-    InputError: at opening, a part that is damaged or of another study; it cannot be written.
+    InputError
+        At opening, a part that is damaged or of another study; it cannot be written.
     """
 
     def __init__(
@@ -226,11 +235,13 @@ def read_rows(
 
     Parameters
     ----------
-    levels: of every cell of the study: rows of runs that it does not have are left out.
+    levels : Sequence[Mapping[str, str]]
+        Of every cell of the study: rows of runs that it does not have are left out.
 
     Raises
     ------
-    InputError: there are none, or a part is damaged or of another study.
+    InputError
+        There are none, or a part is damaged or of another study.
     """
     rows, rules = folder / ROWS, RowRules(schema(list(factors)), levels)
     tables = [_read(path, rules, columns) for path in part_files(rows)]

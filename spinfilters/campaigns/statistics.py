@@ -106,10 +106,24 @@ class CellSummary:
 
     Attributes
     ----------
-    levels: of the factors.   runs: rows.   outcomes: how many of each.   ok, right_of_ok: shares.
-    nees, blocks: mean over runs of a run's mean per degree of freedom.   nees_median: over runs.
-    last, band: mean over runs of the last epoch's, and the band that it lies in with 95 % for a consistent estimator.
-    errors, over_bound: by quantity, root mean square over runs, and over that of the bound.   seconds: of processor time.
+    levels : Mapping[str, str]
+        Of the factors.
+    runs : int
+        Rows.
+    outcomes : Mapping[str, int]
+        How many of each.
+    ok, right_of_ok : Interval
+        Shares.
+    nees, blocks : Interval and Mapping[str, Interval]
+        Mean over runs of a run's mean per degree of freedom.
+    nees_median : float
+        Over runs.
+    last, band : Interval and tuple[float, float]
+        Mean over runs of the last epoch's, and the band that it lies in with 95 % for a consistent estimator.
+    errors, over_bound : Mapping[str, Interval]
+        By quantity, root mean square over runs, and over that of the bound.
+    seconds : Interval
+        Of processor time.
     """
 
     cell: int
@@ -204,10 +218,7 @@ class NeesSeries:
 
 
 def _flat(column: pa.ChunkedArray) -> tuple[Float[np.ndarray, " m"], Int[np.ndarray, " n_plus_1"]]:
-    """Concatenated values of a column of lists, and where each row's begin.
-
-    Rows without a list have none.
-    """
+    """Concatenated values of a column of lists and the offset of each row; a row without a list is empty."""
     values = column.combine_chunks()
     if isinstance(values, pa.ChunkedArray):
         values = pa.concat_arrays(values.chunks) if values.num_chunks else pa.array([], column.type)

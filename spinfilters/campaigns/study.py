@@ -96,10 +96,18 @@ class StudyOptions:
 
     Attributes
     ----------
-    name: of the study.   seeds: runs of every cell.   root_seed: of all randomness.
-    initialisation: "data" as in a comparison, or "drawn": a belief drawn around the truth, for studies of filters alone.
-    bound: the Cramer-Rao bound of every "run", that of the first seed of a "motion", or "none".
-    time_limit_s: of one run; one that takes longer is ended, with a row that says so.
+    name : str
+        Of the study.
+    seeds : int
+        Runs of every cell.
+    root_seed : int
+        Of all randomness.
+    initialisation : Literal['data', 'drawn']
+        "data" as in a comparison, or "drawn": a belief drawn around the truth, for studies of filters alone.
+    bound : Literal['run', 'motion', 'none']
+        The Cramer-Rao bound of every "run", that of the first seed of a "motion", or "none".
+    time_limit_s : float
+        Of one run; one that takes longer is ended, with a row that says so.
     """
 
     name: str
@@ -123,8 +131,14 @@ class Cell:
 
     Attributes
     ----------
-    levels: of every factor, as text: the columns of its rows.   settings: with the cell's estimator alone.
-    recording: with the smallest of what is drawn.   drawn: numbers of it that every seed draws.
+    levels : Mapping[str, str]
+        Of every factor, as text: the columns of its rows.
+    settings : Settings
+        With the cell's estimator alone.
+    recording : RecordingFactors
+        With the smallest of what is drawn.
+    drawn : tuple[DrawnNumber, ...]
+        Numbers of it that every seed draws.
     """
 
     levels: Mapping[str, str]
@@ -352,7 +366,8 @@ class Study:
 
     Attributes
     ----------
-    document: as plain tables, from which any process makes the same study.
+    document : Mapping[str, Any]
+        As plain tables, from which any process makes the same study.
     """
 
     options: StudyOptions
@@ -406,7 +421,9 @@ def read_study(path: Path) -> Study:
 
     Raises
     ------
-    InputError: missing, not TOML, an unknown table, factor, level or key, a value of another type or out of its range, no seeds.
+    InputError
+        Missing, not TOML, an unknown table, factor, level or key, a value of another type or out of its
+        range, no seeds.
     """
     return study_from(read_toml(path), path_text(path))
 

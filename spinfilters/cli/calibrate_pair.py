@@ -76,10 +76,7 @@ def _figure(found: StereoCalibration, left_path: Path, right_path: Path) -> Any:
 
 
 def stated_deviations(found: StereoCalibration) -> tuple[str, str]:
-    """Standard deviations that each camera's file states.
-
-    The place of the right one is the baseline.
-    """
+    """Standard deviations of each camera's calibration file, the baseline's with the right one."""
     left, right = ([camera.std[key] for key in PARAMETERS[:4]] for camera in found.cameras)
     return deviations_text(left), deviations_text(right, found.baseline_std)
 

@@ -25,10 +25,7 @@ def wide_console() -> Console:
 
 @contextmanager
 def progress_bars() -> "Iterator[Report]":
-    """Progress bars that appear as work begins, one per name.
-
-    On standard error, silent where that is no terminal.
-    """
+    """Progress bars on standard error, one per name as its work begins; silent where that is no terminal."""
     columns = (TextColumn("{task.description:>12}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     console = Console(stderr=True)
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:

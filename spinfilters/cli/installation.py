@@ -41,7 +41,8 @@ def doctor(console: Console | None = None, checks: "Iterable[InstallationCheck] 
 
     Returns
     -------
-    The exit code: 0 when every check passed, else 1.
+    int
+        The exit code: 0 when every check passed, else 1.
     """
     console = console or Console()
     for name, text in _versions().items():

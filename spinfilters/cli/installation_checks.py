@@ -80,10 +80,7 @@ def process_linearisation() -> str:
 
 
 def filters_run() -> str:
-    """Both filters on two seconds of a simulated gyro.
-
-    From a sphere turning at the first measured rate.
-    """
+    """Run both filters on two seconds of a simulated gyro, from a sphere at the first measured rate."""
     process = TorqueFreeProcess(StateLayout(ROTATION_BLOCKS), ProcessNoise())
     log = simulate(Scenario.simplified(kind="gyro", epochs=20, interval=0.1)).log
     timeline = build_timeline(log, process.layout, SensorNoise())

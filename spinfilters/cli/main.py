@@ -55,7 +55,8 @@ def _run(options: argparse.Namespace, pressed: Sequence[int]) -> int:
 
     Parameters
     ----------
-    pressed: not empty once Ctrl-C was pressed.
+    pressed : Sequence[int]
+        Not empty once Ctrl-C was pressed.
     """
     _set_logging()
     begun = time.time()

@@ -134,12 +134,15 @@ class EmbeddedFilter(Estimator):
 
     Parameters
     ----------
-    process: its layout must be that of the options, its disturbances are handed over.
-    options: of the generated filter.
+    process : TorqueFreeProcess
+        Its layout must be that of the options, its disturbances are handed over.
+    options : EmbedOptions
+        Of the generated filter.
 
     Raises
     ------
-    InputError: without a C compiler; for a state that the C filter does not have (drag, a gyro's bias).
+    InputError
+        Without a C compiler; for a state that the C filter does not have (drag, a gyro's bias).
     """
 
     def __init__(self, process: TorqueFreeProcess, options: EmbedOptions) -> None:

@@ -25,11 +25,21 @@ class EmittedSensor:
 
     Attributes
     ----------
-    model: over a layout.   blocks: of the state of a filter that is generated for it.   also: sensors that such a filter takes too.
-    landmark_model: the same model of a sensor of landmarks, which the C holds in a map; None of another.
-    macros: of the C, by name, from the model and the size of the map.
-    example: parameters of the measurements of the test vectors; of a sensor of landmarks these come with the scene.
-    quaternion: first of four numbers of a value that are a unit quaternion.
+    model : Callable[[StateLayout], MeasurementModel]
+        Over a layout.
+    blocks : tuple[str, ...]
+        Of the state of a filter that is generated for it.
+    also : tuple[str, ...]
+        Sensors that such a filter takes too.
+    landmark_model : Callable[[StateLayout], LandmarkSensor] or None
+        The same model of a sensor of landmarks, which the C holds in a map; None of another.
+    macros : Callable[[MeasurementModel, int], Mapping[str, int]]
+        Of the C, by name, from the model and the size of the map.
+    example : ndarray of shape (p,) or None
+        Parameters of the measurements of the test vectors; of a sensor of landmarks these come with the
+        scene.
+    quaternion : int or None
+        First of four numbers of a value that are a unit quaternion.
     """
 
     name: str
@@ -98,10 +108,14 @@ class EmbedOptions:
 
     Attributes
     ----------
-    sensor: pose, stereo (which takes poses too) or gyro.
-    landmarks: that the map of a stereo filter holds, at most.
-    real: arithmetic, float or double.
-    substeps: Runge-Kutta steps of a prediction, always so many: 2 for up to 0.15 rad between epochs, 4 for 0.3 rad.
+    sensor : str
+        Pose, stereo (which takes poses too) or gyro.
+    landmarks : int
+        That the map of a stereo filter holds, at most.
+    real : str
+        Arithmetic, float or double.
+    substeps : int
+        Runge-Kutta steps of a prediction, always so many: 2 for up to 0.15 rad between epochs, 4 for 0.3 rad.
     """
 
     sensor: str = "stereo"

@@ -36,7 +36,11 @@ class ReferenceFilter:
 
     Attributes
     ----------
-    mean: (m,) point.   covariance: (n, n).   landmarks: by place in the map.
+    mean : ndarray of shape (m,)
+        Point.
+    covariance : ndarray of shape (n, n)
+    landmarks : dict[int, OwnLandmark]
+        By place in the map.
     """
 
     def __init__(
@@ -273,10 +277,7 @@ class _OneValue:
 
 
 class _Landmarks:
-    """Stereo landmarks on the near side of a ball, half of them known.
-
-    Those of every other place are known at first.
-    """
+    """Stereo landmarks on the near side of a ball; every other one is known at the start."""
 
     def __init__(
         self, options: EmbedOptions, arrays: dict[str, np.ndarray], rng: np.random.Generator

@@ -100,7 +100,8 @@ def function_text(function: ca.Function) -> str:
 
     Raises
     ------
-    ValueError: a call that a filter without libm cannot make.
+    ValueError
+        a call that a filter without libm cannot make.
     """
     body = _body(function)
     inputs = [f"const sf_real *{name}" for name in function.name_in()]
@@ -215,10 +216,7 @@ def _pattern_lines(options: EmbedOptions) -> list[str]:
 
 
 def noise_weights(substeps: int) -> list[float]:
-    """Weights of the noise at the nodes of a prediction.
-
-    Simpson's of two substeps, Boole's of more.
-    """
+    """Quadrature weights of the process noise in a prediction: Simpson's rule of two substeps, Boole's of more."""
     return list(SIMPSON) if substeps == 2 else [float(weight) for weight in boole_weights(substeps)]
 
 
@@ -234,10 +232,7 @@ def _starts(rows: list[list[int]]) -> list[int]:
 
 
 def _ends(g: list[list[int]], moving: int) -> list[int]:
-    """Columns that a row of [Phi U | G] fills, at most.
-
-    Once the rows below it have been taken out.
-    """
+    """Columns that a row of [Phi U | G] fills, at most, once the rows below it have been eliminated."""
     ends = [moving + 1 + max(row) for row in g]
     assert moving % 3 == 0
     return [-(-max(ends[k:]) // 3) * 3 for k in range(len(ends))]

@@ -61,10 +61,7 @@ def mass_correction(s: Expression, d: Expression) -> tuple[Expression, Expressio
 
 
 def _cholesky(N: Expression) -> Expression:
-    """L - I of the lower Cholesky factor L of I + N, 3 x 3.
-
-    Without a difference of numbers near one.
-    """
+    """L - I of the lower Cholesky factor L of I + N, 3 x 3, without a difference of numbers near one."""
     zero = ca.SX(0)
     a = _root(N[0, 0])
     b, c = N[1, 0] / (1 + a), N[2, 0] / (1 + a)
@@ -158,10 +155,7 @@ def _stages(w: ca.SX, j: ca.SX, h: ca.SX) -> tuple[list[ca.SX], list[tuple[ca.SX
 
 
 def _turn(rates: list[ca.SX], h: ca.SX) -> tuple[ca.SX, ca.SX]:
-    """Quaternion of the substep and the derivative (3, 12) of its error.
-
-    From and by the rates at the stages.
-    """
+    """Quaternion of a substep from the rates at its stages, and its error's derivative (3, 12) by these rates."""
     symbols = [ca.SX.sym(f"w{k}", 3) for k in range(len(rates))]
     identity, k, total = ca.SX([0, 0, 0, 1]), ca.SX(4, 1), ca.SX(4, 1)
     for rate, (place, weight) in zip(symbols, STAGES, strict=True):
@@ -380,10 +374,7 @@ def _translate(layout: StateLayout, step: _DiscreteStep, transition: ca.SX, fact
 
 
 def _function(name: str, inputs: Mapping[str, ca.SX], outputs: Mapping[str, Expression]) -> ca.Function:
-    """A function with dense outputs, zeros written too.
-
-    Code that reads them knows no sparsity.
-    """
+    """A CasADi function with dense outputs, zeros written too: the C that reads them knows no sparsity."""
     dense = [ca.densify(ca.SX(each)) for each in outputs.values()]
     return ca.Function(name, list(inputs.values()), dense, list(inputs), list(outputs), SHARED)
 

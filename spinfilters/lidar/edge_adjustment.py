@@ -35,8 +35,11 @@ class ExpectedRanges:
 
     Attributes
     ----------
-    mean, std: (n,).   by_pose: (n, 6) derivative of the mean by (rotation in L, rad; translation, m).
-    by_faces: (n, 3 F) by two tangent components of every face's normal and its offset, m.
+    mean, std : ndarray of shape (n,)
+    by_pose : ndarray of shape (n, 6)
+        Derivative of the mean by (rotation in L, rad; translation, m).
+    by_faces : ndarray of shape (n, f)
+        (n, 3 F) by two tangent components of every face's normal and its offset, m.
     """
 
     mean: Float[np.ndarray, " n"]
@@ -66,10 +69,7 @@ def expected_ranges(
     t: Float[np.ndarray, "3"],
     noise: PointNoise,
 ) -> ExpectedRanges:
-    """Ranges of jittering beams, of the body in a pose.
-
-    Azimuth, elevation, rad; t in m.
-    """
+    """Expected ranges of beams with jitter (azimuth, elevation, rad) to the body in the pose (R, t in m)."""
     u, by_angles = unit_vectors(*angles.T), _deviations(angles, noise)
     count, size = len(u), _PARAMETERS * len(faces)
     nothing = np.zeros((count, 2, size))
@@ -198,7 +198,12 @@ def with_edges(
 
     Parameters
     ----------
-    points: frame L, m.   size: of the body, m.   common: share of the map's errors in the pose's covariance.
+    points : ndarray of shape (n, 3)
+        Frame L, m.
+    size : float
+        Of the body, m.
+    common : ndarray of shape (6, 6)
+        Share of the map's errors in the pose's covariance.
     """
     kept = inner_rays(points, noise, _MOST)
     if kept is None:
@@ -281,10 +286,7 @@ class RangeEvidence:
     def _linearised(
         self, tracked: TrackedFaces, number: int
     ) -> tuple[Float[np.ndarray, "n m"], Float[np.ndarray, " n"]]:
-        """Whitened residuals of ranges and their derivatives by pose and faces.
-
-        Rays without a face are left out.
-        """
+        """Derivatives of the whitened ranges by pose and faces, and their residuals; rays without a face are left out."""
         pose = tracked.poses[number]
         expected = expected_ranges(
             self.angles[number], tracked.faces, pose.rotation, pose.translation, self.noise
@@ -304,7 +306,10 @@ def edge_adjusted(
 
     Parameters
     ----------
-    clouds: points of every scan, frame L, m.   size: of the body, m.
+    clouds : Sequence[ndarray of shape (n, 3)]
+        Points of every scan, frame L, m.
+    size : float
+        Of the body, m.
     """
     rays = [inner_rays(points, noise, MOST_RAYS + 1) for points in clouds]
     if not tracked.faces or any(each is None or len(each) > MOST_RAYS for each in rays):

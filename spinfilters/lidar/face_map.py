@@ -41,10 +41,15 @@ class TrackedFaces:
 
     Attributes
     ----------
-    matches: for every scan, the face of each of its planes.
-    covariance: (3 F, 3 F) of the faces: two tangent components of the normal (`Face.tangents`) and the offset, m; zero before it
-        is known.   common: what it adds to the covariance of every pose.
-    contradicted: number of scans with a plane that lies where the body's uniform drift leaves no face.
+    matches : tuple[tuple[int, ...], ...]
+        For every scan, the face of each of its planes.
+    covariance : ndarray of shape (f, f)
+        (3 F, 3 F) of the faces: two tangent components of the normal (`Face.tangents`) and the offset, m;
+        zero before it is known.
+    common : ndarray
+        What it adds to the covariance of every pose.
+    contradicted : int
+        Number of scans with a plane that lies where the body's uniform drift leaves no face.
     """
 
     poses: tuple[ScanPose, ...]
@@ -57,13 +62,15 @@ class TrackedFaces:
 
 @dataclass(frozen=True, eq=False)
 class FaceInformation:
-    """Normal equations of one scan: pose and faces.
-
-    Pose (6: rotation in L, translation), faces 3 each.
+    """Normal equations of one scan over its pose (6: rotation in L, translation) and the faces (3 each).
 
     Attributes
     ----------
-    own: (6, 6).   cross: (6, f).   shared: (f, f).   own_side: (6,), shared_side: (f,) right-hand sides.
+    own : ndarray of shape (6, 6)
+    cross : ndarray of shape (6, f)
+    shared : ndarray of shape (f, f)
+    own_side : ndarray of shape (6,)
+        shared_side: (f,) right-hand sides.
     """
 
     own: Float[np.ndarray, "6 6"]
@@ -360,10 +367,7 @@ MOST_CONTRADICTED: Final = 0.2
 
 @dataclass(frozen=True, eq=False)
 class ConsistentFaces:
-    """Tracked faces with the consistent planes of every scan.
-
-    ``contradicted``: number of scans that lost a plane.
-    """
+    """Tracked faces, every scan's consistent planes, and the number of scans that lost a plane (contradicted)."""
 
     tracked: TrackedFaces
     planes: tuple[tuple[FittedPlane, ...], ...]
@@ -380,7 +384,10 @@ def consistent_faces(
 
     Parameters
     ----------
-    planes: of every scan, in the order of ``tracked.matches``.   size: of the body, m.
+    planes : Sequence[Sequence[FittedPlane]]
+        Of every scan, in the order of ``tracked.matches``.
+    size : float
+        Of the body, m.
     """
     drift, unchanged = uniform_drift(tracked, size), tuple(map(tuple, planes))
     if not np.isfinite(drift.scatter):

@@ -29,12 +29,19 @@ class TriangleMesh:
 
     Parameters
     ----------
-    vertices: (v, 3) m.   triangles: (f, 3) indices of vertices.
-    name: how messages name it.   remarks: what its reader left out, in words.
+    vertices : ndarray of shape (v, 3)
+        m.
+    triangles : ndarray of shape (f, 3)
+        Indices of vertices.
+    name : str
+        How messages name it.
+    remarks : tuple[str, ...]
+        What its reader left out, in words.
 
     Raises
     ------
-    InputError: no triangle, an index without a vertex, a coordinate that is not finite.
+    InputError
+        No triangle, an index without a vertex, a coordinate that is not finite.
     """
 
     vertices: Float[np.ndarray, "v 3"]
@@ -116,7 +123,8 @@ def cleaned_mesh(
 
     Raises
     ------
-    InputError: as `TriangleMesh`.
+    InputError
+        As `TriangleMesh`.
     """
     raw = TriangleMesh(vertices, triangles, name)
     points, same = np.unique(raw.vertices, axis=0, return_inverse=True)
@@ -134,10 +142,7 @@ def cleaned_mesh(
 
 
 def box(sides: tuple[float, float, float] = (1.0, 1.0, 1.0)) -> TriangleMesh:
-    """A box about the origin, by default the thesis' cube.
-
-    Sides in m along x, y, z.
-    """
+    """A box about the origin with sides in m along x, y, z; by default the unit cube of the thesis."""
     corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
     faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     triangles = [(a, b, c) for a, b, c, _ in faces] + [(a, c, d) for a, _, c, d in faces]
@@ -159,13 +164,13 @@ _NUMBER = re.compile(rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)", re.IGNORECASE)
 
 @checked_arguments(path=path_of("a mesh"))
 def read_mesh(path: str | os.PathLike[str]) -> TriangleMesh:
-    """Mesh of a file of `MESH_SUFFIXES`, in its own unit.
-
-    Triangles without area are left out and remarked upon.
+    """Mesh of a file of `MESH_SUFFIXES`, in its own unit; triangles without area are left out with a remark.
 
     Raises
     ------
-    InputError: missing, too large, truncated, of another format, a coordinate that is not finite, no triangle of positive area.
+    InputError
+        Missing, too large, truncated, of another format, a coordinate that is not finite, no triangle of
+        positive area.
     """
     path = Path(path)
     require_file(path, MAX_MESH_BYTES)
@@ -309,8 +314,16 @@ class MassProperties:
 
     Attributes
     ----------
-    volume: m^3.   center_of_mass: (3,) m.   inertia: (3, 3) about the centre of mass, m^5 (times the density, kg/m^3: kg m^2).
-    principal_moments: (3,) ascending, m^5.   principal_axes: (3, 3), rows, right-handed.
+    volume : float
+        m^3.
+    center_of_mass : ndarray of shape (3,)
+        m.
+    inertia : ndarray of shape (3, 3)
+        About the centre of mass, m^5 (times the density, kg/m^3: kg m^2).
+    principal_moments : ndarray of shape (3,)
+        Ascending, m^5.
+    principal_axes : ndarray of shape (3, 3)
+        Rows, right-handed.
     """
 
     volume: float
@@ -329,7 +342,8 @@ def mass_properties(mesh: TriangleMesh) -> MassProperties:
 
     Raises
     ------
-    InputError: a mesh that is not watertight, or inside out.
+    InputError
+        a mesh that is not watertight, or inside out.
     """
     if not mesh.is_watertight:
         raise InputError(

@@ -39,7 +39,8 @@ class PointNoise:
 
         Parameters
         ----------
-        normal: (3,) of one plane, or (3, m) of several, which give (n, m).
+        normal : ndarray
+            (3,) of one plane, or (3, m) of several, which give (n, m).
         """
         r = np.maximum(np.linalg.norm(points, axis=1, keepdims=True), 1e-12)
         azimuth, elevation = _lateral(points)
@@ -164,10 +165,17 @@ class FittedPlane:
 
     Attributes
     ----------
-    normal: (3,).   centroid: (3,) weighted mean of its points, m.   tangents: (3, 2).
-    covariance: (3, 3) of (two tangent components of the normal, offset at the centroid), 1 and m^2; of a scan's planes with
+    normal : ndarray of shape (3,)
+    centroid : ndarray of shape (3,)
+        Weighted mean of its points, m.
+    tangents : ndarray of shape (3, 2)
+    covariance : ndarray of shape (3, 3)
+        Of (two tangent components of the normal, offset at the centroid), 1 and m^2; of a scan's planes with
         what `FLATNESS` adds.
-    count: points.   spread: root of the reduced chi-square; the covariance is inflated where it exceeds 1.
+    count : int
+        Points.
+    spread : float
+        Root of the reduced chi-square; the covariance is inflated where it exceeds 1.
     """
 
     normal: Float[np.ndarray, "3"]
@@ -199,7 +207,8 @@ def fitted_plane(
 
     Parameters
     ----------
-    normal: where the weights begin from; None takes equal weights.
+    normal : ndarray of shape (3,) or None
+        Where the weights begin from; None takes equal weights.
     """
     if normal is None:
         _, vectors = _principal_axes(points, np.ones(len(points)))
@@ -248,10 +257,7 @@ def _largest_plane(
     noise: PointNoise,
     generator: np.random.Generator,
 ) -> FittedPlane | None:
-    """The plane with the most points, grown over all points.
-
-    Among those through patches of neighbouring rays.
-    """
+    """The plane with most votes among patches of neighbouring rays, grown over all points."""
     size = int(np.clip(len(points) // 40, 12, 400))
     subset = points[generator.choice(len(points), min(_SUBSET, len(points)), replace=False)]
     seeds = generator.integers(len(points), size=_SEEDS)

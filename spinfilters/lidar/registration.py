@@ -45,10 +45,7 @@ class Cloud:
 
     @cached_property
     def least_reach(self) -> float:
-        """Distance from any point of the surface to the nearest of the cloud, m.
-
-        However small the noise, matches reach as far.
-        """
+        """Least distance of matches, m, however small the noise: a multiple of the median point spacing."""
         every = self.points[:: max(1, len(self.points) // SAMPLED)]
         nearest = self.tree.query(every, 2)[0][:, 1]
         return max(REACHED * float(np.median(nearest)), 1e-9)
@@ -56,14 +53,18 @@ class Cloud:
 
 @dataclass(frozen=True, eq=False)
 class Registration:
-    """Pose of the cloud in the map with its covariance.
-
-    p_map = R p + t.
+    """Pose p_map = R p + t of the cloud in the map, with its information matrix.
 
     Attributes
     ----------
-    information: (6, 6) over (rotation, translation) in map axes, with the residuals' own deviation, m^-2 and 1.
-    residual_std: of the point-to-plane distances, m.   matched: points.   overlap: their share of the cloud.
+    information : ndarray of shape (6, 6)
+        Over (rotation, translation) in map axes, with the residuals' own deviation, m^-2 and 1.
+    residual_std : float
+        Of the point-to-plane distances, m.
+    matched : int
+        Points.
+    overlap : float
+        Their share of the cloud.
     """
 
     rotation: Float[np.ndarray, "3 3"]
@@ -252,10 +253,7 @@ def coarse_pose(
 
 
 def cloud_of(points: Float[np.ndarray, "n 3"], viewpoint: Float[np.ndarray, "3"], most: int) -> Cloud:
-    """A scan's thinned cloud with normals towards the viewpoint.
-
-    Normals from all of its points.
-    """
+    """A scan's thinned cloud; normals come from all of its points and face the viewpoint."""
     kept = points[np.linspace(0, len(points) - 1, min(most, len(points))).astype(int)]
     tree = KDTree(points)
     around = points[tree.query(kept, min(NEIGHBOURS, len(points)))[1]]

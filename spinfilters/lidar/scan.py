@@ -45,12 +45,17 @@ class RayPattern:
 
     Parameters
     ----------
-    field_of_view: azimuth and elevation, deg, in all.   rays: in azimuth and in elevation (the thesis' "resolution").
-    windows: where the grid is ``multiplier`` times as dense in both angles.
+    field_of_view : tuple[float, float]
+        Azimuth and elevation, deg, in all.
+    rays : tuple[int, int]
+        In azimuth and in elevation (the thesis' "resolution").
+    windows : tuple[HighResolutionWindow, ...]
+        Where the grid is ``multiplier`` times as dense in both angles.
 
     Raises
     ------
-    InputError: a number out of its range, a window beside the field of view.
+    InputError
+        a number out of its range, a window beside the field of view.
     """
 
     field_of_view: tuple[float, float] = (2.0, 2.0)
@@ -129,7 +134,8 @@ class RayDirections:
 
     Attributes
     ----------
-    window: 0 for the grid, k for the k-th high-resolution window.
+    window : ndarray of shape (n,)
+        0 for the grid, k for the k-th high-resolution window.
     """
 
     azimuth: Float[np.ndarray, " n"]
@@ -164,8 +170,12 @@ class LidarNoise:
 
     Attributes
     ----------
-    range_std, azimuth_std, elevation_std: of white noise.   range_bias, azimuth_bias, elevation_bias: of what is reported.
-    mode: of the angles' noise, see `ANGLE_MODES`.
+    range_std, azimuth_std, elevation_std : float
+        Of white noise.
+    range_bias, azimuth_bias, elevation_bias : float
+        Of what is reported.
+    mode : AngleMode
+        Of the angles' noise, see `ANGLE_MODES`.
     """
 
     range_std: float = 0.0
@@ -191,7 +201,10 @@ def rvs_noise(mode: AngleMode = "jitter", long_range: bool = False, biased: bool
 
     Parameters
     ----------
-    long_range: 0.1 m (3 sigma) and a bias of 0.5 m instead of 0.01 m and 0.01 m.   biased: with the largest biases allowed.
+    long_range : bool
+        0.1 m (3 sigma) and a bias of 0.5 m instead of 0.01 m and 0.01 m.
+    biased : bool
+        With the largest biases allowed.
     """
     range_bias, angle_bias = (0.5 if long_range else 0.01, np.deg2rad(0.1)) if biased else (0.0, 0.0)
     return LidarNoise(
@@ -211,12 +224,20 @@ class Losses:
 
     Attributes
     ----------
-    reflectivity: of a surface met head-on, 0 to 1; the intensity falls with the cosine of incidence.
-    weakest, strongest: received power, intensity times (reference_range / range)^2, that the detector takes.
-    reference_range: m.
-    dust: probability that dust absorbs a beam.   clutter: probability that dust returns it from somewhere before the surface.
-    sun: unit vector towards the sun, frame L, or None.   glint_deg: half angle within which the sun, or its mirror image in the
-        surface, blinds the detector.
+    reflectivity : float
+        Of a surface met head-on, 0 to 1; the intensity falls with the cosine of incidence.
+    weakest, strongest : float
+        Received power, intensity times (reference_range / range)^2, that the detector takes.
+    reference_range : float
+        m.
+    dust : float
+        Probability that dust absorbs a beam.
+    clutter : float
+        Probability that dust returns it from somewhere before the surface.
+    sun : tuple[float, float, float] or None
+        Unit vector towards the sun, frame L, or None.
+    glint_deg : float
+        Half angle within which the sun, or its mirror image in the surface, blinds the detector.
     """
 
     reflectivity: float = 1.0
@@ -235,10 +256,7 @@ class Losses:
         distance: Float[np.ndarray, " n"],
         generator: np.random.Generator,
     ) -> Int[np.ndarray, " n"]:
-        """Flag of every ray, infinite distances being misses.
-
-        Normals are those of the surfaces that were hit.
-        """
+        """Flag of every ray from the normals of the surfaces that were hit; an infinite distance is a miss."""
         hit = np.isfinite(distance)
         power = (
             self.intensity(directions, normals)
@@ -280,9 +298,20 @@ class Scan:
 
     Attributes
     ----------
-    time: (n,) s.   azimuth, elevation: (n,) reported, rad.   distance: (n,) reported range, m, NaN without a return.
-    intensity: (n,) 0 without a return.   flag: (n,) see `spinfilters.lidar.scan`.   window: (n,) 0 for the grid.
-    metadata: words and numbers for the reader.
+    time : ndarray of shape (n,)
+        s.
+    azimuth, elevation : ndarray of shape (n,)
+        Reported, rad.
+    distance : ndarray of shape (n,)
+        Reported range, m, NaN without a return.
+    intensity : ndarray of shape (n,)
+        0 without a return.
+    flag : ndarray of shape (n,)
+        See `spinfilters.lidar.scan`.
+    window : ndarray of shape (n,)
+        0 for the grid.
+    metadata : Mapping[str, object]
+        Words and numbers for the reader.
     """
 
     time: Float[np.ndarray, " n"]
@@ -385,11 +414,13 @@ def write_scan(path: Path, scan: Scan, misses: bool = False) -> None:
 
     Parameters
     ----------
-    misses: whether rays without a return are written too.
+    misses : bool
+        Whether rays without a return are written too.
 
     Raises
     ------
-    InputError: another ending, disk full, no permission.
+    InputError
+        Another ending, disk full, no permission.
     """
     writers = {".ply": _write_ply, ".pcd": _write_pcd, ".csv": _write_csv}
     if path.suffix.lower() not in writers:
@@ -407,7 +438,8 @@ def read_scan(path: Path) -> Scan:
 
     Raises
     ------
-    InputError: as `read_ply`; no point, a point that is not finite.
+    InputError
+        As `read_ply`; no point, a point that is not finite.
     """
     content = read_ply(path)
     if not len(content.points):

@@ -59,7 +59,8 @@ def shared_inflation(poses: Sequence[ScanPose], common: Sequence[Float[np.ndarra
 
     Parameters
     ----------
-    common: part of every pose's covariance that it shares.
+    common : Sequence[ndarray of shape (6, 6)]
+        Part of every pose's covariance that it shares.
     """
     ratios = [
         np.trace(np.linalg.pinv(pose.covariance - C, hermitian=True) @ pose.covariance) / 6
@@ -76,7 +77,10 @@ def smooth_inflation(
 
     Parameters
     ----------
-    own: information of every pose, over (rotation, shift) in g.   covariance: joint, likewise.
+    own : ndarray of shape (k, 6, 6)
+        Information of every pose, over (rotation, shift) in g.
+    covariance : Product
+        Joint, likewise.
     """
     frame, smooth = _changes(poses)
     weighted_frame, weighted = (_weighted(own, each) for each in (frame, smooth))
@@ -134,7 +138,8 @@ class AdjustedScans:
 
     Attributes
     ----------
-    inflation: of the poses' own covariances, for the errors that scans share (`smooth_inflation`).
+    inflation : float
+        Of the poses' own covariances, for the errors that scans share (`smooth_inflation`).
     """
 
     poses: tuple[ScanPose, ...]
@@ -148,7 +153,14 @@ def adjusted_scans(
 
     Parameters
     ----------
-    clouds: in L.   poses: about which the matches begin.   size: of the body, m.   reach: of the first matches, m.
+    clouds : Sequence[Cloud]
+        In L.
+    poses : Sequence[ScanPose]
+        About which the matches begin.
+    size : float
+        Of the body, m.
+    reach : float
+        Of the first matches, m.
     """
     found, inflation = list(poses), 1.0
     for begin in range(0, len(poses), MOST_TOGETHER):
@@ -177,10 +189,20 @@ class _Normal:
 
     Attributes
     ----------
-    information: (6k, 6k), of unit variance.   gradient: (6k,).   matched: (k,) points of every scan.
-    variance: of a residual, m^2, times the dependence of neighbouring ones.
-    reach: of the matches, m.   asked_reach: what the residuals ask for, m.
-    is_free: whether no pose is held.
+    information : ndarray of shape (a, a)
+        (6k, 6k), of unit variance.
+    gradient : ndarray of shape (a,)
+        (6k,).
+    matched : ndarray of shape (k,)
+        Points of every scan.
+    variance : float
+        Of a residual, m^2, times the dependence of neighbouring ones.
+    reach : float
+        Of the matches, m.
+    asked_reach : float
+        What the residuals ask for, m.
+    is_free : bool
+        Whether no pose is held.
     """
 
     information: Float[np.ndarray, "a a"]
@@ -380,11 +402,17 @@ def match_scans(
 
     Parameters
     ----------
-    scans: points in L, m.   engine: `PointToPlane` where None.   viewpoint: of the lidar in L, its origin where None.
+    scans : Sequence[ndarray of shape (n, 3)]
+        Points in L, m.
+    engine : RegistrationEngine or None
+        `PointToPlane` where None.
+    viewpoint : ndarray of shape (3,) or None
+        Of the lidar in L, its origin where None.
 
     Raises
     ------
-    InputError: points that all lie in one place.
+    InputError
+        Points that all lie in one place.
     """
     engine, eye = engine or PointToPlane(), np.zeros(3) if viewpoint is None else viewpoint
     clouds = [cloud_of(points, eye, MOST_POINTS) for points in scans]

@@ -22,10 +22,19 @@ class ScanPose:
 
     Attributes
     ----------
-    time: s.   rotation: (3, 3).   translation: (3,) m.
-    covariance: (6, 6) over (translation in L, m; rotation vector on the body side, axes g, rad).
-    own_covariance: of the error that no other scan shares; None where that is all of it.
-    undetermined: directions that only the prediction tells, in words.   matched: points or faces that it rests on.
+    time : float
+        s.
+    rotation : ndarray of shape (3, 3)
+    translation : ndarray of shape (3,)
+        m.
+    covariance : ndarray of shape (6, 6)
+        Over (translation in L, m; rotation vector on the body side, axes g, rad).
+    own_covariance : ndarray of shape (6, 6) or None
+        Of the error that no other scan shares; None where that is all of it.
+    undetermined : tuple[str, ...]
+        Directions that only the prediction tells, in words.
+    matched : int
+        Points or faces that it rests on.
     """
 
     time: float
@@ -119,7 +128,10 @@ def predicted_pose(
 
     Parameters
     ----------
-    poses: at least one.   size: of the body, m: how far the origin of g may be from the centre of mass.
+    poses : Sequence[ScanPose]
+        At least one.
+    size : float
+        Of the body, m: how far the origin of g may be from the centre of mass.
     """
     recent = poses[-MOST_SCANS:]
     last = recent[-1]

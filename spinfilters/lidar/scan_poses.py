@@ -66,7 +66,8 @@ def track_faces(
 
     Parameters
     ----------
-    size: of the body, m: how far a predicted position may be wrong.
+    size : float
+        Of the body, m: how far a predicted position may be wrong.
     """
     poses: list[ScanPose] = []
     faces: list[Face] = []
@@ -281,11 +282,21 @@ class ScanPoses:
 
     Attributes
     ----------
-    poses: in order of time; frame g has the lidar's axes at the first scan.
-    scans: that the poses are of.   faces: the map, of a body with faces.
-    noise: of the points, given or identified.   remarks: what was left out or not determined, in words.
-    doubts: reasons why these poses are not to be trusted.
-    inflation: for errors that poses share, of their own covariances where they have such, else within their covariances.
+    poses : tuple[ScanPose, ...]
+        In order of time; frame g has the lidar's axes at the first scan.
+    scans : tuple[Scan, ...]
+        That the poses are of.
+    faces : TrackedFaces or None
+        The map, of a body with faces.
+    noise : PointNoise
+        Of the points, given or identified.
+    remarks : tuple[str, ...]
+        What was left out or not determined, in words.
+    doubts : tuple[str, ...]
+        Reasons why these poses are not to be trusted.
+    inflation : float
+        For errors that poses share, of their own covariances where they have such, else within their
+        covariances.
     """
 
     poses: tuple[ScanPose, ...]
@@ -316,11 +327,15 @@ def scan_poses(
 
     Parameters
     ----------
-    noise: of the points; None identifies it.   engine: of registration, see `match_scans`.
+    noise : PointNoise or None
+        Of the points; None identifies it.
+    engine : RegistrationEngine or None
+        Of registration, see `match_scans`.
 
     Raises
     ------
-    InputError: fewer than two scans with points.
+    InputError
+        Fewer than two scans with points.
     """
     solid = [without_isolated(without_repeats(scan)) for scan in scans]
     usable = _usable([scan for scan, _ in solid])

@@ -41,8 +41,12 @@ class FacePoints:
 
     Attributes
     ----------
-    time: (n,) epochs of their scans, s.   values: (n, 8) range m, azimuth and elevation rad, delay s, normal and offset (g, m).
-    covariance: (n, 3, 3) over (range, azimuth, elevation), m and rad.
+    time : ndarray of shape (n,)
+        Epochs of their scans, s.
+    values : ndarray of shape (n, 8)
+        Range m, azimuth and elevation rad, delay s, normal and offset (g, m).
+    covariance : ndarray of shape (n, 3, 3)
+        Over (range, azimuth, elevation), m and rad.
     """
 
     time: Float[np.ndarray, " n"]
@@ -58,7 +62,8 @@ def face_points(found: ScanPoses) -> FacePoints:
 
     Raises
     ------
-    InputError: a body without plane faces; no point that is clearly of one face.
+    InputError
+        a body without plane faces; no point that is clearly of one face.
     """
     if found.faces is None:
         raise InputError(
@@ -148,13 +153,13 @@ _STEPS = 8
 
 
 def read_scans(folder: Path, truth: Truth | None) -> RawMeasurements:
-    """Poses of the scans in ``scans/*.ply`` in time order.
-
-    The truth is told in their frame g.
+    """Poses of the scans in ``scans/*.ply`` in time order, and the truth in their frame g.
 
     Raises
     ------
-    InputError: no scan, one that cannot be read, stamps that do not rise with the names, fewer than two that see the body.
+    InputError
+        No scan, one that cannot be read, stamps that do not rise with the names, fewer than two that see the
+        body.
     """
     found = registered_scans(folder)
     stream = pose_stream(found)
@@ -167,7 +172,8 @@ def read_scan_points(folder: Path, truth: Truth | None) -> RawMeasurements:
 
     Raises
     ------
-    InputError: as `read_scans`; a body without plane faces.
+    InputError
+        As `read_scans`; a body without plane faces.
     """
     found = registered_scans(folder)
     try:
@@ -254,10 +260,7 @@ def in_frame_of(stream: MeasurementStream, truth: Truth) -> Truth:
 def _common_rotation(
     true: Float[np.ndarray, "n 3 3"], measured: Float[np.ndarray, "n 3 3"], P: Float[np.ndarray, "n 3 3"]
 ) -> Float[np.ndarray, "3 3"]:
-    """Rotation of the scans' g in that of the truth.
-
-    A pose that is wrong has little say (Cauchy).
-    """
+    """Rotation of the scans' g in that of the truth; outlying poses have little weight (Cauchy loss)."""
     weights = 1 / np.trace(P, axis1=1, axis2=2)
     loss, turn = np.ones(len(true)), np.eye(3)
     for _ in range(_STEPS):
@@ -270,10 +273,7 @@ def _common_rotation(
 def _common_shift(
     true: Float[np.ndarray, "n 3 3"], apart: Float[np.ndarray, "n 3"], P: Float[np.ndarray, "n 3 3"]
 ) -> Float[np.ndarray, "3"]:
-    """Origin of the scans' g in that of the truth, m.
-
-    A pose that is wrong has little say (Cauchy).
-    """
+    """Origin of the scans' g in that of the truth, m; outlying poses have little weight (Cauchy loss)."""
     W = np.linalg.inv(P)
     loss, shift = np.ones(len(true)), np.zeros(3)
     for _ in range(_STEPS):

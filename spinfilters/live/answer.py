@@ -24,9 +24,20 @@ class Answer:
 
     Attributes
     ----------
-    time: s.   belief: after its measurements.   status: with reasons.
-    source: "filter", or "smoother" of a filter that stands on a smoothed past.   used, left_out: measurements.
-    latency: s from arrival.   ahead: predicted belief, with its time; None without.
+    time : float
+        s.
+    belief : Gaussian
+        After its measurements.
+    status : EstimatorStatus
+        With reasons.
+    source : str
+        "filter", or "smoother" of a filter that stands on a smoothed past.
+    used, left_out : int
+        Measurements.
+    latency : float
+        s from arrival.
+    ahead : tuple[float, Gaussian] or None
+        Predicted belief, with its time; None without.
     """
 
     time: float
@@ -98,7 +109,10 @@ class AnswerWriter:
 
     Attributes
     ----------
-    dropped: answers that were not written, because too many waited.   broken: whether nobody reads any more.
+    dropped
+        Answers that were not written, because too many waited.
+    broken : bool
+        Whether nobody reads any more.
     """
 
     def __init__(self, style: str, stream: TextIO) -> None:
@@ -113,7 +127,8 @@ class AnswerWriter:
 
         Raises
         ------
-        BrokenPipeError: nobody reads any more.
+        BrokenPipeError
+            Nobody reads any more.
         """
         if self.broken:
             raise BrokenPipeError
@@ -144,8 +159,14 @@ class LiveSummary:
 
     Attributes
     ----------
-    deadline: s.   latencies: s, of every answer, by the clock on the wall.   work: s of the processor that it took.
-    events: of hand-overs, the smoother and losses, by name.
+    deadline : float
+        s.
+    latencies : list[float]
+        s, of every answer, by the clock on the wall.
+    work : list[float]
+        s of the processor that it took.
+    events : Counter[str]
+        Of hand-overs, the smoother and losses, by name.
     """
 
     deadline: float

@@ -37,7 +37,8 @@ class GapRule:
 
     Parameters
     ----------
-    largest: seconds ahead that are believed at once, at most.
+    largest : float
+        Seconds ahead that are believed at once, at most.
     """
 
     def __init__(self, largest: float) -> None:
@@ -81,7 +82,12 @@ class Executive:
 
     Attributes
     ----------
-    track: the filter.   supervisor: the smoother's process.   summary: what is counted.
+    track
+        The filter.
+    supervisor
+        The smoother's process.
+    summary
+        What is counted.
     """
 
     def __init__(self, setup: LiveSetup, options: LiveOptions) -> None:
@@ -97,10 +103,7 @@ class Executive:
         self._rebasing_to = setup.time
 
     def rehearse(self, epochs: Timeline) -> None:
-        """Build what answers are computed with, before a clock runs.
-
-        The filter is left as it was.
-        """
+        """Compile and load what answers need before the clock starts; the filter's state is restored afterwards."""
         estimator = self.track.estimator
         before = estimator.snapshot()
         rehearse(estimator, self.track.time, epochs)
@@ -161,10 +164,7 @@ class Executive:
                 self._verdict.rebased(self._rebasing_to, self._smoother_believed)
 
     def _answers(self, arrived: ArrivedEpoch) -> Iterator[Answer]:
-        """The answer to an epoch, if any, then the smoother's share.
-
-        What the smoother needs of it comes after that.
-        """
+        """The answer to an epoch, if any; the epoch goes to the smoother's process first."""
         loss = self._loss(arrived.time)
         if loss is not None:
             self.summary.events[loss] += 1

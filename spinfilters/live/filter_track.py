@@ -32,7 +32,10 @@ class FilterTrack:
 
     Parameters
     ----------
-    estimator: started at ``time`` (s).   capacity: epochs that can be gone back, at least 1.
+    estimator : Estimator
+        Started at ``time`` (s).
+    capacity : int
+        Epochs that can be gone back, at least 1.
     """
 
     def __init__(self, estimator: Estimator, time: float, capacity: int = 100) -> None:
@@ -91,7 +94,8 @@ class FilterTrack:
 
         Raises
         ------
-        InputError, or one of `NUMERICAL_ERRORS`: what is begun from does not fit; nothing has changed.
+        InputError, or one of `NUMERICAL_ERRORS`
+            What is begun from does not fit; nothing has changed.
         """
         at = self._at(time)
         try:
@@ -149,7 +153,12 @@ class HandOver:
 
     Attributes
     ----------
-    time: s.   belief: of the state, with landmarks where it holds some.   verdict: of the smoother's status.
+    time : float
+        s.
+    belief : Belief
+        Of the state, with landmarks where it holds some.
+    verdict : str
+        Of the smoother's status.
     """
 
     time: float

@@ -30,10 +30,20 @@ class LiveOptions:
 
     Attributes
     ----------
-    deadline: s from an epoch's arrival to its answer.   ahead: s that every answer is predicted ahead, 0 for none.
-    history: epochs that a hand-over or a late measurement may be old.   largest_gap: s between epochs that is believed at once.
-    smoother: whether there is one.   landmarks: how those that the smoother hands over are held.
-    memory: bytes of the smoother's address space, 0 for no limit.
+    deadline : float
+        s from an epoch's arrival to its answer.
+    ahead : float
+        s that every answer is predicted ahead, 0 for none.
+    history : int
+        Epochs that a hand-over or a late measurement may be old.
+    largest_gap : float
+        s between epochs that is believed at once.
+    smoother : bool
+        Whether there is one.
+    landmarks : LandmarkOptions
+        How those that the smoother hands over are held.
+    memory : int
+        Bytes of the smoother's address space, 0 for no limit.
     """
 
     deadline: float = 0.02
@@ -53,9 +63,16 @@ class LiveSetup:
 
     Attributes
     ----------
-    filter: started at ``time`` (s).   models: by sensor.   bind: rows to a measurement.
-    first_smoother: the smoother of the initialisation, begun, and its own time then; None to begin from the filter.
-    rehearsal: epochs after the initialisation, where the data set has some.
+    filter : Estimator
+        Started at ``time`` (s).
+    models : dict[str, MeasurementModel]
+        By sensor.
+    bind : Bind
+        Rows to a measurement.
+    first_smoother : tuple[Build, float] or None
+        The smoother of the initialisation, begun, and its own time then; None to begin from the filter.
+    rehearsal : Timeline
+        Epochs after the initialisation, where the data set has some.
     """
 
     process: ProcessModel
@@ -77,11 +94,13 @@ def live_setup(dataset: Dataset, settings: Settings, name: str) -> LiveSetup:
 
     Parameters
     ----------
-    name: of the filter, among `FILTERS`.
+    name : str
+        Of the filter, among `FILTERS`.
 
     Raises
     ------
-    InputError: a filter that the data set has nothing for; an initialisation that failed.
+    InputError
+        a filter that the data set has nothing for; an initialisation that failed.
     """
     setup = prepare(dataset, settings)
     if setup.initial.has_failed:
@@ -114,10 +133,7 @@ def _binding(setup: Setup, models: dict[str, MeasurementModel]) -> Callable[[Mea
 
 
 def _first_smoother(setup: Setup, settings: Settings) -> tuple[Callable[[], RecursiveSmoother], float] | None:
-    """Builder of the first smoother, and the end of its initialisation, s.
-
-    None without a smoother.
-    """
+    """Builder of the first smoother and the end of its initialisation, s; None where no smoother runs."""
     if sliding_smoother(setup, settings) is None:
         return None
 

@@ -42,7 +42,8 @@ class RunningVerdict:
 
     Parameters
     ----------
-    process: with the noise that the filter was told.
+    process : ProcessModel
+        With the noise that the filter was told.
     """
 
     def __init__(self, process: ProcessModel) -> None:

@@ -37,7 +37,8 @@ class Channel:
 
     Parameters
     ----------
-    connection: a stream socket, made non-blocking.
+    connection : socket.socket
+        a stream socket, made non-blocking.
     """
 
     def __init__(self, connection: socket.socket) -> None:
@@ -133,8 +134,14 @@ class SmootherTask:
 
     Attributes
     ----------
-    build: makes the smoother.   own_time, time: at which it has begun, by its clock and by that of the measurements, s.
-    landmarks: how the filter holds those that are handed over.   memory: bytes of address space, 0 for no limit.
+    build : Build
+        Makes the smoother.
+    own_time, time : float
+        At which it has begun, by its clock and by that of the measurements, s.
+    landmarks : LandmarkOptions
+        How the filter holds those that are handed over.
+    memory : int
+        Bytes of address space, 0 for no limit.
     """
 
     build: Build
@@ -230,7 +237,10 @@ class SupervisionOptions:
 
     Attributes
     ----------
-    patience: seconds without a word, with epochs waiting, after which it is killed.   pause: s before it begins anew.
+    patience : float
+        Seconds without a word, with epochs waiting, after which it is killed.
+    pause : float
+        s before it begins anew.
     """
 
     patience: float = 5.0
@@ -242,7 +252,10 @@ class SmootherSupervisor:
 
     Attributes
     ----------
-    events: how often what happened.   trouble: why there is no smoother at present, empty where there is one.
+    events : Counter[str]
+        How often what happened.
+    trouble : str
+        Why there is no smoother at present, empty where there is one.
     """
 
     def __init__(

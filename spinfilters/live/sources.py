@@ -43,7 +43,12 @@ class ArrivedEpoch:
 
     Attributes
     ----------
-    time: s.   streams: one per sensor.   at: when it was complete, by the clock of `time.monotonic`, s.
+    time : float
+        s.
+    streams : tuple[MeasurementStream, ...]
+        One per sensor.
+    at : float
+        When it was complete, by the clock of `time.monotonic`, s.
     """
 
     time: float
@@ -57,7 +62,12 @@ class LineReader:
 
     Attributes
     ----------
-    sensors: that are expected.   losses: what was not a measurement, by kind, counted.   last: the line of each kind seen last.
+    sensors : tuple[str, ...]
+        That are expected.
+    losses : dict[str, int]
+        What was not a measurement, by kind, counted.
+    last : dict[str, str]
+        The line of each kind seen last.
     """
 
     sensors: tuple[str, ...]
@@ -276,7 +286,8 @@ def open_lines(place: str, sensors: tuple[str, ...]) -> Lines:
 
     Raises
     ------
-    InputError: nothing is there.
+    InputError
+        Nothing is there.
     """
     if place == "-":
         return Lines(sys.stdin.fileno(), sensors)

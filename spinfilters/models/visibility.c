@@ -15,6 +15,7 @@ void facing(integer epochs, integer count, const double* restrict points, const 
   for (integer e = 0; e < epochs; ++e) {
     const double *c = camera + 3 * e, *a = axes + 3 * e, square = c[0] * c[0] + c[1] * c[1] + c[2] * c[2];
     unsigned char* restrict row = found + e * count;
+    /* l = c - p: n.l = n.c - n.p and |l|^2 = |p|^2 - 2 p.c + |c|^2; facing where n.l > cosine |l|. */
     for (integer k = 0; k < count; ++k) {
       const double along = x[k] * c[0] + y[k] * c[1] + z[k] * c[2], depth = x[k] * a[0] + y[k] * a[1] + z[k] * a[2];
       const double height = u[k] * c[0] + v[k] * c[1] + w[k] * c[2] - heights[k];
@@ -30,13 +31,16 @@ void recognised(integer epochs, integer count, const unsigned char* restrict vis
                 unsigned char* restrict begun, unsigned char* restrict found) {
   for (integer e = 0; e < epochs; ++e) {
     const unsigned char *seen = visible + e * count, *before = e ? seen - count : now + count;
+    /* An appearance begins where a landmark is visible and was not in the epoch before. */
     for (integer k = 0; k < count; ++k) begun[k] = seen[k] & ~before[e ? k : 0];
+    /* Eight flags as one word: most words are 0 and skipped. A new appearance draws once whether it is recognised. */
     for (integer k = 0; k < count; k += 8) {
       unsigned long long eight;
       memcpy(&eight, begun + k, 8);
       for (integer i = k; eight && i < k + 8; ++i)
         if (begun[i]) now[i] = drawn[appearances[i]++ * count + i] < probability[i];
     }
+    /* Recognised in this epoch: visible, in an appearance that was recognised when it began. */
     for (integer k = 0; k < count; ++k) found[e * count + k] = seen[k] & now[k];
   }
 }

@@ -14,6 +14,7 @@ static const double FAR = 1e300, PADDING = 1e-8;
 
 typedef struct { double low[3], high[3]; } Box;
 
+/* Smallest box around both boxes, axis by axis. */
 static void grow(Box* box, const Box* other) {
   for (int a = 0; a < 3; ++a) {
     if (other->low[a] < box->low[a]) box->low[a] = other->low[a];
@@ -21,11 +22,13 @@ static void grow(Box* box, const Box* other) {
   }
 }
 
+/* The empty box: low above high, so that `grow` by any box gives that box. */
 static Box nothing(void) {
   Box box = {{FAR, FAR, FAR}, {-FAR, -FAR, -FAR}};
   return box;
 }
 
+/* Half of a box's surface area, 0 of the empty one. */
 static double half_area(const Box* box) {
   double x = box->high[0] - box->low[0], y = box->high[1] - box->low[1], z = box->high[2] - box->low[2];
   return x < 0 ? 0 : x * y + y * z + z * x;
@@ -46,6 +49,7 @@ static int best_split(const Box* boxes, const integer* order, integer n, const B
   for (int axis = 0; axis < 3; ++axis) {
     double low = centres->low[axis], width = centres->high[axis] - low;
     if (!(width > 0)) continue;
+    /* Boxes and counts of the triangles whose centres lie in each of BINS equal slabs along the axis. */
     Box bins[BINS];
     integer counts[BINS];
     for (int b = 0; b < BINS; ++b) { bins[b] = nothing(); counts[b] = 0; }
@@ -54,6 +58,7 @@ static int best_split(const Box* boxes, const integer* order, integer n, const B
       grow(&bins[b], &boxes[order[k]]);
       ++counts[b];
     }
+    /* Cost of the right side [b, BINS) of every split: its count times its half area; -1 where it is empty. */
     double right_cost[BINS];
     Box side = nothing();
     integer count = 0;
@@ -64,6 +69,7 @@ static int best_split(const Box* boxes, const integer* order, integer n, const B
     }
     side = nothing();
     count = 0;
+    /* Left side [0, b) grown bin by bin: the split of least count times half area, summed over both sides. */
     for (int b = 1; b < BINS; ++b) {
       grow(&side, &bins[b - 1]);
       count += counts[b - 1];
@@ -74,9 +80,11 @@ static int best_split(const Box* boxes, const integer* order, integer n, const B
   return best_axis;
 }
 
+/* Split node `at` into a pair of children until leaves hold at most LEAF triangles; order[first, first + count) is permuted. */
 static void split(const Box* boxes, integer* order, Node* nodes, integer at, integer* used, int depth) {
   integer first = nodes[at].first, n = nodes[at].count, middle = n / 2, first_right = 0;
   if (n <= LEAF) return;
+  /* Bounds of the triangles' (doubled) centres: the range that the bins divide. */
   Box centres = nothing();
   for (integer k = 0; k < n; ++k)
     for (int a = 0; a < 3; ++a) {
@@ -87,6 +95,7 @@ static void split(const Box* boxes, integer* order, Node* nodes, integer at, int
   int axis = depth < BALANCED_DEPTH ? best_split(boxes, order + first, n, &centres, &first_right) : -1;
   if (axis >= 0) {
     double low = centres.low[axis], scale = BINS / (centres.high[axis] - low);
+    /* Partition in place: triangles of bins below first_right go to the front. */
     integer left = first, right = first + n - 1;
     while (left <= right) {
       integer triangle = order[left];
@@ -98,6 +107,7 @@ static void split(const Box* boxes, integer* order, Node* nodes, integer at, int
   }
   integer child = *used, sizes[2] = {middle, n - middle}, starts[2] = {first, first + middle};
   *used += 2;
+  /* Children as neighbours, child and child + 1, each with the box of its triangles; the parent then points to them. */
   for (int side = 0; side < 2; ++side) {
     Node* node = &nodes[child + side];
     Box box = nothing();
@@ -114,6 +124,7 @@ static void split(const Box* boxes, integer* order, Node* nodes, integer at, int
 /* Nodes, the order of triangles in leaves, and their packed corners; scratch: n boxes. */
 void build_tree(integer n, const double* corners, double smallest, Node* nodes, integer* order, double* packed, Box* scratch) {
   Box all = nothing();
+  /* Box of every triangle (corners[n][3][3]), padded by its size so that rounding cannot lose a hit on its rim. */
   for (integer k = 0; k < n; ++k) {
     Box box = nothing();
     double size = 0;
@@ -137,6 +148,7 @@ void build_tree(integer n, const double* corners, double smallest, Node* nodes, 
   nodes[0].count = n;
   integer used = 1;
   split(scratch, order, nodes, 0, &used, 0);
+  /* packed[n][12] in the order of leaves: corner, edges 1 and 2, smallest determinant = smallest |edge 1 x edge 2|, two unused. */
   for (integer k = 0; k < n; ++k) {
     const double* v = corners + 9 * order[k];
     double* out = packed + 12 * k;
@@ -152,6 +164,7 @@ void build_tree(integer n, const double* corners, double smallest, Node* nodes, 
 
 typedef struct { double o[3][LANES], d[3][LANES], inverse[3][LANES], t[LANES]; integer hit[LANES]; } Packet;
 
+/* How many lanes meet a box before their nearest hit: slab test, entry and exit along each axis (1 / d is stored). */
 static integer meets(const Packet* p, const double* low, const double* high) {
   integer any = 0;
   for (int k = 0; k < LANES; ++k) {
@@ -186,6 +199,7 @@ static void intersect(Packet* p, const double* v, integer triangle, double toler
   }
 }
 
+/* Nearest hits of a packet, depth first; the child nearer along lane 0 comes first, so that hits in it exclude the other. */
 static void walk(Packet* p, const Node* nodes, const double* packed, double tolerance, double both_sides) {
   integer stack[STACK], depth = 0;
   if (meets(p, nodes[0].low, nodes[0].high)) stack[depth++] = 0;
@@ -198,6 +212,7 @@ static void walk(Packet* p, const Node* nodes, const double* packed, double tole
       continue;
     }
     const Node* pair = &nodes[node->first];
+    /* Direction of lane 0 times the vector from the first child's centre to the second's (doubled): its sign orders the pair. */
     double ahead = 0;
     for (int a = 0; a < 3; ++a)
       ahead += p->d[a][0] * (pair[1].low[a] + pair[1].high[a] - pair[0].low[a] - pair[0].high[a]);
@@ -212,6 +227,7 @@ void trace(integer n, const double* origins, const double* directions, const Nod
            const double* packed, double tolerance, double both_sides, double* distances, integer* hits) {
   Packet p;
   for (integer start = 0; start < n; start += LANES) {
+    /* Load LANES rays, component by component; the last packet repeats the last ray. Zero directions get a finite inverse. */
     for (int k = 0; k < LANES; ++k) {
       integer ray = start + k < n ? start + k : n - 1;
       for (int a = 0; a < 3; ++a) {
@@ -224,6 +240,7 @@ void trace(integer n, const double* origins, const double* directions, const Nod
       p.hit[k] = -1;
     }
     walk(&p, nodes, packed, tolerance, both_sides);
+    /* Store: hits are places in the order of leaves, `order` maps them to triangles. */
     for (int k = 0; k < LANES && start + k < n; ++k) {
       distances[start + k] = p.t[k];
       hits[start + k] = p.hit[k] < 0 ? -1 : order[p.hit[k]];

@@ -41,10 +41,7 @@ class TimedPose(NamedTuple):
 
 
 def constant_rate(poses: Sequence[TimedPose], time: float) -> Float[np.ndarray, " 7"] | None:
-    """Pose extrapolated from two epochs at constant velocity and rate.
-
-    None without two, or too long after.
-    """
+    """Pose extrapolated from two epochs at constant velocity and rate; None without two, or too long after."""
     if len(poses) < 2:
         return None
     earlier, later = poses
@@ -65,13 +62,16 @@ WIDEST_VIEW: Final = float(np.cos(np.deg2rad(52)))
 
 
 class LandmarkViews:
-    """Landmarks in frame g with descriptors by viewing direction.
-
-    0, 1, 2 ...; weighted means of their observations.
+    """Landmarks 0, 1, 2, ... in frame g, weighted means of their observations, with descriptors by direction.
 
     Attributes
     ----------
-    count: of landmarks.   last_seen: (count,) epoch.   observations: (count,).
+    count : int
+        Of landmarks.
+    last_seen : ndarray of shape (k,)
+        (count,) epoch.
+    observations : ndarray of shape (k,)
+        (count,).
     """
 
     def __init__(self, descriptor_dim: int) -> None:
@@ -145,10 +145,7 @@ class LandmarkViews:
         directions: Float[np.ndarray, "n 3"],
         descriptors: Float[np.ndarray, "n d"],
     ) -> None:
-        """Store the landmarks' descriptors from new viewing directions.
-
-        Unit, frame g, from the landmark to the camera.
-        """
+        """Store descriptors seen from new viewing directions: unit vectors in frame g, from landmark to camera."""
         cosines = np.einsum("nvi,ni->nv", self._directions[rows], directions)
         new = np.where(np.arange(VIEWS) < self._kept[rows, None], cosines, -1.0).max(axis=1) < NEW_VIEW
         chosen = rows[new]
@@ -191,8 +188,16 @@ def second_numbers(
 
     Parameters
     ----------
-    similarity: of features to landmarks.   rows: numbers of the landmarks.   expected: their pixels.
-    least: similarity.   farthest: largest distance, px.
+    similarity : ndarray of shape (n, m)
+        Of features to landmarks.
+    rows : ndarray of shape (m,)
+        Numbers of the landmarks.
+    expected : ndarray of shape (m, 3)
+        Their pixels.
+    least : float
+        Similarity.
+    farthest : float
+        Largest distance, px.
     """
     feature, column = np.nonzero(similarity >= least)
     best = similarity.argmax(axis=1)[feature]
@@ -220,10 +225,18 @@ class Association:
 
     Attributes
     ----------
-    similarity, ratio: see `StereoMatching`.   search_px: around the place where a landmark of late epochs is expected.
-    return_px: around that of one that comes back after a revolution, which drift has moved.   gate: largest error of a match
-    in standard deviations.   crowded_px: from a landmark in view, within which a point that looks like it is no new landmark.
-    same_px: between the places of two landmarks that look alike, within which they are one.
+    similarity, ratio : float
+        See `StereoMatching`.
+    search_px : float
+        Around the place where a landmark of late epochs is expected.
+    return_px : float
+        Around that of one that comes back after a revolution, which drift has moved.
+    gate : float
+        Largest error of a match in standard deviations.
+    crowded_px : float
+        From a landmark in view, within which a point that looks like it is no new landmark.
+    same_px : float
+        Between the places of two landmarks that look alike, within which they are one.
     """
 
     similarity: float = 0.72

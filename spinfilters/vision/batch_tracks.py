@@ -56,7 +56,14 @@ class Observations:
 
     Attributes
     ----------
-    epoch: (n,) row of the poses.   landmark: (n,) row of the landmarks.   values: (n, 3) px.   covariance: (n, 3, 3) px^2.
+    epoch : ndarray of shape (n,)
+        Row of the poses.
+    landmark : ndarray of shape (n,)
+        Row of the landmarks.
+    values : ndarray of shape (n, 3)
+        px.
+    covariance : ndarray of shape (n, 3, 3)
+        px^2.
     """
 
     epoch: Int[np.ndarray, " n"]
@@ -77,9 +84,16 @@ class Adjusted:
 
     Attributes
     ----------
-    poses: (e, 7) t, q_ig.   points: (l, 3) m, frame g.
-    whitened: (n, 3) residuals in standard deviations.   jacobian: (n, 3, 3) of whitened predictions by the landmark.
-    information: (l, 3, 3) of the landmarks at these poses.
+    poses : ndarray of shape (e, 7)
+        t, q_ig.
+    points : ndarray of shape (l, 3)
+        m, frame g.
+    whitened : ndarray of shape (n, 3)
+        Residuals in standard deviations.
+    jacobian : ndarray of shape (n, 3, 3)
+        Of whitened predictions by the landmark.
+    information : ndarray of shape (l, 3, 3)
+        Of the landmarks at these poses.
     """
 
     poses: Float[np.ndarray, "e 7"]
@@ -123,10 +137,7 @@ def adjust(
     points: Float[np.ndarray, "l 3"],
     rig: StereoRig,
 ) -> Adjusted:
-    """Poses and landmarks of least robust cost, by Gauss-Newton.
-
-    The best of all iterations.
-    """
+    """Poses and landmarks of least robust cost by Gauss-Newton: the best of all iterations."""
     best, least, last = _linearised(observations, poses, points, rig), np.inf, np.inf
     state = best
     for _ in range(ITERATIONS):
@@ -239,8 +250,14 @@ class Tracks:
 
     Attributes
     ----------
-    stream: of the sensor "stereo", with a covariance per row.   poses: (e, 7) of g at its epochs, without dynamics.
-    noise: identified.   correlation: of the errors of a landmark's observations.
+    stream : MeasurementStream
+        Of the sensor "stereo", with a covariance per row.
+    poses : ndarray of shape (e, 7)
+        Of g at its epochs, without dynamics.
+    noise : TrackNoise
+        Identified.
+    correlation : ErrorCorrelation
+        Of the errors of a landmark's observations.
     """
 
     stream: MeasurementStream
@@ -289,11 +306,13 @@ def batch_tracks(
 
     Parameters
     ----------
-    progress: called with how many epochs are associated, of both passes over them.
+    progress : Callable[[int, int], None]
+        Called with how many epochs are associated, of both passes over them.
 
     Raises
     ------
-    InputError: fewer than two epochs whose pose is found, no landmark seen twice.
+    InputError
+        Fewer than two epochs whose pose is found, no landmark seen twice.
     """
     epochs = _required(found_epochs(points, rig, options, lambda done, _: progress(done, 2 * len(points))))
     noise, adjusted, _ = _settled(epochs, options.noise, rig)
@@ -430,7 +449,10 @@ def found_epochs(
 
     Parameters
     ----------
-    points: times (s) and points of each pair.   progress: called with how many epochs are associated, and of how many.
+    points : TimedPoints
+        Times (s) and points of each pair.
+    progress : Callable[[int, int], None]
+        Called with how many epochs are associated, and of how many.
     """
     best: dict[int, EpochObservations] = {}
     begin = 0

@@ -43,7 +43,10 @@ class Grid:
 
     Attributes
     ----------
-    radius: half of the cube's side, m.   count: voxels along each axis.
+    radius : float
+        Half of the cube's side, m.
+    count : int
+        Voxels along each axis.
     """
 
     radius: float
@@ -65,7 +68,10 @@ class Field:
 
     Attributes
     ----------
-    distance: (n, n, n) m, positive outside, NaN where nothing is known.   grey: (n, n, n) of the surface nearby, 0..255.
+    distance : ndarray of shape (n, n, n)
+        m, positive outside, NaN where nothing is known.
+    grey : ndarray of shape (n, n, n)
+        Of the surface nearby, 0..255.
     """
 
     grid: Grid
@@ -87,7 +93,8 @@ class DistanceVolume:
 
     Attributes
     ----------
-    count: of depth maps.
+    count : int
+        Of depth maps.
     """
 
     def __init__(self, grid: Grid) -> None:
@@ -156,8 +163,14 @@ class NetSurface(NamedTuple):
 
     Attributes
     ----------
-    vertices: (v, 3) m, principal axes.   triangles: (f, 3), anticlockwise seen from outside.   grey: (v,) 0..255.
-    lowest, highest: (v, 3) m, of the crossings of which each vertex is the mean: so far corners of the surface reach.
+    vertices : ndarray of shape (v, 3)
+        m, principal axes.
+    triangles : ndarray of shape (f, 3)
+        Anticlockwise seen from outside.
+    grey : ndarray of shape (v,)
+        0..255.
+    lowest, highest : ndarray of shape (v, 3)
+        m, of the crossings of which each vertex is the mean: so far corners of the surface reach.
     """
 
     vertices: Float[np.ndarray, "v 3"]
@@ -255,9 +268,16 @@ class Dimensions:
 
     Attributes
     ----------
-    extents: (3,) m, along the axes as estimated.   surface_std: (3,) m, of these extents, by the surface.
-    rotation_std: (3,) rad, of the axes about each axis.   moved: (3, 3) m, by how much a rotation by one standard deviation about
-    axis k changes extent j, ``moved[k, j]``.   axes_std: (3,) m, of the extents by the axes.
+    extents : ndarray of shape (3,)
+        m, along the axes as estimated.
+    surface_std : ndarray of shape (3,)
+        m, of these extents, by the surface.
+    rotation_std : ndarray of shape (3,)
+        rad, of the axes about each axis.
+    moved : ndarray of shape (3, 3)
+        m, by how much a rotation by one standard deviation about axis k changes extent j, ``moved[k, j]``.
+    axes_std : ndarray of shape (3,)
+        m, of the extents by the axes.
     """
 
     extents: Float[np.ndarray, " 3"]
@@ -294,7 +314,10 @@ def dimensions_of(
 
     Parameters
     ----------
-    surface_std: m, of the extents along the axes as they are.   axes_cov: rad^2, of the axes' small rotation about themselves.
+    surface_std : ndarray of shape (3,)
+        m, of the extents along the axes as they are.
+    axes_cov : ndarray of shape (3, 3)
+        rad^2, of the axes' small rotation about themselves.
     """
     corners = surface.vertices[ConvexHull(surface.vertices).vertices]
     values, vectors = np.linalg.eigh(axes_cov)
@@ -331,8 +354,14 @@ class BodyModel:
 
     Attributes
     ----------
-    vertices: (v, 3) m from the centre of mass, principal axes.   triangles: (f, 3), anticlockwise seen from outside.
-    grey: (v,) 0..255.   dimensions: extents along the principal axes.
+    vertices : ndarray of shape (v, 3)
+        m from the centre of mass, principal axes.
+    triangles : ndarray of shape (f, 3)
+        Anticlockwise seen from outside.
+    grey : ndarray of shape (v,)
+        0..255.
+    dimensions : Dimensions
+        Extents along the principal axes.
     """
 
     vertices: Float[np.ndarray, "v 3"]
@@ -341,10 +370,7 @@ class BodyModel:
     dimensions: Dimensions
 
     def share_near(self, points: Float[np.ndarray, "k 3"], distance: float) -> float:
-        """Share of points within a distance, m, of a vertex.
-
-        Points in m, principal axes.
-        """
+        """Share of points (m, principal axes) that lie within a distance, m, of a vertex."""
         return float(np.mean(KDTree(self.vertices).query(points)[0] <= distance))
 
 
@@ -361,12 +387,15 @@ def body_model(
 
     Parameters
     ----------
-    axes_cov: rad^2, of the small rotation of the principal axes about themselves; None where they are exact.
-    landmarks: m, principal axes; None to leave the surface where depth puts it.
+    axes_cov : ndarray of shape (3, 3) or None
+        rad^2, of the small rotation of the principal axes about themselves; None where they are exact.
+    landmarks : ndarray of shape (k, 3) or None
+        m, principal axes; None to leave the surface where depth puts it.
 
     Raises
     ------
-    InputError: the depth maps make no surface.
+    InputError
+        The depth maps make no surface.
     """
     outward = 0.0 if landmarks is None else _depth_of_landmarks(volume, landmarks)
     surface = _largest_part(volume, outward)

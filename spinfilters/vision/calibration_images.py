@@ -31,8 +31,14 @@ class Board:
 
     Attributes
     ----------
-    columns, rows: of inner corners.   square: side, m.   charuco: whether markers stand in its white squares (`DICTIONARY`).
-    window: half width of the patch that a corner is refined in, px.
+    columns, rows : int
+        Of inner corners.
+    square : float
+        Side, m.
+    charuco : bool
+        Whether markers stand in its white squares (`DICTIONARY`).
+    window : int
+        Half width of the patch that a corner is refined in, px.
     """
 
     columns: int
@@ -94,7 +100,12 @@ class BoardView:
 
     Attributes
     ----------
-    name: of the left image.   left, right: (n, 2) px.   seen: (n,) corners that both see.
+    name : str
+        Of the left image.
+    left, right : ndarray of shape (n, 2)
+        px.
+    seen : ndarray of shape (n,)
+        Corners that both see.
     """
 
     name: str
@@ -115,7 +126,8 @@ def image_pairs(folder: Path) -> list[BoardImages]:
 
     Raises
     ------
-    InputError: no pairs, or a left image without its right one.
+    InputError
+        No pairs, or a left image without its right one.
     """
     require_folder(folder)
     if (folder / CAMERAS[0] / IMAGES).is_dir():
@@ -145,7 +157,8 @@ def board_views(
 
     Raises
     ------
-    InputError: images of different sizes, too few pairs with a board.
+    InputError
+        Images of different sizes, too few pairs with a board.
     """
     views, size = [], None
     for left, right in pairs:
@@ -192,10 +205,7 @@ def _too_few(pairs: list[BoardImages], board: Board, found: int, losses: LossCou
 def _same_way(
     left: Float[np.ndarray, "n 2"], right: Float[np.ndarray, "n 2"], board: Board
 ) -> Float[np.ndarray, "n 2"]:
-    """The right corners in the order of the left ones.
-
-    A chessboard may be found the other way round.
-    """
+    """The right corners in the order of the left ones: a chessboard may be found the other way round."""
     if board.charuco:
         return right
     along_left, along_right = left[-1] - left[0], right[-1] - right[0]
@@ -216,11 +226,13 @@ def distinct_views(
 
     Parameters
     ----------
-    size: of the images, px.
+    size : tuple[int, int]
+        Of the images, px.
 
     Returns
     -------
-    Views named after the first at their place, and by name of every other view the name of that first one.
+    tuple[list[BoardView], dict[str, str]]
+        Views named after the first at their place, and by name of every other view the name of that first one.
     """
     places: list[list[BoardView]] = []
     for view in views:

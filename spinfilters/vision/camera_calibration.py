@@ -41,8 +41,16 @@ class CameraCalibration:
 
     Attributes
     ----------
-    K, distortion: found.   std: standard deviation of `PARAMETERS`, NaN before the covariance of the pair is known.   rms: px.
-    view_errors: (v,) rms of each view, px.   poses: of the board in the camera, rotation vector and place, (v, 6).
+    K, distortion : ndarray of shape (3, 3) and ndarray of shape (5,)
+        Found.
+    std : dict[str, float]
+        Standard deviation of `PARAMETERS`, NaN before the covariance of the pair is known.
+    rms : float
+        px.
+    view_errors : ndarray of shape (v,)
+        Rms of each view, px.
+    poses : ndarray of shape (v, 6)
+        Of the board in the camera, rotation vector and place, (v, 6).
     """
 
     K: Float[np.ndarray, "3 3"]
@@ -81,7 +89,8 @@ def calibrated_camera(
 
     Raises
     ------
-    InputError: no camera explains the views.
+    InputError
+        No camera explains the views.
     """
     points = [board.points[view.seen].astype(np.float32) for view in views]
     pixels = [(view.right if right else view.left)[view.seen].astype(np.float32) for view in views]
@@ -129,10 +138,15 @@ class CalibrationCovariance:
 
     Attributes
     ----------
-    covariance: of [left intrinsics | right intrinsics | rotation vector and place of the left camera in the right one].
-    independent, common: standard deviation of both kinds of corner errors, px, of left and right.
-    heterogeneity: variance of the views' disagreement over that of independent errors, of left and right, at least 1.
-    widening: factor on standard deviations from the profile of the cost, of left and right, at least 1.
+    covariance : ndarray of shape (24, 24)
+        Of [left intrinsics | right intrinsics | rotation vector and place of the left camera in the right
+        one].
+    independent, common : ndarray of shape (2,)
+        Standard deviation of both kinds of corner errors, px, of left and right.
+    heterogeneity : ndarray of shape (2,)
+        Variance of the views' disagreement over that of independent errors, of left and right, at least 1.
+    widening : ndarray of shape (2,)
+        Factor on standard deviations from the profile of the cost, of left and right, at least 1.
     """
 
     covariance: Float[np.ndarray, "24 24"]
@@ -153,8 +167,13 @@ class _LinearisedViews:
 
     Attributes
     ----------
-    residuals: (v, 2n) px, zero for corners that are not seen.   seen: (v, 2n).   intrinsics: (v, 2n, 9) and pose: (v, 2n, 6)
-        Jacobians.   reduced: of the intrinsics once the pose of the view is eliminated.   information: its Gramian, (9, 9).
+    residuals : ndarray of shape (v, m)
+        (v, 2n) px, zero for corners that are not seen.
+    seen : ndarray
+        (v, 2n).
+    intrinsics : ndarray of shape (v, m, 9)
+        Jacobian by the intrinsics; that by the pose of the view is (v, 2n, 6). ``reduced`` is the former once
+        the pose of the view is eliminated, and ``information`` its Gramian, (9, 9).
     """
 
     residuals: Float[np.ndarray, "v m"]
@@ -176,8 +195,10 @@ def calibration_covariance(
 
     Parameters
     ----------
-    views, board, cameras: as calibrated, the poses of the cameras being those of the views.
-    size: of the images, px.
+    views, board, cameras : Sequence[BoardView] and Board and CameraPair
+        As calibrated, the poses of the cameras being those of the views.
+    size : tuple[int, int]
+        Of the images, px.
     """
     sides = [
         _linearised(views, board, camera, right) for camera, right in zip(cameras, (False, True), strict=True)
@@ -277,7 +298,12 @@ class _PairedView:
 
     Attributes
     ----------
-    relative: Jacobian of the relative pose, (4n, 6).   intrinsics: of both intrinsics, (4n, 18).   residuals: (4n,) px.
+    relative : ndarray of shape (k, 6)
+        Jacobian of the relative pose, (4n, 6).
+    intrinsics : ndarray of shape (k, 18)
+        Of both intrinsics, (4n, 18).
+    residuals : ndarray of shape (k,)
+        (4n,) px.
     """
 
     relative: Float[np.ndarray, "k 6"]

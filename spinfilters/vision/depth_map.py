@@ -26,13 +26,12 @@ LARGEST_DIFFERENCE_PX: Final = 2.0
 def disparity_map(
     left: UInt8[np.ndarray, "h w"], right: UInt8[np.ndarray, "h w"], largest: int, smallest: int = 0
 ) -> Float[np.ndarray, "h w"]:
-    """Disparity u_left - u_right of each pixel of the left image, px.
-
-    NaN where none is found.
+    """Disparity u_left - u_right of each pixel of the left image, px; NaN where none is found.
 
     Parameters
     ----------
-    smallest, largest: disparities that are looked for, px; the range is widened to a multiple of 16.
+    smallest, largest : int
+        Disparities that are looked for, px; the range is widened to a multiple of 16.
     """
     count = -(-(largest - smallest + 1) // 16) * 16
     area = BLOCK * BLOCK
@@ -82,7 +81,12 @@ class DepthMap:
 
     Attributes
     ----------
-    corner: column and row of its first pixel.   depth, std: (h, w) m, NaN where there is none.   grey: of the image, 0..255.
+    corner : tuple[int, int]
+        Column and row of its first pixel.
+    depth, std : Grey
+        (h, w) m, NaN where there is none.
+    grey : ndarray of shape (h, w)
+        Of the image, 0..255.
     """
 
     corner: tuple[int, int]
@@ -122,10 +126,7 @@ def depth_map(
 def refined_disparity(
     left: Float[np.ndarray, "h w"], right: Float[np.ndarray, "h w"], disparity: Grey
 ) -> tuple[Grey, Grey]:
-    """Disparity to a fraction of a pixel with standard deviation, px.
-
-    NaN where windows do not correspond.
-    """
+    """Subpixel disparity and its standard deviation, px; NaN where the windows do not correspond."""
     found = np.isfinite(disparity)
     start = np.where(found, disparity, 0.0).astype(np.float32)
     columns, rows = np.meshgrid(
@@ -149,13 +150,16 @@ def _inside(good: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
 
 
 class _Window:
-    """Sums over the window of each pixel at given disparities.
-
-    These tell the places of the right image.
+    """Sums over each pixel's window, with the right image sampled at the given columns and rows.
 
     Attributes
     ----------
-    step: of the disparity towards the least squares, px.   std: of the disparity, px.   correlation: of both windows.
+    step
+        Of the disparity towards the least squares, px.
+    std
+        Of the disparity, px.
+    correlation
+        Of both windows.
     """
 
     def __init__(

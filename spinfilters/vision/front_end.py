@@ -109,7 +109,11 @@ class PatchAlignment:
 
     Attributes
     ----------
-    disparity: (n,) px.   residual: (n,) of the grey values after alignment over their contrast, 0..1.   found: (n,).
+    disparity : ndarray of shape (n,)
+        px.
+    residual : ndarray of shape (n,)
+        Of the grey values after alignment over their contrast, 0..1.
+    found : ndarray of shape (n,)
     """
 
     disparity: Float[np.ndarray, " n"]
@@ -180,7 +184,10 @@ class _Fit:
 
     Attributes
     ----------
-    step: (n, 3) of shift and slopes.   residual: (n,) over the contrast of the left patch.
+    step : ndarray of shape (n, 3)
+        Of shift and slopes.
+    residual : ndarray of shape (n,)
+        Over the contrast of the left patch.
     """
 
     step: Float[np.ndarray, "n 3"]
@@ -224,8 +231,14 @@ class FrontEndOptions:
 
     Attributes
     ----------
-    detector: "sift" or "orb".   stereo: left-right matching.   association: with landmarks.
-    noise: of the observations, until it is identified.
+    detector : str
+        "sift" or "orb".
+    stereo : StereoMatching
+        Left-right matching.
+    association : Association
+        With landmarks.
+    noise : TrackNoise
+        Of the observations, until it is identified.
     """
 
     detector: str = "sift"
@@ -312,7 +325,8 @@ class OnlineFrontEnd:
 
     Attributes
     ----------
-    losses: what was lost so far.
+    losses : LossCount or None
+        What was lost so far.
     """
 
     def __init__(

@@ -84,10 +84,7 @@ _FRAMES: Final = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 
 
 def claimed_size(data: bytes) -> tuple[int, int] | None:
-    """Width and height of an image file, px, None if unknown.
-
-    PNG, JPEG, BMP, PNM or TIFF.
-    """
+    """Width and height, px, in the header of a PNG, JPEG, BMP, PNM or TIFF file; None if unknown."""
     try:
         for begin, read in _READERS:
             if data.startswith(begin):
@@ -98,10 +95,7 @@ def claimed_size(data: bytes) -> tuple[int, int] | None:
 
 
 def is_damaged_png(data: bytes) -> bool:
-    """Whether a PNG has a chunk whose checksum is wrong.
-
-    Its decoder would complain on the console.
-    """
+    """Whether a chunk of a PNG has a wrong checksum, of which its decoder would complain on the console."""
     at = len(PNG_BEGIN)
     if not data.startswith(PNG_BEGIN):
         return False
@@ -175,7 +169,10 @@ class LossCount:
 
     Attributes
     ----------
-    lost: of (stage, cause).   kept: of a stage.
+    lost : Counter[tuple[str, str]]
+        Of (stage, cause).
+    kept : Counter[str]
+        Of a stage.
     """
 
     lost: Counter[tuple[str, str]] = field(default_factory=Counter)
@@ -238,10 +235,7 @@ Grey = UInt8[np.ndarray, "h w"] | UInt16[np.ndarray, "h w"]
 
 
 class StampedPair(NamedTuple):
-    """Time (s) and files of a left and a right image.
-
-    ``stamp`` is the time on the cameras' clock, ns.
-    """
+    """Time (s) and files of a left and a right image; ``stamp`` is the time on the cameras' clock, ns."""
 
     time: float
     left: Path
@@ -265,7 +259,10 @@ class PairReader:
 
     Attributes
     ----------
-    size: width and height that images must have, px.   losses: counted here.
+    size : tuple[int, int]
+        Width and height that images must have, px.
+    losses : LossCount
+        Counted here.
     """
 
     size: tuple[int, int]
@@ -351,10 +348,7 @@ def _decoded(path: Path) -> tuple[Grey | None, str | None]:
 
 
 def _bits(image: Grey) -> int:
-    """Bits of the largest grey value, at least 8.
-
-    Cameras of 10, 12 and 14 bits write 16.
-    """
+    """Bits of the largest grey value, at least 8: cameras of 10, 12 and 14 bits write files of 16."""
     return max(int(image.max()).bit_length(), 8)
 
 
@@ -371,7 +365,8 @@ def stamped_pairs(folder: Path, losses: LossCount) -> list[StampedPair]:
 
     Raises
     ------
-    InputError: no images, a list that is none, time stamps out of order or fewer than two pairs.
+    InputError
+        No images, a list that is none, time stamps out of order or fewer than two pairs.
     """
     require_folder(folder)
     left, right = (_stamps(folder / camera) for camera in CAMERAS)

@@ -44,8 +44,14 @@ class RawCamera:
 
     Attributes
     ----------
-    intrinsics: (fx, fy, cx, cy), px.   distortion: (k1, k2, p1, p2, k3), Brown.   width, height: px.
-    R_bc, t_bc: pose of the camera in the body frame of the rig, m.
+    intrinsics : ndarray of shape (4,)
+        (fx, fy, cx, cy), px.
+    distortion : ndarray of shape (5,)
+        (k1, k2, p1, p2, k3), Brown.
+    width, height : int
+        px.
+    R_bc, t_bc : ndarray of shape (3, 3) and ndarray of shape (3,)
+        Pose of the camera in the body frame of the rig, m.
     """
 
     intrinsics: Float[np.ndarray, " 4"]
@@ -68,7 +74,8 @@ class RawRig:
 
     Raises
     ------
-    InputError: images of different sizes, cameras at one place.
+    InputError
+        Images of different sizes, cameras at one place.
     """
 
     left: RawCamera
@@ -104,7 +111,8 @@ def read_raw_rig(folder: Path) -> RawRig:
 
     Raises
     ------
-    InputError: unreadable YAML, not a pinhole with Brown distortion, numbers out of range, images of different sizes.
+    InputError
+        Unreadable YAML, not a pinhole with Brown distortion, numbers out of range, images of different sizes.
     """
     infos = [folder / file.parent / CAMERA_INFO_FILE for file in RIG_FILES]
     told = all(info.is_file() for info in infos) and not any((folder / file).exists() for file in RIG_FILES)
@@ -146,7 +154,8 @@ def write_raw_rig(rig: RawRig, folder: Path, deviations: Sequence[str] = ("", ""
 
     Parameters
     ----------
-    deviations: lines of `deviations_text` for each camera.
+    deviations : Sequence[str]
+        Lines of `deviations_text` for each camera.
     """
     for camera, file, stated in zip((rig.left, rig.right), RIG_FILES, deviations, strict=True):
         make_folder((folder / file).parent)
@@ -186,7 +195,9 @@ def read_camera_infos(left: Path, right: Path) -> tuple[SensorFile, SensorFile]:
 
     Raises
     ------
-    InputError: unreadable YAML, a key that is missing, numbers of another shape, matrices that are no rotations, no baseline.
+    InputError
+        Unreadable YAML, a key that is missing, numbers of another shape, matrices that are no rotations, no
+        baseline.
     """
     settings = [read_yaml(path) for path in (left, right)]
     for path, each in zip((left, right), settings, strict=True):
@@ -320,10 +331,7 @@ class Rectification:
         x: Float[np.ndarray, "..."],
         y: Float[np.ndarray, "..."],
     ) -> Float[np.ndarray, "..."]:
-        """Grey values of a raw image at rectified columns and rows.
-
-        Camera 0 is the left one; single precision.
-        """
+        """Grey values of a raw image (camera 0 is the left one) at rectified columns and rows, single precision."""
         across, down = (np.ascontiguousarray(each, dtype=np.float32).reshape(len(x), -1) for each in (x, y))
         column, row = (
             cv2.remap(each, across, down, MODE, borderMode=cv2.BORDER_REPLICATE)
@@ -359,10 +367,7 @@ class Rectification:
         )
 
     def left_poses(self, poses: Float[np.ndarray, "n 7"]) -> Float[np.ndarray, "n 7"]:
-        """Poses of the rectified left camera from those of the raw one.
-
-        t (m), q.
-        """
+        """Poses (t in m, q) of the rectified left camera from those of the raw one."""
         turn = inverse(quaternion_from_matrix(self.rotation))
         q = multiply(poses[:, 3:], np.broadcast_to(turn, (len(poses), 4)))
         return np.concatenate([poses[:, :3], q], axis=1)

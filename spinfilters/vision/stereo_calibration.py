@@ -38,10 +38,24 @@ class StereoCalibration:
 
     Attributes
     ----------
-    rig: body frame is the left camera.   cameras: left and right.   rms: of the pair, px.   views: that were used.
-    dropped: name of a view and why it was left out.   repeated: name of a view, and of the one at whose place it shows the board,
-    with which it counts as one.   baseline_std: m.   rotation_std: of the angle between the cameras, rad.
-    view_errors: (v, 2) rms of each used view in both images, px.
+    rig : RawRig
+        Body frame is the left camera.
+    cameras : CameraPair
+        Left and right.
+    rms : float
+        Of the pair, px.
+    views : list[BoardView]
+        That were used.
+    dropped : dict[str, str]
+        Name of a view and why it was left out.
+    repeated : dict[str, str]
+        Name of a view, and of the one at whose place it shows the board, with which it counts as one.
+    baseline_std : float
+        m.
+    rotation_std : float
+        Of the angle between the cameras, rad.
+    view_errors : ndarray of shape (v, 2)
+        Rms of each used view in both images, px.
     """
 
     rig: RawRig
@@ -67,7 +81,8 @@ def calibrate_stereo(views: list[BoardView], board: Board, size: tuple[int, int]
 
     Raises
     ------
-    InputError: fewer than four views that differ and agree; views that do not determine focal length or baseline.
+    InputError
+        Fewer than four views that differ and agree; views that do not determine focal length or baseline.
     """
     dropped: dict[str, str] = {}
     views, repeated = distinct_views(views, size)
@@ -287,7 +302,10 @@ class BoardMeasurement:
 
     Attributes
     ----------
-    rows: (n,) px by which rectified corners of a pair miss one another.   squares: (v,) measured side of a square in each view, m.
+    rows : ndarray of shape (n,)
+        px by which rectified corners of a pair miss one another.
+    squares : ndarray of shape (v,)
+        Measured side of a square in each view, m.
     """
 
     rows: Float[np.ndarray, " n"]

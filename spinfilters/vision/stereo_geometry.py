@@ -54,9 +54,14 @@ class RigAccuracy:
 
     Attributes
     ----------
-    by_column, by_row: (3,) how far one pixel in the left column, or in both rows, moves the triangulated point, m.
-    std: (3,) of its coordinates with white noise on (u_left, v_left, u_right), m.
-    nearest: distance at which both cameras begin to see it, m (Eq. 5.2).   farthest: where its disparity is one pixel, m.
+    by_column, by_row : ndarray of shape (3,)
+        How far one pixel in the left column, or in both rows, moves the triangulated point, m.
+    std : ndarray of shape (3,)
+        Of its coordinates with white noise on (u_left, v_left, u_right), m.
+    nearest : float
+        Distance at which both cameras begin to see it, m (Eq. 5.2).
+    farthest : float
+        Where its disparity is one pixel, m.
     """
 
     by_column: Float[np.ndarray, " 3"]

@@ -29,8 +29,14 @@ class Features:
 
     Attributes
     ----------
-    pixels: (n, 2) column and row.   size: (n,) diameter, px.   angle: (n,) rad.
-    descriptors: (n, d) of unit length: the product of two is 1 for the same look.
+    pixels : ndarray of shape (n, 2)
+        Column and row.
+    size : ndarray of shape (n,)
+        Diameter, px.
+    angle : ndarray of shape (n,)
+        rad.
+    descriptors : ndarray of shape (n, d)
+        Of unit length: the product of two is 1 for the same look.
     """
 
     pixels: Float[np.ndarray, "n 2"]
@@ -73,10 +79,7 @@ class SiftDetector:
 
 
 class OrbDetector:
-    """ORB features (Rublee et al. 2011): faster and less exact.
-
-    Bits are kept as +1 and -1.
-    """
+    """ORB features (Rublee et al. 2011), faster and less exact; descriptor bits are kept as +1 and -1."""
 
     def __init__(self) -> None:
         self._orb = cv2.ORB.create(nfeatures=MOST_FEATURES, fastThreshold=8)
@@ -132,11 +135,22 @@ class StereoMatching:
 
     Attributes
     ----------
-    row_tolerance: rows by which the two places may differ before refinement, px, and a share of the feature's size.
-    refined_row_tolerance: after it.   depths: nearest and farthest, m; beyond the farthest a point tells no depth.
-    similarity: smallest product of descriptors.   ratio: of the distances to best and second best descriptor, at most (Lowe 2004).
-    size_ratio: between the two, at most.   window: half width of the patch that is aligned, px.
-    residual: mean grey difference of aligned patches over their contrast, at most.
+    row_tolerance : float
+        Rows by which the two places may differ before refinement, px, and a share of the feature's size.
+    refined_row_tolerance : float
+        After it.
+    depths : tuple[float, float]
+        Nearest and farthest, m; beyond the farthest a point tells no depth.
+    similarity : float
+        Smallest product of descriptors.
+    ratio : float
+        Of the distances to best and second best descriptor, at most (Lowe 2004).
+    size_ratio : float
+        Between the two, at most.
+    window : int
+        Half width of the patch that is aligned, px.
+    residual : float
+        Mean grey difference of aligned patches over their contrast, at most.
     """
 
     row_tolerance: float = 2.0
@@ -155,7 +169,12 @@ class StereoFeatures:
 
     Attributes
     ----------
-    values: (n, 3) u_left, v_left, u_right, px.   features: of the left image.   residual: (n,) of the aligned patches, 0..1.
+    values : ndarray of shape (n, 3)
+        u_left, v_left, u_right, px.
+    features : Features
+        Of the left image.
+    residual : ndarray of shape (n,)
+        Of the aligned patches, 0..1.
     """
 
     values: Float[np.ndarray, "n 3"]
@@ -208,10 +227,7 @@ def match_stereo(
     options: StereoMatching,
     losses: LossCount,
 ) -> StereoFeatures:
-    """Matches of rectified images: points alike on one row.
-
-    Rejected ones are counted by cause.
-    """
+    """Matches of similar points on one row of rectified images; rejected ones are counted by cause."""
     pairs = _best_on_row(left.features, right.features, rig, options, losses)
     chosen = left.features.part(pairs[:, 0])
     start = right.features.pixels[pairs[:, 1]]
@@ -257,7 +273,8 @@ def clear_pairs(
 
     Parameters
     ----------
-    similarity: products of descriptors of unit length, -1 for pairs that are out of the question.
+    similarity : ndarray of shape (n, m)
+        Products of descriptors of unit length, -1 for pairs that are out of the question.
     """
     if not similarity.size:
         return np.zeros((0, 2), dtype=int)
@@ -284,10 +301,7 @@ def _aligned(
     start: Float[np.ndarray, "k 2"],
     options: StereoMatching,
 ) -> tuple[Float[np.ndarray, "k 2"], Float[np.ndarray, " k"], Bool[np.ndarray, " k"]]:
-    """Aligned places of left patches in the right image (Lucas and Kanade 1981).
-
-    The residuals come with them, and which were found.
-    """
+    """Left patches aligned in the right image (Lucas and Kanade 1981): places, residuals and which converged."""
     if not len(pixels):
         return np.zeros((0, 2)), np.zeros(0), np.zeros(0, dtype=bool)
     side = 2 * options.window + 1
@@ -326,8 +340,18 @@ class EpochObservations:
 
     Attributes
     ----------
-    epoch: number.   time: s.   pose: (t, q_ig) of g.   ids: (n,) landmarks.   points: the features that they are.
-    covariance: (n, 3, 3) px^2.
+    epoch : int
+        Number.
+    time : float
+        s.
+    pose : ndarray of shape (7,)
+        (t, q_ig) of g.
+    ids : ndarray of shape (n,)
+        Landmarks.
+    points : StereoFeatures
+        The features that they are.
+    covariance : ndarray of shape (n, 3, 3)
+        px^2.
     """
 
     epoch: int

@@ -67,8 +67,9 @@ def read_image_source(folder: Path, losses: LossCount) -> ImageSource:
 
     Raises
     ------
-    InputError: no calibration, no pairs, cameras that are not side by side, stamps in another unit, poses that do not cover the
-    pairs, a truth of another time. The text names the file.
+    InputError
+        No calibration, no pairs, cameras that are not side by side, stamps in another unit, poses that do not
+        cover the pairs, a truth of another time. The text names the file.
     """
     rectification = Rectification(read_raw_rig(folder))
     try:
@@ -151,8 +152,12 @@ class TrackedImages:
 
     Attributes
     ----------
-    dataset: stereo tracks of unknown landmarks, in rectified pixels.   losses: of every stage, by cause.
-    document: the same and the identified noise, as JSON.
+    dataset : Dataset
+        Stereo tracks of unknown landmarks, in rectified pixels.
+    losses : LossCount
+        Of every stage, by cause.
+    document : dict[str, Any]
+        The same and the identified noise, as JSON.
     """
 
     dataset: Dataset
@@ -169,7 +174,8 @@ def track_images(
 
     Raises
     ------
-    InputError: no images, no calibration, no two pairs whose motion is found. The text names the folder or file.
+    InputError
+        No images, no calibration, no two pairs whose motion is found. The text names the folder or file.
     """
     options, losses = options or FrontEndOptions(), LossCount()
     found, points, count = stereo_points(folder, options, losses, progress)
@@ -204,7 +210,10 @@ def stereo_points(
 ) -> FolderPoints:
     """Stereo points of every pair of a folder, before association.
 
-    Errors: no images, no calibration.
+    Raises
+    ------
+    InputError
+        The folder has no images or no calibration.
     """
     source = read_image_source(folder, losses)
     reader = PairReader(source.rectification.rig.size, losses)
@@ -228,7 +237,10 @@ def track_images_online(
 
     Parameters
     ----------
-    on_epoch: called with the observations of every epoch at once.   Errors: `track_images`.
+    on_epoch : Callable[[EpochObservations], None]
+        Called with the observations of every epoch at once.
+    Errors
+        `track_images`.
     """
     losses = LossCount()
     source = read_image_source(folder, losses)

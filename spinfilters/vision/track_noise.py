@@ -37,7 +37,8 @@ class TrackNoise:
 
     Attributes
     ----------
-    place, disparity: the two coefficients of each.
+    place, disparity : tuple[float, float]
+        The two coefficients of each.
     """
 
     place: tuple[float, float] = (0.01, 0.008)
@@ -72,9 +73,12 @@ def identified(
 
     Parameters
     ----------
-    residuals: of u_left, v_left and disparity, px.
-    freedom: share of each one's variance that the fit has left: one minus its leverage.
-    size, residual: of the features, see `TrackNoise.variances`.
+    residuals : ndarray of shape (n, 3)
+        Of u_left, v_left and disparity, px.
+    freedom : ndarray of shape (n, 3)
+        Share of each one's variance that the fit has left: one minus its leverage.
+    size, residual : ndarray of shape (n,)
+        Of the features, see `TrackNoise.variances`.
     """
     place = _coefficients(residuals[:, :2], freedom[:, :2], size)
     return TrackNoise(place, _coefficients(residuals[:, 2:], freedom[:, 2:], residual))
@@ -110,9 +114,16 @@ class LandmarkResiduals:
 
     Attributes
     ----------
-    landmark: (n,) which.   point: (n, 3) where it is, m, frame g.   rotation, position: (n, 3, 3), (n, 3) m of g at the epoch.
-    residual: (n, 3) of u_left, v_left and disparity, in standard deviations of white noise.
-    jacobian: (n, 3, 3) of these by the landmark's position.
+    landmark : ndarray of shape (n,)
+        Which.
+    point : ndarray of shape (n, 3)
+        Where it is, m, frame g.
+    rotation, position : ndarray of shape (n, 3, 3) and ndarray of shape (n, 3)
+        (n, 3, 3), (n, 3) m of g at the epoch.
+    residual : ndarray of shape (n, 3)
+        Of u_left, v_left and disparity, in standard deviations of white noise.
+    jacobian : ndarray of shape (n, 3, 3)
+        Of these by the landmark's position.
     """
 
     landmark: Int[np.ndarray, " n"]
@@ -149,7 +160,10 @@ class ErrorCorrelation:
 
     Attributes
     ----------
-    place, disparity: a_0, and a_k of every angle of `ANGLES_DEG`.   inflation: factor on the variances of white noise, at least 1.
+    place, disparity : tuple[float, ...]
+        a_0, and a_k of every angle of `ANGLES_DEG`.
+    inflation : float
+        Factor on the variances of white noise, at least 1.
     """
 
     place: tuple[float, ...] = (1.0,)
@@ -208,10 +222,7 @@ def _residual_projection(one: LandmarkResiduals) -> Float[np.ndarray, "m m"]:
 
 
 def _kernels(one: LandmarkResiduals) -> Float[np.ndarray, "k m m"]:
-    """Covariances of one landmark's m = 3 n errors by each coefficient.
-
-    The place comes first, then the disparity.
-    """
+    """Covariances of one landmark's m = 3 n errors per unit of each coefficient: place first, then disparity."""
     n, place, disparity = len(one.landmark), one.rotation.copy(), np.zeros((3, 3))
     place[:, 2], disparity[2, 2] = 0.0, 1.0
     alike = np.einsum("iac,jbc->ijab", place, place)

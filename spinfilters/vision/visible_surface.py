@@ -21,8 +21,12 @@ class VisibleSurface:
 
     Attributes
     ----------
-    face: (h, w) row of the mesh's faces, -1 where nothing is.   nearness: (h, w), of the surface there; 0 where nothing is.
-    weights: (k, 3) barycentric weights in the image plane of the samples ``face >= 0``, row by row.
+    face : ndarray of shape (h, w)
+        Row of the mesh's faces, -1 where nothing is.
+    nearness : ndarray of shape (h, w)
+        Of the surface there; 0 where nothing is.
+    weights : ndarray of shape (k, 3)
+        Barycentric weights in the image plane of the samples ``face >= 0``, row by row.
     """
 
     face: Int[np.ndarray, "h w"]
@@ -44,9 +48,13 @@ def visible_surface(
 
     Parameters
     ----------
-    corners: (column, row) of the triangles' corners, in samples.
-    nearness: of the corners, positive, linear over the image plane: 1/z in perspective, a constant minus z in a parallel view.
-    shape: rows and columns of samples.
+    corners : ndarray of shape (f, 3, 2)
+        (column, row) of the triangles' corners, in samples.
+    nearness : ndarray of shape (f, 3)
+        Of the corners, positive, linear over the image plane: 1/z in perspective, a constant minus z in a
+        parallel view.
+    shape : tuple[int, int]
+        Rows and columns of samples.
     """
     height, width = shape
     best, face = np.zeros(height * width), np.full(height * width, -1)
@@ -111,10 +119,7 @@ def _draw(
 
 
 def _planes(corners: Float[np.ndarray, "f 3 2"]) -> Float[np.ndarray, "f 2 3"]:
-    """Barycentric weights of the first two corners, linear in the sample.
-
-    Factors of column and row, and a constant.
-    """
+    """First two barycentric weights, linear in the sample: factors of column and row, and a constant."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     area = _cross(b - a, c - a)[:, None]
     first = np.stack([b[:, 1] - c[:, 1], c[:, 0] - b[:, 0], _cross(b, c)], axis=1) / area
