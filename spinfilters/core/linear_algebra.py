@@ -1,4 +1,4 @@
-"""Linear algebra and statistics of covariances: definiteness, roots, signs, chi-square and F probabilities, LAPACK."""
+"""Linear algebra of covariances: definiteness, roots, signs, normalised squares, LAPACK."""
 
 from collections.abc import Callable
 from typing import Any, Final
@@ -6,7 +6,6 @@ from typing import Any, Final
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.linalg import get_lapack_funcs
-from scipy.special import chdtrc, fdtrc, gammaincinv
 
 SINGULAR: Final = 1e-12
 """Smallest eigenvalue, over the largest or over a diagonal of ones, from which down a matrix counts as singular.
@@ -58,24 +57,6 @@ def with_largest_positive(vectors: Float[np.ndarray, "*batch n"]) -> Float[np.nd
     first = (size >= (1 - EQUAL) * size.max(axis=-1, keepdims=True)).argmax(axis=-1)
     largest = np.take_along_axis(vectors, first[..., np.newaxis], axis=-1)
     return np.where(largest < 0, -vectors, vectors)
-
-
-Numbers = np.ndarray | float
-
-
-def chi_square_tail(value: Numbers, dof: Numbers) -> Numbers:
-    """P(chi2_dof > value); 1 for negative values."""
-    return chdtrc(dof, np.maximum(value, 0.0))
-
-
-def chi_square_median(dof: Numbers) -> Numbers:
-    """Median of the chi-square distribution with ``dof`` degrees of freedom."""
-    return 2 * gammaincinv(0.5 * dof, 0.5)
-
-
-def fisher_tail(value: float, first: float, second: float) -> float:
-    """P(F > value) for Fisher's distribution with ``first`` and ``second`` degrees of freedom; 1 for negative values."""
-    return float(fdtrc(first, second, max(value, 0.0)))
 
 
 NAMES = ("geqrf", "potrf", "pstrf", "tpqrt", "trtri", "trtrs")

@@ -14,7 +14,12 @@ from spinfilters.core.attitude_conversions import (
     rotate,
 )
 from spinfilters.core.errors import InputError
-from spinfilters.core.linear_algebra import by_stretches, normalised_square, normalised_trace, regular_factors
+from spinfilters.core.linear_algebra import (
+    by_stretches,
+    normalised_square,
+    normalised_trace,
+    regular_factors,
+)
 from spinfilters.core.mass_distribution import from_inertia
 from spinfilters.evaluation.trajectory_errors import common_stamps
 from spinfilters.filters.history import EstimateHistory

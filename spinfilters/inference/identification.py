@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.core.linear_algebra import chi_square_tail, fisher_tail
+from spinfilters.core.chi_square import chi_square_tail, fisher_tail
 from spinfilters.filters.noise_levels import PRIOR_INFORMATION, VarianceComponent
 from spinfilters.filters.square_root import lower_roots
 from spinfilters.inference.noise_model import (

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.core.linear_algebra import chi_square_median, chi_square_tail
+from spinfilters.core.chi_square import chi_square_median, chi_square_tail
 from spinfilters.filters.noise_levels import FORCE_PSD, TORQUE_PSD, ComponentRows
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.smoother.linear_system import Marginals

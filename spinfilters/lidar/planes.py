@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.ndimage import uniform_filter
 from scipy.optimize import nnls
 
-from spinfilters.core.linear_algebra import chi_square_median
+from spinfilters.core.chi_square import chi_square_median
 from spinfilters.core.ray_angles import angles_of, unit_vectors
 from spinfilters.lidar.scan import Scan, angle_tree
 

@@ -9,8 +9,8 @@ from typing import Final
 
 import numpy as np
 
+from spinfilters.core.chi_square import chi_square_tail
 from spinfilters.core.errors import InputError
-from spinfilters.core.linear_algebra import chi_square_tail
 from spinfilters.core.working_time import working_seconds
 from spinfilters.inference.first_epochs import BoundLog, GivenInitialisation
 from spinfilters.inference.identified_noise import ROUNDS, smallest_level, with_identified_noise

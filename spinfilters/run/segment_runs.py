@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Float
 from rich.table import Table
 
+from spinfilters.core.chi_square import chi_square_tail
 from spinfilters.core.errors import InputError
-from spinfilters.core.linear_algebra import chi_square_tail
 from spinfilters.evaluation.estimator_evaluation import REPORTED
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.output_files import write_json

@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.core.attitude_conversions import matrix_from_quaternion
+from spinfilters.core.chi_square import chi_square_tail
 from spinfilters.core.errors import NUMERICAL_ERRORS, InputError
-from spinfilters.core.linear_algebra import chi_square_tail
 from spinfilters.core.mass_distribution import from_inertia, inertia_matrix
 from spinfilters.filters.timeline import build_timeline
 from spinfilters.inference.identified_noise import Unstated, noise_model

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from spinfilters.core.linear_algebra import chi_square_tail, fisher_tail
+from spinfilters.core.chi_square import chi_square_tail, fisher_tail
 from spinfilters.filters.timeline import build_timeline, times_of
 from spinfilters.inference.identified_noise import Unstated, noise_model
 from spinfilters.inference.setup import Setup, camera_view

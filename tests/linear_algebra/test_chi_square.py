@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from spinfilters.core.linear_algebra import chi_square_median, chi_square_tail, fisher_tail
+from spinfilters.core.chi_square import chi_square_median, chi_square_tail, fisher_tail
 
 VALUES = np.array([-1.0, 0.0, 1e-12, 0.3, 4.0, 60.0, 900.0, np.inf, np.nan])
 

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.special import ndtr
 
-from spinfilters.core.linear_algebra import chi_square_tail, fisher_tail
+from spinfilters.core.chi_square import chi_square_tail, fisher_tail
 from spinfilters.filters.noise_levels import ComponentRows
 from spinfilters.smoother.motion_factors import EpochRows
 from spinfilters.verdict.model_errors.linear_rows import Columns, Gradient, LinearRows, flat, summed

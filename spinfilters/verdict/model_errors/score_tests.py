@@ -22,7 +22,7 @@ from typing import ClassVar, Final, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.core.linear_algebra import chi_square_tail
+from spinfilters.core.chi_square import chi_square_tail
 from spinfilters.io.consider_parameter import ConsiderParameter
 from spinfilters.models.state_blocks import StateBlock
 from spinfilters.verdict.model_errors.linear_rows import Columns, summed
