@@ -45,7 +45,6 @@ from typing import Final
 import casadi as ca
 import numpy as np
 from jaxtyping import Float
-from scipy.special import chdtrc, chdtri
 
 from spinfilters.core.attitude_conversions import quaternion_from_matrix, rotation_vector_from_quaternion
 from spinfilters.core.compiled import Compiled
@@ -138,8 +137,6 @@ def _moved_inertia() -> Compiled:
 
 REACH: Final[float] = 4.0
 """Standard deviations of the mass distribution at which the interval ends: those that ``ok`` speaks of."""
-SPHERE_REACH: Final[float] = float(np.sqrt(chdtri(DIMENSION, chdtrc(1, REACH**2))))
-"""R5: length of the errors of all five directions that is as improbable."""
 STEPS: Final[int] = 3
 """Of a search along the gradient."""
 FRACTIONS: Final = np.array([0.5, 0.75, 1.0])
@@ -165,6 +162,14 @@ DIRECTIONS: Final = np.concatenate([np.eye(DIMENSION), -np.eye(DIMENSION)])
 """That searches begin from, of the one that lies farthest out."""
 Departures = tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 2"], Float[np.ndarray, "n 3"]]
 """Of the moments (largest = 1), of their log ratios k1, k2, and of the axes about themselves, rad."""
+
+
+@cache
+def sphere_reach() -> float:
+    """R5: length of the errors of all five directions that is as improbable as `REACH` in one."""
+    from scipy.special import chdtrc, chdtri  # here alone: many commands need none of it
+
+    return float(np.sqrt(chdtri(DIMENSION, chdtrc(1, REACH**2))))
 
 
 def widest_departures(
@@ -280,7 +285,7 @@ def _shares(distance: Float[np.ndarray, "n p"]) -> Float[np.ndarray, "n p 1"]:
     None of a point nearer than `NEAREST`, where a departure over its distance is the first order's, which is counted otherwise.
     """
     shares = np.where(distance >= NEAREST, 1.0 / np.maximum(distance, NEAREST), 0.0)
-    shares[:, 0] *= SPHERE_REACH / REACH
+    shares[:, 0] *= sphere_reach() / REACH
     return shares[..., np.newaxis]
 
 
@@ -294,7 +299,7 @@ def _in_deviations(bodies: _Bodies, errors: Float[np.ndarray, "n k 5"]) -> Float
 def _round_bodies(bodies: _Bodies) -> Float[np.ndarray, "n 4 5"]:
     """The sphere and the discs, those within their reach; others are left at the mean."""
     u = _in_deviations(bodies, _round_errors(bodies.L))
-    reach = np.array([SPHERE_REACH, REACH, REACH, REACH])[:, np.newaxis]
+    reach = np.array([sphere_reach(), REACH, REACH, REACH])[:, np.newaxis]
     return np.where(np.linalg.norm(u, axis=2, keepdims=True) <= reach, u, 0.0)
 
 

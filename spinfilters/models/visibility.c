@@ -5,7 +5,8 @@
 
 typedef long long integer;
 
-/* Of `count` points and unit normals (3 x count each), and n.p and |p|^2 of each: found [epochs][count] where the cosine between the
+/* Of `count` points and unit normals (3 x count each), and n.p and |p|^2 of each: found [epochs][count] where the
+ * cosine between the
  * normal and the line to the camera exceeds `cosine`, and the depth along the optical axis (its axes in g: [epochs][3]) exceeds the
  * least one. camera: its places in g. */
 void facing(integer epochs, integer count, const double* restrict points, const double* restrict normals,
@@ -24,7 +25,8 @@ void facing(integer epochs, integer count, const double* restrict points, const 
   }
 }
 
-/* Of `visible` [epochs][count] those known again: landmark k in its appearance a where `drawn` [epochs][count] at (a, k) is below its
+/* Of `visible` [epochs][count] those known again: landmark k in its appearance a where `drawn` [epochs][count] at (a,
+ * k) is below its
  * probability. now [count + 8], 0 at first; begun [count + 8] likewise, read eight at once, of which few are new. */
 void recognised(integer epochs, integer count, const unsigned char* restrict visible, const double* restrict drawn,
                 const double* restrict probability, integer* restrict appearances, unsigned char* restrict now,

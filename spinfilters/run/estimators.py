@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from jaxtyping import Float
-from scipy.special import chdtrc
 
 from spinfilters.core.errors import InputError
 from spinfilters.core.plugins import entries_by_name, in_order, installed_plugins
@@ -218,6 +217,8 @@ class SmootherEntry(EstimatorEntry[RecursiveSmoother]):
         """Chi-square tail beyond the gate, zero of other losses."""
         if settings.smoother.loss != "gate":
             return 0.0
+        from scipy.special import chdtrc  # here alone: commands that refuse a recording need none of it
+
         dimension = max(sensor_format(sensor).dimension for sensor in setup.dataset.log.sensors)
         return float(chdtrc(dimension, settings.smoother.width**2))
 

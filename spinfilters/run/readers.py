@@ -104,7 +104,7 @@ def dataset_readers() -> list[DatasetReader]:
 
     InputError: a plug-in that cannot be loaded, a name that stands twice.
     """
-    every = (*OWN_READERS, *installed_plugins(READER_GROUP, DatasetReader))
+    every = (*OWN_READERS, *installed_plugins("spinfilters.readers", DatasetReader))
     return list(entries_by_name(in_order(every), "reader").values())
 
 
@@ -189,8 +189,6 @@ def _told_once(dataset: Dataset) -> Dataset:
     return without_repeated_rates(dataset) if logged_again else dataset
 
 
-READER_GROUP: Final = "spinfilters.readers"
-"""Entry points of readers from outside."""
 OWN_READERS: Final[tuple[DatasetReader, ...]] = (
     DatasetFolderReader(front_end_of),
     OtherFolderReader(recordings_in),

@@ -9,7 +9,7 @@ from contracts.plugin import installed_plugin, program_of
 
 import spinfilters
 from spinfilters.core.errors import InputError
-from spinfilters.run.readers import READER_GROUP, dataset_readers, read_dataset
+from spinfilters.run.readers import dataset_readers, read_dataset
 
 DOCS = Path(__file__).parents[2] / "docs" / "how-to"
 PROGRAM = program_of(DOCS / "add-a-reader.md")
@@ -18,7 +18,7 @@ PROGRAM = program_of(DOCS / "add-a-reader.md")
 @pytest.fixture
 def module(tmp_path: Path) -> Iterator[Path]:
     """The module of the how-to page in an installed distribution, on the path."""
-    with installed_plugin(READER_GROUP, "numpy-gyro = numpy_gyro:READER", PROGRAM, tmp_path) as file:
+    with installed_plugin("spinfilters.readers", "numpy-gyro = numpy_gyro:READER", PROGRAM, tmp_path) as file:
         yield file
 
 
