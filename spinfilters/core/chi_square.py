@@ -1,6 +1,7 @@
 """Probabilities of the chi-square and F distributions.
 
-SciPy's special functions are imported where they are called: commands that refuse a recording need none of them.
+`scipy.stats` has them too, but its import takes as long as that of all else. SciPy's special functions are imported where they are
+called: commands that refuse a recording need none of them.
 """
 
 import numpy as np

@@ -323,7 +323,7 @@ def _largest(error: Float[np.ndarray, "n c"], std: Float[np.ndarray, "n c"]) -> 
 
 
 def held_text(evaluation: Evaluation) -> str:
-    """What holds of an estimate, "all but moments, axes" or "only position, rate", whichever is shorter.
+    """Name the quantities that hold, as "all but moments, axes" or "only position, rate", whichever is shorter.
 
     Quantities that its sensors cannot see are left out; empty of an estimate that has not been judged.
     """

@@ -309,7 +309,7 @@ class Closing(NamedTuple):
 
 
 class LandmarkSteps(Protocol):
-    """Steps of an epoch: `numpy_steps.NumpySteps` defines them, `compiled_steps.CompiledSteps` takes them in C."""
+    """Steps of an epoch: `NumpySteps` defines them, `compiled_steps.CompiledSteps` takes them in C."""
 
     def refresh(self, stored: LandmarkArrays, rows: Int[np.ndarray, " q"]) -> None:
         """Bring landmarks in these rows up to the present epoch's modes."""

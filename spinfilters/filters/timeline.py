@@ -32,6 +32,8 @@ class Epoch:
 
 Timeline = Sequence[Epoch]
 """Epochs in the order of time."""
+OnEpoch = Callable[[int, int], None]
+"""Called with epochs done and epochs in all."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,6 @@
 """Interface of an estimator in a comparison: recursive, or batch over all epochs."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 import numpy as np
@@ -13,7 +12,7 @@ if TYPE_CHECKING:
     from spinfilters.filters.estimator import Estimator
     from spinfilters.filters.history import EstimateHistory
     from spinfilters.filters.noise_levels import VarianceComponent
-    from spinfilters.filters.timeline import Timeline
+    from spinfilters.filters.timeline import OnEpoch, Timeline
     from spinfilters.inference.initial_estimate import InitialEstimate
     from spinfilters.inference.setup import Setup
     from spinfilters.settings.run_settings import Settings
@@ -22,15 +21,11 @@ if TYPE_CHECKING:
 Built = TypeVar("Built", bound="Estimator")
 
 
-OnEpoch = Callable[[int, int], None]
-"""Called with epochs done and epochs in all."""
-
-
 class BatchEstimator(Protocol):
     """All epochs given all measurements."""
 
     def smooth(
-        self, timeline: "Timeline", initial: "InitialEstimate", on_epoch: OnEpoch
+        self, timeline: "Timeline", initial: "InitialEstimate", on_epoch: "OnEpoch"
     ) -> "EstimateHistory":
         """States and covariances of every epoch, those of the initialisation among them."""
         ...

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from spinfilters.core.chi_square import chi_square_tail
 from spinfilters.core.errors import InputError
 from spinfilters.filters.estimator import LandmarkBelief, ProcessModel
 from spinfilters.filters.shared_modes import LandmarkOptions
@@ -237,9 +238,7 @@ def _most_masked(problem: Problem, solved: Solved, gate: float) -> tuple[int, in
         return None
     marginals = Marginals(solved.normal.solution, solved.normal.eliminated)
     every = deleted_residuals(problem, solved.point, marginals)
-    from scipy.special import chdtrc  # here alone: commands that refuse a recording need none of it
-
-    beyond = [chdtrc(sensor.model.dim, gate**2) for sensor in problem.motion.sensors]
+    beyond = [float(chi_square_tail(gate**2, sensor.model.dim)) for sensor in problem.motion.sensors]
     least = [float(each.min(initial=1.0)) / limit for each, limit in zip(every, beyond, strict=True)]
     if not least or min(least) >= 1.0:
         return None

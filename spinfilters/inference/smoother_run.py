@@ -1,6 +1,5 @@
 """The smoother on a prepared data set, with unspecified noise identified on its own epochs."""
 
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 
@@ -11,7 +10,7 @@ from spinfilters.core.errors import NUMERICAL_ERRORS, InputError
 from spinfilters.core.working_time import working_seconds
 from spinfilters.filters.ekf import MultiplicativeEkf
 from spinfilters.filters.history import EstimateHistory
-from spinfilters.filters.timeline import Timeline, rehearse, run, times_of
+from spinfilters.filters.timeline import OnEpoch, Timeline, rehearse, run, times_of
 from spinfilters.inference.first_epochs import initial_samples
 from spinfilters.inference.identification import Identified, identify
 from spinfilters.inference.identified_noise import noise_model
@@ -110,9 +109,6 @@ NO_FILTER = (
 SOME_DIRECTIONS = "some directions are not determined at all, so that the estimate has no covariance"
 ANNEALED_ITERATIONS = 30
 """At most, from a trajectory that no filter has made."""
-
-OnEpoch = Callable[[int, int], None]
-"""Called with epochs done and epochs in all."""
 
 
 def sliding_smoother(setup: Setup, settings: Settings) -> RecursiveSmoother:

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.special import chdtrc
 
+from spinfilters.core.chi_square import chi_square_tail
 from spinfilters.core.errors import NUMERICAL_ERRORS
 from spinfilters.evaluation.noise_tests import EpochTester, FilterEpoch, NoiseTest, no_sums, summed_tests
 from spinfilters.filters.estimator import ProcessModel, UpdateReport
@@ -123,7 +123,7 @@ def _left_out(counts: Sequence[_Counts]) -> str:
 
 def _innovations(counts: Sequence[_Counts]) -> str:
     nis, dof = sum(each.nis for each in counts), sum(each.dof for each in counts)
-    if nis <= LARGEST_NIS * dof or chdtrc(dof, nis) > FALSE_ALARM:
+    if nis <= LARGEST_NIS * dof or chi_square_tail(nis, dof) > FALSE_ALARM:
         return ""
     return f"innovations of {len(counts)} epochs are {nis / dof:.3g} times as large (squared) as the noise explains"
 
@@ -149,4 +149,4 @@ def chance(test: NoiseTest) -> float:
     if not (test.variance > 0 and test.expected > 0):
         return 1.0
     scale = test.variance / (2 * test.expected)
-    return float(chdtrc(test.expected / scale, max(test.seen, 0.0) / scale))
+    return float(chi_square_tail(test.seen / scale, test.expected / scale))

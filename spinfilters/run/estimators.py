@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from jaxtyping import Float
 
+from spinfilters.core.chi_square import chi_square_tail
 from spinfilters.core.errors import InputError
 from spinfilters.core.plugins import entries_by_name, in_order, installed_plugins
 from spinfilters.filters.ekf import MultiplicativeEkf
@@ -16,9 +17,9 @@ from spinfilters.filters.estimator import Estimator
 from spinfilters.filters.filter import MultiplicativeFilter
 from spinfilters.filters.history import EstimateHistory
 from spinfilters.filters.noise_levels import VarianceComponent
-from spinfilters.filters.timeline import Timeline, times_of
+from spinfilters.filters.timeline import OnEpoch, Timeline, times_of
 from spinfilters.filters.ukf import MultiplicativeUkf
-from spinfilters.inference.estimator_entry import AnyEntry, EstimatorEntry, OnEpoch
+from spinfilters.inference.estimator_entry import AnyEntry, EstimatorEntry
 from spinfilters.inference.initial_estimate import InitialEstimate
 from spinfilters.inference.setup import Setup
 from spinfilters.inference.smoother_run import (
@@ -217,10 +218,8 @@ class SmootherEntry(EstimatorEntry[RecursiveSmoother]):
         """Chi-square tail beyond the gate, zero of other losses."""
         if settings.smoother.loss != "gate":
             return 0.0
-        from scipy.special import chdtrc  # here alone: commands that refuse a recording need none of it
-
         dimension = max(sensor_format(sensor).dimension for sensor in setup.dataset.log.sensors)
-        return float(chdtrc(dimension, settings.smoother.width**2))
+        return float(chi_square_tail(settings.smoother.width**2, dimension))
 
 
 class LatestSmootherEntry(SmootherEntry):

@@ -55,13 +55,12 @@ class PooledMoments:
     @property
     def probability(self) -> float:
         """Probability of a chi-square as large, 1 for a single segment."""
-        return float(chi_square_tail(self.chi_square, self.degrees)) if self.degrees else 1.0
+        return _agreement(self.chi_square, self.degrees)
 
     @property
     def widening(self) -> float:
         """Factor on the deviations: 1 where the segments agree."""
-        agree = self.probability >= DISAGREEMENT
-        return 1.0 if agree else float(np.sqrt(self.chi_square / self.degrees))
+        return _widening(self.chi_square, self.degrees)
 
     @property
     def std(self) -> Float[np.ndarray, " 2"]:
@@ -161,7 +160,7 @@ class PooledAcceleration:
     @property
     def probability(self) -> float:
         """Probability of a chi-square as large, 1 for a single segment."""
-        return float(chi_square_tail(self.chi_square, self.degrees)) if self.degrees else 1.0
+        return _agreement(self.chi_square, self.degrees)
 
     @property
     def sentence(self) -> str:
@@ -215,11 +214,20 @@ def pooled_acceleration(estimates: Sequence[Mapping[str, Any]]) -> PooledAcceler
     weights = random**-2 / np.sum(random**-2)
     mean, degrees = float(weights @ values), len(kept) - 1
     distance = float(np.sum(((values - mean) / random) ** 2))
-    agree = not degrees or chi_square_tail(distance, degrees) >= DISAGREEMENT
-    widening = 1.0 if agree else float(np.sqrt(distance / degrees))
     common = float(weights @ [each.calibration for each in kept])
-    std = widening * float(np.sum(random**-2)) ** -0.5
+    std = _widening(distance, degrees) * float(np.sum(random**-2)) ** -0.5
     return PooledAcceleration(Strength(mean, std, common), distance, degrees, len(found) - len(kept))
+
+
+def _agreement(chi_square: float, degrees: int) -> float:
+    """Probability of a chi-square as large of segments about their mean, 1 for a single segment."""
+    return float(chi_square_tail(chi_square, degrees)) if degrees else 1.0
+
+
+def _widening(chi_square: float, degrees: int) -> float:
+    """Factor on the standard deviations of a mean of segments: 1 where they agree."""
+    agree = _agreement(chi_square, degrees) >= DISAGREEMENT
+    return 1.0 if agree else float(np.sqrt(chi_square / degrees))
 
 
 def _along(direction: Float[np.ndarray, " 3"], std: list[float | None]) -> float:

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float
 from spinfilters.core.errors import NUMERICAL_ERRORS, InputError
 from spinfilters.filters.estimator import Estimator, Measurement, ProcessModel, Snapshot, UpdateReport
 from spinfilters.filters.measurement_prediction import predict_ahead
-from spinfilters.filters.timeline import Epoch, Timeline, times_of
+from spinfilters.filters.timeline import Epoch, OnEpoch, Timeline, times_of
 from spinfilters.models.measurement import LandmarkSensor, MeasurementModel
 from spinfilters.models.state_layout import POSE_BLOCKS, Gaussian, StateLayout
 from spinfilters.models.status import EstimatorStatus, Verdict
@@ -280,8 +280,6 @@ MOST_EPOCHS = 600
 
 SelectedQuantities = Callable[[Sequence[MarginalizedState]], Mapping[str, Float[np.ndarray, "k q"]]]
 """What is kept of the k smoothed epochs of a window, by name."""
-OnEpoch = Callable[[int, int], None]
-"""Called with epochs done and epochs in all."""
 
 
 @dataclass(frozen=True)

@@ -36,8 +36,7 @@ def told_information(
     motion: SmoothedMotion, considered: Sequence[ConsideredDeviation]
 ) -> Float[np.ndarray, "c c"]:
     """Information of residuals about errors of the calibration, H'M H, each in its deviations."""
-    left = motion.rows.residual(_columns(motion, considered))
-    return left.gram(left)
+    return _information(motion, _columns(motion, considered))
 
 
 def told_moments(
@@ -49,10 +48,15 @@ def told_moments(
     no error, so that their own errors have the mean in them: the moments are (I + F)^-1 + e e'.
     """
     columns = _columns(motion, considered)
-    left = motion.rows.residual(columns)
-    covariance = np.linalg.inv(np.eye(columns.count) + left.gram(left))
+    covariance = np.linalg.inv(np.eye(columns.count) + _information(motion, columns))
     e = covariance @ columns.gram(motion.rows.left)[:, 0]
     return covariance + np.outer(e, e)
+
+
+def _information(motion: SmoothedMotion, columns: Columns) -> Float[np.ndarray, "c c"]:
+    """H'M H of columns H: what states and landmarks leave of them."""
+    left = motion.rows.residual(columns)
+    return left.gram(left)
 
 
 def _columns(motion: SmoothedMotion, considered: Sequence[ConsideredDeviation]) -> Columns:

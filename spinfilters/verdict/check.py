@@ -165,7 +165,7 @@ class Evidence:
 
     @property
     def present(self) -> frozenset[Needs]:
-        """What the tests of an estimate can be computed from.
+        """Kinds of evidence that are present, from which tests of an estimate can be computed.
 
         A smoother of the same measurements and residuals are tested where they arise, and come as findings.
         """

@@ -44,7 +44,7 @@ def shared_diagnostics(setup: Setup) -> list[Finding]:
 
 
 def _moving_camera(setup: Setup) -> list[Finding]:
-    """That a camera which is taken to be at rest may move, where the initialisation did not settle."""
+    """Finding that a camera assumed at rest may move; none where the initialisation converged."""
     initial, dataset = setup.initial, setup.dataset
     is_at_rest = dataset.rig is not None and dataset.inspector is None
     if not is_at_rest or initial.converged or not initial.momentum_residual > MOST_MOMENTUM:

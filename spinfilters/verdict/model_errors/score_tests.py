@@ -84,7 +84,7 @@ class Alternative(ABC):
     parameter: ClassVar[ConsiderParameter | None] = None
 
     def cure_before(self, has_inspector: bool) -> str:
-        """What to do about it, where poses of a moving camera are given or not."""
+        """Return the cure: `moving_cure` where poses of a moving camera are given and it has one, else `cure`."""
         return self.moving_cure if has_inspector and self.moving_cure else self.cure
 
     @abstractmethod
