@@ -39,8 +39,8 @@ docs:
 	@echo build/site/index.html
 
 # the tests whose outcome depends on arithmetic
-numeric := $(addprefix tests/,attitude dynamics estimators evaluation linear_algebra models observability simulation \
-  state symbolic tracks test_blas_kernels.py pipeline/test_recording_bound.py)
+numeric := $(addprefix tests/,core evaluation filters inference models observability simulation smoother verdict \
+  test_blas_kernels.py)
 
 kernels:
 	$(environment) test

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from faults import Change, cut_off, refusal, text, without
 from pictures import unrendered_pictures
 
 from spinfilters.cli.main import main
+from tests.cli.faults import Change, cut_off, refusal, text, without
 
 
 @pytest.fixture(scope="module")

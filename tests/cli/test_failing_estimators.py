@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from failures import compared, of_casadi, singular
 
 from spinfilters.cli.main import main
 from spinfilters.evaluation import estimator_evaluation
@@ -17,6 +16,7 @@ from spinfilters.filters.ekf import MultiplicativeEkf
 from spinfilters.inference import first_epochs
 from spinfilters.models.state_layout import Gaussian
 from spinfilters.run import estimators as smoother
+from tests.cli.failures import compared, of_casadi, singular
 
 pytestmark = pytest.mark.usefixtures("few_figures", "unrendered")
 

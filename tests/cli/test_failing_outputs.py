@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from failures import compared, of_casadi, singular
 
 from spinfilters.evaluation import recording_bound
 from spinfilters.run import optional_outputs, smoother_convergence
 from spinfilters.run import optional_outputs as predictions
 from spinfilters.smoother import recursive_smoother as convergence_record
+from tests.cli.failures import compared, of_casadi, singular
 
 pytestmark = pytest.mark.usefixtures("few_figures", "unrendered")
 

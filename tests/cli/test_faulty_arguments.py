@@ -3,7 +3,8 @@
 from pathlib import Path
 
 import pytest
-from faults import refusal
+
+from tests.cli.faults import refusal
 
 CONFIG_FAULTS = {
     "not TOML": ("estimators = ", "config.toml: is not TOML"),

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from faults import Change, first_lines, line, refusal, replaced, text, without
+
+from tests.cli.faults import Change, first_lines, line, refusal, replaced, text, without
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from faults import refusal
 from forked import killed
 
 from spinfilters.cli.main import main
@@ -18,6 +17,7 @@ from spinfilters.core.errors import InputError
 from spinfilters.run import run_lock
 from spinfilters.run.readers import read_dataset
 from spinfilters.run.run_lock import LOCK_FILE, locked_run
+from tests.cli.faults import refusal
 
 pytestmark = pytest.mark.usefixtures("few_figures")
 SMALL = ("--kind", "gyro", "--frames", "12")

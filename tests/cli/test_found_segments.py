@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from flight.throws import carried
 
 from spinfilters.cli import compare_segments
 from spinfilters.cli.main import main
 from spinfilters.io.dataset import Dataset
 from spinfilters.run.segment_runs import SegmentResult
+from tests.run.throws import carried
 
 
 @pytest.fixture

@@ -10,11 +10,11 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
-from faults import refusal
 
 from spinfilters.cli.interrupts import noted_interrupts
 from spinfilters.cli.main import main
 from spinfilters.simulation import scenario
+from tests.cli.faults import refusal
 
 
 def fail(_: object) -> None:

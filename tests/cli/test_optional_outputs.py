@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from faults import refusal
 from jaxtyping import Float
 
 from spinfilters.cli.main import main
@@ -14,6 +13,7 @@ from spinfilters.filters.estimator import Measurement, UpdateReport
 from spinfilters.io.text_table import read_csv
 from spinfilters.run import estimators as mekf
 from spinfilters.run.array_files import read_arrays
+from tests.cli.faults import refusal
 
 FRAMES, INTERVAL = 30, 0.5
 pytestmark = pytest.mark.usefixtures("few_figures")

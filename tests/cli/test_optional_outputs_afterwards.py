@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from faults import Change, cut_off, refusal
 from matplotlib.figure import Figure
 
 from spinfilters.cli.main import main
@@ -14,6 +13,7 @@ from spinfilters.filters.history import EPOCH_ARRAYS
 from spinfilters.plots import figures
 from spinfilters.run import comparison_run, optional_outputs
 from spinfilters.run.array_files import read_arrays, write_arrays
+from tests.cli.faults import Change, cut_off, refusal
 
 FRAMES = 30
 ESTIMATORS = ("mekf", "smoother")

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from faults import Change, replaced
 from forked import kill_at, killed
 from pictures import unrendered_pictures
 
@@ -21,6 +20,7 @@ from spinfilters.run.checkpoints import CHECKPOINT_FILE, CheckpointInterval, che
 from spinfilters.run.estimation import Comparison, compare_estimators
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
+from tests.cli.faults import Change, replaced
 
 Progress = Callable[[str, int, int], None]
 

@@ -5,7 +5,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
-from faults import refusal
+
+from tests.cli.faults import refusal
 
 Rates = Callable[[float], Sequence[float]]
 TUMBLING: Rates = lambda t: (0.1, 1 + 0.1 * math.sin(t), 0.05)  # noqa: E731

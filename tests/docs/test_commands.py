@@ -13,16 +13,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from docs.pasted_commands import (
-    MODULE,
-    PAGES,
-    REWRITINGS,
-    arguments_of,
-    blocks_of,
-    inline_of,
-    rewriting_of,
-)
-from flight.throws import carried
 from vision.board_images import drawn_poses, write_board_images
 
 from spinfilters.api.image_recordings import ImageScenario, example_rig, render
@@ -33,6 +23,16 @@ from spinfilters.plots import style
 from spinfilters.simulation.image_sequence import Imaging
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 from spinfilters.vision.calibration_images import Board
+from tests.docs.pasted_commands import (
+    MODULE,
+    PAGES,
+    REWRITINGS,
+    arguments_of,
+    blocks_of,
+    inline_of,
+    rewriting_of,
+)
+from tests.run.throws import carried
 
 WITH_COMMANDS = [page for page in PAGES if blocks_of(page)]
 MISSED_DEADLINE = 1  # of ``live`` on a busy machine

@@ -4,12 +4,12 @@ from functools import cache
 
 import numpy as np
 import pytest
-from estimate_samples import AXES, FULL, MOMENTS, history_of, sample_factor, sample_point
 
 from spinfilters.core.mass_distribution import inertia_matrix
 from spinfilters.evaluation.estimated_motion import body_history
 from spinfilters.models.body import UNDETERMINED_STD, body_estimate
 from spinfilters.models.state_layout import ROTATION_BLOCKS, Gaussian, StateLayout
+from tests.evaluation.estimate_samples import AXES, FULL, MOMENTS, history_of, sample_factor, sample_point
 
 SAMPLES = 4000
 SAMPLING = 4 / np.sqrt(2 * SAMPLES)

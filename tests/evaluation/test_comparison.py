@@ -6,7 +6,6 @@ from io import StringIO
 
 import numpy as np
 import pytest
-from estimate_samples import consistent_history, sample_truth
 from rich.console import Console
 
 from spinfilters.core.attitude_conversions import quaternion_from_rotation_vector, rotate
@@ -16,6 +15,7 @@ from spinfilters.evaluation.estimated_motion import estimated_rates, true_rates
 from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate, with_uncertainty
 from spinfilters.evaluation.metrics import numbers
 from spinfilters.evaluation.trajectory_errors import Alignment
+from tests.evaluation.estimate_samples import consistent_history, sample_truth
 
 TRUTH = sample_truth(np.random.default_rng(0), 40)
 HISTORY = consistent_history(TRUTH, np.random.default_rng(1))

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from estimate_samples import FULL, consistent_history, history_of, sample_factor, sample_truth
 from filterpy.stats import NEES
 
 from spinfilters.core.errors import InputError
@@ -19,6 +18,13 @@ from spinfilters.evaluation.consistency import (
 from spinfilters.evaluation.estimated_motion import trajectory_of
 from spinfilters.models.state_blocks import BLOCKS
 from spinfilters.models.state_layout import ROTATION_BLOCKS, StateLayout
+from tests.evaluation.estimate_samples import (
+    FULL,
+    consistent_history,
+    history_of,
+    sample_factor,
+    sample_truth,
+)
 
 COUNT = 300
 TRUTH = sample_truth(np.random.default_rng(0), COUNT)

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from estimate_samples import FULL, history_of, sample_factor, sample_point
 
 from spinfilters.core.attitude_conversions import matrix_from_quaternion
 from spinfilters.core.errors import InputError, ShapeError
@@ -19,6 +18,7 @@ from spinfilters.evaluation.estimated_motion import (
 from spinfilters.io.sensor_tables import read_tum
 from spinfilters.io.text_table import read_csv
 from spinfilters.models.state_layout import ROTATION_BLOCKS, StateLayout
+from tests.evaluation.estimate_samples import FULL, history_of, sample_factor, sample_point
 
 SAMPLES = 20000
 SAMPLING = 4 / np.sqrt(2 * SAMPLES)

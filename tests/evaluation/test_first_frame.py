@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from estimate_samples import FULL, consistent_history, history_of, sample_factor, sample_truth
 
 from spinfilters.core.attitude_conversions import (
     inverse,
@@ -24,6 +23,13 @@ from spinfilters.evaluation.trajectory_errors import Alignment, tells_first_fram
 from spinfilters.filters.history import EstimateHistory
 from spinfilters.models.state_blocks import BLOCKS
 from spinfilters.models.state_layout import ROTATION_BLOCKS, StateLayout
+from tests.evaluation.estimate_samples import (
+    FULL,
+    consistent_history,
+    history_of,
+    sample_factor,
+    sample_truth,
+)
 
 COUNT = 300
 TRUTH = sample_truth(np.random.default_rng(0), COUNT)

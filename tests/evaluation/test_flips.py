@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from estimate_samples import FULL, sample_factor, sample_point
 
 from spinfilters.core.torque_free import torque_free_motion
 from spinfilters.evaluation.estimated_motion import count_flips, knows_intermediate_axis
 from spinfilters.models.body import body_estimate
 from spinfilters.models.state_layout import Gaussian
+from tests.evaluation.estimate_samples import FULL, sample_factor, sample_point
 
 MOMENTS = np.array([0.6, 0.85, 1.0])
 

@@ -5,7 +5,6 @@ from io import StringIO
 
 import numpy as np
 import pytest
-from estimate_samples import consistent_history, sample_truth
 from rich.console import Console
 
 from spinfilters.evaluation.comparison_table import comparison_table
@@ -19,6 +18,7 @@ from spinfilters.evaluation.metrics import (
     use_numbers,
 )
 from spinfilters.filters.history import EstimateHistory
+from tests.evaluation.estimate_samples import consistent_history, sample_truth
 
 EPOCHS, INITIALISATION = 40, 15
 TRUTH = sample_truth(np.random.default_rng(0), EPOCHS)

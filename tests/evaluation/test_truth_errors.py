@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from estimate_samples import AXES, FULL, history_of, sample_truth
 
 from spinfilters.core.attitude_conversions import (
     angle_between,
@@ -26,6 +25,7 @@ from spinfilters.evaluation.trajectory_errors import (
 from spinfilters.io.truth import Truth
 from spinfilters.models.body import body_estimate
 from spinfilters.models.state_layout import Gaussian
+from tests.evaluation.estimate_samples import AXES, FULL, history_of, sample_truth
 
 TRUTH = sample_truth(np.random.default_rng(0), 12)
 

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from sensor_contract import check_sensor_contract
 
 from spinfilters.core.cameras import NEAREST_DEPTH
 from spinfilters.models.camera_landmarks import MonocularLandmark, StereoLandmark, camera_parameters
 from spinfilters.models.sensors.attitude import Attitude, attitude_parameters
 from spinfilters.models.state_layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
+from tests.models.sensor_contract import check_sensor_contract
 
 FULL, POSE_ONLY = StateLayout(FULL_BLOCKS), StateLayout(("t", "a"))
 CALIBRATION = np.array([466.7, 470.0, 320.0, 240.0])

@@ -5,13 +5,13 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from process_samples import LAYOUTS, random_point
 
 from spinfilters.core import c_library
 from spinfilters.core.errors import InputError, ShapeError
 from spinfilters.models.camera_landmarks import StereoLandmark, camera_parameters
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.models.state_layout import FULL_BLOCKS, StateLayout
+from tests.models.process_samples import LAYOUTS, random_point
 
 NAMES = ["-".join(layout.blocks) for layout in LAYOUTS]
 PROCESSES = {

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from process_samples import random_point
 
 from spinfilters.core.errors import InputError
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.models.rotation_integrator import IntegrationError
 from spinfilters.models.state_layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
+from tests.models.process_samples import random_point
 
 PROCESS = TorqueFreeProcess(StateLayout(FULL_BLOCKS), ProcessNoise(), tolerance=1e-8)
 POINT = random_point(PROCESS.layout, 1.2, np.random.default_rng(1))

@@ -3,10 +3,10 @@
 import casadi as ca
 import numpy as np
 import pytest
-from sensor_contract import check_sensor_contract
 
 from spinfilters.models.sensors.lidar import NEAREST_RANGE, LidarLandmark
 from spinfilters.models.state_layout import FULL_BLOCKS, StateLayout
+from tests.models.sensor_contract import check_sensor_contract
 
 FULL, POSE_ONLY = StateLayout(FULL_BLOCKS), StateLayout(("t", "a"))
 RANGE_STD, ANGLE_STD = 0.01, 0.002

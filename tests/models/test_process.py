@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from process_samples import LAYOUTS, difference_transition, random_point
 
 from spinfilters.core.attitude_conversions import (
     angle_between,
@@ -16,6 +15,7 @@ from spinfilters.core.mass_distribution import from_inertia, inertia_matrix
 from spinfilters.core.torque_free import torque_free_motion
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.models.state_layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
+from tests.models.process_samples import LAYOUTS, difference_transition, random_point
 
 ROTATION, FULL = StateLayout(ROTATION_BLOCKS), StateLayout(FULL_BLOCKS)
 DRAGGED = StateLayout((*ROTATION_BLOCKS, "d"))

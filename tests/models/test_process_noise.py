@@ -6,7 +6,6 @@ from typing import cast
 import numpy as np
 import pytest
 from jaxtyping import Float
-from process_samples import EMBEDDED_MOMENTS, LAYOUTS, embedded_point, random_point
 from scipy.linalg import expm, solve_triangular
 
 from spinfilters.core.attitude_conversions import matrix_from_quaternion
@@ -14,6 +13,7 @@ from spinfilters.core.conventions import RPM
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.models.state_layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
 from spinfilters.simulation.scenario import simulate_motion
+from tests.models.process_samples import EMBEDDED_MOMENTS, LAYOUTS, embedded_point, random_point
 
 ROTATION, FULL = StateLayout(ROTATION_BLOCKS), StateLayout(FULL_BLOCKS)
 NOISE = ProcessNoise()

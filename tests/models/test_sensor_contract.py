@@ -4,7 +4,6 @@ import casadi as ca
 import numpy as np
 import pytest
 from jaxtyping import Float
-from sensor_contract import check_sensor_contract
 
 from spinfilters.core.attitude_expressions import Expression
 from spinfilters.core.cameras import NEAREST_DEPTH
@@ -15,6 +14,7 @@ from spinfilters.models.sensors.gyro import Gyro, gyro_parameters
 from spinfilters.models.sensors.pose import Pose, pose_parameters
 from spinfilters.models.state_blocks import GYRO_BIAS
 from spinfilters.models.state_layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
+from tests.models.sensor_contract import check_sensor_contract
 
 FULL = StateLayout(FULL_BLOCKS)
 WITH_DRAG = StateLayout((*FULL_BLOCKS, "d"))

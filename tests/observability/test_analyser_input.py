@@ -5,7 +5,6 @@ from fractions import Fraction
 import casadi as ca
 import numpy as np
 import pytest
-from analyser_samples import EULER, LOG_RATIOS, TUMBLE
 
 from observability import system as sensors
 from observability.canonical_motions import landmarks, motion, point_of
@@ -18,6 +17,7 @@ from observability.tape import branch_decisions, tape_of
 from spinfilters.core.attitude_expressions import Expression
 from spinfilters.core.errors import InputError, ShapeError
 from spinfilters.models.sensors.gyro import Gyro
+from tests.observability.analyser_samples import EULER, LOG_RATIOS, TUMBLE
 
 PRINCIPAL = PrincipalChart()
 

@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from analyser_samples import MOTIONS, TUMBLE
-from bound_samples import LAYOUT, flight_of, stereo_watch
 
 from observability import system as sensors
 from observability.canonical_motions import landmarks, point_of
@@ -21,6 +19,8 @@ from observability.system import System
 from spinfilters.core.attitude_conversions import matrix_from_quaternion
 from spinfilters.core.mass_distribution import from_inertia, inertia_matrix
 from spinfilters.models.process import ProcessNoise
+from tests.observability.analyser_samples import MOTIONS, TUMBLE
+from tests.observability.bound_samples import LAYOUT, flight_of, stereo_watch
 
 STEP = 1e-5
 

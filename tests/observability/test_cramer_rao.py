@@ -4,8 +4,6 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from analyser_samples import MOTIONS, TUMBLE, Z_SPIN
-from bound_samples import CALIBRATION, LAYOUT, MODEL, flight_of, stereo_watch
 
 from observability.cramer_rao import cramer_rao_bound, observability_gramian, prior_deviations
 from observability.reference_trajectory import ReferenceTrajectory, SensorSchedule, rows_at
@@ -15,6 +13,8 @@ from spinfilters.models.camera_landmarks import MonocularLandmark, camera_parame
 from spinfilters.models.process import ProcessNoise
 from spinfilters.models.sensors.gyro import Gyro, gyro_parameters
 from spinfilters.models.sensors.pose import Pose, pose_parameters
+from tests.observability.analyser_samples import MOTIONS, TUMBLE, Z_SPIN
+from tests.observability.bound_samples import CALIBRATION, LAYOUT, MODEL, flight_of, stereo_watch
 
 QUIET = ProcessNoise(0.0, 0.0)
 WIDE = {"t": 0.1, "a": 0.1, "v": 0.1, "w": 0.1, "c": 0.1, "s": 0.3}

@@ -1,7 +1,6 @@
 """What a gyro alone tells of its own bias, exactly: all of it, or all but one direction, or nothing new."""
 
 import pytest
-from analyser_samples import MOTIONS
 
 from observability.canonical_motions import point_of
 from observability.certificate import certify
@@ -11,6 +10,7 @@ from observability.system import System, SystemSensor
 from spinfilters.models.sensors.gyro import Gyro
 from spinfilters.models.state_blocks import GYRO_BIAS
 from spinfilters.models.state_layout import ROTATION_BLOCKS, StateLayout
+from tests.observability.analyser_samples import MOTIONS
 
 ROTATION = StateLayout(ROTATION_BLOCKS)
 

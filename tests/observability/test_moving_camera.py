@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from bound_samples import CALIBRATION, LAYOUT, flight_of
 from jaxtyping import Float
 
 from observability.canonical_motions import CANONICAL_MOTIONS, landmarks
@@ -16,6 +15,7 @@ from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.process import ProcessNoise
 from spinfilters.models.sensor_noise import IsotropicNoise
 from spinfilters.simulation.inspector import circling
+from tests.observability.bound_samples import CALIBRATION, LAYOUT, flight_of
 
 FRAMES, INTERVAL = 25, 0.5
 TOLERANCE = 1e-13

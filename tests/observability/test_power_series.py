@@ -6,7 +6,6 @@ from math import factorial
 import casadi as ca
 import numpy as np
 import pytest
-from analyser_samples import CHARTS, TUMBLE, stereo_system
 
 from experiments.benchmarks.symbolic_series import lie_derivatives
 from observability import system as sensors
@@ -18,6 +17,7 @@ from observability.power_series import Series
 from observability.system import Input, System
 from observability.tape import branch_decisions, tape_of
 from spinfilters.core.errors import InputError
+from tests.observability.analyser_samples import CHARTS, TUMBLE, stereo_system
 
 ORDERS = 6
 POINT = rationals((0.7, -1.3, 0.4))

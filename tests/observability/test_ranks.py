@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from analyser_samples import CHARTS, EULER, LOG_RATIOS, MOTIONS, TUMBLE, Z_SPIN, stereo_system
-from float_rank import float_rank
 
 from observability import system as sensors
 from observability.canonical_motions import landmarks, motion, point_of
@@ -11,6 +9,16 @@ from observability.certificate import Certificate, certify
 from observability.coordinates import RATIOS, Chart, PrincipalChart, TensorChart
 from observability.exact_numbers import rationals
 from observability.system import Input, System, SystemSensor
+from tests.observability.analyser_samples import (
+    CHARTS,
+    EULER,
+    LOG_RATIOS,
+    MOTIONS,
+    TUMBLE,
+    Z_SPIN,
+    stereo_system,
+)
+from tests.observability.float_rank import float_rank
 
 GYRO, PRINCIPAL, TENSOR = sensors.watching("gyro"), PrincipalChart(), TensorChart()
 PUSH = [[rationals((0.1, 0.03, -0.02))]]

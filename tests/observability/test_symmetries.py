@@ -3,8 +3,6 @@
 import casadi as ca
 import numpy as np
 import pytest
-from analyser_samples import CHARTS, EULER, MOTIONS, TUMBLE, Z_SPIN, stereo_system
-from float_rank import float_rank
 
 from observability import system as sensors
 from observability.canonical_motions import CANONICAL_MOTIONS, landmarks, point_of
@@ -18,6 +16,8 @@ from observability.symmetry import State, Symmetry
 from observability.system import Input, System
 from spinfilters.models.gauge import gauge_directions
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
+from tests.observability.analyser_samples import CHARTS, EULER, MOTIONS, TUMBLE, Z_SPIN, stereo_system
+from tests.observability.float_rank import float_rank
 
 PRINCIPAL, FILTER = PrincipalChart(), FilterChart()
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
-from run_samples import FRAMES, MOMENTS, full_runs
 
 from spinfilters.plots.convergence import Convergence, ConvergingQuantity, convergence_figure
+from tests.plots.run_samples import FRAMES, MOMENTS, full_runs
 
 BODIES = full_runs().with_truth[0].bodies
 DETERMINED = 7

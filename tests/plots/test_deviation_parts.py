@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from run_samples import full_runs
 
 from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate
 from spinfilters.plots.summary import inertia_figure
 from spinfilters.plots.time_courses import error_bands_figure
+from tests.plots.run_samples import full_runs
 
 RUNS = full_runs()
 

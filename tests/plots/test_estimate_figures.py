@@ -12,17 +12,6 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Line3D, Line3DCollection
-from run_samples import (
-    FRAMES,
-    INITIALISATION_EPOCHS,
-    INTERVAL,
-    MOMENTS,
-    START_END,
-    SampleRuns,
-    full_runs,
-    nearly_spherical,
-    rotation_runs,
-)
 
 from spinfilters.core.errors import InputError
 from spinfilters.evaluation.estimated_motion import BodyRates, count_flips, estimated_rates, true_rates
@@ -34,6 +23,17 @@ from spinfilters.plots.style import estimator_lines, save_figure
 from spinfilters.plots.summary import headline, inertia_figure, summary_figure
 from spinfilters.plots.time_courses import consistency_figure, error_bands_figure, rates_figure
 from spinfilters.simulation.inspector import circling
+from tests.plots.run_samples import (
+    FRAMES,
+    INITIALISATION_EPOCHS,
+    INTERVAL,
+    MOMENTS,
+    START_END,
+    SampleRuns,
+    full_runs,
+    nearly_spherical,
+    rotation_runs,
+)
 
 FULL, ROTATIONS = full_runs(), rotation_runs()
 RIG = StereoRig(PinholeCamera(fx=466.7, fy=466.7, cx=320.0, cy=240.0, width=640, height=480), baseline_m=0.09)

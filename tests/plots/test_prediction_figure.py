@@ -5,10 +5,10 @@ from io import BytesIO
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from run_samples import SampleRuns, full_runs, rotation_runs
 
 from spinfilters.evaluation.estimated_motion import BodyRates, Trajectory, estimated_rates
 from spinfilters.plots.time_courses import PredictionCurves, prediction_figure
+from tests.plots.run_samples import SampleRuns, full_runs, rotation_runs
 
 LAST = 40
 

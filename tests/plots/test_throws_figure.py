@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
-from run_samples import full_runs
 
 from spinfilters.plots.throws import Throw, throws_figure
+from tests.plots.run_samples import full_runs
 
 REFERENCE = np.array([0.33, 0.94])
 
