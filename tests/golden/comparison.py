@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 MEASURED: Final = re.compile(
-    r"runtime|milliseconds|duration|elapsed|seconds_per|per_second|begun|created|finished|started|version|commit|host|machine"
+    r"runtime|milliseconds|duration|elapsed|seconds_per|^seconds$|per_second|begun|created|finished|started|version|commit|host|machine"
     r"|fingerprint|^time_\w+_s$|spent|processor|revision"
 )
 """Names of numbers that a clock or the machine gives, rather than the mathematics."""
