@@ -25,8 +25,7 @@ test:
 	$(environment) test
 	@$(bin)/python -m pytest -n 2 --dist worksteal
 
-quick := $(addprefix tests/,api attitude dynamics geometry linear_algebra data models plots simulation state symbolic \
-  test_repository.py)
+quick := $(addprefix tests/,api core io models plots simulation test_repository.py)
 
 test-quick:
 	$(environment) test
