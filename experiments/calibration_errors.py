@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 
 from experiments.command_line import run_study
-from spinfilters.campaigns.row_columns import nees_metrics
+from spinfilters.evaluation.epoch_spans import own_span
 from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate, without_calibration
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.measurement_log import MeasurementLog
@@ -87,15 +87,13 @@ def honesty(scenario: Scenario, seed: int, estimators: Sequence[str]) -> Iterato
     for each in compared.evaluations:
         alone = evaluate(without_calibration(each.history), dataset.truth, each.alignment)
         is_ok = each.history.status.verdict is Verdict.OK
-        yield Honesty(each.name, _nees(each, dataset), _nees(alone, dataset), is_ok)
+        yield Honesty(each.name, _nees(each), _nees(alone), is_ok)
 
 
-def _nees(evaluation: Evaluation, dataset: Dataset) -> float:
-    """NEES of the state over the estimator's own epochs.
-
-    A gyro's is of rate and mass distribution.
-    """
-    return np.nan if dataset.truth is None else nees_metrics(evaluation, dataset.truth).get("nees", np.nan)
+def _nees(evaluation: Evaluation) -> float:
+    """NEES per degree of freedom of the state over the estimator's own epochs; a gyro's is of rate and mass distribution."""
+    nees = own_span(evaluation).nees
+    return np.nan if nees is None else nees.mean
 
 
 def main() -> None:

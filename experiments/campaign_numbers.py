@@ -94,7 +94,7 @@ def _over_cell(rows: pd.DataFrame, cell: int, reference: int) -> str:
 
 
 def _over_bound(cell: CellSummary) -> str:
-    return ", ".join(f"{cell.over_bound[name].value:.2f}" for name in OVER_BOUND)
+    return ", ".join(f"{cell.over_bound[f'error_{name}'].value:.2f}" for name in OVER_BOUND)
 
 
 def _numbers(cell: CellSummary, errors: str) -> tuple[str, str, str, str]:

@@ -28,9 +28,11 @@ from jaxtyping import Bool, Float
 
 from experiments.command_line import run_study
 from spinfilters.campaigns.campaign_folder import read_folder
-from spinfilters.campaigns.row_columns import BLOCKS, ERRORS, LEVELS
+from spinfilters.campaigns.row_columns import LEVELS
 from spinfilters.campaigns.rows_folder import read_rows
+from spinfilters.evaluation.metrics import MOTIONS
 from spinfilters.filters.noise_levels import DISTURBANCES, TOLD_LOG_STD
+from spinfilters.models.state_blocks import RIGID_BODY
 from spinfilters.verdict.check import LARGEST_MOMENT_STD
 
 FAR = 3.0
@@ -122,7 +124,7 @@ def _numbers(silent: pd.DataFrame, stated: pd.DataFrame, seeds: pd.Index) -> Ite
     nees = nees[np.isfinite(nees)]
     yield f"{nees.mean():.2f}, {nees.max():.2f}, {(nees < LARGEST_NEES).mean():.0%}" if len(nees) else "-"
     yield f"{silent['nees'].mean():.2f}; {stated['nees'].mean():.2f}"
-    blocks = {block: ok[f"nees_{block}"].mean() for block in BLOCKS}
+    blocks = {block.name: ok[f"nees_{block.name}"].mean() for block in RIGID_BODY}
     yield " ".join(f"{block} {value:.2f}" for block, value in blocks.items() if np.isfinite(value))
     right = levels_right(silent)
     yield f"{right.mean():.0%} of {len(right)}" if len(right) else "-"
@@ -149,7 +151,7 @@ def error_ratios(silent: pd.DataFrame, stated: pd.DataFrame) -> Float[np.ndarray
 
     Of every run of both.
     """
-    columns = [f"error_{name}" for name in ERRORS]
+    columns = [f"error_{field}" for _, field, *_ in MOTIONS]
     both = silent.index.intersection(stated.index)
     logs = np.log(silent.loc[both, columns].to_numpy() / stated.loc[both, columns].to_numpy())
     means = np.nanmean(logs[np.isfinite(logs).any(axis=1)], axis=1)

@@ -20,7 +20,7 @@ from typing import Any, Final
 import numpy as np
 
 from experiments.command_line import run_study
-from spinfilters.campaigns.row_columns import metrics
+from spinfilters.campaigns.row_columns import result_columns
 from spinfilters.core.errors import SpinfiltersError
 from spinfilters.evaluation.stated_errors import LARGEST_STATED_ERROR
 from spinfilters.io.dataset import Dataset
@@ -109,7 +109,7 @@ def outcome(sensor: str, cause: str, seed: int) -> CauseOutcome:
         comparison = compare_estimators(prepare(dataset, settings), settings, lambda *_: None)
         (evaluation,) = comparison.evaluations
         status, names = evaluation.history.status, comparison.models.names
-        error = metrics(evaluation, dataset.truth).get("worst_error")
+        error = result_columns(evaluation).get("worst_error")
         verdict, reasons = str(status.verdict), tuple(status.reasons)
     except SpinfiltersError as refusal:
         verdict, reasons, names, error = "refused", (str(refusal),), (), None

@@ -19,8 +19,9 @@ import numpy as np
 from jaxtyping import Float
 
 from experiments.command_line import run_study
-from spinfilters.campaigns.row_columns import ERRORS, metrics
+from spinfilters.campaigns.row_columns import result_columns
 from spinfilters.core.errors import InputError
+from spinfilters.evaluation.metrics import MOTIONS
 from spinfilters.evaluation.recording_bound import without_bounds
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.measurement_log import MeasurementStream
@@ -161,12 +162,12 @@ def _estimated(dataset: Dataset) -> list[NoiseRow]:
         )
     except InputError as error:
         return [NoiseRow("", {"reason": str(error)})]
-    return [NoiseRow(each.name, metrics(each, dataset.truth)) for each in comparison.evaluations]
+    return [NoiseRow(each.name, result_columns(each)) for each in comparison.evaluations]
 
 
 def _ratio(found: dict[str, float | str], without: dict[str, float | str]) -> dict[str, float | str]:
     """Geometric mean of the errors over those without."""
-    names = [f"error_{name}" for name in ERRORS]
+    names = [f"error_{field}" for _, field, *_ in MOTIONS]
     both = [(found.get(name), without.get(name)) for name in names]
     ratios = [float(a) / float(b) for a, b in both if a is not None and b]
     return {"ratio": float(np.exp(np.mean(np.log(ratios))))} if ratios else {}

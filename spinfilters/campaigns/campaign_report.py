@@ -16,10 +16,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from spinfilters.campaigns.campaign_folder import STUDY_FILE, read_folder
-from spinfilters.campaigns.row_columns import BLOCKS, BODY_ERRORS, ERRORS
 from spinfilters.campaigns.rows_folder import read_rows
-from spinfilters.campaigns.statistics import QUANTITIES, CellSummary, Interval, cell_summaries, share
+from spinfilters.campaigns.statistics import CellSummary, Interval, cell_summaries, counted_metrics, share
 from spinfilters.campaigns.study import Study
+from spinfilters.evaluation.metrics import Metric, Section
 from spinfilters.evaluation.stated_errors import LARGEST_STATED_ERROR
 from spinfilters.io.input_file import read_settings_text
 from spinfilters.io.output_files import make_folder, write_bytes, write_text
@@ -41,19 +41,6 @@ from spinfilters.plots.style import (
 
 MOST_ROWS: Final = 300
 """Of a table or list on the page; all cells are in cells.csv."""
-BLOCK_NAMES: Final = {
-    "t": "place of g",
-    "a": "attitude",
-    "v": "velocity",
-    "w": "rate",
-    "c": "centre",
-    "s": "masses",
-}
-SCALES: Final = {"position_m": (1e3, "position [mm]"), "attitude_rad": (1e3, "attitude [mrad]")}
-SCALES_MORE: Final = {"velocity_m_s": (1e3, "velocity [mm/s]"), "rate_rad_s": (1e3, "rate [mrad/s]")}
-BODY: Final = dict(
-    zip(BODY_ERRORS, ("moment 1 [%]", "moment 2 [%]", "k1 [%]", "k2 [%]", "centre [mm]"), strict=True)
-)
 
 
 def asked_section(description: str, told: Mapping[str, str], study: str) -> str:
@@ -64,6 +51,7 @@ def asked_section(description: str, told: Mapping[str, str], study: str) -> str:
 
 def consistency_section(cells: Sequence[CellSummary], varied: Sequence[str], picture: str) -> str:
     """NEES by cell with its interval and band."""
+    blocks = [metric for metric in _shown(cells, Section.CONSISTENCY) if metric.label.startswith(" ")]
     head = [
         *varied,
         "runs",
@@ -72,9 +60,12 @@ def consistency_section(cells: Sequence[CellSummary], varied: Sequence[str], pic
         "last epoch",
         "95 % band",
         "epochs within",
-        *(BLOCK_NAMES[b] for b in BLOCKS),
+        *(metric.label.strip() for metric in blocks),
     ]
-    rows = [[*_levels(cell, varied), *_consistency_cells(cell)] for cell in cells[:MOST_ROWS]]
+    rows = [
+        [*_levels(cell, varied), *_consistency_cells(cell), *(_mean(cell, metric) for metric in blocks)]
+        for cell in cells[:MOST_ROWS]
+    ]
     remark = (
         "Normalised estimation error squared per degree of freedom, 1 for a consistent estimator: mean over runs of the mean over "
         "the estimator's own epochs, with its 95 % confidence interval. Last epoch: mean over runs, marked where it lies outside "
@@ -94,38 +85,61 @@ def _consistency_cells(cell: CellSummary) -> list[str]:
         f'<span class="bad">{last}</span>' if outside else last,
         f"{_number(low)} .. {_number(high)}",
         _percent(cell.over_time.inside),
-        *(_number(cell.blocks[block].value) for block in BLOCKS),
+    ]
+
+
+def _shown(cells: Sequence[CellSummary], *sections: Section) -> list[Metric]:
+    """Metrics of these sections that any cell has numbers of."""
+    return [
+        metric
+        for metric in counted_metrics()
+        if metric.section in sections and any(cell.numbers[metric.column_name].count for cell in cells)
     ]
 
 
 def errors_section(cells: Sequence[CellSummary], varied: Sequence[str], picture: str) -> str:
     """Errors and their ratio to the bound."""
-    motion = SCALES | SCALES_MORE
-    body = {name: (1e3 if name.endswith("_m") else 1e2, label) for name, label in BODY.items()}
-    shown = {**motion, **body}
     tables = []
-    for quantities in (ERRORS, BODY_ERRORS):
-        head = [*varied, *(part for name in quantities for part in (shown[name][1], "over bound"))]
+    for section in (Section.MOTION, Section.BODY):
+        errors = [metric for metric in _shown(cells, section) if metric.bound is not None]
+        head = [*varied, *(part for metric in errors for part in (metric.title, "over bound"))]
         rows = [
-            [
-                *_levels(cell, varied),
-                *(
-                    part
-                    for name in quantities
-                    for part in (
-                        _interval(cell.errors[name], shown[name][0]),
-                        _interval(cell.over_bound[name]),
-                    )
-                ),
-            ]
+            [*_levels(cell, varied), *(part for metric in errors for part in _error_cells(cell, metric))]
             for cell in cells[:MOST_ROWS]
         ]
-        tables.append(table(head, rows, len(varied)))
+        tables += [table(head, rows, len(varied))] if errors else []
     remark = (
         "Root mean square over runs with its 95 % confidence interval, of the motion over the estimator's own epochs, of the body "
         "at the last; and over the Cramer-Rao bound of smoothing, which a filter reaches at the last epoch and in constants only."
     )
     return note(remark) + "".join(tables) + _cut(cells) + picture
+
+
+def _error_cells(cell: CellSummary, metric: Metric) -> tuple[str, str]:
+    name = metric.column_name
+    return _interval(cell.numbers[name], metric.scale), _interval(cell.over_bound[name])
+
+
+def further_section(cells: Sequence[CellSummary], varied: Sequence[str]) -> str:
+    """Means of the metrics that no other section shows."""
+    shown = [
+        metric
+        for metric in _shown(cells, Section.USE, Section.CONSISTENCY, Section.FURTHER, Section.COST)
+        if metric.label and not metric.column_name.startswith("nees")
+    ]
+    head = [*varied, *(metric.title for metric in shown)]
+    rows = [
+        [*_levels(cell, varied), *(_mean(cell, metric) for metric in shown)] for cell in cells[:MOST_ROWS]
+    ]
+    return (
+        note("Mean over runs with its 95 % confidence interval.")
+        + table(head, rows, len(varied))
+        + _cut(cells)
+    )
+
+
+def _mean(cell: CellSummary, metric: Metric) -> str:
+    return _interval(cell.numbers[metric.column_name], metric.scale)
 
 
 def verdict_section(cells: Sequence[CellSummary], picture: str) -> str:
@@ -262,6 +276,7 @@ def write_report(folder: Path) -> Path:
         ),
         "Consistency": consistency_section(cells, varied, shown["nees"]),
         "Errors": errors_section(cells, varied, shown["bound"]),
+        "Further numbers": further_section(cells, varied),
         "Verdicts against the truth": verdict_section(cells, shown["verdicts"]),
         "Runs that went wrong": failures_section(
             failures.slice(0, MOST_ROWS).to_pylist(), len(failures), varied, folder.resolve()
@@ -287,15 +302,13 @@ def cells_csv(cells: Sequence[CellSummary], factors: Sequence[str]) -> str:
     """Every cell's numbers, a row each."""
     stream = StringIO()
     writer = csv.writer(stream, lineterminator="\n")
-    intervals = [
-        "nees",
-        *(f"error_{name}" for name in QUANTITIES),
-        *(f"over_bound_{name}" for name in QUANTITIES),
-    ]
+    numbers = [metric.column_name for metric in counted_metrics()]
+    errors = [metric.column_name for metric in counted_metrics() if metric.bound is not None]
+    intervals = [*numbers, *(f"over_bound_{name.removeprefix('error_')}" for name in errors)]
     head = [f"{name}{end}" for name in intervals for end in ("", "_low", "_high")]
     writer.writerow(["cell", *factors, "runs", "ok", "right_of_ok", *head])
     for cell in cells:
-        each = [cell.nees, *(cell.errors[n] for n in QUANTITIES), *(cell.over_bound[n] for n in QUANTITIES)]
+        each = [*(cell.numbers[name] for name in numbers), *(cell.over_bound[name] for name in errors)]
         limits = [value for found in each for value in (found.value, found.low, found.high)]
         levels = [cell.levels[name] for name in factors]
         writer.writerow([cell.cell, *levels, cell.runs, cell.ok.value, cell.right_of_ok.value, *limits])
@@ -342,7 +355,6 @@ PARTS: Final = {
     ("degraded", "right"): (SKY, "degraded, right"),
     ("degraded", "wrong"): (ORANGE, "degraded, wrong"),
 }
-LABELS: Final = dict(zip(ERRORS, ("position", "attitude", "velocity", "rate"), strict=True))
 
 
 def _panels(cells: Sequence[CellSummary], names: Sequence[str]) -> dict[str, list[CellSummary]]:
@@ -399,21 +411,26 @@ def bound_figure(cells: Sequence[CellSummary], varied: Sequence[str]) -> Figure 
 
     A row per cell; None where no cell has a bound.
     """
-    shown = [cell for cell in cells if any(cell.over_bound[name].count for name in ERRORS)][:MOST_CELLS]
+    errors = [
+        metric
+        for metric in counted_metrics()
+        if metric.section is Section.MOTION and metric.bound is not None
+    ]
+    shown = [cell for cell in cells if any(cell.over_bound[m.column_name].count for m in errors)][:MOST_CELLS]
     if not shown:
         return None
     figure = Figure(figsize=(11.0, 1.2 + 0.26 * len(shown)), layout="constrained")
-    panels = figure.subplots(1, len(ERRORS), sharey=True, squeeze=False).ravel()
+    panels = figure.subplots(1, len(errors), sharey=True, squeeze=False).ravel()
     places = np.arange(len(shown))[::-1]
-    for axes, name in zip(panels, ERRORS, strict=True):
-        found = [cell.over_bound[name] for cell in shown]
+    for axes, metric in zip(panels, errors, strict=True):
+        found = [cell.over_bound[metric.column_name] for cell in shown]
         value = np.array([each.value for each in found])
         width = np.array([[each.value - each.low, each.high - each.value] for each in found]).T
         axes.axvline(1.0, color=GREY, linewidth=0.8)
         axes.errorbar(
             value, places, xerr=np.nan_to_num(np.abs(width)), fmt="o", color=BLUE, markersize=4, linewidth=1.2
         )
-        axes.set_title(LABELS[name], fontsize="small")
+        axes.set_title(metric.label.removesuffix(" error"), fontsize="small")
         axes.set_xlabel("rms error / bound [-]")
         if np.nanmax(value, initial=1.0) > 10:
             axes.set_xscale("log")

@@ -12,7 +12,7 @@ from typing import Any, Final, TypeVar
 import numpy as np
 
 from spinfilters.campaigns.recording_factors import RecordingFactors, prepared_with_drawn_belief
-from spinfilters.campaigns.row_columns import TIMES, bound_metrics, metrics, noise_metrics
+from spinfilters.campaigns.row_columns import TIMES, bound_columns, noise_columns, result_columns
 from spinfilters.campaigns.study import CampaignRun, Cell, Study
 from spinfilters.core.errors import SpinfiltersError
 from spinfilters.evaluation.estimator_evaluation import Evaluation
@@ -113,16 +113,15 @@ class Runner:
         comparison = self.compared(run, bound == "run")
         (evaluation,) = comparison.evaluations
         with self._timed("evaluate"):
-            truth = self.recording(run).truth
-            found = metrics(evaluation, truth) | self._levels(run, evaluation)
+            found = result_columns(evaluation) | self._levels(run, evaluation)
             found["model_errors"] = " ".join(comparison.models.names)
-        limits = self._motion_bound(run) if bound == "motion" else bound_metrics(evaluation)
+        limits = self._motion_bound(run) if bound == "motion" else bound_columns(evaluation)
         return {"outcome": "done", "reason": ""} | found | limits
 
     def _levels(self, run: CampaignRun, evaluation: Evaluation) -> Row:
         """True and identified levels of noise."""
         identified = evaluation.history.noise or self.setup(run).identified
-        return noise_metrics(identified, self._factors(run).noise.levels)
+        return noise_columns(identified, self._factors(run).noise.levels)
 
     def _motion_bound(self, run: CampaignRun) -> dict[str, Any]:
         """The bound of the cell's first seed."""
@@ -131,7 +130,7 @@ class Runner:
             self._spent = dict.fromkeys(TIMES, 0.0)
             try:
                 first = self.study.run(run.cell)
-                self._bounds[run.cell] = bound_metrics(self.compared(first, with_bound=True).evaluations[0])
+                self._bounds[run.cell] = bound_columns(self.compared(first, with_bound=True).evaluations[0])
             except SpinfiltersError:
                 self._bounds[run.cell] = {}
             self._spent = spent

@@ -9,9 +9,10 @@ import pyarrow as pa
 from jaxtyping import Float, Int
 from scipy.special import ndtri
 
-from spinfilters.campaigns.row_columns import BLOCKS, BODY_ERRORS, ERRORS, TIMES
+from spinfilters.campaigns.row_columns import TIMES
 from spinfilters.campaigns.study import Study
 from spinfilters.evaluation.consistency import chi_square_band
+from spinfilters.evaluation.metrics import Metric, metrics
 
 QUANTILE: Final = float(ndtri(0.975))
 
@@ -77,8 +78,6 @@ def _root(square: Interval) -> Interval:
     return Interval(float(np.sqrt(square.value)), float(low), float(high), square.count)
 
 
-QUANTITIES: Final = (*ERRORS, *BODY_ERRORS)
-VERDICTS: Final = ("ok", "degraded", "failed")
 FEWEST_SHARE: Final = 0.5
 """Of a cell's runs that have an epoch, below which it is not drawn: initialisations are of different lengths."""
 
@@ -114,14 +113,15 @@ class CellSummary:
         How many of each.
     ok, right_of_ok : Interval
         Shares.
-    nees, blocks : Interval and Mapping[str, Interval]
-        Mean over runs of a run's mean per degree of freedom.
+    numbers : Mapping[str, Interval]
+        Of every metric with numbers, by its column: of errors that have a bound the root mean square over runs, of others the
+        mean.
+    over_bound : Mapping[str, Interval]
+        Root mean square of errors over that of their bounds, by the column of the error.
     nees_median : float
-        Over runs.
-    last, band : Interval and tuple[float, float]
-        Mean over runs of the last epoch's, and the band that it lies in with 95 % for a consistent estimator.
-    errors, over_bound : Mapping[str, Interval]
-        By quantity, root mean square over runs, and over that of the bound.
+        Over runs, of a run's mean per degree of freedom.
+    band : tuple[float, float]
+        In which the mean over runs of the last epoch's lies with 95 % for a consistent estimator.
     seconds : Interval
         Of processor time.
     """
@@ -133,15 +133,27 @@ class CellSummary:
     verdicts: Mapping[tuple[str, str], int]
     ok: Interval
     right_of_ok: Interval
-    nees: Interval
-    nees_median: float
-    blocks: Mapping[str, Interval]
-    last: Interval
-    band: tuple[float, float]
-    errors: Mapping[str, Interval]
+    numbers: Mapping[str, Interval]
     over_bound: Mapping[str, Interval]
+    nees_median: float
+    band: tuple[float, float]
     seconds: Interval
     over_time: NeesOverTime
+
+    @property
+    def nees(self) -> Interval:
+        """Mean over runs of a run's mean NEES per degree of freedom."""
+        return self.numbers["nees"]
+
+    @property
+    def last(self) -> Interval:
+        """Mean over runs of the last epoch's NEES per degree of freedom."""
+        return self.numbers["nees_last"]
+
+
+def counted_metrics() -> list[Metric]:
+    """Metrics whose columns are numbers."""
+    return [metric for metric in metrics() if metric.column_name and metric.kind in (float, int)]
 
 
 def cell_summaries(study: Study, table: pa.Table) -> Iterator[CellSummary]:
@@ -161,7 +173,14 @@ def _summary(cell: int, levels: Mapping[str, str], rows: Any, over_time: NeesOve
         sum(verdicts.get(("ok", was), 0) for was in told) for told in (("right", "wrong"), ("right",))
     )
     all_ok = int((rows["verdict"] == "ok").sum())
-    last, dof = mean(_numbers(rows, "nees_last")), _numbers(rows, "dof")
+    dof = _numbers(rows, "dof")
+    numbers, over_bound = {}, {}
+    for metric in counted_metrics():
+        values, statistic = _numbers(rows, metric.column_name), mean
+        if metric.bound is not None:
+            statistic = root_mean_square
+            over_bound[metric.column_name] = ratio_of_squares(values, _numbers(rows, metric.bound_column))
+        numbers[metric.column_name] = statistic(values)
     return CellSummary(
         cell,
         levels,
@@ -170,16 +189,10 @@ def _summary(cell: int, levels: Mapping[str, str], rows: Any, over_time: NeesOve
         verdicts,
         share(all_ok, len(rows)),
         share(right, ok),
-        mean(_numbers(rows, "nees")),
+        numbers,
+        over_bound,
         float(np.nanmedian(values)) if (values := _finite(rows, "nees")).size else np.nan,
-        {block: mean(_numbers(rows, f"nees_{block}")) for block in BLOCKS},
-        last,
-        _band(int(np.nanmax(dof)) if np.isfinite(dof).any() else 0, last.count),
-        {name: root_mean_square(_numbers(rows, f"error_{name}")) for name in QUANTITIES},
-        {
-            name: ratio_of_squares(_numbers(rows, f"error_{name}"), _numbers(rows, f"bound_{name}"))
-            for name in QUANTITIES
-        },
+        _band(int(np.nanmax(dof)) if np.isfinite(dof).any() else 0, numbers["nees_last"].count),
         mean(np.sum([_numbers(rows, f"time_{part}_s") for part in TIMES], axis=0)),
         over_time,
     )

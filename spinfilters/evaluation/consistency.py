@@ -166,6 +166,37 @@ def normalised_errors(history: EstimateHistory, truth: Truth) -> NormalisedError
     return NormalisedErrors(history.time[rows], squares.pop("total"), dof, squares)
 
 
+def rotation_nees(history: EstimateHistory, truth: Truth) -> NormalisedErrors | None:
+    """NEES of rate and mass distribution, which need no frame i, where both are in the same axes of g; None without an epoch.
+
+    Raises
+    ------
+    InputError
+        As `true_states` and `common_stamps`.
+    """
+    layout = history.layout
+    rows, true_rows = common_stamps(history.time, truth.time)
+    finite = finite_epochs(history)[rows]
+    rows, true_rows = rows[finite], true_rows[finite]
+    if not len(rows):
+        return None
+    error = layout.local(history.mean[rows], true_states(truth, layout)[true_rows])
+    components = np.arange(layout.error_dim)
+    columns = {block: components[layout.slice(block)] for block in (RATE.name, MASS_DISTRIBUTION.name)}
+    both = np.concatenate(list(columns.values()))
+
+    def derive(part: slice) -> dict[str, np.ndarray]:
+        """NEES of a stretch of epochs."""
+        away, factor = error[part], history.factor[rows[part]]
+        return {
+            name: normalised_square(away[:, at], factor[:, at])
+            for name, at in {"total": both, **columns}.items()
+        }
+
+    squares = by_stretches(len(rows), derive)
+    return NormalisedErrors(history.time[rows], squares.pop("total"), len(both), squares)
+
+
 def _frame_changes(truth: Truth, layout: StateLayout) -> Float[np.ndarray, "n k 6"]:
     """Central differences of the true states by a small rotation (rad) and shift (m) of g."""
     columns = []

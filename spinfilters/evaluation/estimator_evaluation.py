@@ -16,6 +16,7 @@ from spinfilters.evaluation.consistency import (
     knows_state,
     nis_ratio,
     normalised_errors,
+    rotation_nees,
 )
 from spinfilters.evaluation.estimated_motion import Trajectory, body_history, trajectory_of
 from spinfilters.evaluation.trajectory_errors import (
@@ -301,6 +302,14 @@ class Evaluation:
         """The motion with the random part of its deviations alone; None where the calibration adds nothing."""
         exact = self.history.calibration is None
         return None if exact else trajectory_of(without_calibration(self.history))
+
+    @cached_property
+    def rotation_nees(self) -> NormalisedErrors | None:
+        """NEES of rate and mass distribution, for a gyro's estimate, which shares no frame i with a truth."""
+        known = self.truth is not None and knows_state(self.truth, self.history.layout)
+        if self.truth is None or not known or self.history.layout.translates:
+            return None
+        return rotation_nees(self.history, self.truth)
 
     def with_fields(self, **changes: Any) -> "Evaluation":
         """This evaluation with other errors; what was derived stays."""

@@ -1,266 +1,192 @@
-"""Numbers that describe an evaluation, and the epochs over which estimators are compared."""
+"""The one table of metrics: what `summary.json`, tables, pages, rows of a campaign and its report show of an estimator.
 
-from collections.abc import Mapping, Sequence
+A metric is one line in `METRICS`, or of another distribution an entry point of the group ``spinfilters.metrics``. From its line
+follow its place in `summary.json`, its row in the terminal, in ``report.html`` and in a notebook, its column in the rows of a
+campaign, and its mean over runs in the campaign's report.
+"""
+
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from enum import Enum, auto
+from operator import attrgetter
 from typing import Any, Final
 
 import numpy as np
-from jaxtyping import Int
 
-from spinfilters.evaluation.estimator_evaluation import ErrorBound, Evaluation, constant_numbers
-from spinfilters.evaluation.trajectory_errors import BodyErrors, RmsErrors
+from spinfilters.core.errors import NUMERICAL_ERRORS, InputError
+from spinfilters.core.plugins import installed_plugins
+from spinfilters.evaluation.consistency import NormalisedErrors
+from spinfilters.evaluation.epoch_spans import EpochSpan, ObservationUse
+from spinfilters.evaluation.estimator_evaluation import ConstantEstimate, Evaluation, numbers_text
+from spinfilters.evaluation.stated_errors import LARGEST_STATED_ERROR
+from spinfilters.evaluation.trajectory_errors import BodyErrors
 from spinfilters.filters.history import EstimateHistory
+from spinfilters.models.body import BodyEstimate
+from spinfilters.models.state_blocks import BLOCKS, ReportedConstant, StateBlock
 from spinfilters.models.status import LABELS, TRANSLATION, Holds, Verdict
 
-ALWAYS: Final = -np.inf
-"""Begin of a span that leaves nothing out, s."""
-IDENTICAL = "Estimators on identical measurements"
-NOT_IDENTICAL = "Estimators on the same recording, each on the observations that it used"
+ValueOf = Callable[[EpochSpan], Any]
+"""A metric's value within a span of epochs, in SI: a number, a text, an array; None where there is none."""
+DEGREES: Final = 180 / math.pi
+"""Degrees per radian."""
+ERRORS: Final = "errors"
+"""Table of `summary.json` with what needs a truth."""
+
+
+class Section(Enum):
+    """Sections of tables, in their order."""
+
+    USE = auto()
+    BODY = auto()
+    MOTION = auto()
+    LATEST = auto()
+    CONSISTENCY = auto()
+    FURTHER = auto()
+    COST = auto()
+
+
+USE, BODY, MOTION, LATEST, CONSISTENCY, FURTHER, COST = Section
 
 
 @dataclass(frozen=True)
-class SpanErrors:
-    """Errors of a span of epochs.
+class Metric:
+    """A number that describes an estimate.
 
     Attributes
     ----------
-    epochs : int
-        How many have a truth.
-    rms : RmsErrors
-        Root mean squares of the errors.
-    bound : RmsErrors or None
-        Root mean squares of the bound, None where there is none.
-    nees, nees_blocks : float or None, Mapping[str, float]
-        Mean NEES per degree of freedom, of the whole state and by block; None and empty without any.
+    key : str
+        Its place among the estimator's numbers in `summary.json`, as "runtime_s.total"; what needs a truth begins with
+        "errors.". "" where a list there holds it already.
+    label : str
+        Name of its row in tables; two spaces in front set it below the row above. "" for no row.
+    unit : str
+        As tables show it; "" for none.
+    value : ValueOf
+        Its value within a span of epochs, in SI; None where there is none.
+    scale : float
+        Shown units per SI unit.
+    form : str or callable
+        Format of the shown number, or the text of a value.
+    bound : ValueOf or None
+        The Cramer-Rao bound of an error, asked for only where there is one.
+    expected : float or None
+        Value of a consistent estimator.
+    section : Section
+        Its section of tables.
+    column : str or None
+        Its column in a campaign's rows; None for the last part of its key, "" for no column.
+    kind : type
+        Of its values in a campaign's rows: float, int, str, bool, or list of numbers.
+    of_epochs : bool
+        Whether it is taken over epochs: `summary.json` then has it over those that all estimators share as well, and tables
+        compare it over these.
+    null : bool
+        Whether `summary.json` says null where there is none; if not, the key is left out.
     """
 
-    epochs: int
-    rms: RmsErrors
-    bound: RmsErrors | None
-    nees: float | None
-    nees_blocks: Mapping[str, float]
+    key: str
+    label: str
+    unit: str
+    value: ValueOf
+    scale: float = 1.0
+    form: str | Callable[[Any], str] = ".3g"
+    bound: ValueOf | None = None
+    expected: float | None = None
+    section: Section = FURTHER
+    column: str | None = None
+    kind: type = float
+    of_epochs: bool = False
+    null: bool = True
+
+    @property
+    def leaf(self) -> str:
+        """The last part of its key."""
+        return self.key.rpartition(".")[2]
+
+    @property
+    def column_name(self) -> str:
+        """Its column in a campaign's rows, "" for none."""
+        return self.leaf if self.column is None else self.column
+
+    @property
+    def bound_column(self) -> str:
+        """Column of its bound, "" for none."""
+        own = self.column_name
+        return "" if self.bound is None or not own else f"bound_{own.removeprefix('error_')}"
+
+    @property
+    def needs_truth(self) -> bool:
+        """Whether it is an error."""
+        return self.key.startswith(f"{ERRORS}.")
+
+    @property
+    def heading(self) -> str:
+        """Label with its unit."""
+        return f"{self.label} [{self.unit}]" if self.unit else self.label
+
+    @property
+    def title(self) -> str:
+        """Heading where it does not stand below another row, with its unit."""
+        under = not self.label or self.label.startswith(" ")
+        name = self.column_name.removeprefix("error_").replace("_", " ") if under else self.label
+        return f"{name} [{self.unit}]" if self.unit else name
+
+    def of(self, span: EpochSpan) -> Any:
+        """Its value, as plain numbers and texts; None also where it cannot be computed."""
+        return _computed(self.value, span)
+
+    def bound_of(self, span: EpochSpan) -> Any:
+        """Its bound, as `of`; None without one."""
+        has_bound = self.bound is not None and span.evaluation.bound is not None
+        return _computed(self.bound, span) if self.bound is not None and has_bound else None
+
+    def text(self, value: Any, sign: bool = True) -> str | None:
+        """A value as tables show it; None of None.
+
+        Parameters
+        ----------
+        value : Any
+            As `of` gives it.
+        sign : bool
+            Whether a plus in front of it is kept; a bound has none.
+        """
+        if value is None:
+            return None
+        if not isinstance(self.form, str):
+            return self.form(value)
+        form = self.form if sign else self.form.replace("+", "")
+        return " ".join(format(self.scale * each, form) for each in np.atleast_1d(value).tolist())
 
 
-def span_errors(evaluation: Evaluation, begin: float, end: float = np.inf) -> SpanErrors | None:
-    """Errors from begin to end (s), both within; None without a truth there."""
-    errors = None if evaluation.errors is None else evaluation.errors.within(begin, end)
-    if errors is None:
+def _computed(value: ValueOf, span: EpochSpan) -> Any:
+    try:
+        with np.errstate(all="ignore"):
+            found = value(span)
+    except (
+        *NUMERICAL_ERRORS,
+        InputError,
+    ):  # one metric that a strange estimate does not have costs no result
         return None
-    nees = None if evaluation.nees is None else evaluation.nees.within(begin, end)
-    return SpanErrors(
-        len(errors.time),
-        errors.rms,
-        None if evaluation.bound is None else evaluation.bound.over(errors.rows),
-        None if nees is None else nees.mean,
-        {} if nees is None else nees.block_means,
-    )
+    return found.tolist() if isinstance(found, np.ndarray | np.generic) else found
 
 
-def shared_begin(evaluations: Sequence[Evaluation]) -> float:
-    """Time of the first own epoch common to all estimators that have any, s; `ALWAYS` where none has."""
-    begins = [evaluation.own_begin for evaluation in evaluations]
-    return max((begin for begin in begins if begin is not None), default=ALWAYS)
+def metrics() -> tuple[Metric, ...]:
+    """Every metric: those of this package, then those of installed distributions.
 
-
-def initialisation_end(evaluations: Sequence[Evaluation]) -> float | None:
-    """Time of the last epoch of the filters' initialisation, s; None where no estimator has one."""
-    ends = [evaluation.history.initialisation_end for evaluation in evaluations]
-    return max((end for end in ends if end is not None), default=None)
-
-
-def middle(evaluation: Evaluation) -> float:
-    """Middle of the recording, s: behind it nothing of the beginning shows."""
-    time = evaluation.history.time
-    return float(time[0] + time[-1]) / 2
-
-
-@dataclass(frozen=True)
-class ObservationUse:
-    """Numbers of used and unused observations of some epochs.
-
-    Attributes
-    ----------
-    accepted, rejected : (n,) int array
-        Numbers of observations used, and refused.
-    available : (n,) int array or None
-        All of them, None where not told.
+    Raises
+    ------
+    InputError
+        A plug-in that cannot be loaded; a key or a column that two metrics have.
     """
-
-    accepted: Int[np.ndarray, " n"]
-    rejected: Int[np.ndarray, " n"]
-    available: Int[np.ndarray, " n"] | None
-
-    @property
-    def used_per_epoch(self) -> float:
-        """Mean number of used observations per epoch."""
-        return float(self.accepted.mean())
-
-    @property
-    def available_per_epoch(self) -> float | None:
-        """Mean number of available observations per epoch; None if unknown."""
-        return None if self.available is None else float(self.available.mean())
-
-    @property
-    def share(self) -> float | None:
-        """Used share of the available observations, 0 to 1; None if unknown."""
-        return None if self.available is None else float(self.accepted.sum() / max(self.available.sum(), 1))
-
-    @property
-    def uses_all(self) -> bool:
-        """Whether every observation is known to have been used."""
-        return self.available is not None and np.array_equal(self.accepted, self.available)
-
-
-def observation_use(history: EstimateHistory, begin: float) -> ObservationUse | None:
-    """Use of observations in the estimator's epochs from begin (s); None without any."""
-    rows = np.flatnonzero(history.time >= begin)
-    rows = rows[rows >= history.initialisation]
-    if not rows.size:
-        return None
-    available = None if history.observations is None else history.observations[rows]
-    return ObservationUse(history.accepted[rows], history.rejected[rows], available)
-
-
-def on_identical_measurements(evaluations: Sequence[Evaluation]) -> bool:
-    """Whether every estimator used every observation of the epochs that all of them have."""
-    begin = shared_begin(evaluations)
-    uses = [observation_use(evaluation.history, begin) for evaluation in evaluations]
-    epochs = {len(use.accepted) for use in uses if use is not None}
-    return len(epochs) == 1 and all(use is not None and use.uses_all for use in uses)
-
-
-def title_sentences(evaluations: Sequence[Evaluation]) -> list[str]:
-    """Title sentences of a comparison; empty for a single estimator."""
-    if len(evaluations) == 1:
-        return []
-    return [IDENTICAL if on_identical_measurements(evaluations) else NOT_IDENTICAL]
-
-
-def numbers(evaluation: Evaluation, shared: float = ALWAYS) -> dict[str, Any]:
-    """The figures of a run by name with unit, None if absent.
-
-    Errors, NEES and counts are over the estimator's own epochs, which a filter has behind its initialisation; ``ape`` is over
-    all, as evo has it of the files.
-
-    Parameters
-    ----------
-    shared : float
-        Time (s) from which on all estimators of a run have epochs of their own; ``shared_epochs`` are over these.
-    """
-    history, body = evaluation.history, evaluation.body
-    return {
-        "estimator": evaluation.name,
-        "status": str(history.status.verdict),
-        "frames": len(history.time),
-        "principal_moments": body.principal_moments.tolist(),
-        "principal_moments_std": body.principal_moments_std.tolist(),
-        "principal_axes_std_rad": body.principal_axes_std.tolist(),
-        "k1": body.k1,
-        "k1_std": body.k1_std,
-        "k2": body.k2,
-        "k2_std": body.k2_std,
-        "center_of_mass_g_m": _listed(body.center_of_mass_g),
-        "center_of_mass_std_m": _listed(body.center_of_mass_std),
-        **constant_numbers(evaluation.constants),
-        "nis_per_dof": evaluation.nis_ratio,
-        "accepted": int(history.accepted[history.own].sum()),
-        "rejected": int(history.rejected[history.own].sum()),
-        "milliseconds_per_frame": evaluation.milliseconds_per_frame,
-        **_error_numbers(evaluation, shared),
-    }
-
-
-def use_numbers(evaluation: Evaluation, shared: float) -> dict[str, Any]:
-    """Numbers of used observations over the estimator's own epochs, and over those that all estimators have."""
-    history = evaluation.history
-    return {
-        **_use(observation_use(history, ALWAYS)),
-        "shared_epochs": _use(observation_use(history, shared)),
-    }
-
-
-def _use(use: ObservationUse | None) -> dict[str, float | None]:
-    return {
-        "epochs": 0 if use is None else len(use.accepted),
-        "used_per_epoch": None if use is None else use.used_per_epoch,
-        "available_per_epoch": None if use is None else use.available_per_epoch,
-        "share_used": None if use is None else use.share,
-    }
-
-
-def _error_numbers(evaluation: Evaluation, shared: float) -> dict[str, Any]:
-    errors, body, begin = evaluation.errors, evaluation.body_errors, evaluation.own_begin
-    if errors is None or body is None:
-        return {}
-    own = None if begin is None else span_errors(evaluation, begin)
-    late = None if begin is None else span_errors(evaluation, max(begin, middle(evaluation)))
-    first = evaluation.history.initialisation_end
-    return {
-        "alignment": str(evaluation.alignment),
-        **_rms_numbers("rms", None if own is None else own.rms),
-        **_rms_numbers("rms_second_half", None if late is None else late.rms),
-        "ape_rmse_m": errors.ape_rmse,
-        "ape_angle_rmse_deg": errors.ape_angle_rmse_deg,
-        **_body_numbers(body),
-        **_nees_numbers(own),
-        "bound": None if evaluation.bound is None else _bound_numbers(evaluation.bound, own, late),
-        **({} if evaluation.bound_missing is None else {"bound_missing": evaluation.bound_missing}),
-        "shared_epochs": None
-        if begin is None
-        else _span_numbers(span_errors(evaluation, max(shared, begin))),
-        "initialisation": None if first is None else _span_numbers(span_errors(evaluation, ALWAYS, first)),
-    }
-
-
-def _span_numbers(span: SpanErrors | None) -> dict[str, Any] | None:
-    if span is None:
-        return None
-    bound = {} if span.bound is None else _rms_numbers("bound_rms", span.bound)
-    return {"epochs": span.epochs, **_rms_numbers("rms", span.rms), **bound, **_nees_numbers(span)}
-
-
-def _bound_numbers(bound: ErrorBound, own: SpanErrors | None, late: SpanErrors | None) -> dict[str, Any]:
-    """Numbers of the bound under the names of the errors."""
-    return {
-        **_rms_numbers("rms", None if own is None else own.bound),
-        **_rms_numbers("rms_second_half", None if late is None else late.bound),
-        **_body_numbers(bound.body),
-    }
-
-
-def _body_numbers(body: BodyErrors) -> dict[str, float | list[float] | None]:
-    return {
-        "principal_moments_error": _listed(body.principal_moments),
-        "k1_error": body.k1,
-        "k2_error": body.k2,
-        "axes_angle_rad": _listed(body.axes_angle),
-        "center_of_mass_error_m": _listed(body.center_of_mass_g),
-    }
-
-
-def _nees_numbers(span: SpanErrors | None) -> dict[str, float | None]:
-    """Mean NEES per degree of freedom of the whole state, and of each block as nees_per_dof_<block>."""
-    if span is None or span.nees is None:
-        return {"nees_per_dof": None}
-    blocks = {f"nees_per_dof_{block}": _finite(mean) for block, mean in span.nees_blocks.items()}
-    return {"nees_per_dof": _finite(span.nees), **blocks}
-
-
-def _rms_numbers(prefix: str, rms: RmsErrors | None) -> dict[str, float | None]:
-    return {
-        f"{prefix}_position_m": None if rms is None else rms.position,
-        f"{prefix}_attitude_rad": None if rms is None else rms.attitude,
-        f"{prefix}_velocity_m_s": None if rms is None else rms.velocity,
-        f"{prefix}_rate_rad_s": None if rms is None else rms.rate,
-    }
-
-
-def _listed(values: np.ndarray | None) -> list[float] | None:
-    return None if values is None else values.tolist()
-
-
-def _finite(value: float | np.floating) -> float | None:
-    return float(value) if np.isfinite(value) else None
+    every = (*METRICS, *installed_plugins("spinfilters.metrics", Metric))
+    columns = [name for each in every for name in (each.column_name, each.bound_column)]
+    for what, names in (("key", [each.key for each in every]), ("column", columns)):
+        held = [name for name in names if name]
+        twice = sorted({name for name in held if held.count(name) > 1})
+        if twice:
+            raise InputError(f"two metrics have the {what} {twice[0]!r}; uninstall one of the plug-ins")
+    return every
 
 
 def held_text(evaluation: Evaluation) -> str:
@@ -279,3 +205,243 @@ def held_text(evaluation: Evaluation) -> str:
     if not other:
         return "all"
     return f"all but {', '.join(other)}" if len(other) <= len(good) else f"only {', '.join(good)}"
+
+
+def _own_epochs_text(span: EpochSpan) -> str:
+    """Number of own epochs, and over how many of them errors and counts are where these are fewer."""
+    own = len(span.evaluation.history.time[span.evaluation.history.own])
+    compared = own if span.use is None else len(span.use.accepted)
+    return str(own) if compared == own else f"{own}, {compared} compared"
+
+
+def _history(read: Callable[[EstimateHistory], Any]) -> ValueOf:
+    return lambda span: read(span.evaluation.history)
+
+
+def _runtime(read: Callable[[np.ndarray], Any]) -> ValueOf:
+    """Of the seconds of the estimator's own epochs that took any time."""
+
+    def value(span: EpochSpan) -> Any:
+        """None where no epoch took any."""
+        own = span.evaluation.history.runtime[span.evaluation.history.own]
+        return read(own[own > 0]) if (own > 0).any() else None
+
+    return value
+
+
+def _use(read: Callable[[ObservationUse], Any]) -> ValueOf:
+    return lambda span: None if span.use is None else read(span.use)
+
+
+def _body(read: Callable[[BodyEstimate], Any]) -> ValueOf:
+    return lambda span: read(span.evaluation.body)
+
+
+def _body_error(read: Callable[[BodyErrors], Any]) -> tuple[ValueOf, ValueOf]:
+    """An error of the body, and its bound."""
+
+    def error(span: EpochSpan) -> Any:
+        """None without a truth."""
+        errors = span.evaluation.body_errors
+        return None if errors is None else read(errors)
+
+    def bound(span: EpochSpan) -> Any:
+        """None without a bound."""
+        limits = span.evaluation.bound
+        return None if limits is None else read(limits.body)
+
+    return error, bound
+
+
+def _moment_metrics(index: int, name: str) -> tuple[Metric, ...]:
+    """Rows and columns of one principal moment over the largest, J of `index` among the ascending."""
+    error, bound = _body_error(lambda e: None if e.principal_moments is None else e.principal_moments[index])
+    pair = lambda span: span.evaluation.moment_texts[index].split(" ± ")  # noqa: E731
+    parts = _parts("principal_moments", lambda std: std[index])
+    std, number = _body(lambda body: body.principal_moments_std[index]), index + 1
+    # fmt: off
+    return (
+        Metric("", name, "", lambda s: pair(s)[0], form=str, section=BODY),
+        Metric("", "  standard deviation", "", lambda s: pair(s)[-1], form=str, section=BODY),
+        Metric("", "    random / calibration", "", parts, form=_parts_text(1.0), section=BODY),
+        Metric("", "", "", std, section=BODY, column=f"std_moment_{number}"),
+        Metric("", "  error", "", error, form="+#.2g", bound=bound, section=BODY, column=f"error_moment_{number}"),
+    )
+    # fmt: on
+
+
+def _constant_metrics(block: StateBlock, reported: ReportedConstant) -> tuple[Metric, ...]:
+    """Value and standard deviation of a constant that is a result of its own."""
+    kind = float if block.dimension == 1 else list
+
+    def estimate(read: Callable[[ConstantEstimate], np.ndarray]) -> ValueOf:
+        """A number, or several; None of what is not estimated."""
+
+        def value(span: EpochSpan) -> Any:
+            """Of the last epoch."""
+            found = span.evaluation.constants.get(block.name)
+            return None if found is None else read(found)[0] if block.dimension == 1 else read(found)
+
+        return value
+
+    def text(form: str) -> Callable[[Any], str]:
+        """Numbers side by side."""
+        return lambda value: numbers_text(np.atleast_1d(value).tolist(), form)
+
+    # fmt: off
+    return (
+        Metric(reported.value_key, block.label, block.unit, estimate(lambda e: e.value), form=text(reported.value_format),
+               section=BODY, kind=kind),
+        Metric(reported.std_key, "  standard deviation", "", estimate(lambda e: e.std), form=text(reported.std_format),
+               section=BODY, kind=kind),
+    )
+    # fmt: on
+
+
+def _motion_metrics(name: str, field: str, unit: str, scale: float) -> tuple[Metric, ...]:
+    """Error of something that moves: root mean square over epochs with its bound, and length at the last one."""
+
+    def last(span: EpochSpan) -> Any:
+        """Length of the last error."""
+        error = None if span.errors is None else getattr(span.errors, name)
+        return None if error is None else np.linalg.norm(error[-1])
+
+    # fmt: off
+    return (
+        Metric(f"errors.rms_{field}", f"{name} error", unit, lambda s: getattr(s.rms, name, None), scale,
+               bound=lambda s: getattr(s.bound, name, None), section=MOTION, column=f"error_{field}", of_epochs=True),
+        Metric(f"errors.last_{field}", "", unit, last, scale, section=MOTION),
+    )
+    # fmt: on
+
+
+def _parts(quantity: str, read: Callable[[np.ndarray], float]) -> ValueOf:
+    """Random and calibration part of a standard deviation after the last epoch; None where the calibration is exact."""
+
+    def value(span: EpochSpan) -> Any:
+        """Both parts."""
+        evaluation = span.evaluation
+        part = None if evaluation.history.calibration is None else evaluation.deviation_parts.get(quantity)
+        return None if part is None else [read(part.random), read(part.calibration)]
+
+    return value
+
+
+def _parts_text(scale: float) -> Callable[[Any], str]:
+    return lambda parts: " / ".join(f"{scale * part:.2g}" for part in parts)
+
+
+def _nees_metric(block: StateBlock) -> Metric:
+    """NEES of one block."""
+
+    def mean(span: EpochSpan) -> float | None:
+        """None where the state has no such block."""
+        squares = None if span.nees is None else span.nees.blocks.get(block.name)
+        return None if squares is None else float(np.mean(squares)) / block.dimension
+
+    # fmt: off
+    return Metric(f"errors.nees_per_dof_{block.name}", f"  {block.label}", "", mean, form=".2f", expected=1.0,
+                  section=CONSISTENCY, column=f"nees_{block.name}", of_epochs=True, null=False)
+    # fmt: on
+
+
+def _nees(read: Callable[[NormalisedErrors], Any]) -> ValueOf:
+    return lambda span: None if span.nees is None else read(span.nees)
+
+
+def _worst(read: Callable[[str, float], Any]) -> ValueOf:
+    """Of the quantity with the largest error in stated standard deviations, and that error."""
+    return lambda span: None if span.worst_stated_error is None else read(*span.worst_stated_error)
+
+
+_centre = _body_error(lambda e: None if e.center_of_mass_g is None else math.hypot(*e.center_of_mass_g))
+_axis = _body_error(lambda e: None if e.axes_angle is None else e.axes_angle.max())
+_moments_error, _k1_error, _k2_error, _axes_angle, _centre_error = (
+    _body_error(attrgetter(name))
+    for name in ("principal_moments", "k1", "k2", "axes_angle", "center_of_mass_g")
+)
+
+MOTIONS: Final = (
+    ("position", "position_m", "mm", 1e3),
+    ("attitude", "attitude_rad", "deg", DEGREES),
+    ("velocity", "velocity_m_s", "mm/s", 1e3),
+    ("rate", "rate_rad_s", "deg/s", DEGREES),
+)
+"""What moves: name, field of keys, unit, and that per SI unit."""
+
+# fmt: off
+METRICS: Final[tuple[Metric, ...]] = (
+    # the estimator, its epochs and its observations
+    Metric("status", "status", "", _history(lambda h: str(h.status.verdict)), form=str, section=USE, column="verdict",
+           kind=str),
+    Metric("", "what holds", "", lambda s: held_text(s.evaluation) or None, form=str, section=USE),
+    Metric("frames", "", "", _history(lambda h: len(h.time)), section=USE, column="epochs", kind=int),
+    Metric("initialisation_epochs", "", "", _history(lambda h: h.initialisation), section=USE, kind=int),
+    Metric("", "own epochs", "", _own_epochs_text, form=str, section=USE),
+    Metric("observations.epochs", "", "", lambda s: 0 if s.use is None else len(s.use.accepted), section=USE, column="",
+           of_epochs=True),
+    Metric("observations.available_per_epoch", "observations per epoch", "", _use(lambda u: u.available_per_epoch), form=".1f",
+           section=USE, of_epochs=True),
+    Metric("observations.used_per_epoch", "  of these used", "", _use(lambda u: u.used_per_epoch), form=".1f",
+           section=USE, of_epochs=True),
+    Metric("observations.share_used", "  share used", "", _use(lambda u: u.share), form=lambda share: f"{100 * share:.1f} %",
+           section=USE, of_epochs=True),
+    Metric("measurements.accepted", "", "", _history(lambda h: h.accepted[h.own].sum()), section=USE, kind=int),
+    Metric("measurements.rejected", "", "", _history(lambda h: h.rejected[h.own].sum()), section=USE, kind=int),
+    Metric("", "accepted / rejected", "", _use(lambda u: f"{u.accepted.sum()} / {u.rejected.sum()}"), form=str, section=USE),
+
+    # the body after the last epoch, and its errors
+    Metric("principal_moments", "", "", _body(lambda b: b.principal_moments), section=BODY, kind=list),
+    Metric("principal_moments_std", "", "", _body(lambda b: b.principal_moments_std), section=BODY, kind=list),
+    Metric("principal_moments_cov", "", "", _body(lambda b: b.principal_moments_cov), section=BODY, column=""),
+    Metric("principal_axes_g", "", "", _body(lambda b: b.principal_axes_g), section=BODY, column=""),
+    Metric("principal_axes_std_rad", "", "", _body(lambda b: b.principal_axes_std), section=BODY, kind=list),
+    Metric("center_of_mass_g", "", "", _body(lambda b: b.center_of_mass_g), section=BODY, kind=list),
+    Metric("center_of_mass_std_m", "", "", _body(lambda b: b.center_of_mass_std), section=BODY, kind=list),
+    Metric("k1", "", "", _body(lambda b: b.k1), section=BODY),
+    Metric("k1_std", "", "", _body(lambda b: b.k1_std), section=BODY, column="std_k1"),
+    Metric("k2", "", "", _body(lambda b: b.k2), section=BODY),
+    Metric("k2_std", "", "", _body(lambda b: b.k2_std), section=BODY, column="std_k2"),
+    *_moment_metrics(0, "J smallest / largest"),
+    *_moment_metrics(1, "J middle / largest"),
+    Metric("errors.principal_moments_error", "", "", _moments_error[0], bound=_moments_error[1], section=BODY, column=""),
+    Metric("errors.k1_error", "", "", _k1_error[0], bound=_k1_error[1], section=BODY, column="error_k1"),
+    Metric("errors.k2_error", "", "", _k2_error[0], bound=_k2_error[1], section=BODY, column="error_k2"),
+    Metric("errors.axes_angle_rad", "", "", _axes_angle[0], bound=_axes_angle[1], section=BODY, column=""),
+    Metric("errors.center_of_mass_error_m", "", "", _centre_error[0], bound=_centre_error[1], section=BODY, column=""),
+    Metric("", "worst principal axis", "deg", _axis[0], DEGREES, bound=_axis[1], section=BODY, column="error_axis_rad"),
+    Metric("", "centre of mass, error", "mm", _centre[0], 1e3, bound=_centre[1], section=BODY, column="error_center_of_mass_m"),
+    *(metric for block in BLOCKS.values() if block.reported for metric in _constant_metrics(block, block.reported)),
+
+    Metric("errors.alignment", "", "", lambda s: str(s.evaluation.alignment), form=str, section=BODY, column="", kind=str),
+
+    # the motion, compared with the truth
+    *(metric for motion in MOTIONS for metric in _motion_metrics(*motion)),
+    Metric("errors.ape_rmse_m", "", "m", lambda s: getattr(s.evaluation.errors, "ape_rmse", None), column=""),
+    Metric("errors.ape_angle_rmse_deg", "", "deg", lambda s: getattr(s.evaluation.errors, "ape_angle_rmse_deg", None), column=""),
+    *(Metric("", f"{name}: random / calibration", unit, _parts(field, lambda std: math.hypot(*std)), form=_parts_text(scale),
+             section=LATEST)
+      for name, field, unit, scale in (*MOTIONS, ("centre of mass", "center_of_mass_m", "mm", 1e3))),
+
+    # consistency of the covariance
+    Metric("errors.nees_per_dof", "NEES per dof", "", _nees(lambda n: n.mean), form=".2f", expected=1.0, section=CONSISTENCY,
+           column="nees", of_epochs=True),
+    *map(_nees_metric, BLOCKS.values()),
+    Metric("errors.last_nees_per_dof", "", "", _nees(lambda n: n.total[-1] / n.dof), expected=1.0, section=CONSISTENCY,
+           column="nees_last"),
+    Metric("errors.nees_dof", "", "", _nees(lambda n: n.dof), section=CONSISTENCY, column="dof", kind=int),
+    Metric("nis_per_dof", "NIS per dof", "", lambda s: s.evaluation.nis_ratio, form=".3f", expected=1.0, section=CONSISTENCY,
+           column="nis"),
+    Metric("errors.worst_error", "largest error at the end", "std", _worst(lambda _, error: error), form=".2g",
+           section=CONSISTENCY),
+    Metric("errors.worst_quantity", "", "", _worst(lambda quantity, _: quantity), form=str, section=CONSISTENCY, kind=str),
+    Metric("errors.right", "", "", _worst(lambda _, error: error <= LARGEST_STATED_ERROR), section=CONSISTENCY, kind=bool),
+
+    # what it took
+    Metric("runtime_s.total", "", "s", _history(lambda h: h.runtime.sum()), section=COST, column=""),
+    Metric("runtime_s.per_frame_median", "ms per epoch (median)", "", _runtime(np.median), 1e3, section=COST,
+           column="time_per_epoch_s"),
+    Metric("runtime_s.per_frame_max", "", "s", _runtime(np.max), section=COST, column=""),
+)
+# fmt: on
+"""Every metric of this package, in the order of rows within their groups."""

@@ -14,9 +14,9 @@ from jaxtyping import Float
 from spinfilters.core.camera_trajectory import CameraTrajectory
 from spinfilters.core.errors import InputError
 from spinfilters.core.plugins import entries_by_name, in_order, installed_plugins
+from spinfilters.evaluation.epoch_spans import initialisation_end
 from spinfilters.evaluation.estimated_motion import BodyRates, estimated_rates, measured_rates, true_rates
 from spinfilters.evaluation.estimator_evaluation import Evaluation
-from spinfilters.evaluation.metrics import initialisation_end
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.input_file import value_text
 from spinfilters.models.status import Verdict

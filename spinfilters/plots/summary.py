@@ -10,6 +10,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from spinfilters.evaluation.epoch_spans import (
+    ObservationUse,
+    initialisation_end,
+    observation_use,
+    shared_begin,
+    title_sentences,
+)
 from spinfilters.evaluation.estimated_motion import (
     BodyRates,
     body_history,
@@ -18,13 +25,6 @@ from spinfilters.evaluation.estimated_motion import (
     knows_intermediate_axis,
 )
 from spinfilters.evaluation.estimator_evaluation import Evaluation, without_calibration
-from spinfilters.evaluation.metrics import (
-    ObservationUse,
-    initialisation_end,
-    observation_use,
-    shared_begin,
-    title_sentences,
-)
 from spinfilters.models.body import BodyHistory
 from spinfilters.models.status import Verdict
 from spinfilters.plots.style import (

@@ -12,9 +12,9 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from spinfilters.evaluation.consistency import chi_square_band
+from spinfilters.evaluation.epoch_spans import initialisation_end, shared_begin
 from spinfilters.evaluation.estimated_motion import BodyRates, Trajectory
 from spinfilters.evaluation.estimator_evaluation import Evaluation
-from spinfilters.evaluation.metrics import initialisation_end, shared_begin
 from spinfilters.filters.history import EstimateHistory
 from spinfilters.plots.style import (
     BLACK,

@@ -5,12 +5,18 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from spinfilters.core.errors import InputError
-from spinfilters.evaluation.estimator_evaluation import Evaluation, constant_numbers
-from spinfilters.evaluation.metrics import numbers, on_identical_measurements, shared_begin, use_numbers
-from spinfilters.filters.history import EstimateHistory
+from spinfilters.evaluation.epoch_spans import (
+    ALWAYS,
+    EpochSpan,
+    on_identical_measurements,
+    own_span,
+    second_half,
+    shared_begin,
+    shared_span,
+)
+from spinfilters.evaluation.estimator_evaluation import Evaluation
+from spinfilters.evaluation.metrics import ERRORS, Metric, metrics
 from spinfilters.inference.setup import Setup
 from spinfilters.io.dataset_reader import has_images
 from spinfilters.io.input_file import path_text, read_bytes, reason
@@ -130,61 +136,88 @@ def _noise(told: Sequence[StatedNoise], evaluation: Evaluation) -> dict[str, Any
     return {each.name: each.identified(evaluation.history.noise).level for each in told}
 
 
-def _runtime(history: EstimateHistory) -> dict[str, float | None]:
-    """Time in all, with that of the initialisation, and by epoch of the estimator's own, s."""
-    own = history.runtime[history.own]
-    runtime = own[own > 0]
-    return {
-        "total": float(history.runtime.sum()),
-        "per_frame_median": float(np.median(runtime)) if runtime.size else None,
-        "per_frame_max": float(runtime.max()) if runtime.size else None,
-    }
-
-
 def _estimator(evaluation: Evaluation, shared: float) -> dict[str, Any]:
-    history, body = evaluation.history, evaluation.body
-    found = numbers(evaluation, shared)
-    errors = {key: value for key, value in found.items() if key.startswith(_ERROR_KEYS)}
+    """Verdict and numbers of one estimator."""
+    status = evaluation.history.status
+    checks = [{"name": each.check, "numbers": finite_numbers(each.numbers)} for each in status.findings]
     return {
-        "status": str(history.status.verdict),
-        "reasons": list(history.status.reasons),
-        "checks": [
-            {"name": each.check, "numbers": finite_numbers(each.numbers)} for each in history.status.findings
-        ],
-        "holds": {name: str(state) for name, state in history.status.holds.items()},
-        "frames": len(history.time),
-        "initialisation_epochs": history.initialisation,
-        "measurements": {"accepted": found["accepted"], "rejected": found["rejected"]},
-        "observations": use_numbers(evaluation, shared),
-        "runtime_s": _runtime(history),
-        "principal_moments": body.principal_moments.tolist(),
-        "principal_moments_std": body.principal_moments_std.tolist(),
-        "principal_moments_cov": body.principal_moments_cov.tolist(),
-        "principal_axes_g": body.principal_axes_g.tolist(),
-        "principal_axes_std_rad": body.principal_axes_std.tolist(),
-        "center_of_mass_g": None if body.center_of_mass_g is None else body.center_of_mass_g.tolist(),
-        "center_of_mass_std_m": None if body.center_of_mass_std is None else body.center_of_mass_std.tolist(),
-        "k1": body.k1,
-        "k1_std": body.k1_std,
-        "k2": body.k2,
-        "k2_std": body.k2_std,
-        **constant_numbers(evaluation.constants),
+        "status": str(status.verdict),
+        "reasons": list(status.reasons),
+        "checks": checks,
+        "holds": {name: str(state) for name, state in status.holds.items()},
+        **estimator_numbers(evaluation, shared),
         "deviation_parts": {name: part.document for name, part in evaluation.deviation_parts.items()},
-        "nis_per_dof": evaluation.nis_ratio,
-        "errors": errors if evaluation.errors is not None else None,
     }
 
 
-_ERROR_KEYS = (
-    "rms",
-    "ape",
-    "principal_moments_error",
-    "k1_error",
-    "k2_error",
-    "axes_angle",
-    "center_of_mass_error",
-    "nees",
-    "bound",
-    "shared_epochs",
-    "initialisation",
-)
+def estimator_numbers(evaluation: Evaluation, shared: float = ALWAYS) -> dict[str, Any]:
+    """An estimator's numbers as `summary.json` holds them, by the keys of metrics.
+
+    Parameters
+    ----------
+    evaluation : Evaluation
+        Of the estimator; its numbers are over its own epochs, those that a filter has after its initialisation.
+    shared : float
+        Time (s) from which on all estimators of a run have epochs of their own; ``shared_epochs`` are over these.
+
+    Returns
+    -------
+    dict[str, Any]
+        Numbers, lists, texts and tables of them; ``errors`` is None without a truth.
+    """
+    own, common = own_span(evaluation), shared_span(evaluation, shared)
+    document: dict[str, Any] = {}
+    for metric in metrics():
+        if metric.key and not metric.needs_truth:
+            _place(document, metric.key, metric.of(own))
+            if metric.of_epochs:
+                parent = metric.key.removesuffix(metric.leaf)
+                _place(document, f"{parent}shared_epochs.{metric.leaf}", metric.of(common))
+    return document | {ERRORS: _error_numbers(evaluation, common)}
+
+
+def _place(document: dict[str, Any], key: str, value: Any) -> None:
+    """Put a value where a key with dots says."""
+    *tables, leaf = key.split(".")
+    for name in tables:
+        document = document.setdefault(name, {})
+    document[leaf] = value
+
+
+def _error_numbers(evaluation: Evaluation, common: EpochSpan) -> dict[str, Any] | None:
+    if evaluation.errors is None or evaluation.body_errors is None:
+        return None
+    chosen = [metric for metric in metrics() if metric.needs_truth]
+    own, late, first = own_span(evaluation), second_half(evaluation), evaluation.history.initialisation_end
+    rms = [(each, each.leaf.replace("rms_", "rms_second_half_", 1)) for each in chosen if each.of_epochs]
+    halves = [(metric, name) for metric, name in rms if name != metric.leaf]
+    bounded = [metric for metric in chosen if metric.bound is not None]
+    found = {metric.leaf: metric.of(own) for metric in chosen}
+    found = {
+        metric.leaf: found[metric.leaf] for metric in chosen if metric.null or found[metric.leaf] is not None
+    }
+    bound = {metric.leaf: metric.bound_of(own) for metric in bounded}
+    bound |= {name: metric.bound_of(late) for metric, name in halves if metric.bound is not None}
+    return {
+        **found,
+        **{name: metric.of(late) for metric, name in halves},
+        "bound": None if evaluation.bound is None else bound,
+        **({} if evaluation.bound_missing is None else {"bound_missing": evaluation.bound_missing}),
+        "shared_epochs": _span_numbers(chosen, common),
+        "initialisation": None
+        if first is None
+        else _span_numbers(chosen, EpochSpan(evaluation, ALWAYS, first)),
+    }
+
+
+def _span_numbers(chosen: list[Metric], span: EpochSpan) -> dict[str, Any] | None:
+    """Errors of other epochs than the estimator's own, beside their bounds; None without any."""
+    if span.errors is None:
+        return None
+    found: dict[str, Any] = {"epochs": len(span.errors.time)}
+    for metric in chosen:
+        if metric.of_epochs:
+            value, bound = metric.of(span), metric.bound_of(span)
+            found |= {metric.leaf: value} if metric.null or value is not None else {}
+            found |= {f"bound_{metric.leaf}": bound} if span.bound is not None and metric.bound else {}
+    return found

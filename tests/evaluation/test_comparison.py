@@ -13,8 +13,8 @@ from spinfilters.core.errors import InputError
 from spinfilters.evaluation.comparison_table import comparison_table
 from spinfilters.evaluation.estimated_motion import estimated_rates, true_rates
 from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate, with_uncertainty
-from spinfilters.evaluation.metrics import numbers
 from spinfilters.evaluation.trajectory_errors import Alignment
+from spinfilters.run.run_summary import estimator_numbers
 from tests.evaluation.estimate_samples import consistent_history, sample_truth
 
 TRUTH = sample_truth(np.random.default_rng(0), 40)
@@ -49,11 +49,11 @@ def test_rows_that_need_a_truth_are_left_out_without_one() -> None:
 
 
 def test_numbers_are_json_and_name_their_units() -> None:
-    found = numbers(evaluate(HISTORY, TRUTH))
+    found = estimator_numbers(evaluate(HISTORY, TRUTH))
     assert json.loads(json.dumps(found, allow_nan=False)) == found
-    assert found["rms_position_m"] == found["ape_rmse_m"]
+    assert found["errors"]["rms_position_m"] == found["errors"]["ape_rmse_m"]
     assert found["frames"] == 40
-    assert "ape_rmse_m" not in numbers(evaluate(HISTORY))
+    assert estimator_numbers(evaluate(HISTORY))["errors"] is None
 
 
 def test_nees_is_left_out_when_the_frames_g_differ() -> None:

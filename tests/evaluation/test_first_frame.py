@@ -18,11 +18,11 @@ from spinfilters.core.mass_distribution import from_inertia, inertia_matrix
 from spinfilters.evaluation.consistency import chi_square_band, true_states
 from spinfilters.evaluation.estimated_motion import estimated_rates, true_rates
 from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate
-from spinfilters.evaluation.metrics import numbers
 from spinfilters.evaluation.trajectory_errors import Alignment, tells_first_frame, truth_in_first_frame
 from spinfilters.filters.history import EstimateHistory
 from spinfilters.models.state_blocks import BLOCKS
 from spinfilters.models.state_layout import ROTATION_BLOCKS, StateLayout
+from spinfilters.run.run_summary import estimator_numbers
 from tests.evaluation.estimate_samples import (
     FULL,
     consistent_history,
@@ -144,7 +144,7 @@ def test_the_truth_in_the_first_frame_describes_the_same_motion_in_inertial_axes
 
 
 def test_numbers_tell_the_alignment_and_the_nees_of_every_block() -> None:
-    found = numbers(evaluate(consistent(), TRUTH, Alignment.FIRST_FRAME))
+    found = estimator_numbers(evaluate(consistent(), TRUTH, Alignment.FIRST_FRAME))["errors"]
     assert json.loads(json.dumps(found, allow_nan=False)) == found
     assert found["alignment"] == "first frame"
     for block in FULL.blocks:

@@ -8,16 +8,15 @@ import pytest
 from rich.console import Console
 
 from spinfilters.evaluation.comparison_table import comparison_table
-from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate
-from spinfilters.evaluation.metrics import (
+from spinfilters.evaluation.epoch_spans import (
     initialisation_end,
-    numbers,
     on_identical_measurements,
     shared_begin,
     title_sentences,
-    use_numbers,
 )
+from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate
 from spinfilters.filters.history import EstimateHistory
+from spinfilters.run.run_summary import estimator_numbers
 from tests.evaluation.estimate_samples import consistent_history, sample_truth
 
 EPOCHS, INITIALISATION = 40, 15
@@ -52,7 +51,7 @@ def table_rows(evaluations: list[Evaluation]) -> dict[str, list[str]]:
 
 
 def test_errors_and_nees_leave_out_the_initialisation_which_has_its_own() -> None:
-    found = numbers(evaluate(poor_beginning(), TRUTH))
+    found = estimator_numbers(evaluate(poor_beginning(), TRUTH))["errors"]
     assert found["rms_position_m"] < 0.1
     assert found["nees_per_dof"] == pytest.approx(1.0, abs=0.2)
     assert found["initialisation"]["epochs"] == INITIALISATION
@@ -66,7 +65,7 @@ def test_a_smoother_is_compared_over_the_epochs_of_the_filters_and_has_its_own_b
     begin = shared_begin(evaluations)
     assert begin == TRUTH.time[INITIALISATION]
     assert initialisation_end(evaluations) == TRUTH.time[INITIALISATION - 1]
-    ours, theirs = (numbers(evaluation, begin) for evaluation in evaluations)
+    ours, theirs = (estimator_numbers(evaluation, begin)["errors"] for evaluation in evaluations)
     assert theirs["shared_epochs"]["rms_position_m"] == ours["rms_position_m"]
     assert theirs["shared_epochs"]["epochs"] == EPOCHS - INITIALISATION
     assert theirs["rms_position_m"] > 5
@@ -91,7 +90,7 @@ def test_what_each_used_of_the_observations_is_counted_over_the_same_epochs() ->
     assert rows["of these used"] == ["2.0", "7.0"]
     assert rows["share used"] == ["28.6 %", "100.0 %"]
     assert rows["accepted / rejected"] == ["50 / 0", "175 / 0"]
-    found = use_numbers(evaluations[1], shared_begin(evaluations))
+    found = estimator_numbers(evaluations[1], shared_begin(evaluations))["observations"]
     assert found["epochs"] == EPOCHS
     assert found["shared_epochs"]["epochs"] == EPOCHS - INITIALISATION
     assert found["share_used"] == 1.0
@@ -117,11 +116,12 @@ def test_a_filter_that_failed_before_its_first_own_epoch_has_no_statistics() -> 
     }
     failed = replace(poor_beginning(), status=CONSISTENT.status.failed("it"), **arrays)
     evaluations = [evaluate(failed, TRUTH), evaluate(smoother(), TRUTH)]
-    found = numbers(evaluations[0], shared_begin(evaluations))
+    document = estimator_numbers(evaluations[0], shared_begin(evaluations))
+    found = document["errors"]
     assert found["rms_position_m"] is None
     assert found["nees_per_dof"] is None
     assert found["shared_epochs"] is None
-    assert use_numbers(evaluations[0], shared_begin(evaluations))["share_used"] is None
+    assert document["observations"]["share_used"] is None
     rows = table_rows(evaluations)
     assert rows["position error [mm]"][0] == "-"
     assert rows["status"] == ["failed", "ok"]

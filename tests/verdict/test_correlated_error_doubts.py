@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from spinfilters.campaigns.row_columns import metrics
+from spinfilters.campaigns.row_columns import result_columns
 from spinfilters.models.process import ProcessNoise
 from spinfilters.models.status import Finding, Verdict
 from spinfilters.run.estimation import Comparison, compare_estimators
@@ -108,7 +108,7 @@ def test_deviations_of_a_gyro_hold_with_errors_that_may_be_correlated() -> None:
     (evaluation,) = comparison.evaluations
     assert evaluation.history.status.verdict is Verdict.OK
     assert comparison.models.correlated.widening is not None
-    assert metrics(evaluation, comparison.setup.dataset.truth)["worst_error"] < 4.0
+    assert result_columns(evaluation)["worst_error"] < 4.0
 
 
 def test_moments_that_only_white_errors_determine_are_not_determined(monkeypatch: pytest.MonkeyPatch) -> None:

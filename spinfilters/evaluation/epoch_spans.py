@@ -1,0 +1,180 @@
+"""Epochs over which estimators are evaluated and compared: errors, NEES and used observations within a span of time."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+from jaxtyping import Int
+
+from spinfilters.evaluation.consistency import NormalisedErrors
+from spinfilters.evaluation.estimator_evaluation import Evaluation
+from spinfilters.evaluation.stated_errors import stated_errors
+from spinfilters.evaluation.trajectory_errors import RmsErrors, TruthErrors
+from spinfilters.filters.history import EstimateHistory
+
+ALWAYS: Final = -np.inf
+"""Begin of a span that leaves nothing out, s."""
+IDENTICAL = "Estimators on identical measurements"
+NOT_IDENTICAL = "Estimators on the same recording, each on the observations that it used"
+
+
+@dataclass(frozen=True)
+class ObservationUse:
+    """Numbers of used and unused observations of some epochs.
+
+    Attributes
+    ----------
+    accepted, rejected : (n,) int array
+        Numbers of observations used, and rejected.
+    available : (n,) int array or None
+        All of them, None where unknown.
+    """
+
+    accepted: Int[np.ndarray, " n"]
+    rejected: Int[np.ndarray, " n"]
+    available: Int[np.ndarray, " n"] | None
+
+    @property
+    def used_per_epoch(self) -> float:
+        """Mean number of used observations per epoch."""
+        return float(self.accepted.mean())
+
+    @property
+    def available_per_epoch(self) -> float | None:
+        """Mean number of available observations per epoch; None if unknown."""
+        return None if self.available is None else float(self.available.mean())
+
+    @property
+    def share(self) -> float | None:
+        """Used share of the available observations, 0 to 1; None if unknown."""
+        return None if self.available is None else float(self.accepted.sum() / max(self.available.sum(), 1))
+
+    @property
+    def uses_all(self) -> bool:
+        """Whether every observation is known to have been used."""
+        return self.available is not None and np.array_equal(self.accepted, self.available)
+
+
+def observation_use(history: EstimateHistory, begin: float, end: float = np.inf) -> ObservationUse | None:
+    """Use of observations in the estimator's own epochs from begin to end (s), both within; None without any."""
+    rows = np.flatnonzero((history.time >= begin) & (history.time <= end))
+    rows = rows[rows >= history.initialisation]
+    if not rows.size:
+        return None
+    available = None if history.observations is None else history.observations[rows]
+    return ObservationUse(history.accepted[rows], history.rejected[rows], available)
+
+
+@dataclass(frozen=True)
+class EpochSpan:
+    """An evaluation within a span of time: what every metric is computed from.
+
+    Attributes
+    ----------
+    evaluation : Evaluation
+        Of one estimator.
+    begin, end : float
+        First and last time, s, both within; `own_span` leaves out a filter's initialisation.
+    """
+
+    evaluation: Evaluation
+    begin: float = ALWAYS
+    end: float = np.inf
+
+    @cached_property
+    def errors(self) -> TruthErrors | None:
+        """Errors within the span; None without a truth there."""
+        errors = self.evaluation.errors
+        return None if errors is None else errors.within(self.begin, self.end)
+
+    @cached_property
+    def rms(self) -> RmsErrors | None:
+        """Root mean squares of the errors."""
+        return None if self.errors is None else self.errors.rms
+
+    @cached_property
+    def bound(self) -> RmsErrors | None:
+        """Root mean squares of the Cramer-Rao bound over the same epochs; None where there is no bound."""
+        bound = self.evaluation.bound
+        return None if bound is None or self.errors is None else bound.over(self.errors.rows)
+
+    @cached_property
+    def nees(self) -> NormalisedErrors | None:
+        """NEES within the span: of the whole state, or of a gyro's estimate that of rate and mass distribution."""
+        evaluation = self.evaluation
+        whole = evaluation.rotation_nees if evaluation.nees is None else evaluation.nees
+        return None if whole is None else whole.within(self.begin, self.end)
+
+    @cached_property
+    def use(self) -> ObservationUse | None:
+        """Use of observations in the estimator's own epochs; None without any."""
+        return observation_use(self.evaluation.history, self.begin, self.end)
+
+    @cached_property
+    def worst_stated_error(self) -> tuple[str, float] | None:
+        """Quantity with the largest error after the last epoch, and that in its stated standard deviations."""
+        found = stated_errors(self.evaluation)
+        return max(found.items(), key=lambda each: each[1], default=None)
+
+
+def own_span(evaluation: Evaluation) -> EpochSpan:
+    """The epochs that an estimator has made itself, which a filter has after its initialisation."""
+    begin = evaluation.own_begin
+    return EpochSpan(evaluation, np.inf if begin is None else begin)
+
+
+def shared_begin(evaluations: Sequence[Evaluation]) -> float:
+    """Time of the first own epoch common to all estimators that have any, s; `ALWAYS` where none has."""
+    begins = [evaluation.own_begin for evaluation in evaluations]
+    return max((begin for begin in begins if begin is not None), default=ALWAYS)
+
+
+def shared_span(evaluation: Evaluation, shared: float) -> EpochSpan:
+    """An estimator's own epochs from ``shared`` on, the time of `shared_begin`, s."""
+    return EpochSpan(evaluation, max(own_span(evaluation).begin, shared))
+
+
+def second_half(evaluation: Evaluation) -> EpochSpan:
+    """An estimator's own epochs after the middle of the recording, where nothing of the beginning shows."""
+    time = evaluation.history.time
+    return EpochSpan(evaluation, max(own_span(evaluation).begin, float(time[0] + time[-1]) / 2))
+
+
+def initialisation_end(evaluations: Sequence[Evaluation]) -> float | None:
+    """Time of the last epoch of the filters' initialisation, s; None where no estimator has one."""
+    ends = [evaluation.history.initialisation_end for evaluation in evaluations]
+    return max((end for end in ends if end is not None), default=None)
+
+
+def on_identical_measurements(evaluations: Sequence[Evaluation]) -> bool:
+    """Whether every estimator used every observation of the epochs that all of them have."""
+    begin = shared_begin(evaluations)
+    uses = [observation_use(evaluation.history, begin) for evaluation in evaluations]
+    epochs = {len(use.accepted) for use in uses if use is not None}
+    return len(epochs) == 1 and all(use is not None and use.uses_all for use in uses)
+
+
+def title_sentences(evaluations: Sequence[Evaluation]) -> list[str]:
+    """Title sentences of a comparison; empty for a single estimator."""
+    if len(evaluations) == 1:
+        return []
+    return [IDENTICAL if on_identical_measurements(evaluations) else NOT_IDENTICAL]
+
+
+def epoch_sentences(evaluations: Sequence[Evaluation]) -> list[str]:
+    """Sentence on the epochs of the errors; none without an initialisation."""
+    history = max((e.history for e in evaluations), key=lambda history: history.initialisation)
+    begin, count = shared_begin(evaluations), history.initialisation
+    if not count or begin == ALWAYS:
+        return []
+    own = {e.name: int(np.count_nonzero(e.history.time[e.history.own] >= begin)) for e in evaluations}
+    if len(set(own.values())) == 1:
+        epochs = f"the {next(iter(own.values()))} epochs from t = {begin:.6g} s on, which every estimator made itself"
+    else:
+        each = ", ".join(f"{name.upper()} {number}" for name, number in own.items())
+        epochs = f"every estimator's own epochs from t = {begin:.6g} s on ({each})"
+    return [
+        f"Errors, NEES, NIS and counts: over {epochs}. The {count} before are the filters' initialisation, made by a smoother."
+    ]
