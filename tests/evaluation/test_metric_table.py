@@ -1,8 +1,9 @@
 """The table of metrics: one line is enough for every output, also from outside the package."""
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -79,7 +80,7 @@ def test_a_metric_that_cannot_be_computed_is_none_and_costs_no_result(module: Pa
 
 def test_a_key_that_two_metrics_have_is_refused(module: Path) -> None:
     module.write_text(PROGRAM.replace("nutation_rms_rad", "runtime_s.total"))
-    with pytest.raises(InputError, match="two metrics have the key 'runtime_s.total'"):
+    with pytest.raises(InputError, match=r"two metrics have the key 'runtime_s\.total'"):
         metrics()
 
 
@@ -103,5 +104,7 @@ def test_every_metric_is_somewhere_and_its_bound_has_a_column_beside_it() -> Non
         (".1f", 1.0, None, None),
     ],
 )
-def test_a_value_is_shown_in_its_unit_and_format(form, scale, value, text) -> None:  # noqa: ANN001
+def test_a_value_is_shown_in_its_unit_and_format(
+    form: str | Callable[[Any], str], scale: float, value: Any, text: str | None
+) -> None:
     assert Metric("x", "x", "", lambda _: None, scale, form).text(value) == text
