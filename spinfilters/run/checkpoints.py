@@ -61,13 +61,12 @@ class RunFingerprint:
         return json.loads(json.dumps(asdict(self)))
 
     def difference(self, document: Mapping[str, Any]) -> str | None:
-        """First difference from another run's `document`, with the cure.
-
-        None where it does not differ.
+        """First difference from another run's `document`, with the cure; None where it does not differ.
 
         Raises
         ------
-        KeyError, TypeError, AttributeError: it is no such document.
+        KeyError, TypeError, AttributeError
+            It is no such document.
         """
         return next(_differences(document, self.document), None)
 
@@ -75,12 +74,11 @@ class RunFingerprint:
 def fingerprint_of(
     estimator: str, timeline: Timeline, start: Gaussian | LandmarkBelief, settings: Mapping[str, Any]
 ) -> RunFingerprint:
-    """The fingerprint of a run.
+    """Fingerprint of a run over all epochs of a timeline, from a start, with settings (tables of plain values).
 
-    Over all epochs of a timeline, from a start, with settings (tables of plain values).
-    The choice of estimators is left out: each runs by itself.
+    The choice of estimators and of the checks of their verdicts is left out: each estimator runs by itself, to the same numbers.
     """
-    document = {name: value for name, value in settings.items() if name != "estimators"}
+    document = {name: value for name, value in settings.items() if name not in ("estimators", "verdict")}
     return RunFingerprint(estimator, provenance(), document, _digest_of_timeline(timeline), _digest_of(start))
 
 
@@ -167,10 +165,7 @@ def save_checkpoint(
 
 
 def save_ended(path: Path, history: EstimateHistory, begin: float, fingerprint: RunFingerprint) -> None:
-    """Write a run that has ended by itself.
-
-    It began at ``begin`` (s). Errors: `save_checkpoint`.
-    """
+    """Write a run that has ended by itself; it began at ``begin`` (s). Errors: `save_checkpoint`."""
     rows = {_ROWS + name: getattr(history, name) for name in EPOCH_ARRAYS}
     status = history.status
     ended = {
