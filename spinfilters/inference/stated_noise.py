@@ -189,12 +189,6 @@ def stated_models(
     return StatedModels(process, replace(noise, **{option: found.scale_std}), found, unknown)
 
 
-def models_beside(beside: Setup, layout: StateLayout, settings: Settings) -> StatedModels:
-    """Process and noise of another setup of the recording, over a layout."""
-    process = TorqueFreeProcess(layout, beside.process.noise, settings.process.tolerance)
-    return StatedModels(process, beside.noise, beside.gyro_noise)
-
-
 STATED, PRIOR = "stated", "prior"
 
 
