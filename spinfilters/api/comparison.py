@@ -46,7 +46,6 @@ from spinfilters.io.input_file import path_text, value_text
 from spinfilters.models.body import BodyEstimate
 from spinfilters.models.status import verdict_sentences
 from spinfilters.run.comparison_run import RunOutput, compare_dataset, compare_into, silent, write_comparison
-from spinfilters.run.conditions import conditions_of
 from spinfilters.run.estimation import Comparison, Progress
 from spinfilters.run.run_folder import CONFIG_FILE, MAP_FILE, SEGMENTS_FOLDER, read_figure_data
 from spinfilters.run.run_summary import SUMMARY_FILE, read_summary, summary
@@ -162,9 +161,10 @@ class Run(Mapping[str, EstimatorResult]):
     def from_comparison(cls, comparison: Comparison, settings: Settings, folder: Path | None = None) -> "Run":
         """Run of a comparison that has just ended."""
         results = {e.name: EstimatorResult(e, comparison.maps.get(e.name)) for e in comparison.evaluations}
-        setup = comparison.setup
-        conditions = tuple(conditions_of(setup).sentences)
-        return cls(setup.dataset, settings, results, conditions, summary(comparison), comparison, folder)
+        conditions = tuple(comparison.conditions.sentences)
+        return cls(
+            comparison.setup.dataset, settings, results, conditions, summary(comparison), comparison, folder
+        )
 
     @classmethod
     def from_folder(cls, folder: Path, settings: Settings) -> "Run":

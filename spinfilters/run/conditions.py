@@ -109,10 +109,7 @@ def _typically_apart(truth: Truth) -> float | None:
 
 
 def _windows(turn: Float[np.ndarray, " j"], told: Bool[np.ndarray, " j"]) -> Int[np.ndarray, " n"]:
-    """First row of the window of every step that is told.
-
-    ``turn`` (rad) is that of each step.
-    """
+    """First row of the window of every step whose rotation is known; ``turn`` (rad) is that of each step."""
     done = np.cumsum(np.where(told, turn, 0.0))
     window = np.floor((done - np.where(told, turn, 0.0)) / WINDOW)
     begins = (np.diff(window, prepend=-1.0) != 0) | (np.diff(told, prepend=False) != 0)
@@ -136,10 +133,7 @@ def _spread(path: Float[np.ndarray, "n 3"]) -> float:
 
 
 def _noise(values: Float[np.ndarray, "n 3"]) -> float:
-    """Standard deviation of white noise, at most, by second differences.
-
-    Their variance is six times its own.
-    """
+    """Standard deviation of white noise, at most, by second differences, whose variance is six times its own."""
     return float(np.median(np.linalg.norm(np.diff(values, n=2, axis=0), axis=1)) / np.sqrt(18.0) / 0.9)
 
 

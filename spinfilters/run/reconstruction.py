@@ -157,7 +157,10 @@ def images_of(folder: Path, images: Path | None) -> Path:
 def body_motion(folder: Path, figure_data: FigureData) -> PrincipalAxesMotion:
     """Motion of the most exact estimator, and the map's size.
 
-    InputError: no such one, no map, too few landmarks.
+    Raises
+    ------
+    InputError
+        No estimator has a motion, no map, too few landmarks.
     """
     evaluation, points = figure_data.most_exact, figure_data.map_points
     if evaluation is None or points is None or evaluation.body.center_of_mass_g is None:
