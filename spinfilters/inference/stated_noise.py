@@ -240,13 +240,13 @@ def adapted_levels(setup: Setup, level: Callable[[str], NoiseScale]) -> tuple[Va
     levels = []
     for each in setup.identified:
         source = next((s for s, options in sources.items() if each.name in options and s in first), None)
-        levels.append(each if source is None else _adapted(each, first[source], level(source)))
+        if source is None:
+            levels.append(each)
+            continue
+        before, after = first[source], level(source)
+        share = before.information / after.information
+        levels.append(each.scaled(after.logarithm - before.logarithm, share**0.5))
     return tuple(levels)
-
-
-def _adapted(found: VarianceComponent, before: NoiseScale, after: NoiseScale) -> VarianceComponent:
-    share = before.information / after.information
-    return found.scaled(after.logarithm - before.logarithm, share**0.5)
 
 
 def _sources(setup: Setup) -> dict[str, tuple[str, ...]]:

@@ -161,7 +161,8 @@ def save_checkpoint(
     InputError: as `spinfilters.io.output_files.atomic_file`.
     """
     state = {_STATE + name: array for name, array in estimator.snapshot().items()}
-    _write(path, {**state, **_named_rows(rows)}, {"begin": rows.begin, "ended": None}, fingerprint)
+    named = {_ROWS + name: array for name, array in rows.arrays().items()}
+    _write(path, {**state, **named}, {"begin": rows.begin, "ended": None}, fingerprint)
 
 
 def save_ended(path: Path, history: EstimateHistory, begin: float, fingerprint: RunFingerprint) -> None:
@@ -204,10 +205,6 @@ def _write(
 ) -> None:
     text = json.dumps({"format": FORMAT, **meta, "identity": fingerprint.document})
     write_arrays(path, {_META: np.array(text), **arrays})
-
-
-def _named_rows(rows: GrowingHistory) -> dict[str, np.ndarray]:
-    return {_ROWS + name: array for name, array in rows.arrays().items()}
 
 
 def _checkpoint(arrays: dict[str, np.ndarray], meta: dict[str, Any], estimator: Estimator) -> Checkpoint:

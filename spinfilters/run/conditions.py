@@ -298,7 +298,9 @@ def _sensor_noise(stream: MeasurementStream, setup: Setup) -> Iterator[StatedNoi
         value = setup.noise.values[option.name]
         if stream.covariance is not None and option.components is not None:
             rows = np.array(option.components)
-            value = _median_std(stream.covariance[:, rows[:, None], rows])
+            # median over all rows of the deviation along an axis, from the diagonals of these components' blocks
+            variances = np.einsum("nii->ni", stream.covariance[:, rows[:, None], rows])
+            value = float(np.sqrt(np.median(variances)))
         if value > 0:
             own = stream.covariance is not None and option.components is not None
             source = STATED if own else _source(option.name, setup)
@@ -327,11 +329,6 @@ def _source(name: str, setup: Setup) -> str:
 def _identified_options(setup: Setup) -> set[str | None]:
     """Options of rate sensors of unknown error."""
     return {sensor_of(stream.sensor).identified_option for stream in setup.dataset.log.streams}
-
-
-def _median_std(covariance: np.ndarray) -> float:
-    """Median over all rows of the standard deviation along an axis."""
-    return float(np.sqrt(np.median(np.einsum("nii->ni", covariance))))
 
 
 def _counted(considered: ConsideredDeviation) -> str:
