@@ -19,7 +19,7 @@ from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from typing import Any, Final
 
-import dask
+from dask import config as dask_config
 from distributed import Client, LocalCluster, Worker, WorkerPlugin, get_worker
 
 from spinfilters.campaigns.engine import Chunk
@@ -138,7 +138,8 @@ class RunProcesses(WorkerPlugin):
 def make_runs(name: str, chunk: Chunk) -> None:
     """Make some runs in a thread of a Dask worker; every row is an event of the topic ``name``."""
     worker = get_worker()
-    with worker.plugins[name].process() as process:
+    kept: Any = worker.plugins[name]
+    with kept.process() as process:
         for run in chunk:
             worker.log_event(name, json.dumps(process.row(run)))
 
@@ -218,7 +219,8 @@ def _require_scheduler(client: Client, under_way: Collection[Any]) -> None:
 def _threads(client: Client) -> int:
     """Number of threads of all workers, at least one."""
     with suppress(Exception):
-        return max(1, sum(client.nthreads().values()))
+        threads: Any = client.nthreads()
+        return max(1, sum(threads.values()))
     raise _SchedulerLostError
 
 
@@ -230,15 +232,15 @@ def _this_machine(processes: int) -> Iterator[str]:
     """
     own_page = "127.0.0.1:0"  # scheduler and worker insist on one
     try:
-        with warnings.catch_warnings(), dask.config.set({"distributed.worker.profile.enabled": False}):
+        with warnings.catch_warnings(), dask_config.set({"distributed.worker.profile.enabled": False}):
             warnings.simplefilter("ignore")  # a machine without a network has no address: none is needed
-            cluster = LocalCluster(
+            cluster: Any = LocalCluster(
                 n_workers=1,
                 threads_per_worker=processes,
                 processes=False,
                 memory_limit=0,  # this process's memory is not Dask's to judge
-                dashboard_address=None,
-                scheduler_kwargs={"dashboard": False, "dashboard_address": own_page},
+                dashboard_address=own_page,
+                scheduler_kwargs={"dashboard": False},  # no page that needs bokeh
                 worker_dashboard_address=own_page,
                 silence_logs=logging.CRITICAL,
             )

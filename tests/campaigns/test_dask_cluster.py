@@ -6,6 +6,7 @@ import signal
 import socket
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -30,7 +31,8 @@ pytestmark = pytest.mark.filterwarnings("default")
 def address() -> Iterator[str]:
     """A scheduler with one worker, somewhere else for all that the campaign knows."""
     options = {"n_workers": 1, "threads_per_worker": 1, "processes": False, "dashboard_address": ":0"}
-    with LocalCluster(**options, protocol="tcp://") as cluster:
+    cluster: Any = LocalCluster(**options, protocol="tcp://")
+    with cluster:
         yield cluster.scheduler_address
 
 
