@@ -1,8 +1,8 @@
 """How a free rotation looks from outside: the energy ellipsoid rolls on the invariable plane (Tweddle 2013, section 2.5.1).
 
 The angular momentum h keeps its direction in space. The rate w touches the plane w.h = 2 E, which lies at the distance 2 E / |h|
-from the centre of mass; its path there is the herpolhode, its path on the body the polhode. Both paths seen from the centre of mass are
-cones: the body cone rolls on the space cone without slip. About an axis of symmetry both are circular, with
+from the centre of mass; its path there is the herpolhode, its path on the body the polhode. Both paths seen from the centre of
+mass are cones: the body cone rolls on the space cone without slip. About an axis of symmetry both are circular, with
 
     tan(angle of h to the axis) = (J_transverse / J_axis) tan(angle of w to the axis),
 

@@ -19,7 +19,14 @@ from spinfilters.core.errors import InputError, ShapeError
 from spinfilters.core.torque_free import torque_free_motion
 
 NAMES = [each.name for each in PARAMETRISATIONS]
-ATTITUDES = Rotation.random(40, random_state=5).as_quat()
+
+
+def unit_rows(q: np.ndarray) -> np.ndarray:
+    """Rows of norm one."""
+    return q / np.linalg.norm(q, axis=-1, keepdims=True)
+
+
+ATTITUDES = unit_rows(np.random.default_rng(5).normal(size=(40, 4)))
 RATES = np.random.default_rng(8).normal(size=(40, 3))
 
 
