@@ -275,15 +275,29 @@ def _table(rows: Sequence[Mapping[str, Any]], wanted: pa.Schema) -> pa.Table:
     )
 
 
+def _holds_study(held: pa.Schema, wanted: pa.Schema) -> bool:
+    """Whether a part has the factors of the study, and columns of the same types: metrics may be fewer or more."""
+    asked = wanted.names[: wanted.names.index("outcome") + 1]
+    known = [name for name in held.names if name in wanted.names]
+    return held.names[: len(asked)] == asked and all(
+        held.field(n).type == wanted.field(n).type for n in known
+    )
+
+
 def _read(path: Path, rules: RowRules, columns: Sequence[str] | None) -> pa.Table:
     require_file(path, LARGEST_PART)
     try:
         with pq.ParquetFile(path) as file:
-            if file.schema_arrow.remove_metadata() != rules.schema:
+            if not _holds_study(file.schema_arrow, rules.schema):
                 raise InputError(
                     f"{path_text(path)}: has other columns than the study; it is of another version or study"
                 )
-            table = file.read(None if columns is None else sorted({"run", "cell", "seed", *columns}))
+            wanted = rules.schema.names if columns is None else sorted({"run", "cell", "seed", *columns})
+            table = file.read([name for name in wanted if name in file.schema_arrow.names])
+            for name in set(wanted).difference(table.column_names):
+                kind = rules.schema.field(name).type
+                table = table.append_column(name, pa.nulls(len(table), kind))
+            table = table.select(wanted).replace_schema_metadata()
     except (pa.ArrowException, OSError, ValueError) as error:
         raise InputError(
             f"{path_text(path)}: is no Parquet file of a campaign ({reason(error)}); remove it and resume"

@@ -5,6 +5,8 @@ import os
 from pathlib import Path
 from typing import Any
 
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from spinfilters.campaigns.row_columns import schema
@@ -114,6 +116,18 @@ def test_a_damaged_part_and_a_foreign_one_are_refused(tmp_path: Path) -> None:
     (tmp_path / ROWS / "000001.parquet").write_bytes(b"PAR1 nothing PAR1")
     with pytest.raises(InputError, match="no Parquet file"):
         read_rows(tmp_path, FACTORS)
+
+
+def test_a_part_with_other_metrics_is_read_with_those_that_both_know(tmp_path: Path) -> None:
+    with RowsFolder(tmp_path, FACTORS) as rows:
+        rows.append(_row(0))
+    part = tmp_path / ROWS / "000001.parquet"
+    table = pq.read_table(part).drop_columns(["share_used"])
+    pq.write_table(table.append_column("of_a_plug_in", pa.array([1.0])), part)
+    found = read_rows(tmp_path, FACTORS)
+    assert found.schema == schema(FACTORS)
+    assert found["nees"].to_pylist() == [0.0]
+    assert found["share_used"].to_pylist() == [None]
 
 
 def _study_row(run: int) -> dict[str, Any]:
