@@ -85,17 +85,11 @@ class FigureEntry(ABC):
     order: int = 100
 
     def names(self, estimators: Sequence[str]) -> tuple[str, ...]:
-        """Names of the figures in a run of these estimators.
-
-        One, unless it draws each estimator by itself.
-        """
+        """Names of the figures in a run of these estimators; one, unless it draws each estimator by itself."""
         return (self.name,)
 
     def lacks(self, shown: FigureData) -> str | None:
-        """Noun for what the figure needs and a run lacks.
-
-        None where it can be drawn.
-        """
+        """Noun for what the figure needs and a run lacks; None where it can be drawn."""
         return None
 
     @abstractmethod

@@ -159,10 +159,7 @@ def _document(model: ShownModel, motion: ShownMotion) -> dict[str, object]:
 
 
 def _limited(model: ShownModel) -> ShownModel:
-    """Finite points, no more than a page holds.
-
-    Of a surface with more triangles the vertices.
-    """
+    """Finite points, no more than a page holds; of a surface with more triangles its vertices alone."""
     if 0 < len(model.triangles) <= MOST_TRIANGLES:
         return model
     rows = np.flatnonzero(np.isfinite(model.vertices).all(axis=1))

@@ -100,10 +100,7 @@ _REVOLUTIONS = 4  # of the paths of axes: more is a ball of wool
 
 @dataclass(frozen=True)
 class DrawnCamera:
-    """Calibration of the camera and its known trajectory in i.
-
-    None where it is at rest in the origin.
-    """
+    """Calibration of the camera and its known trajectory in i, which is None where it rests in the origin."""
 
     rig: Rig
     inspector: CameraTrajectory | None = None
@@ -219,10 +216,7 @@ def _draw_landmarks(
 
 
 def _draw_camera(axes: Axes3D, camera: DrawnCamera, trajectory: Trajectory) -> Float[np.ndarray, "n 3"]:
-    """Draw the left camera's path and its field of view at the last epoch.
-
-    What is drawn is returned, for the limits.
-    """
+    """Draw the left camera's path and its field of view at the last epoch; the drawn points, for the limits."""
     poses = camera.poses(trajectory.time)
     depth = 0.35 * float(np.linalg.norm(trajectory.position - poses[:, :3], axis=1).max())
     R_ic, path = matrix_from_quaternion(poses[-1, 3:]), poses[:, :3] @ _TO_VIEW.T
@@ -265,10 +259,7 @@ def _directions_figure(trajectory: Trajectory, body: BodyEstimate, initialisatio
 
 
 def _last_revolutions(trajectory: Trajectory) -> int:
-    """The first row of the last `_REVOLUTIONS` revolutions.
-
-    Counted by the angle that the body turns through.
-    """
+    """The first row of the last `_REVOLUTIONS` revolutions, by the angle that the body has turned through."""
     turned = np.linalg.norm(trajectory.rate_i[1:], axis=1) * np.diff(trajectory.time)
     to_the_end = np.cumsum(turned[::-1])
     return max(len(turned) - int(np.searchsorted(to_the_end, 2 * np.pi * _REVOLUTIONS)), 0)

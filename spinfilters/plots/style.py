@@ -188,10 +188,7 @@ def draw_figure(draw: Callable[[], Figure], path: Path) -> None:
 
 
 def drawn(draw: Callable[[], Figure], name: str) -> Figure:
-    """The figure, or a note where its numbers cannot be drawn.
-
-    ``name`` is for the note.
-    """
+    """The figure, or a note with its name where its numbers cannot be drawn."""
     try:
         with ONE_DRAWS, np.errstate(all="ignore"):
             return draw()

@@ -284,10 +284,7 @@ def _magnitudes(
     lines: list[EstimatorLine],
     curves: list[_Magnitude],
 ) -> None:
-    """Length of the error, or one standard deviation without a truth.
-
-    The other as a thin grey line.
-    """
+    """Length of the error with one standard deviation in black; without a truth the standard deviation alone."""
     for evaluation, line, (std, error) in zip(evaluations, lines, curves, strict=True):
         if error is None or evaluation.errors is None:
             line.draw(axes, evaluation.history.time, std)

@@ -293,10 +293,7 @@ def _nis_panel(axes: Axes, evaluations: Sequence[Evaluation], lines: list[Estima
 def _windows(
     history: EstimateHistory,
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"], Int[np.ndarray, " k"], int]:
-    """Mean time, summed NIS and dof of groups of epochs.
-
-    Innovations are white, a sum is chi-square too.
-    """
+    """Mean time, summed NIS and dof of groups of epochs: innovations are white, so that a sum is chi-square too."""
     used = np.flatnonzero(history.dof > 0)
     window = -(-len(used) // _MOST_MARKS_OF_NIS)
     starts = np.arange(0, len(used), window)
