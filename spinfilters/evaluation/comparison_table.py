@@ -112,5 +112,9 @@ def _row(
     if all(text is None for text in cells):
         return None
     name = f"{before}{metric.heading.replace(' error', '') if before else metric.heading}"
-    bounds = (text for span in held if (text := metric.text(metric.bound_of(span), sign=False)) is not None)
-    return (name, *(text or "-" for text in cells), *([next(bounds, "")] if bounded else []))
+    bounds = (text for span in held if (text := metric.text(metric.bound_of(span))) is not None)
+    return (
+        name,
+        *(text or "-" for text in cells),
+        *([next(bounds, "").removeprefix("+")] if bounded else []),
+    )

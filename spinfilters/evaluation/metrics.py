@@ -28,6 +28,8 @@ from spinfilters.models.status import LABELS, TRANSLATION, Holds, Verdict
 
 ValueOf = Callable[[EpochSpan], Any]
 """A metric's value within a span of epochs, in SI: a number, a text, an array; None where there is none."""
+Form = Callable[[Any, float], str]
+"""Text of a value, and of what it is multiplied by for its unit."""
 DEGREES: Final = 180 / math.pi
 """Degrees per radian."""
 ERRORS: Final = "errors"
@@ -49,6 +51,21 @@ class Section(Enum):
 USE, BODY, MOTION, LATEST, CONSISTENCY, FURTHER, COST = Section
 
 
+def number(form: str, between: str = " ") -> Form:
+    """Text of a number, or of several with something between them, in a format such as ".3g"."""
+    return lambda value, scale: between.join(
+        format(scale * each, form) for each in np.atleast_1d(value).tolist()
+    )
+
+
+THREE_DIGITS: Final = number(".3g")
+
+
+def words(value: str, _scale: float) -> str:
+    """Text of a value that is one."""
+    return value
+
+
 @dataclass(frozen=True)
 class Metric:
     """A number that describes an estimate.
@@ -66,8 +83,8 @@ class Metric:
         Its value within a span of epochs, in SI; None where there is none.
     scale : float
         Shown units per SI unit.
-    form : str or callable
-        Format of the shown number, or the text of a value.
+    form : Form
+        Text of a value at a scale, such as ``number(".2f")``.
     bound : ValueOf or None
         The Cramer-Rao bound of an error, asked for only where there is one.
     expected : float or None
@@ -90,7 +107,7 @@ class Metric:
     unit: str
     value: ValueOf
     scale: float = 1.0
-    form: str | Callable[[Any], str] = ".3g"
+    form: Form = THREE_DIGITS
     bound: ValueOf | None = None
     expected: float | None = None
     section: Section = FURTHER
@@ -141,22 +158,9 @@ class Metric:
         has_bound = self.bound is not None and span.evaluation.bound is not None
         return _computed(self.bound, span) if self.bound is not None and has_bound else None
 
-    def text(self, value: Any, sign: bool = True) -> str | None:
-        """A value as tables show it; None of None.
-
-        Parameters
-        ----------
-        value : Any
-            As `of` gives it.
-        sign : bool
-            Whether a plus in front of it is kept; a bound has none.
-        """
-        if value is None:
-            return None
-        if not isinstance(self.form, str):
-            return self.form(value)
-        form = self.form if sign else self.form.replace("+", "")
-        return " ".join(format(self.scale * each, form) for each in np.atleast_1d(value).tolist())
+    def text(self, value: Any) -> str | None:
+        """A value as tables show it; None of None."""
+        return None if value is None else self.form(value, self.scale)
 
 
 def _computed(value: ValueOf, span: EpochSpan) -> Any:
@@ -168,7 +172,7 @@ def _computed(value: ValueOf, span: EpochSpan) -> Any:
         InputError,
     ):  # one metric that a strange estimate does not have costs no result
         return None
-    return found.tolist() if isinstance(found, np.ndarray | np.generic) else found
+    return np.asarray(found).tolist()  # arrays and numbers of NumPy become plain ones
 
 
 def metrics() -> tuple[Metric, ...]:
@@ -258,14 +262,14 @@ def _moment_metrics(index: int, name: str) -> tuple[Metric, ...]:
     error, bound = _body_error(lambda e: None if e.principal_moments is None else e.principal_moments[index])
     pair = lambda span: span.evaluation.moment_texts[index].split(" ± ")  # noqa: E731
     parts = _parts("principal_moments", lambda std: std[index])
-    std, number = _body(lambda body: body.principal_moments_std[index]), index + 1
+    std, place = _body(lambda body: body.principal_moments_std[index]), index + 1
     # fmt: off
     return (
-        Metric("", name, "", lambda s: pair(s)[0], form=str, section=BODY),
-        Metric("", "  standard deviation", "", lambda s: pair(s)[-1], form=str, section=BODY),
-        Metric("", "    random / calibration", "", parts, form=_parts_text(1.0), section=BODY),
-        Metric("", "", "", std, section=BODY, column=f"std_moment_{number}"),
-        Metric("", "  error", "", error, form="+#.2g", bound=bound, section=BODY, column=f"error_moment_{number}"),
+        Metric("", name, "", lambda s: pair(s)[0], form=words, section=BODY),
+        Metric("", "  standard deviation", "", lambda s: pair(s)[-1], form=words, section=BODY),
+        Metric("", "    random / calibration", "", parts, form=number(".2g", " / "), section=BODY),
+        Metric("", "", "", std, section=BODY, column=f"std_moment_{place}"),
+        Metric("", "  error", "", error, form=number("+#.2g"), bound=bound, section=BODY, column=f"error_moment_{place}"),
     )
     # fmt: on
 
@@ -284,9 +288,9 @@ def _constant_metrics(block: StateBlock, reported: ReportedConstant) -> tuple[Me
 
         return value
 
-    def text(form: str) -> Callable[[Any], str]:
+    def text(form: str) -> Form:
         """Numbers side by side."""
-        return lambda value: numbers_text(np.atleast_1d(value).tolist(), form)
+        return lambda value, _: numbers_text(np.atleast_1d(value).tolist(), form)
 
     # fmt: off
     return (
@@ -327,10 +331,6 @@ def _parts(quantity: str, read: Callable[[np.ndarray], float]) -> ValueOf:
     return value
 
 
-def _parts_text(scale: float) -> Callable[[Any], str]:
-    return lambda parts: " / ".join(f"{scale * part:.2g}" for part in parts)
-
-
 def _nees_metric(block: StateBlock) -> Metric:
     """NEES of one block."""
 
@@ -340,7 +340,7 @@ def _nees_metric(block: StateBlock) -> Metric:
         return None if squares is None else float(np.mean(squares)) / block.dimension
 
     # fmt: off
-    return Metric(f"errors.nees_per_dof_{block.name}", f"  {block.label}", "", mean, form=".2f", expected=1.0,
+    return Metric(f"errors.nees_per_dof_{block.name}", f"  {block.label}", "", mean, form=number(".2f"), expected=1.0,
                   section=CONSISTENCY, column=f"nees_{block.name}", of_epochs=True, null=False)
     # fmt: on
 
@@ -372,23 +372,23 @@ MOTIONS: Final = (
 # fmt: off
 METRICS: Final[tuple[Metric, ...]] = (
     # the estimator, its epochs and its observations
-    Metric("status", "status", "", _history(lambda h: str(h.status.verdict)), form=str, section=USE, column="verdict",
+    Metric("status", "status", "", _history(lambda h: str(h.status.verdict)), form=words, section=USE, column="verdict",
            kind=str),
-    Metric("", "what holds", "", lambda s: held_text(s.evaluation) or None, form=str, section=USE),
+    Metric("", "what holds", "", lambda s: held_text(s.evaluation) or None, form=words, section=USE),
     Metric("frames", "", "", _history(lambda h: len(h.time)), section=USE, column="epochs", kind=int),
     Metric("initialisation_epochs", "", "", _history(lambda h: h.initialisation), section=USE, kind=int),
-    Metric("", "own epochs", "", _own_epochs_text, form=str, section=USE),
+    Metric("", "own epochs", "", _own_epochs_text, form=words, section=USE),
     Metric("observations.epochs", "", "", lambda s: 0 if s.use is None else len(s.use.accepted), section=USE, column="",
            of_epochs=True),
-    Metric("observations.available_per_epoch", "observations per epoch", "", _use(lambda u: u.available_per_epoch), form=".1f",
+    Metric("observations.available_per_epoch", "observations per epoch", "", _use(lambda u: u.available_per_epoch),
+           form=number(".1f"), section=USE, of_epochs=True),
+    Metric("observations.used_per_epoch", "  of these used", "", _use(lambda u: u.used_per_epoch), form=number(".1f"),
            section=USE, of_epochs=True),
-    Metric("observations.used_per_epoch", "  of these used", "", _use(lambda u: u.used_per_epoch), form=".1f",
-           section=USE, of_epochs=True),
-    Metric("observations.share_used", "  share used", "", _use(lambda u: u.share), form=lambda share: f"{100 * share:.1f} %",
+    Metric("observations.share_used", "  share used", "", _use(lambda u: u.share), form=lambda share, _: f"{100 * share:.1f} %",
            section=USE, of_epochs=True),
     Metric("measurements.accepted", "", "", _history(lambda h: h.accepted[h.own].sum()), section=USE, kind=int),
     Metric("measurements.rejected", "", "", _history(lambda h: h.rejected[h.own].sum()), section=USE, kind=int),
-    Metric("", "accepted / rejected", "", _use(lambda u: f"{u.accepted.sum()} / {u.rejected.sum()}"), form=str, section=USE),
+    Metric("", "accepted / rejected", "", _use(lambda u: f"{u.accepted.sum()} / {u.rejected.sum()}"), form=words, section=USE),
 
     # the body after the last epoch, and its errors
     Metric("principal_moments", "", "", _body(lambda b: b.principal_moments), section=BODY, kind=list),
@@ -413,28 +413,28 @@ METRICS: Final[tuple[Metric, ...]] = (
     Metric("", "centre of mass, error", "mm", _centre[0], 1e3, bound=_centre[1], section=BODY, column="error_center_of_mass_m"),
     *(metric for block in BLOCKS.values() if block.reported for metric in _constant_metrics(block, block.reported)),
 
-    Metric("errors.alignment", "", "", lambda s: str(s.evaluation.alignment), form=str, section=BODY, column="", kind=str),
+    Metric("errors.alignment", "", "", lambda s: str(s.evaluation.alignment), form=words, section=BODY, column="", kind=str),
 
     # the motion, compared with the truth
     *(metric for motion in MOTIONS for metric in _motion_metrics(*motion)),
     Metric("errors.ape_rmse_m", "", "m", lambda s: getattr(s.evaluation.errors, "ape_rmse", None), column=""),
     Metric("errors.ape_angle_rmse_deg", "", "deg", lambda s: getattr(s.evaluation.errors, "ape_angle_rmse_deg", None), column=""),
-    *(Metric("", f"{name}: random / calibration", unit, _parts(field, lambda std: math.hypot(*std)), form=_parts_text(scale),
-             section=LATEST)
+    *(Metric("", f"{name}: random / calibration", unit, _parts(field, lambda std: math.hypot(*std)), scale,
+             form=number(".2g", " / "), section=LATEST)
       for name, field, unit, scale in (*MOTIONS, ("centre of mass", "center_of_mass_m", "mm", 1e3))),
 
     # consistency of the covariance
-    Metric("errors.nees_per_dof", "NEES per dof", "", _nees(lambda n: n.mean), form=".2f", expected=1.0, section=CONSISTENCY,
-           column="nees", of_epochs=True),
+    Metric("errors.nees_per_dof", "NEES per dof", "", _nees(lambda n: n.mean), form=number(".2f"), expected=1.0,
+           section=CONSISTENCY, column="nees", of_epochs=True),
     *map(_nees_metric, BLOCKS.values()),
     Metric("errors.last_nees_per_dof", "", "", _nees(lambda n: n.total[-1] / n.dof), expected=1.0, section=CONSISTENCY,
            column="nees_last"),
     Metric("errors.nees_dof", "", "", _nees(lambda n: n.dof), section=CONSISTENCY, column="dof", kind=int),
-    Metric("nis_per_dof", "NIS per dof", "", lambda s: s.evaluation.nis_ratio, form=".3f", expected=1.0, section=CONSISTENCY,
-           column="nis"),
-    Metric("errors.worst_error", "largest error at the end", "std", _worst(lambda _, error: error), form=".2g",
+    Metric("nis_per_dof", "NIS per dof", "", lambda s: s.evaluation.nis_ratio, form=number(".3f"), expected=1.0,
+           section=CONSISTENCY, column="nis"),
+    Metric("errors.worst_error", "largest error at the end", "std", _worst(lambda _, error: error), form=number(".2g"),
            section=CONSISTENCY),
-    Metric("errors.worst_quantity", "", "", _worst(lambda quantity, _: quantity), form=str, section=CONSISTENCY, kind=str),
+    Metric("errors.worst_quantity", "", "", _worst(lambda quantity, _: quantity), form=words, section=CONSISTENCY, kind=str),
     Metric("errors.right", "", "", _worst(lambda _, error: error <= LARGEST_STATED_ERROR), section=CONSISTENCY, kind=bool),
 
     # what it took

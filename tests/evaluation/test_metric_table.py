@@ -1,7 +1,7 @@
 """The table of metrics: one line is enough for every output, also from outside the package."""
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ from spinfilters.campaigns.rows_folder import RowsFolder, read_rows
 from spinfilters.campaigns.runner import asked, when_and_where
 from spinfilters.core.errors import InputError
 from spinfilters.evaluation.epoch_spans import own_span
-from spinfilters.evaluation.metrics import METRICS, Metric, metrics
+from spinfilters.evaluation.metrics import METRICS, Form, Metric, metrics, number
 from spinfilters.run.run_summary import estimator_numbers
 from tests.campaigns.study_samples import gyro_study
 
@@ -97,14 +97,14 @@ def test_every_metric_is_somewhere_and_its_bound_has_a_column_beside_it() -> Non
 @pytest.mark.parametrize(
     ("form", "scale", "value", "text"),
     [
-        (".3g", 1e3, 0.0121, "12.1"),
-        ("+#.2g", 1.0, 0.02, "+0.020"),
-        (lambda share: f"{100 * share:.0f} %", 1.0, 0.5, "50 %"),
-        (".1f", 1.0, [1.0, 2.0], "1.0 2.0"),
-        (".1f", 1.0, None, None),
+        (number(".3g"), 1e3, 0.0121, "12.1"),
+        (number("+#.2g"), 1.0, 0.02, "+0.020"),
+        (lambda share, scale: f"{100 * share:.0f} %", 1.0, 0.5, "50 %"),
+        (number(".1f"), 1.0, [1.0, 2.0], "1.0 2.0"),
+        (number(".1f"), 1.0, None, None),
     ],
 )
 def test_a_value_is_shown_in_its_unit_and_format(
-    form: str | Callable[[Any], str], scale: float, value: Any, text: str | None
+    form: Form, scale: float, value: Any, text: str | None
 ) -> None:
     assert Metric("x", "x", "", lambda _: None, scale, form).text(value) == text
