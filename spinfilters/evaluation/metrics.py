@@ -354,7 +354,7 @@ def _worst(read: Callable[[str, float], Any]) -> ValueOf:
     return lambda span: None if span.worst_stated_error is None else read(*span.worst_stated_error)
 
 
-_centre = _body_error(lambda e: None if e.center_of_mass_g is None else math.hypot(*e.center_of_mass_g))
+_centre = _body_error(lambda e: None if e.center_of_mass_g is None else np.linalg.norm(e.center_of_mass_g))
 _axis = _body_error(lambda e: None if e.axes_angle is None else e.axes_angle.max())
 _moments_error, _k1_error, _k2_error, _axes_angle, _centre_error = (
     _body_error(attrgetter(name))
