@@ -5,6 +5,7 @@ Motion, body, sensor and noise are groups of the fields of a `Scenario`: keys, d
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
+from inspect import get_annotations
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, TypeVar, get_args, get_origin
 
 import numpy as np
@@ -91,7 +92,7 @@ def scenario_factor(table: str) -> Callable[[type[F]], type[F]]:
                     hints[key] = kind if note.allowed is None else Annotated[kind, note.allowed]
                     setattr(factor, key, each.default)
         factor.keys = keys
-        factor.__annotations__ = hints | factor.__dict__.get("__annotations__", {})
+        factor.__annotations__ = hints | get_annotations(factor)
         return dataclass(frozen=True)(factor)
 
     return decorate

@@ -44,6 +44,8 @@ class Command(Generic[R]):
         """Register the command's parser, with what runs it."""
         parser = subparsers.add_parser(self.name, help=self.help, description=self.description or None)
         add_arguments(parser, self.arguments)
+        given = [each for each in given_fields(self.arguments) if each.default is MISSING]
+        parser.required = {_argparse_name(each): f"{each.usage} ({each.argument.help})" for each in given}
         parser.set_defaults(command=self)
 
     def run_parsed(self, options: argparse.Namespace) -> int:
@@ -84,6 +86,11 @@ def add_arguments(parser: argparse.ArgumentParser, record: type) -> None:
             groups[field.group] = parser.add_argument_group(field.group)
         flags, options = _argparse_options(field)
         groups[field.group].add_argument(*flags, **options)
+
+
+def _argparse_name(field: GivenField) -> str:
+    """Name of an argument in the messages of argparse."""
+    return f"{field.argument.short}/{field.flag}" if field.argument.short else field.flag
 
 
 def _argparse_options(field: GivenField) -> tuple[tuple[str, ...], dict[str, Any]]:

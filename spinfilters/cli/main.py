@@ -8,16 +8,17 @@ import sys
 import time
 import traceback
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Final, NoReturn
 
 from spinfilters import __version__
 from spinfilters.cli.commands import COMMANDS
 from spinfilters.cli.interrupts import noted_interrupts
 from spinfilters.core.errors import SpinfiltersError
-from spinfilters.io.input_file import printable, value_text
+from spinfilters.io.input_file import printable
 
 EXIT_OK, EXIT_BAD_INPUT = 0, 2
 INTERRUPTED: Final[str] = "interrupted; nothing unfinished is left behind, run the command again"
@@ -159,6 +160,8 @@ class _Parser(argparse.ArgumentParser):
 
     actions: tuple[str, ...] = ()
     default_action: str = ""
+    required: Mapping[str, str] = MappingProxyType({})
+    """How to give each required argument, by the name that argparse has for it."""
 
     def parse_known_args(  # pyright: ignore[reportIncompatibleMethodOverride]
         self, args: Sequence[str] | None = None, namespace: Any = None
@@ -175,17 +178,17 @@ class _Parser(argparse.ArgumentParser):
         """Parse all arguments, and name the first that a command does not take."""
         options, rest = self.parse_known_args(args, namespace)
         if rest:
-            word = value_text(rest[0])
-            what = (
-                f"{word} is not for this command"
-                if rest[0].startswith("-")
-                else f"{word} is one argument too many"
-            )
-            self.error(f"{what}; leave it out")
+            what = "is not for this command" if rest[0].startswith("-") else "is one argument too many"
+            self.error(f"{rest[0]} {what}; leave it out")
         return options
 
     def error(self, message: str) -> NoReturn:
         """End the command with one line on wrong arguments, exit code 2."""
+        start, required, names = message.partition("required: ")
+        if required:
+            message = (
+                f"{start}{required}{', '.join(self.required.get(name, name) for name in names.split(', '))}"
+            )
         raise SystemExit(_complain(f"{message}; see '{self.prog} --help'"))
 
 

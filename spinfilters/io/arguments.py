@@ -63,6 +63,15 @@ class GivenField:
         return self.argument.flag or f"--{self.name.replace('_', '-')}"
 
     @property
+    def usage(self) -> str:
+        """How it is given on the command line, such as ``-o OUT``."""
+        metavar = self.argument.metavar
+        names = metavar if isinstance(metavar, str) else " ".join(metavar)
+        return (
+            self.flag if self.argument.positional else f"{self.argument.short or self.flag} {names}".strip()
+        )
+
+    @property
     def choices(self) -> tuple[Any, ...] | None:
         """Values of which one has to be given; None where there is no list of them."""
         kinds = (self.kind, *get_args(self.kind))
@@ -192,7 +201,7 @@ def _record_from(record: type[R], values: Mapping[str, Any], given: Sequence[Giv
     return record(**found)
 
 
-def numbers_by_name(field: GivenField, given: Sequence[Sequence[str]]) -> dict[str, float]:
+def numbers_by_name(field: GivenField, given: Sequence[Sequence[str]]) -> tuple[tuple[str, float], ...]:
     """Numbers by name of an option that was given several times, each with a name and a number.
 
     Raises
@@ -214,4 +223,4 @@ def numbers_by_name(field: GivenField, given: Sequence[Sequence[str]]) -> dict[s
             raise InputError(
                 f"{field.flag} {name} {value_text(rest[0])}: give {field.argument.cure}"
             ) from None
-    return found
+    return tuple(found.items())

@@ -28,7 +28,7 @@ def test_an_unforeseen_error_is_one_line_that_names_its_place(
     monkeypatch.delenv("SPINFILTERS_DEBUG", raising=False)
     monkeypatch.setattr(scenario, "simulate", fail)
     said = refusal(capsys, "compare")
-    assert "unexpected ValueError in spinfilters/cli/compare_recording.py:" in said
+    assert "unexpected ValueError in spinfilters/cli/commands/compare.py:" in said
     assert "_dataset" in said
     assert "SPINFILTERS_DEBUG=1" in said
 

@@ -156,6 +156,6 @@ LIVE = Command(
     LiveArguments,
     live,
     "DATASET states sensors, noise, camera and the initialisation. Without --input its own measurements after that follow at their "
-    "own pace; with it, lines `sensor,time_s,columns...` come from a pipe, a socket or a growing file. Answers go to standard output, "
-    "counts to standard error in the end.",
+    "own pace; with it, lines `sensor,time_s,columns...` come from a pipe, a socket or a growing file. Answers go to standard "
+    "output, counts to standard error in the end.",
 )
