@@ -25,20 +25,21 @@ def page() -> str:
 
 
 def _sections() -> Iterator[str]:
-    for each in COMMANDS:
-        if isinstance(each, CommandGroup):
-            yield f"\n## `{each.name}`\n\n{_sentence(each.help)}\n"
-            for action in each.actions:
-                yield _section(action, f"### `{each.name} {action.name}`")
+    for listed in COMMANDS:
+        command = listed.load()
+        if isinstance(command, CommandGroup):
+            yield f"\n## `{listed.name}`\n\n{_sentence(listed.help)}\n"
+            for action in command.actions:
+                yield _section(action, f"### `{listed.name} {action.name}`", action.help)
         else:
-            yield _section(each, f"## `{each.name}`")
+            yield _section(command, f"## `{listed.name}`", listed.help)
 
 
-def _section(command: Command[Any], heading: str) -> str:
+def _section(command: Command[Any], heading: str, help_line: str) -> str:
     rows = "".join(_row(field) for field in given_fields(command.arguments))
     table = f"\n| argument | default | range | what it is |\n|---|---|---|---|\n{rows}" if rows else ""
     description = f" {command.description}" if command.description else ""
-    return f"\n{heading}\n\n{_sentence(command.help)}{description}\n{table}"
+    return f"\n{heading}\n\n{_sentence(help_line)}{description}\n{table}"
 
 
 def _sentence(text: str) -> str:

@@ -157,14 +157,13 @@ def _duration(seconds: float) -> str:
     return f"{minutes} min {rest:02d} s" if minutes else f"{rest} s"
 
 
-CAMPAIGN = CommandGroup(
+COMMAND = CommandGroup(
     "campaign",
-    "a table of factors times seeds, run and reported",
     (
-        Command("run", "run every cell of a study with every seed", RunStudyArguments, run_study),
-        Command("report", "report a finished or interrupted campaign", ReportArguments, report_campaign),
-        Command("merge", "make one folder of several shards", MergeArguments, merge_shards),
-        Command("repeat", "make one run again", RepeatArguments, repeat_run),
+        Command("run", RunStudyArguments, run_study, help="run every cell of a study with every seed"),
+        Command("report", ReportArguments, report_campaign, help="report a finished or interrupted campaign"),
+        Command("merge", MergeArguments, merge_shards, help="make one folder of several shards"),
+        Command("repeat", RepeatArguments, repeat_run, help="make one run again"),
     ),
     default="run",
     description="Runs every cell of a study with every seed: spinfilters campaign STUDY.toml -o OUT, short for campaign run.",

@@ -1,4 +1,4 @@
-"""The commands ``compare`` and ``estimate``: estimators on a recording or on each of its segments, written and printed.
+"""The command ``compare``: estimators on a recording or on each of its segments, written and printed.
 
 What estimates, and what prints its results, is imported once there is a data set: a mistake in the arguments or the recording is
 refused in half the time.
@@ -71,20 +71,6 @@ class CompareArguments:
     seed: Annotated[int, SEED, Argument("of the bundled example")] = 0
     known_map: Annotated[bool, Argument("of the bundled example: its landmarks are known")] = False
     how: Annotated[ComparisonArguments, ArgumentGroup()] = field(default_factory=ComparisonArguments)
-
-
-@dataclass(frozen=True, kw_only=True)
-class EstimateArguments:
-    """Arguments of ``estimate``."""
-
-    dataset: Annotated[str, Argument(RECORDING, positional=True, metavar="DATASET")]
-    estimator: Annotated[str, Argument(f"{NAMES} or embedded-double", metavar="NAME")] = "ukf"
-    how: Annotated[ComparisonArguments, ArgumentGroup()] = field(default_factory=ComparisonArguments)
-
-
-def estimate(options: EstimateArguments) -> int:
-    """Run one estimator on a recording, as `compare` runs several."""
-    return compare(CompareArguments(dataset=options.dataset, estimators=options.estimator, how=options.how))
 
 
 def compare(options: CompareArguments) -> int:
@@ -292,13 +278,11 @@ def _print_segments(results: "Sequence[SegmentResult]", settings: "Settings") ->
                 console.print(f"{name}: {pooled.sentence}", highlight=False, soft_wrap=True)
 
 
-COMPARE = Command(
+COMMAND = Command(
     "compare",
-    "estimators side by side on one recording",
     CompareArguments,
     compare,
     "Without DATASET the bundled example is simulated, the thesis' own problem: tracks of unknown landmarks on a SPHERES-like body "
     "at 10 rpm about its intermediate axis, 115 epochs at 0.5 s before a stereo camera of 1 px noise, with disturbances of 0.001 "
     "(m/s^2)/sqrt(Hz) and 0.001 (rad/s^2)/sqrt(Hz).",
 )
-ESTIMATE = Command("estimate", "one estimator on a recording", EstimateArguments, estimate)

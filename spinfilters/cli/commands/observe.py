@@ -56,9 +56,9 @@ def observe(options: ObserveCommandArguments) -> int:
     from spinfilters.io.output_files import output_folder, refuse_foreign
 
     folder = Path(options.output)
-    refuse_foreign(folder, OBSERVE.name)
+    refuse_foreign(folder, COMMAND.name)
     found = _observed(options)
-    with output_folder(folder, OBSERVE.name) as place:
+    with output_folder(folder, COMMAND.name) as place:
         found.write(place)
         if options.study:
             _write_study(found.report, options, place)
@@ -103,9 +103,4 @@ def _write_study(report: "Report", options: ObserveCommandArguments, folder: Pat
     save_figure(conditioning_figure(as_floats(case.motion.rate)), folder / "conditioning.png")
 
 
-OBSERVE = Command(
-    "observe",
-    "what a sensor can determine of a motion, proved, and how well",
-    ObserveCommandArguments,
-    observe,
-)
+COMMAND = Command("observe", ObserveCommandArguments, observe)
