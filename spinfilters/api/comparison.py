@@ -222,13 +222,12 @@ class Run(Mapping[str, EstimatorResult]):
         return Path(folder)
 
     def to_dataframe(self) -> Any:
-        """The numbers of ``summary.json`` as a pandas.DataFrame, a row per estimator.
-
-        Tables as ``a.b``, lists as ``a_1``.
+        """The numbers of ``summary.json`` as a pandas.DataFrame, a row per estimator; tables as ``a.b``, lists as ``a_1``.
 
         Raises
         ------
-        ImportError: pandas is not installed.
+        ImportError
+            pandas is not installed.
         """
         rows = [{"estimator": name} | dict(flattened(self.summary["estimators"][name], "")) for name in self]
         names = dict.fromkeys(name for row in rows for name in row)
