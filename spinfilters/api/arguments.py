@@ -64,12 +64,6 @@ class CampaignArguments:
             cure="the address of a Dask scheduler",
         ),
     ] = None
-    shard: Annotated[
-        str | None,
-        Argument(
-            "only every N-th recording, from the i-th, 0 the first", metavar="i/N", cure="i/N, such as 0/3"
-        ),
-    ] = None
     resume: Annotated[bool, Argument("go on with the rows that OUT has; none is made again")] = False
 
 
