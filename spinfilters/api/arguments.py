@@ -5,10 +5,13 @@ Nothing heavy is imported here, so that help is quick. Those of a simulation are
 """
 
 from dataclasses import dataclass, field
-from typing import Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
 from spinfilters.io.stated_values import Argument, ArgumentGroup, NumberRange
 from spinfilters.simulation.scenario_record import Scenario
+
+if TYPE_CHECKING:
+    from spinfilters.run.optional_outputs import OptionalOutputs
 
 SEGMENT: Final = NumberRange(0, 10**9 - 1, whole=True)
 MOTION: Final = ("epochs", "interval", "rate_rpm", "principal_moments")
@@ -45,6 +48,15 @@ class RunArguments:
             "test the models, and run again with the errors that are found where the state can hold them: explanations.json"
         ),
     ] = False
+
+    @property
+    def optional_outputs(self) -> "OptionalOutputs | None":
+        """Optional outputs that are asked for, or None."""
+        if self.predict is None and not self.convergence and not self.explain:
+            return None
+        from spinfilters.run.optional_outputs import OptionalOutputs
+
+        return OptionalOutputs(self.predict, self.convergence, self.explain)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -53,8 +53,6 @@ from spinfilters.settings.run_settings import Settings, names_in, read_settings,
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from spinfilters.run.optional_outputs import OptionalOutputs
-
 
 @dataclass(frozen=True, eq=False)
 class EstimatorResult:
@@ -384,13 +382,13 @@ def compare(
     """
     chosen = _settings(settings, estimators)
     dataset = _dataset(data, segment)
-    optional_outputs = _additions(predict, convergence, explain)
+    how = RunArguments(resume=resume, predict=predict, convergence=convergence, explain=explain)
     if output is None:
-        if resume or optional_outputs is not None:
+        if resume or how.optional_outputs is not None:
             raise InputError("resume, predict, convergence and explain work in a run folder; give output")
         return Run.from_comparison(_whole(compare_dataset(dataset, chosen, progress), None), chosen)
     folder = Path(output)
-    written = compare_into(dataset, chosen, RunOutput(folder, resume, optional_outputs), progress)
+    written = compare_into(dataset, chosen, RunOutput(folder, how.resume, how.optional_outputs), progress)
     if written.comparison is None:
         return Run.from_folder(folder, chosen)
     return Run.from_comparison(_whole(written.comparison, folder), chosen, folder)
@@ -464,12 +462,3 @@ def _dataset(data: Dataset | str | os.PathLike[str], segment: int | str | None) 
             raise InputError(f"segment {segment} is of a recording's folder; give its path, not a data set")
         return data
     return load(data, segment)
-
-
-def _additions(predict: float | None, convergence: bool, explain: bool) -> "OptionalOutputs | None":
-    """Optional outputs that were asked for, or None."""
-    if predict is None and not convergence and not explain:
-        return None
-    from spinfilters.run.optional_outputs import OptionalOutputs
-
-    return OptionalOutputs(predict, convergence, explain)

@@ -19,7 +19,6 @@ from spinfilters.simulation.scenario_record import SEED
 if TYPE_CHECKING:
     from spinfilters.io.dataset import Dataset
     from spinfilters.run.estimation import Comparison
-    from spinfilters.run.optional_outputs import OptionalOutputs
     from spinfilters.run.segment_choice import SegmentChoice
     from spinfilters.run.segment_runs import SegmentResult
     from spinfilters.settings.run_settings import Settings
@@ -76,7 +75,7 @@ class CompareArguments:
 def compare(options: CompareArguments) -> int:
     """Run the estimators, write the run folder and its figures, print the table."""
     settings = settings_of(options)
-    optional_outputs = _optional_outputs(options.how)
+    optional_outputs = options.how.optional_outputs
     choice = _segment_choice(options.how.segment)
     if choice is not None and choice.several and options.dataset is not None:
         if optional_outputs is not None:
@@ -127,15 +126,6 @@ def settings_of(options: CompareArguments) -> "Settings":
         law = how.drag_law or settings.process.drag or True  # a law of the config file stays
         settings = replace(settings, process=replace(settings.process, drag=law))
     return settings
-
-
-def _optional_outputs(options: ComparisonArguments) -> "OptionalOutputs | None":
-    """Optional outputs that were asked for, or None."""
-    if options.predict is None and not options.convergence and not options.explain:
-        return None
-    from spinfilters.run.optional_outputs import OptionalOutputs
-
-    return OptionalOutputs(options.predict, options.convergence, options.explain)
 
 
 def _segment_choice(text: str | None) -> "SegmentChoice | None":
