@@ -64,12 +64,13 @@ class GivenField:
 
     @property
     def usage(self) -> str:
-        """How it is given on the command line, such as ``-o OUT``."""
+        """How it is given on the command line, such as ``-o OUT or --output OUT``."""
+        if self.argument.positional:
+            return self.flag
         metavar = self.argument.metavar
         names = metavar if isinstance(metavar, str) else " ".join(metavar)
-        return (
-            self.flag if self.argument.positional else f"{self.argument.short or self.flag} {names}".strip()
-        )
+        flags = (self.argument.short, self.flag) if self.argument.short else (self.flag,)
+        return " or ".join(f"{flag} {names}".strip() for flag in flags)
 
     @property
     def choices(self) -> tuple[Any, ...] | None:
