@@ -5,7 +5,7 @@ Nothing heavy is imported here, so that help is quick. Those of a simulation are
 """
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Final, Literal
 
 from spinfilters.io.stated_values import Argument, ArgumentGroup, NumberRange
 from spinfilters.simulation.scenario_record import Scenario
@@ -20,7 +20,7 @@ MOTION: Final = ("epochs", "interval", "rate_rpm", "principal_moments")
 
 @dataclass(frozen=True, kw_only=True)
 class RunArguments:
-    """What a comparison writes, and where it goes on; of `compare` and of the commands ``compare`` and ``estimate``."""
+    """What a comparison writes, where it goes on and how it is judged; of `compare` and of the commands ``compare`` and ``estimate``."""
 
     resume: Annotated[
         bool,
@@ -48,6 +48,15 @@ class RunArguments:
             "test the models, and run again with the errors that are found where the state can hold them: explanations.json"
         ),
     ] = False
+
+    verdict: Annotated[
+        Literal["full", "filter"] | None,
+        Argument(
+            "judge by all checks (full, the default), or by those alone that need no smoothed motion (filter): these take less time, "
+            "and leave every estimate degraded at best",
+            cure='"full" or "filter"',
+        ),
+    ] = None
 
     @property
     def optional_outputs(self) -> "OptionalOutputs | None":

@@ -125,6 +125,8 @@ def settings_of(options: CompareArguments) -> "Settings":
     if how.drag or how.drag_law:
         law = how.drag_law or settings.process.drag or True  # a law of the config file stays
         settings = replace(settings, process=replace(settings.process, drag=law))
+    if how.verdict is not None:
+        settings = replace(settings, verdict=how.verdict)
     return settings
 
 
@@ -182,12 +184,10 @@ def _print_comparison(comparison: "Comparison", folder: Path) -> None:
     from spinfilters.cli.console import wide_console
     from spinfilters.evaluation.comparison_table import comparison_table
     from spinfilters.models.status import verdict_sentences
-    from spinfilters.run.conditions import conditions_of
     from spinfilters.run.run_folder import REPORT_FILE
 
     console = wide_console()
-    conditions = conditions_of(comparison.setup).sentences
-    console.print(comparison_table(comparison.evaluations, conditions))
+    console.print(comparison_table(comparison.evaluations, comparison.conditions.sentences))
     for sentence in verdict_sentences({each.name: each.history.status for each in comparison.evaluations}):
         console.print(sentence, highlight=False)
     if comparison.interrupted:
