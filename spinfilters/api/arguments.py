@@ -52,8 +52,8 @@ class RunArguments:
     verdict: Annotated[
         Literal["full", "filter"] | None,
         Argument(
-            "judge by all checks (full, the default), or by those alone that need no smoothed motion (filter): these take less time, "
-            "and leave every estimate degraded at best",
+            "judge by all checks (full, the default), or by those alone that need no smoothed motion (filter): these take less "
+            "time, and leave every estimate degraded at best",
             cure='"full" or "filter"',
         ),
     ] = None
