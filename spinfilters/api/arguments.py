@@ -20,7 +20,7 @@ MOTION: Final = ("epochs", "interval", "rate_rpm", "principal_moments")
 
 @dataclass(frozen=True, kw_only=True)
 class RunArguments:
-    """What a comparison writes, where it goes on and how it is judged; of `compare` and of the commands ``compare``, ``estimate``."""
+    """What a comparison writes, where it goes on and how it is judged; of `compare`, and of the command and ``estimate``."""
 
     resume: Annotated[
         bool,
