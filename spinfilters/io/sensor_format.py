@@ -35,6 +35,9 @@ class NoiseOption:
         Of the covariance of a row that it is the standard deviation of; None for what no covariance tells.
     in_dataset : bool
         Whether dataset.toml may state it.
+    simulated : float | str | None
+        True value in a simulated scene, or the scene's level that sensors share (`position_std`, `rotation_std`, `gyro_std` or
+        `pixel_std` of a `Scenario`); None is ``default``.
     """
 
     name: str
@@ -43,6 +46,7 @@ class NoiseOption:
     default: float
     components: tuple[int, ...] | None = None
     in_dataset: bool = True
+    simulated: float | str | None = None
 
 
 @dataclass(frozen=True)
