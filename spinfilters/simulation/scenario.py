@@ -264,10 +264,10 @@ class Scenario:
         known = noise_options()
         if option not in known:
             raise InputError(f"sensor noise {option} is unknown; use {', '.join(known)}")
-        simulated = known[option].simulated
-        if isinstance(simulated, str):
-            return float(getattr(self, simulated))
-        return known[option].default if simulated is None else simulated
+        chosen = known[option]
+        if chosen.scene_level:
+            return float(getattr(self, chosen.scene_level))
+        return chosen.default if chosen.simulated is None else chosen.simulated
 
     @property
     def front_end(self) -> FrontEnd:

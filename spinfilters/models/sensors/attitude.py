@@ -78,7 +78,7 @@ class AttitudeSensor(Sensor):
                 NumberRange(1e-12, 1e3, "rad"),
                 0.01,
                 (0, 1, 2),
-                simulated="rotation_std",
+                scene_level="rotation_std",
             ),
         ),
         quaternion=0,

@@ -100,7 +100,7 @@ class GyroSensor(Sensor):
                 NumberRange(1e-12, 1e6, "rad/s"),
                 0.005,
                 (0, 1, 2),
-                simulated="gyro_std",
+                scene_level="gyro_std",
             ),
             NoiseOption(
                 "gyro_scale_std",

@@ -162,7 +162,12 @@ class LidarPointsSensor(Sensor):
         dimension=3,
         noise=(
             NoiseOption(
-                "lidar_range_std", "ranges", NumberRange(1e-9, 1e6, "m"), 0.01, (0,), simulated="position_std"
+                "lidar_range_std",
+                "ranges",
+                NumberRange(1e-9, 1e6, "m"),
+                0.01,
+                (0,),
+                scene_level="position_std",
             ),
             NoiseOption(
                 "lidar_angle_std", "angles", NumberRange(1e-12, 1.0, "rad"), 1e-4, (1, 2), simulated=ANGLE_STD

@@ -109,7 +109,7 @@ def pose_format(
                 NumberRange(1e-12, 1e9, "m"),
                 0.01,
                 (0, 1, 2),
-                simulated="position_std",
+                scene_level="position_std",
             ),
             NoiseOption(
                 f"{prefix}_rotation_std",
@@ -117,7 +117,7 @@ def pose_format(
                 NumberRange(1e-12, 1e3, "rad"),
                 0.01,
                 (3, 4, 5),
-                simulated="rotation_std",
+                scene_level="rotation_std",
             ),
         ),
         quaternion=3,
