@@ -362,12 +362,19 @@ def initial_samples(
     Raises
     ------
     InputError
-        Streams that do not tell a motion.
+        Streams that do not tell a motion, or tell rates alone where others refer to frame i.
     """
     for stream in sorted(streams, key=_told, reverse=True):
         samples = sensor_of(stream.sensor).initial_motion(stream, noise, view)
-        if samples is not None:
-            return samples
+        if samples is None:
+            continue
+        fixed = [s.sensor for s in streams if sensor_of(s.sensor).tells_frames]
+        if samples.attitude is None and fixed:
+            raise InputError(
+                f"{' and '.join(fixed)} measurements refer to frame i, and {stream.sensor} measurements do not tell the attitude "
+                "in it; give poses or attitudes too"
+            )
+        return samples
     raise InputError(
         f"{' and '.join(s.sensor for s in streams)} measurements do not tell how the body moves at first; "
         "give those of another sensor too"
