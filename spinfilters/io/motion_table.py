@@ -30,10 +30,9 @@ from spinfilters.io.stated_values import (
     NOTHING_STATED,
     RATE,
     RATE_UNITS,
-    NumberRange,
     ReadingOptions,
 )
-from spinfilters.io.text_table import TextLayout, TextTable, read_columns, read_layout
+from spinfilters.io.text_table import Table, TableLayout, read_columns, read_layout
 from spinfilters.io.truth import TRUTH_TABLE
 
 SLOWEST: Final = 1.0
@@ -159,7 +158,7 @@ def read_acceleration(path: Path, options: ReadingOptions) -> Acceleration | Non
     return _acceleration(path, layout, columns, options)
 
 
-def _rates(path: Path, layout: TextLayout, columns: MotionColumns, options: ReadingOptions) -> MotionTable:
+def _rates(path: Path, layout: TableLayout, columns: MotionColumns, options: ReadingOptions) -> MotionTable:
     vector, remarks = columns.vectors["rate"], []
     table = _read(path, layout, columns, ("rate",))
     unit = _rate_unit(table, vector, options, "seconds_elapsed" in layout.names)
@@ -168,7 +167,7 @@ def _rates(path: Path, layout: TextLayout, columns: MotionColumns, options: Read
     values[:, -3:] *= RATE_UNITS[unit]
     table, speed = replace(table, values=values), np.linalg.norm(values[:, -3:], axis=1)
     table, clock = _timed(table, columns, options, layout, speed)
-    _require(table, RATE, "rad/s")
+    table.require(slice(1, 4), RATE)
     if table.incomplete:
         remarks.append(f"{table.incomplete} rows without rates left out")
     if clock != "s":
@@ -177,7 +176,7 @@ def _rates(path: Path, layout: TextLayout, columns: MotionColumns, options: Read
     return MotionTable(stream, _acceleration(path, layout, columns, options), tuple(remarks))
 
 
-def _require_measurable(table: TextTable, unit: str, is_stated: bool) -> None:
+def _require_measurable(table: Table, unit: str, is_stated: bool) -> None:
     """Require rates that a gyro measures.
 
     InputError: one that is faster, with its cell; degrees are no cure of what is too fast in degrees, too.
@@ -202,7 +201,7 @@ def _require_measurable(table: TextTable, unit: str, is_stated: bool) -> None:
     )
 
 
-def _poses(path: Path, layout: TextLayout, columns: MotionColumns, options: ReadingOptions) -> MotionTable:
+def _poses(path: Path, layout: TableLayout, columns: MotionColumns, options: ReadingOptions) -> MotionTable:
     """Poses, or attitudes where no position is there.
 
     Rates beside them are taken as derived and left out.
@@ -215,25 +214,21 @@ def _poses(path: Path, layout: TextLayout, columns: MotionColumns, options: Read
         values = table.values.copy()
         values[:, 1:4] *= KNOWN_UNITS["position"][columns.vectors["position"].unit or "m"]
         table = replace(table, values=values)
-        _require(table, LENGTH, "m")
+        table.require(slice(1, 4), LENGTH)
     require_unit_quaternions(table, 4 if has_position else 1)
     sensor = "pose" if has_position else "attitude"
     remarks = () if clock == "s" else (clock,)
     return MotionTable(MeasurementStream(sensor, table.values[:, 0], table.values[:, 1:]), None, remarks)
 
 
-def _read(
-    path: Path, layout: TextLayout, columns: MotionColumns, quantities: tuple[Quantity, ...]
-) -> TextTable:
+def _read(path: Path, layout: TableLayout, columns: MotionColumns, quantities: tuple[Quantity, ...]) -> Table:
     """Clock, where there is one, and quantities."""
     chosen = [k for quantity in quantities for k in columns.vectors[quantity].indices]
     clock = [] if columns.time is None else [columns.time[0]]
     return read_columns(path, layout, [*clock, *chosen], keys=len(clock))
 
 
-def _rate_unit(
-    table: TextTable, vector: VectorColumns, options: ReadingOptions, is_known_export: bool
-) -> str:
+def _rate_unit(table: Table, vector: VectorColumns, options: ReadingOptions, is_known_export: bool) -> str:
     """Unit of body rates, from the header, the user, or the convention of the name.
 
     Raises
@@ -257,12 +252,12 @@ def _rate_unit(
 
 
 def _timed(
-    table: TextTable,
+    table: Table,
     columns: MotionColumns,
     options: ReadingOptions,
-    layout: TextLayout,
+    layout: TableLayout,
     speed: Float[np.ndarray, " n"] | None,
-) -> tuple[TextTable, str]:
+) -> tuple[Table, str]:
     """Table with time in s as its first column, and a remark on the clock's unit (just "s" for seconds)."""
     if columns.time is None:
         time = np.arange(len(table.values)) / (options.rate or 1.0)
@@ -289,26 +284,8 @@ def _timed(
     return table, unit if unit == "s" else f"clock in {unit}"
 
 
-def _require(table: TextTable, allowed: NumberRange, unit: str) -> None:
-    """Require every value of the first vector, whose numbers follow the time, to be in range.
-
-    Raises
-    ------
-    InputError
-        A value that is not.
-    """
-    values = table.values[:, 1:4]
-    outside = np.argwhere((values < allowed.smallest) | (values > allowed.largest))
-    if outside.size:
-        row, column = map(int, outside[0])
-        raise table.error(
-            row,
-            f"{table.names[1 + column]} is {float(values[row, column])!r} {unit}; correct or delete the line, give {allowed}",
-        )
-
-
 def _acceleration(
-    path: Path, layout: TextLayout, columns: MotionColumns, options: ReadingOptions
+    path: Path, layout: TableLayout, columns: MotionColumns, options: ReadingOptions
 ) -> Acceleration | None:
     """Accelerometer of a table; None without one, or where its unit is in doubt."""
     if "acceleration" not in columns.vectors:
@@ -326,7 +303,7 @@ def _acceleration(
 
 
 def _acceleration_times(
-    table: TextTable, columns: MotionColumns, options: ReadingOptions
+    table: Table, columns: MotionColumns, options: ReadingOptions
 ) -> Float[np.ndarray, " n"]:
     """Times of an accelerometer's samples, s.
 

@@ -7,7 +7,7 @@ Time stamps are in order, in seconds, and at least two.
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -38,24 +38,6 @@ MOST_TURNS: Final[float] = 100.0
 
 EPOCHS_OF_MOTION: Final[int] = 5
 """Fewest that a motion is estimated from."""
-
-
-class RowsOfFile(Protocol):
-    """Rows of numbers with their lines in a file."""
-
-    @property
-    def path(self) -> Path:
-        """The file."""
-        ...
-
-    @property
-    def values(self) -> Float[np.ndarray, "n m"]:
-        """(n, m) numbers of the rows."""
-        ...
-
-    def error(self, row: int, text: str) -> InputError:
-        """An InputError that names the file and the line of a row."""
-        ...
 
 
 def read_sensor_file(form: SensorFormat, path: Path) -> MeasurementStream:
@@ -93,7 +75,7 @@ def write_sensor_file(form: SensorFormat, path: Path, stream: MeasurementStream)
     write_csv(path, form.header, [stream.time, *ids, *stream.values.T])
 
 
-def require_times(table: RowsOfFile, repeats: bool) -> None:
+def require_times(table: Table, repeats: bool) -> None:
     """Check the first column of a table as time in s.
 
     Parameters
@@ -129,12 +111,12 @@ def require_times(table: RowsOfFile, repeats: bool) -> None:
     require_two_epochs(table.path, np.unique(time).size)
 
 
-def require_turns(table: RowsOfFile, speed: Float[np.ndarray, " n"]) -> None:
+def require_turns(table: Table, speed: Float[np.ndarray, " n"]) -> None:
     """Raise InputError for clocks that imply excessive rotation between samples.
 
     Parameters
     ----------
-    table : RowsOfFile
+    table : Table
         With the time in s in its first column.
     speed : Float[np.ndarray, ' n']
         |body rate| of its rows, rad/s.
@@ -164,7 +146,7 @@ def too_few_epochs(epochs: int) -> str:
     return f"has {epochs} epoch{'s' * (epochs != 1)}, a motion needs at least {EPOCHS_OF_MOTION}; record a longer stretch"
 
 
-def require_unit_quaternions(table: RowsOfFile, column: int) -> None:
+def require_unit_quaternions(table: Table, column: int) -> None:
     """Raise InputError unless the four columns from `column` on are unit quaternions (scalar last)."""
     quaternion: Float[np.ndarray, "n 4"] = table.values[:, column : column + 4]
     row = first_not_unit(quaternion)

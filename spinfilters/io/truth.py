@@ -9,12 +9,13 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.core.errors import InputError, ShapeError
+from spinfilters.io.document import numbers
 from spinfilters.io.input_file import path_text, read_toml, require_folder, value_text
 from spinfilters.io.measurement_log import first_disorder, first_not_unit, freeze_arrays, normalised
 from spinfilters.io.output_files import write_toml
 from spinfilters.io.sensor_tables import require_times, require_unit_quaternions
 from spinfilters.io.stated_values import LENGTH, RATE, SPEED, NumberRange
-from spinfilters.io.text_table import numbers, read_csv, write_csv
+from spinfilters.io.text_table import read_csv, write_csv
 
 TRUTH_COLUMNS: Final[tuple[str, ...]] = (
     *("time_s", "rx", "ry", "rz", "qx", "qy", "qz", "qw"),
