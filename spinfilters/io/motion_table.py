@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from spinfilters.core.errors import InputError
 from spinfilters.io.dataset import DATASET_FILE, LANDMARK_FILE, Dataset
-from spinfilters.io.dataset_reader import DatasetReader
+from spinfilters.io.dataset_reader import StatedReader
 from spinfilters.io.input_file import path_text, printable, value_text
 from spinfilters.io.measurement_log import Acceleration, MeasurementLog, MeasurementStream
 from spinfilters.io.motion_columns import (
@@ -23,11 +23,10 @@ from spinfilters.io.motion_columns import (
     motion_columns,
 )
 from spinfilters.io.sensor_format import sensor_format, sensor_formats
-from spinfilters.io.sensor_tables import require_times, require_turns, require_unit_quaternions
+from spinfilters.io.sensor_tables import require_clock, require_turns
 from spinfilters.io.stated_values import (
     CLOCK_UNITS,
     LENGTH,
-    NOTHING_STATED,
     RATE,
     RATE_UNITS,
     ReadingOptions,
@@ -136,7 +135,7 @@ def read_motion_table(path: Path, options: ReadingOptions, bare: Quantity | None
     Raises
     ------
     InputError
-        As `read_layout`, `motion_columns`, `read_columns` and `require_times`; no such columns; a unit that is in
+        As `read_layout`, `motion_columns`, `read_columns` and `require_clock`; no such columns; a unit that is in
         doubt or contradicts what is stated; numbers out of their range.
     """
     options.require_only(("unit", "clock", "rate"), "a table")
@@ -172,7 +171,8 @@ def _rates(path: Path, layout: TableLayout, columns: MotionColumns, options: Rea
         remarks.append(f"{table.incomplete} rows without rates left out")
     if clock != "s":
         remarks.append(clock)
-    stream = MeasurementStream("gyro", table.values[:, 0], table.values[:, 1:])
+    with table.naming_lines():
+        stream = MeasurementStream("gyro", table.values[:, 0], table.values[:, 1:])
     return MotionTable(stream, _acceleration(path, layout, columns, options), tuple(remarks))
 
 
@@ -215,10 +215,11 @@ def _poses(path: Path, layout: TableLayout, columns: MotionColumns, options: Rea
         values[:, 1:4] *= KNOWN_UNITS["position"][columns.vectors["position"].unit or "m"]
         table = replace(table, values=values)
         table.require(slice(1, 4), LENGTH)
-    require_unit_quaternions(table, 4 if has_position else 1)
-    sensor = "pose" if has_position else "attitude"
-    remarks = () if clock == "s" else (clock,)
-    return MotionTable(MeasurementStream(sensor, table.values[:, 0], table.values[:, 1:]), None, remarks)
+    with table.naming_lines():
+        stream = MeasurementStream(
+            "pose" if has_position else "attitude", table.values[:, 0], table.values[:, 1:]
+        )
+    return MotionTable(stream, None, () if clock == "s" else (clock,))
 
 
 def _read(path: Path, layout: TableLayout, columns: MotionColumns, quantities: tuple[Quantity, ...]) -> Table:
@@ -262,7 +263,7 @@ def _timed(
     if columns.time is None:
         time = np.arange(len(table.values)) / (options.rate or 1.0)
         table = replace(table, names=("time", *table.names), values=np.column_stack([time, table.values]))
-        require_times(table, repeats=False)
+        require_clock(table)
         return table, f"clock of {options.rate:g} Hz as stated"
     index, stated = columns.time
     if stated and options.clock not in (None, stated):
@@ -273,7 +274,7 @@ def _timed(
     stamps = table.values[:, 0]
     unit = stated or options.clock or clock_unit(table.path, layout.names[index], stamps, speed)
     table = replace(table, values=np.column_stack([stamps * CLOCK_UNITS[unit], table.values[:, 1:]]))
-    require_times(table, repeats=False)
+    require_clock(table)
     if speed is not None:
         require_turns(table, speed)
     step = float(np.median(np.diff(table.values[:, 0])))
@@ -342,17 +343,9 @@ _SUFFIXES = (".csv", ".tsv")
 _ALONE = "gyro.csv"  # the one table of a folder that is a data set without it
 
 
-@dataclass(frozen=True)
-class MotionFileReader(DatasetReader):
-    """Reader of a motion table; see `spinfilters.io.motion_table`.
+class MotionFileReader(StatedReader):
+    """Reader of a motion table; see `spinfilters.io.motion_table`."""
 
-    Attributes
-    ----------
-    options : ReadingOptions
-        What the user states of the recording.
-    """
-
-    options: ReadingOptions = NOTHING_STATED
     name, order = "motion-table", 95
     words = "a gyro .csv"
 
@@ -364,10 +357,6 @@ class MotionFileReader(DatasetReader):
         """Data set of the table; its columns are known by their names."""
         bare: Quantity | None = "rate" if path.stem.lower().startswith("gyro") else None
         return motion_dataset(path, path.name, read_motion_table(path, self.options, bare))
-
-    def stating(self, options: ReadingOptions) -> DatasetReader:
-        """The reader with what the user states of units and clock."""
-        return MotionFileReader(options)
 
 
 def motion_dataset(path: Path, name: str, table: MotionTable) -> Dataset:

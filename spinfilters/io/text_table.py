@@ -8,9 +8,10 @@ import codecs
 import csv
 import math
 import os
+import re
 from array import array
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -18,7 +19,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinfilters.core.errors import InputError
+from spinfilters.core.errors import InputError, RowError
 from spinfilters.io.input_file import (
     MAX_TABLE_BYTES,
     ignored_warnings,
@@ -44,6 +45,8 @@ _BYTE_ORDER_MARKS = (
     (codecs.BOM_UTF16_LE, "utf-16"),
     (codecs.BOM_UTF16_BE, "utf-16"),
 )
+_DEGREES = re.compile(r"(?<![a-z])(deg(ree)?s?|dps|degps)(?![a-z])|°(?!\s*[CF])", re.IGNORECASE)
+"""Degrees as a whole word: deg/s, deg_s, dps, but neither radps nor degC."""
 _LARGEST_ID = 2.0**53  # above it float64 does not tell whole numbers apart
 _WRITE_ROWS = 4096  # rows turned into text at a time, which bounds the memory of a writer
 
@@ -150,6 +153,14 @@ class Table:
         """An InputError that names the file and the line of the row."""
         return InputError(f"{path_text(self.path)}: line {self.line(row)}: {text}")
 
+    @contextmanager
+    def naming_lines(self) -> Iterator[None]:
+        """Within it a `RowError` becomes an InputError that names the file and the line of the row."""
+        try:
+            yield
+        except RowError as error:
+            raise self.error(error.row, error.text) from None
+
     def require(self, columns: slice, allowed: NumberRange) -> None:
         """Require all numbers of the columns to be in range.
 
@@ -207,10 +218,7 @@ def read_csv(path: Path, names: Sequence[str] | None = None) -> Table:
     """
     layout = _own_layout(path)
     if names is not None and layout.names != tuple(names):
-        raise InputError(
-            f"{path_text(path)}: line 1: the header is {value_text(','.join(layout.names))}, expected '{','.join(names)}'; "
-            "rename or reorder the columns and convert their units"
-        )
+        raise _other_header(path, layout.names, names)
     return _read_rows(path, layout)
 
 
@@ -327,6 +335,19 @@ def _is_numbers(line: str) -> bool:
 def _no_header(path: Path, number: int, line: str) -> InputError:
     return InputError(
         f"{path_text(path)}: line {number}: {value_text(line.strip())} is no header; add a line of column names"
+    )
+
+
+def _other_header(path: Path, found: Sequence[str], expected: Sequence[str]) -> InputError:
+    """InputError for columns of other names; those in degrees, a common mistake, are named."""
+    degrees = next((name for name in found if _DEGREES.search(name)), None)
+    if degrees is not None:
+        return InputError(
+            f"{path_text(path)}: line 1: column {value_text(degrees)} is in degrees; multiply it by pi/180 and name it rad/s"
+        )
+    return InputError(
+        f"{path_text(path)}: line 1: the header is {value_text(','.join(found))}, expected '{','.join(expected)}'; "
+        "rename or reorder the columns and convert their units"
     )
 
 

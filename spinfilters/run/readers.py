@@ -197,6 +197,6 @@ OWN_READERS: Final[tuple[DatasetReader, ...]] = (
     PhyphoxReader(),
     RosBagReader(),
     SensorTableReader(dataset_readers),
-    ZipReader(reader_of),
+    ZipReader(reader_of=reader_of),
 )
 """Ours. Three of them ask the others, which they are given here: what a folder or an archive holds, and what can be read at all."""
