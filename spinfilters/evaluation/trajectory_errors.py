@@ -278,6 +278,21 @@ def tells_first_frame(history: EstimateHistory, truth: Truth) -> bool:
     return bool(told and np.abs(truth.time - history.time[0]).min() <= TIME_TOLERANCE)
 
 
+def truth_in_estimate_frames(history: EstimateHistory, truth: Truth, alignment: Alignment) -> Truth:
+    """The truth in the estimate's frames i and g; as it is where nothing or a fit of both frames g relates them.
+
+    Raises
+    ------
+    InputError
+        As `truth_in_first_frame` and `truth_in_inertial_frame`.
+    """
+    if alignment is Alignment.FIRST_FRAME:
+        return truth_in_first_frame(history, truth)
+    if alignment is Alignment.INERTIAL_FRAME:
+        return truth_in_inertial_frame(history, truth)
+    return truth
+
+
 def truth_in_first_frame(history: EstimateHistory, truth: Truth) -> Truth:
     """The truth in the g that has the estimated pose at the history's first frame.
 
