@@ -399,7 +399,7 @@ def _baseline(path: Path, shift: Float[np.ndarray, "3"]) -> float:
     return float(shift[0])
 
 
-def told_deviations(folder: Path) -> Mapping[str, float]:
+def camera_deviations(folder: Path) -> Mapping[str, float]:
     """Calibration deviations of a folder's cameras, the larger of two.
 
     Raises
@@ -420,12 +420,12 @@ def told_deviations(folder: Path) -> Mapping[str, float]:
 
 def _of_camera(camera: SensorFile, pair: list[SensorFile]) -> dict[str, float]:
     """Deviations relative to focal length and baseline, and of the principal point in px."""
-    told: dict[str, float] = {}
+    stated: dict[str, float] = {}
     if camera.intrinsics_std is not None:
         focal, centre = camera.intrinsics_std[:2] / camera.intrinsics[:2], camera.intrinsics_std[2:]
-        told |= {"focal_std": float(focal.max()), "center_std": float(centre.max())}
+        stated |= {"focal_std": float(focal.max()), "center_std": float(centre.max())}
     if camera.position_std is not None and len(pair) > 1:
         baseline = float(np.linalg.norm(pair[1].pose[:3, 3] - pair[0].pose[:3, 3]))
         if baseline > 0:
-            told["baseline_std"] = camera.position_std / baseline
-    return told
+            stated["baseline_std"] = camera.position_std / baseline
+    return stated

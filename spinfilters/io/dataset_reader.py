@@ -35,7 +35,7 @@ class DatasetReader(ABC):
         In which readers are asked; the first that recognises a path reads it. Ours are at 0, other folders at 90,
         files at 100.
     has_segments : bool
-        Whether a recording may hold several data sets, told by number.
+        Whether a recording may hold several data sets, chosen by number.
     """
 
     name: str

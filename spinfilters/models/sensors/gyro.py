@@ -43,7 +43,7 @@ class Gyro(MeasurementModel):
 
     Bias b and relative error of the scale k where the layout holds them.
     The noise n has the covariance N + (scale_std |w|)^2 I, with N = noise_std^2 I or each sample's own.
-    Consumer gyros carry scale, cross-axis and timing errors that grow with the rate; ``scale_std`` stands for them, because a
+    Consumer gyros carry scale, cross-axis and timing errors that grow with the rate; ``scale_std`` covers them, because a
     fixed noise makes the normalised innovations of a fast spin tens to hundreds of times too large.
     Parameters of a measurement: (those of N, such as noise_std rad/s, scale_std 1).
     """
