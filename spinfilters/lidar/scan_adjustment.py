@@ -26,9 +26,7 @@ from scipy.spatial.transform import Rotation
 from spinfilters.core.errors import InputError
 from spinfilters.lidar.registration import (
     Cloud,
-    PointToPlane,
     Registration,
-    RegistrationEngine,
     ScanMatches,
     closest_points,
     cloud_of,
@@ -393,7 +391,6 @@ def match_scans(
     times: Sequence[float],
     scans: Sequence[Float[np.ndarray, "n 3"]],
     middle: Float[np.ndarray, "3"],
-    engine: RegistrationEngine | None = None,
     viewpoint: Float[np.ndarray, "3"] | None = None,
 ) -> AdjustedScans:
     """Poses of scans in frame g.
@@ -404,8 +401,6 @@ def match_scans(
     ----------
     scans : Sequence[ndarray of shape (n, 3)]
         Points in L, m.
-    engine : RegistrationEngine or None
-        `PointToPlane` where None.
     viewpoint : ndarray of shape (3,) or None
         Of the lidar in L, its origin where None.
 
@@ -414,20 +409,18 @@ def match_scans(
     InputError
         Points that all lie in one place.
     """
-    engine, eye = engine or PointToPlane(), np.zeros(3) if viewpoint is None else viewpoint
+    eye = np.zeros(3) if viewpoint is None else viewpoint
     clouds = [cloud_of(points, eye, MOST_POINTS) for points in scans]
     size = max(cloud.size for cloud in clouds)
     if not size > SMALLEST * float(np.linalg.norm(middle - eye)):
         raise InputError("the points of every scan lie in one place; give scans that resolve the body")
     poses = [ScanPose(times[0], np.eye(3), middle, np.zeros((6, 6)), matched=len(clouds[0].points))]
     for k in range(1, len(clouds)):
-        poses.append(_next(clouds, poses, times[k], size, engine))
+        poses.append(_next(clouds, poses, times[k], size))
     return adjusted_scans(clouds, poses, size, 0.3 * _REACH * size)
 
 
-def _next(
-    clouds: list[Cloud], poses: list[ScanPose], time: float, size: float, engine: RegistrationEngine
-) -> ScanPose:
+def _next(clouds: list[Cloud], poses: list[ScanPose], time: float, size: float) -> ScanPose:
     """The pose of the next scan.
 
     From the prediction, or searched where that leads to little overlap.
@@ -435,10 +428,10 @@ def _next(
     number = len(poses)
     R, t = predicted_pose(poses, time, size)
     target = _scan_matching_map(clouds, poses, R, list(range(number)))
-    found = registered(clouds[number], target, R.T, -R.T @ t, _REACH * size, engine)
+    found = registered(clouds[number], target, R.T, -R.T @ t, _REACH * size)
     if found.overlap < SURE_OVERLAP or number == 1:
         start = coarse_pose(clouds[number], target, WIDEST_TURN)
-        other = registered(clouds[number], target, *start, _REACH * size, engine)
+        other = registered(clouds[number], target, *start, _REACH * size)
         found = max(found, other, key=lambda each: each.overlap / max(each.residual_std, 1e-12) ** 0.5)
     return _told(found, time, size)
 

@@ -10,6 +10,8 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 from scipy.special import factorial
 
+from spinfilters.core.absolute_orientation import nearest_rotation
+
 ROTATION_PRIOR: Final = 0.2
 """Standard deviation of a predicted attitude, rad: the only knowledge in directions that a scan does not determine."""
 UNDETERMINED: Final = 0.1
@@ -54,13 +56,6 @@ def rotation_matrix(vector: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
 def rotation_vector(R: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3"]:
     """Rotation vector, rad, of the short way round."""
     return Rotation.from_matrix(nearest_rotation(R)).as_rotvec()
-
-
-def nearest_rotation(M: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:
-    """The rotation nearest to a matrix: U V' with determinant one (Wahba's problem)."""
-    U, _, Vt = np.linalg.svd(M)
-    U[:, 2] *= np.sign(np.linalg.det(U @ Vt))
-    return U @ Vt
 
 
 def skew(v: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import linear_sum_assignment
 
+from spinfilters.core.absolute_orientation import nearest_rotation
 from spinfilters.core.errors import InputError
 from spinfilters.lidar.edge_adjustment import edge_adjusted
 from spinfilters.lidar.face_map import (
@@ -34,13 +35,11 @@ from spinfilters.lidar.planes import (
     extract_planes,
     identified_noise,
 )
-from spinfilters.lidar.registration import RegistrationEngine
 from spinfilters.lidar.scan import Scan, without_isolated, without_repeats
 from spinfilters.lidar.scan_adjustment import MOST_POINTS, SURE_OVERLAP, match_scans, shared_inflation
 from spinfilters.lidar.scan_pose import (
     ScanPose,
     interpolated_rotation,
-    nearest_rotation,
     pose_covariance,
     predicted_pose,
     rotation_matrix,
@@ -317,20 +316,15 @@ class ScanPoses:
         return _deskewed(self.scans[number], self.poses, number)
 
 
-def scan_poses(
-    scans: Sequence[Scan],
-    noise: PointNoise | None = None,
-    engine: RegistrationEngine | None = None,
-    seed: int = 0,
-) -> ScanPoses:
+def scan_poses(scans: Sequence[Scan], noise: PointNoise | None = None, seed: int = 0) -> ScanPoses:
     """Poses at the scans' epochs; motion during a scan is taken out in a second pass.
 
     Parameters
     ----------
     noise : PointNoise or None
         Of the points; None identifies it.
-    engine : RegistrationEngine or None
-        Of registration, see `match_scans`.
+    seed : int
+        Of the samples among which planes are looked for.
 
     Raises
     ------
@@ -346,11 +340,11 @@ def scan_poses(
     smeared = replace(noise, range_std=noise.range_std + SMEAR * extent_of(clouds[0])) if moving else noise
     by_faces = _has_faces(clouds, smeared, seed)
     planes = _planes(clouds, smeared, seed) if by_faces else None
-    poses, faces, inflation = _poses(times, clouds, planes, engine)
+    poses, faces, inflation = _poses(times, clouds, planes)
     for _ in range(DESKEWED if moving else 0):
         clouds = [_deskewed(scan, poses, k) for k, scan in enumerate(usable)]
         planes = _planes(clouds, noise, seed) if by_faces else None
-        poses, faces, inflation = _poses(times, clouds, planes, engine)
+        poses, faces, inflation = _poses(times, clouds, planes)
     if faces is not None:
         faces = edge_adjusted(faces, clouds, noise, extent_of(clouds[0]))
         poses, inflation = faces.poses, shared_inflation(faces.poses, faces.common)
@@ -432,12 +426,11 @@ def _poses(
     times: Sequence[float],
     clouds: Sequence[Float[np.ndarray, "n 3"]],
     planes: list[list[FittedPlane]] | None,
-    engine: RegistrationEngine | None,
 ) -> tuple[Sequence[ScanPose], TrackedFaces | None, float]:
     """Poses, the map of faces, and the inflation of the poses' own covariances."""
     middle = clouds[0].mean(axis=0)
     if planes is None:
-        matched = match_scans(times, clouds, middle, engine)
+        matched = match_scans(times, clouds, middle)
         return matched.poses, None, matched.inflation
     faces = track_faces(times, planes, middle, extent_of(clouds[0]))
     return faces.poses, faces, 1.0

@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
+from spinfilters.core.absolute_orientation import nearest_rotation
 from spinfilters.core.attitude_conversions import (
     continuous_quaternions,
     matrix_from_quaternion,
@@ -26,7 +27,7 @@ from spinfilters.io.truth_frame import truth_in_moved_frame
 from spinfilters.lidar.face_map import Face, TrackedFaces
 from spinfilters.lidar.planes import FittedPlane, rows_of_planes
 from spinfilters.lidar.scan import Scan, read_scan
-from spinfilters.lidar.scan_pose import ScanPose, nearest_rotation, rotation_vector
+from spinfilters.lidar.scan_pose import ScanPose, rotation_vector
 from spinfilters.lidar.scan_poses import ScanPoses, scan_poses
 
 MOST_POINTS: Final = 400

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
+from spinfilters.core.absolute_orientation import nearest_rotation
 from spinfilters.core.attitude_conversions import inverse, multiply, quaternion_from_matrix
 from spinfilters.core.errors import InputError
 from spinfilters.io.camera import (
@@ -143,10 +144,8 @@ def raw_camera(path: Path, told: SensorFile) -> RawCamera:
     )
     for key, value in values:
         CAMERA_RANGES[key].require(f"{path_text(path)}: {key}", value)
-    U, _, Vt = np.linalg.svd(told.pose[:3, :3])
-    return RawCamera(
-        told.intrinsics, _distortion(path, told.distortion), *told.size, U @ Vt, told.pose[:3, 3]
-    )
+    distortion, rotation = _distortion(path, told.distortion), nearest_rotation(told.pose[:3, :3])
+    return RawCamera(told.intrinsics, distortion, *told.size, rotation, told.pose[:3, 3])
 
 
 def write_raw_rig(rig: RawRig, folder: Path, deviations: Sequence[str] = ("", "")) -> None:
