@@ -38,6 +38,13 @@ AHEAD: Final = 3
 CHECKED_EVERY: Final = 2.0
 """Seconds without a row after which it is looked whether the scheduler is still there."""
 
+UNWATCHED: Final = {
+    "distributed.worker.profile.enabled": False,
+    "distributed.admin.tick.interval": "1s",
+    "distributed.admin.system-monitor.interval": "10s",
+}
+"""Settings of Dask on this machine: its looks at itself, which no page shows here, would take 4 % of a processor."""
+
 PROTOCOLS: Final = ("tcp", "tls", "ucx", "ws", "wss")
 """Protocols of a scheduler's address; tcp where none is given."""
 _ADDRESS: Final = re.compile(
@@ -146,7 +153,7 @@ def make_runs(name: str, chunk: Chunk) -> None:
 
 def _answers(client: Client, study: Study, chunks: Iterable[Chunk]) -> Iterator[Row]:
     """Rows as they come, a few chunks under way at a time; the end comes early when the scheduler is lost."""
-    name = f"spinfilters-{uuid.uuid4().hex}"  # of this campaign alone, whoever else runs the same study there
+    name = f"spinfilters-{uuid.uuid4().hex}"  # of this campaign alone, where another runs the same study on the same cluster
     waiting, under_way = deque(chunks), set()
     answered: queue.SimpleQueue[Any] = queue.SimpleQueue()  # rows, and after them the future of their chunk
     client.subscribe_topic(name, lambda event: answered.put(json.loads(event[1])))
@@ -232,7 +239,7 @@ def _this_machine(processes: int) -> Iterator[str]:
     """
     own_page = "127.0.0.1:0"  # scheduler and worker insist on one
     try:
-        with warnings.catch_warnings(), dask_config.set({"distributed.worker.profile.enabled": False}):
+        with warnings.catch_warnings(), dask_config.set(UNWATCHED):
             warnings.simplefilter("ignore")  # a machine without a network has no address: none is needed
             cluster: Any = LocalCluster(
                 n_workers=1,

@@ -98,7 +98,7 @@ def registered(
         return Registration(R, t, np.zeros((6, 6)), np.inf, len(near.rows), 0.0)
     H, _ = near.normal_equations(t)
     variance = max(float(np.mean(near.residual**2)), 1e-24)
-    information = H / (variance * _dependence(near, target.size))
+    information = H / (variance * _dependence_factor(near, target.size))
     return Registration(
         R, t, information, float(np.sqrt(variance)), len(near.rows), len(near.rows) / len(source.points)
     )
@@ -161,7 +161,7 @@ def closest_points(
     return ScanMatches(rows[kept], index[kept], moved[rows[kept]], normals[kept], residual[kept], std)
 
 
-def _dependence(matches: ScanMatches, size: float) -> float:
+def _dependence_factor(matches: ScanMatches, size: float) -> float:
     """Variance factor of sums of correlated residuals over patches.
 
     It is in terms of that of independent residuals; at least 2, for the target's noise.
