@@ -36,7 +36,7 @@ RECOVERY_COUNT: Final = 600.0
 AHEAD: Final = 3
 """Chunks per thread of the cluster that are under way."""
 CHECKED_EVERY: Final = 2.0
-"""Seconds without a row after which it is looked whether the scheduler is still there."""
+"""Seconds after which the threads of the cluster are counted again, and a scheduler that gives no row is asked."""
 
 UNWATCHED: Final = {
     "distributed.worker.profile.enabled": False,
@@ -162,8 +162,11 @@ def _answers(client: Client, study: Study, chunks: Iterable[Chunk]) -> Iterator[
     except Exception as error:
         raise _unfit_workers(error) from None
     try:
+        most, asked = 0, -CHECKED_EVERY
         while waiting or under_way:
-            while waiting and len(under_way) < AHEAD * _threads(client):
+            if time.monotonic() - asked >= CHECKED_EVERY:  # workers come and go
+                most, asked = AHEAD * _threads(client), time.monotonic()
+            while waiting and len(under_way) < most:
                 future = client.submit(make_runs, name, waiting.popleft(), pure=False)
                 under_way.add(future)
                 future.add_done_callback(answered.put)
