@@ -159,7 +159,7 @@ def _larger_of_normals(a: _Variable, b: _Variable) -> _Variable:
 FITTING: Final = 1.5
 """Reduced chi-square of all points, at most: above, the body is not the convex one of these faces."""
 _MOST, _STEPS = 4000, 6
-_LARGE = 4.0  # standard deviations beyond which a point counts less (Huber)
+_LARGE = 4.0  # standard deviations beyond which a point counts less
 
 
 class _RangeFit(NamedTuple):
@@ -180,10 +180,15 @@ def _fit_ranges(expected: ExpectedRanges, measured: Float[np.ndarray, " n"]) -> 
     if good.mean() < 0.9:
         return None
     J = np.nan_to_num(expected.by_pose / expected.std[:, None]) * good[:, None]
-    weight = np.minimum(1.0, _LARGE / np.maximum(np.abs(residual), 1e-12))
+    weight = _huber_weights(residual)
     residual = np.nan_to_num(residual)
     chi = float(np.mean(np.minimum(residual[good] ** 2, _LARGE**2)))
     return _RangeFit((J * weight[:, None]).T @ J, J.T @ (weight * residual), chi)
+
+
+def _huber_weights(residual: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Weights of residuals in standard deviations, one up to `_LARGE` (Huber 1964)."""
+    return np.minimum(1.0, _LARGE / np.maximum(np.abs(residual), 1e-12))
 
 
 def with_edges(
@@ -275,7 +280,7 @@ class RangeEvidence:
     def of(self, tracked: TrackedFaces, number: int, robust: bool) -> FaceInformation:
         """See `FaceEvidence`; the information is smaller where residuals are larger than the noise."""
         J, residual = self._linearise_ranges(tracked, number)
-        weight = np.minimum(1.0, _LARGE / np.maximum(np.abs(residual), 1e-12)) if robust else 1.0
+        weight = _huber_weights(residual) if robust else 1.0
         scale = max(1.0, _reduced(residual))
         weighted = (J.T * weight) / scale
         H, b = weighted @ J, weighted @ residual
@@ -343,4 +348,5 @@ def _fit_poses_with_edges(
 
 
 def _reduced(residual: Float[np.ndarray, " n"]) -> float:
+    """Mean square of residuals in standard deviations, each bounded at `_LARGE`."""
     return float(np.mean(np.minimum(residual**2, _LARGE**2))) if len(residual) else np.inf

@@ -137,7 +137,7 @@ def face_jacobian(
 FEWEST_FOR_DRIFT: Final = 6
 """Scans from which a uniform drift of the centre of rotation is fitted."""
 LARGE: Final = 25.0
-"""Squared length of a plane's residual, in standard deviations, at which its weight is halved (Cauchy)."""
+"""Squared residual of a plane or a pose, in standard deviations, at which its weight is halved (Cauchy)."""
 STRICTEST: Final = 1e-7
 """Scatter about the uniform drift, in sizes of the body, below which it is taken as exact."""
 SAME_ANGLE: Final = np.deg2rad(3.0)

@@ -24,7 +24,7 @@ from spinfilters.io.input_file import path_text
 from spinfilters.io.measurement_log import MeasurementStream
 from spinfilters.io.truth import Truth
 from spinfilters.io.truth_frame import truth_in_moved_frame
-from spinfilters.lidar.face_map import Face, TrackedFaces
+from spinfilters.lidar.face_map import LARGE, Face, TrackedFaces
 from spinfilters.lidar.planes import FittedPlane, rows_of_planes
 from spinfilters.lidar.scan import Scan, read_scan
 from spinfilters.lidar.scan_pose import ScanPose, rotation_vector
@@ -148,8 +148,6 @@ KIND: Final = "lidar-scans"
 POINTS_KIND: Final = "lidar-scan-points"
 """Kind of a data set that holds scans, of which the points are measurements."""
 SCAN_FOLDER: Final = "scans"
-LARGE: Final = 25.0
-"""Squared error of a pose, in standard deviations, at which its weight is halved."""
 _STEPS = 8
 
 
