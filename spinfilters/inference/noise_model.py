@@ -191,7 +191,11 @@ def residuals_of(
     marginals = Marginals(normal.system, normal.eliminated)
     steps = steps_after(problem, here, marginals)
     sensors = [_sensor_after(problem, here, marginals, k) for k in range(len(problem.motion.sensors))]
-    nothing = _zeros(here, steps, sensors)
+    # a right-hand side of zeros, to which each source adds its own rows
+    seen = None if here.linear is None else np.zeros_like(here.linear.innovation)
+    nothing = WhitenedRows(
+        tuple(np.zeros_like(each.rest) for each in sensors), np.zeros_like(steps.rest), seen
+    )
     spent = steps.leverage + sum(each.leverage for each in sensors)
     spent += _prior_leverage(problem, here, marginals)
     sources, redundancy = [], []
@@ -300,12 +304,6 @@ def steps_after(problem: Problem, here: LinearizationPoint, marginals: Marginals
     J, y = here.dynamics.rows[:, :, :-1], here.dynamics.rows[:, :, -1]
     explained = _explained_steps(problem, here, marginals.solution.errors)
     return StepsAfter(y - explained, J @ marginals.step_rows())
-
-
-def _zeros(here: LinearizationPoint, steps: StepsAfter, sensors: Sequence[_SensorAfter]) -> WhitenedRows:
-    """A right-hand side of nothing."""
-    seen = None if here.linear is None else np.zeros_like(here.linear.innovation)
-    return WhitenedRows(tuple(np.zeros_like(each.rest) for each in sensors), np.zeros_like(steps.rest), seen)
 
 
 def _sensor_residuals(

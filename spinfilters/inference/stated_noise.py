@@ -189,12 +189,6 @@ def stated_models(
     return StatedModels(process, replace(noise, **{option: found.scale_std}), found, unknown)
 
 
-def models_beside(beside: Setup, layout: StateLayout, settings: Settings) -> StatedModels:
-    """Process and noise of another setup of the recording, over a layout."""
-    process = TorqueFreeProcess(layout, beside.process.noise, settings.process.tolerance)
-    return StatedModels(process, beside.noise, beside.gyro_noise)
-
-
 STATED, PRIOR = "stated", "prior"
 
 
@@ -246,13 +240,13 @@ def adapted_levels(setup: Setup, level: Callable[[str], NoiseScale]) -> tuple[Va
     levels = []
     for each in setup.identified:
         source = next((s for s, options in sources.items() if each.name in options and s in first), None)
-        levels.append(each if source is None else _adapted(each, first[source], level(source)))
+        if source is None:
+            levels.append(each)
+            continue
+        before, after = first[source], level(source)
+        share = before.information / after.information
+        levels.append(each.scaled(after.logarithm - before.logarithm, share**0.5))
     return tuple(levels)
-
-
-def _adapted(found: VarianceComponent, before: NoiseScale, after: NoiseScale) -> VarianceComponent:
-    share = before.information / after.information
-    return found.scaled(after.logarithm - before.logarithm, share**0.5)
 
 
 def _sources(setup: Setup) -> dict[str, tuple[str, ...]]:

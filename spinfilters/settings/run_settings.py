@@ -199,6 +199,7 @@ class SmootherSettings:
 AUTO: Final = "auto"
 Auto = Literal["auto"]
 LINEAR, QUADRATIC = "linear", "quadratic"
+FULL, FILTER = "full", "filter"
 DragLaw = Literal["linear", "quadratic", "auto"]
 
 if TYPE_CHECKING:
@@ -308,6 +309,14 @@ class Settings:
     The field names are those of the TOML file's tables and keys.
     Each table may be given as its own dataclass or as a mapping of its keys: ``Settings(sensors={"pixel_std": 0.5})``.
 
+    Attributes
+    ----------
+    estimators : tuple[str, ...]
+        Names of the estimators, in the order of the results.
+    verdict : "full" or "filter"
+        Checks by which estimates are judged: all of them, or those alone that need no smoothed motion. The latter cost less, and
+        leave every estimate ``degraded`` at best, because they do not show errors of the models that a filter's state absorbs.
+
     Raises
     ------
     InputError: an unknown key of a table, a value of another type or out of its range, an unknown or repeated estimator.
@@ -324,6 +333,7 @@ class Settings:
     iteration: IterationOptions = field(default_factory=IterationOptions)
     adaptation: AdaptationOptions = field(default_factory=AdaptationOptions)
     smoother: SmootherSettings = field(default_factory=SmootherSettings)
+    verdict: Literal["full", "filter"] = FULL
 
     def __post_init__(self) -> None:
         for name, value in self._validated().items():
@@ -351,7 +361,11 @@ class Settings:
     @property
     def document(self) -> dict[str, Any]:
         """Every setting as TOML tables."""
-        return {**asdict(self), "estimators": list(self.estimators)}
+        own = {
+            "estimators": list(self.estimators),
+            "verdict": self.verdict,
+        }  # keys of no table stand first in TOML
+        return own | {name: table for name, table in asdict(self).items() if name not in own}
 
 
 def read_settings(path: Path) -> Settings:
