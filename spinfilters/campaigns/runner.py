@@ -128,7 +128,7 @@ class Runner:
     def _levels(self, run: CampaignRun, evaluation: Evaluation) -> Row:
         """True and identified levels of noise."""
         identified = evaluation.history.noise or self.setup(run).identified
-        return noise_metrics(identified, self._factors(run).noise.levels)
+        return noise_metrics(identified, self._factors(run).levels)
 
     def _motion_bound(self, run: CampaignRun) -> dict[str, Any]:
         """The bound of the cell's first seed."""

@@ -94,7 +94,14 @@ class GyroSensor(Sensor):
         logged_again=True,
         dimension=3,
         noise=(
-            NoiseOption("gyro_noise_std", "gyro", NumberRange(1e-12, 1e6, "rad/s"), 0.005, (0, 1, 2)),
+            NoiseOption(
+                "gyro_noise_std",
+                "gyro",
+                NumberRange(1e-12, 1e6, "rad/s"),
+                0.005,
+                (0, 1, 2),
+                scene_level="gyro_std",
+            ),
             NoiseOption(
                 "gyro_scale_std",
                 "gyro, of the rate",
@@ -140,10 +147,14 @@ class GyroSensor(Sensor):
 
     def simulate(self, scene: Scene) -> SimulatedStream:
         """True rates with bias and white noise."""
-        rates = scene.motion.block("w")
-        values = with_noise(rates + scene.noise.gyro_bias, scene.noise.gyro_std, scene.generator)
+        rates, std = scene.motion.block("w"), scene.noise.level("gyro_noise_std")
+        values = with_noise(rates + scene.noise.gyro_bias, std, scene.generator)
         stream = MeasurementStream(self.name, scene.motion.time, values)
-        return SimulatedStream(stream, {"gyro_noise_std": scene.noise.gyro_std})
+        return SimulatedStream(stream, {"gyro_noise_std": std})
+
+    def flipped(self, values: Float[np.ndarray, " v"]) -> Float[np.ndarray, " v"]:
+        """The rate backwards."""
+        return np.negative(values)
 
     def outliers(
         self, count: int, rig: Rig | None, generator: np.random.Generator
