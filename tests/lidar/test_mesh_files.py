@@ -116,7 +116,11 @@ def test_a_face_with_other_numbers_before_its_corners_is_read(tmp_path: Path) ->
     ("name", "content", "says"),
     [
         ("short.stl", binary_stl(box())[:-7], "its header states 12 triangles, its size is that of 11"),
-        ("lying.stl", binary_stl(box(), 4_000_000_000), "states 4000000000 triangles, its size is that of 12"),
+        (
+            "lying.stl",
+            binary_stl(box(), 4_000_000_000),
+            "states 4000000000 triangles, its size is that of 12",
+        ),
         ("tiny.stl", b"solid", "too few for an STL"),
         ("cut.stl", ascii_stl(box())[:-200], "truncated"),
         ("words.stl", ascii_stl(box()).replace(b"vertex 0.5", b"vertex nil", 1), "no number"),
