@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from spinfilters.core.errors import InputError
-from spinfilters.io.input_file import path_text, plain_number, read_bytes, value_text
+from spinfilters.io.input_file import parse_number, path_text, read_bytes, value_text
 from spinfilters.io.output_files import write_bytes
 
 MAX_PLY_BYTES: Final = 1 << 30
@@ -199,7 +199,7 @@ class _AsciiRows:
     def table(self, element: _Element) -> dict[str, np.ndarray]:
         """Columns of an element of single numbers, by name."""
         words = b" ".join(self._take(element.count)).split()
-        values = np.fromiter(map(plain_number, words), np.float64, len(words))
+        values = np.fromiter(map(parse_number, words), np.float64, len(words))
         values = values.reshape(element.count, len(element.properties))
         return {each[0]: values[:, k] for k, each in enumerate(element.properties)}
 
@@ -224,7 +224,7 @@ class _AsciiRows:
 
 
 def _whole(word: bytes) -> int:
-    number = plain_number(word)
+    number = parse_number(word)
     if not number.is_integer():
         raise ValueError(f"{value_text(word)} is no whole number")
     return int(number)

@@ -22,8 +22,7 @@ from spinfilters.io.dataset import DATASET_FILE
 from spinfilters.io.dataset_reader import RawDataReader, RawMeasurements
 from spinfilters.io.input_file import path_text
 from spinfilters.io.measurement_log import MeasurementStream
-from spinfilters.io.truth import Truth
-from spinfilters.io.truth_frame import truth_in_moved_frame
+from spinfilters.io.truth import Truth, truth_in_moved_frame
 from spinfilters.lidar.face_map import LARGE, Face, TrackedFaces
 from spinfilters.lidar.planes import FittedPlane, rows_of_planes
 from spinfilters.lidar.scan import Scan, read_scan

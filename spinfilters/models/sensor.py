@@ -229,7 +229,7 @@ class Sensor(StoredSensor, ABC):
     tells_frames : bool
         Whether it measures in frames i and g that are given, rather than defined by an estimator.
     identified_option : str | None
-        Of its noise, what a recording identifies where nobody states the sensor's noise.
+        Of its noise, what a recording identifies where the sensor's noise is not stated.
     error_blocks : tuple[StateBlock, ...]
         Its constant errors that a state can hold; it does where the settings give their prior.
     analysis : AnalysedSensor | None

@@ -23,14 +23,13 @@ from spinfilters.io.camera import (
     image_size,
     is_rotation,
     read_sensor_file,
-    read_yaml,
     sensor_text,
 )
 from spinfilters.io.camera import DISTORTION_MODELS as NAMED_MODELS
+from spinfilters.io.document import numbers, read_yaml
 from spinfilters.io.input_file import path_text, value_text
 from spinfilters.io.output_files import make_folder, write_text
 from spinfilters.io.stated_values import LENGTH, NumberRange
-from spinfilters.io.text_table import numbers
 from spinfilters.io.truth import Truth
 
 DISTORTION_MODELS: Final = (*NAMED_MODELS, "none")

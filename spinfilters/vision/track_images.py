@@ -18,7 +18,7 @@ from spinfilters.io.dataset import (
     Dataset,
     DatasetOptions,
     options_from_toml,
-    with_told_deviations,
+    with_stated_deviations,
 )
 from spinfilters.io.input_file import path_text, printable, read_toml
 from spinfilters.io.measurement_log import MeasurementLog, MeasurementStream
@@ -307,7 +307,7 @@ def _make_dataset(source: ImageSource, stream: MeasurementStream, inflation: flo
         rig=source.rectification.stereo,
         inspector=source.inspector,
         options=_with_systematic_errors(
-            replace(with_told_deviations(options, folder), covariance_inflation=inflation), stream
+            replace(with_stated_deviations(options, folder), covariance_inflation=inflation), stream
         ),
     )
 
