@@ -188,16 +188,17 @@ _Surface = tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]
 
 def _read_stl(path: Path) -> _Surface:
     data = read_bytes(path, MAX_MESH_BYTES)
-    told = int.from_bytes(data[80:84], "little") if len(data) >= _STL_HEADER else -1
-    if told >= 0 and len(data) == _STL_HEADER + _STL_TRIANGLE * told:
-        return _binary_stl(data, told)
+    stated = int.from_bytes(data[80:84], "little") if len(data) >= _STL_HEADER else -1
+    if stated >= 0 and len(data) == _STL_HEADER + _STL_TRIANGLE * stated:
+        return _binary_stl(data, stated)
     if data.lstrip()[:5].lower() == b"solid" and b"facet" in data[:4096].lower() + data[-4096:].lower():
         return _ascii_stl(path, data)
-    if told < 0:
+    if stated < 0:
         raise InputError(f"{path_text(path)}: has {len(data)} bytes, too few for an STL; export it again")
     held = (len(data) - _STL_HEADER) // _STL_TRIANGLE
     raise InputError(
-        f"{path_text(path)}: its header tells {told} triangles, its size is that of {held}: truncated or damaged; export it again"
+        f"{path_text(path)}: its header states {stated} triangles, its size is that of {held}: truncated or damaged; "
+        "export it again"
     )
 
 
