@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import MISSING, dataclass
 from typing import Any, Generic, TypeVar
 
-from spinfilters.io.arguments import GivenField, given_fields, numbers_by_name, record_from
+from spinfilters.io.argument_fields import GivenField, given_fields, numbers_by_name, record_from
 from spinfilters.io.stated_values import NumberRange
 
 R = TypeVar("R")

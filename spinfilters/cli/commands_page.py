@@ -8,13 +8,13 @@ from typing import Any, Final
 
 from spinfilters.cli.command import Command, CommandGroup
 from spinfilters.cli.commands import COMMANDS
-from spinfilters.io.arguments import GivenField, default_text, given_fields
+from spinfilters.io.argument_fields import GivenField, default_text, given_fields
 from spinfilters.io.output_files import write_text
 
 HEAD: Final = """# All commands
 
 This page is made from the code by `python -m spinfilters.cli.commands_page docs/reference/commands.md`; a test compares the two.
-Each argument is a field of a record (`spinfilters.io.arguments`), from which the parser, its help and the checks of `import
+Each argument is a field of a record (`spinfilters.io.argument_fields`), from which the parser, its help and the checks of `import
 spinfilters` are made, too. `spinfilters COMMAND --help` prints the same.
 """
 

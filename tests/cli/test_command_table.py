@@ -17,7 +17,7 @@ from spinfilters.cli.commands import COMMANDS, ListedCommand
 from spinfilters.cli.commands_page import main as write_page
 from spinfilters.cli.commands_page import page
 from spinfilters.cli.main import main
-from spinfilters.io.arguments import given_fields
+from spinfilters.io.argument_fields import given_fields
 from spinfilters.io.stated_values import Argument, ArgumentGroup, NumberRange, ReadingOptions
 from spinfilters.simulation.scenario_record import Scenario
 
