@@ -38,7 +38,7 @@ from spinfilters.simulation.measurement_faults import (
     WrongAssociations,
 )
 from spinfilters.simulation.model_faults import model_faults
-from spinfilters.simulation.scenario_record import RECOGNITION, Scenario, StudyKey
+from spinfilters.simulation.scenario_record import RECOGNITION, Scenario
 from spinfilters.smoother.priors import FirstStatePrior
 
 STD: Final = NumberRange(1e-12, 1e6)
@@ -86,10 +86,10 @@ def scenario_factor(table: str) -> Callable[[type[F]], type[F]]:
         keys, hints = {}, {}
         for each in fields(Scenario):
             kind, *notes = get_args(each.type) if get_origin(each.type) is Annotated else (each.type,)
-            for note in notes:
-                if isinstance(note, StudyKey) and note.table == table:
-                    key = keys[each.name] = note.key or each.name
-                    hints[key] = kind if note.allowed is None else Annotated[kind, note.allowed]
+            for place in (note.study_key for note in notes):
+                if place is not None and place.table == table:
+                    key = keys[each.name] = place.key or each.name
+                    hints[key] = kind if place.allowed is None else Annotated[kind, place.allowed]
                     setattr(factor, key, each.default)
         factor.keys = keys
         factor.__annotations__ = hints | get_annotations(factor)

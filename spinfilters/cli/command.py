@@ -38,6 +38,11 @@ class Command(Generic[R]):
     description: str = ""
     help: str = ""
 
+    @property
+    def parts(self) -> "tuple[tuple[str, Command[Any]], ...]":
+        """What can be run under its name, with the words that call it: itself."""
+        return ((self.name, self),)
+
     def fill(self, parser: Any) -> None:
         """Add the description, the arguments and what runs it to a parser."""
         parser.description = self.description or None
@@ -65,6 +70,11 @@ class CommandGroup:
     actions: tuple[Command[Any], ...]
     default: str = ""
     description: str = ""
+
+    @property
+    def parts(self) -> tuple[tuple[str, Command[Any]], ...]:
+        """What can be run under its name, with the words that call it: its actions."""
+        return tuple((f"{self.name} {action.name}", action) for action in self.actions)
 
     def fill(self, parser: Any) -> None:
         """Add the description and the parsers of all actions to a parser."""

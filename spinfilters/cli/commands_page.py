@@ -6,7 +6,7 @@ from dataclasses import MISSING
 from pathlib import Path
 from typing import Any, Final
 
-from spinfilters.cli.command import Command, CommandGroup
+from spinfilters.cli.command import Command
 from spinfilters.cli.commands import COMMANDS
 from spinfilters.io.argument_fields import GivenField, default_text, given_fields
 from spinfilters.io.output_files import write_text
@@ -26,13 +26,8 @@ def page() -> str:
 
 def _sections() -> Iterator[str]:
     for listed in COMMANDS:
-        command = listed.load()
-        if isinstance(command, CommandGroup):
-            yield f"\n## `{listed.name}`\n\n{_sentence(listed.help)}\n"
-            for action in command.actions:
-                yield _section(action, f"### `{listed.name} {action.name}`", action.help)
-        else:
-            yield _section(command, f"## `{listed.name}`", listed.help)
+        for words, command in listed.load().parts:
+            yield _section(command, f"## `{words}`", command.help or listed.help)
 
 
 def _section(command: Command[Any], heading: str, help_line: str) -> str:

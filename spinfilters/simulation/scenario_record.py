@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 from spinfilters.core.errors import InputError
 from spinfilters.io.input_file import value_text
-from spinfilters.io.stated_values import LENGTH, RATE, SPEED, Argument, NumberRange
+from spinfilters.io.stated_values import LENGTH, RATE, SPEED, Argument, NumberRange, StudyKey
 
 if TYPE_CHECKING:
     import numpy as np
@@ -44,25 +44,6 @@ Moments = tuple[Annotated[float, MOMENT], Annotated[float, MOMENT], Annotated[fl
 Place = tuple[Annotated[float, LENGTH], Annotated[float, LENGTH], Annotated[float, LENGTH]]
 Velocity = tuple[Annotated[float, SPEED], Annotated[float, SPEED], Annotated[float, SPEED]]
 Bias = tuple[Annotated[float, RATE], Annotated[float, RATE], Annotated[float, RATE]]
-
-
-@dataclass(frozen=True)
-class StudyKey:
-    """Place of a field in a study file.
-
-    Attributes
-    ----------
-    table : str
-        Factor whose tables have it.
-    key : str
-        Empty for the name of the field.
-    allowed : NumberRange or None
-        Range of its number there; None of several numbers, whose type has it, and of words.
-    """
-
-    table: str
-    key: str = ""
-    allowed: NumberRange | None = None
 
 
 def _recognition() -> "Recognition":

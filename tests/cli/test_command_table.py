@@ -12,7 +12,7 @@ from contracts.plugin import program_of
 
 import spinfilters
 from spinfilters.api.arguments import CampaignArguments, ObserveArguments, RunArguments
-from spinfilters.cli.command import Command, CommandGroup
+from spinfilters.cli.command import Command
 from spinfilters.cli.commands import COMMANDS, ListedCommand
 from spinfilters.cli.commands_page import main as write_page
 from spinfilters.cli.commands_page import page
@@ -157,8 +157,7 @@ def every_command() -> list[Command[Any]]:
     """All commands, actions of groups among them."""
     found: list[Command[Any]] = []
     for listed in COMMANDS:
-        command = listed.load()
-        found += command.actions if isinstance(command, CommandGroup) else (command,)
+        found += [command for _, command in listed.load().parts]
     return found
 
 
