@@ -13,6 +13,12 @@ def add_observe(commands: Subparsers) -> argparse.ArgumentParser:
         "observe", help="what a sensor can determine of a motion, proved, and how well"
     )
     observe.add_argument(
+        "model",
+        nargs="?",
+        metavar="MODEL.toml",
+        help="your own equations instead of a tumbling body: states, parameters, equations, outputs",
+    )
+    observe.add_argument(
         "-o",
         "--output",
         metavar="FOLDER",
@@ -98,6 +104,10 @@ def _add_input_sizes(observe: argparse.ArgumentParser) -> None:
 
 def run_observe(options: argparse.Namespace) -> int:
     """Analyse, bound, write text, JSON and a picture, print the text."""
+    if options.model is not None:
+        from spinfilters.cli.observe_model import observe_model
+
+        return observe_model(options)
     from spinfilters.cli.observe_motion import observe
 
     return observe(options)
