@@ -4,11 +4,13 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from fractions import Fraction
 from functools import cached_property
 from html import escape
 from pathlib import Path
 from typing import Any, Final
 
+from observability.generators import Generator, Term, generators
 from observability.model import Model, model_of
 from observability.model_rank import ExactRank, exact_rank, reached
 from spinfilters.core.errors import InputError
@@ -21,6 +23,7 @@ class ModelProof(StrEnum):
     """Why the rank of a model is known."""
 
     FULL = "the exact rank is full"
+    GENERATORS = "the exact rank and the generators, which hold for finite moves, add up to all unknowns"
     GENERIC = "at a generic point the first order of derivatives that adds nothing is the last"
     OPEN = "open"
 
@@ -81,12 +84,28 @@ class ModelAnalysis:
             return None
         return exact_rank(reached(replace(self.model, point={}))).rank
 
-    @property
+    @cached_property
+    def generators(self) -> tuple[Generator, ...]:
+        """Fields of the unknowns that no output notices, as closed forms; found when they are asked for.
+
+        None are looked for at special points and with known initial values.
+        """
+        free = [Generator({Term(name, ()): Fraction(1)}) for name in self.unreached]
+        if self.model.point or self.model.known_initial_values or not self.exact.null_space.size:
+            return tuple(free)
+        moved = [name for name in self.unobservable if name not in self.unreached]
+        missing = self.null_dimension - len(self.unreached)
+        return (*free, *generators(reached(self.model), moved, missing))
+
+    @cached_property
     def proof(self) -> ModelProof:
         """Why the rank is known."""
         if self.null_dimension == 0:
             return ModelProof.FULL
-        return ModelProof.GENERIC if self.exact.complete and not self.model.point else ModelProof.OPEN
+        if self.model.is_generic and self.exact.complete:
+            return ModelProof.GENERIC
+        known = len(self.generators) == self.null_dimension
+        return ModelProof.GENERATORS if known else ModelProof.OPEN
 
     @property
     def certified(self) -> bool:
@@ -110,6 +129,10 @@ class ModelAnalysis:
             )
         if self.unreached:
             lines.append(f"No output depends on {', '.join(self.unreached)}.")
+        lines += [f"No output notices {each} ({each.kind})." for each in self.generators]
+        unnamed = self.null_dimension - len(self.generators)
+        if unnamed:
+            lines.append(f"{unnamed} direction{'s' if unnamed > 1 else ''} without a closed form.")
         lines.append(f"Proof: {self._proof_in_words()}.")
         if self.generic_rank is not None and self.generic_rank > self.rank:
             lines.append(f"This point is special: generic points nearby have rank {self.generic_rank}.")
@@ -151,6 +174,7 @@ class ModelAnalysis:
             "order": self.order,
             "observable": self.observable,
             "not_reached": list(self.unreached),
+            "generators": [{"kind": each.kind, "components": each.components} for each in self.generators],
             "generic_rank": self.generic_rank,
             "certified": self.certified,
             "proof": self._proof_in_words(),

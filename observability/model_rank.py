@@ -7,7 +7,7 @@ from functools import cached_property
 
 import casadi as ca
 import numpy as np
-from jaxtyping import Num
+from jaxtyping import Bool, Num
 
 from observability.exact_numbers import NotRegularError, PrimeField, residue
 from observability.function_values import (
@@ -20,13 +20,15 @@ from observability.function_values import (
 from observability.model import Model
 from observability.power_series import Series
 from observability.residue_matrices import Echelon, null_vectors, reduce_columns
-from observability.tape import PIECEWISE, Tape, float_choices, tape_of
+from observability.tape import PIECEWISE, Choices, Tape, float_choices, tape_of
 from spinfilters.core.errors import InputError
 
 BATCHES = (1, 16, 64, 256)
 """Random points drawn at once until all roots and logarithms exist."""
 MOST_PRIMES = 400
 """Primes tried for values that are given and cannot be drawn."""
+MOST_POINTS = 20_000
+"""Points drawn at once, at most."""
 SIEVED = 1 << 18
 """Numbers q below 2^29 among which primes are looked for."""
 
@@ -94,14 +96,14 @@ def reached(model: Model) -> ReachedModel:
 
 @dataclass(frozen=True)
 class DrawnPoint:
-    """A point in the residues of a prime field.
+    """A point, or several, in the residues of a prime field.
 
     Attributes
     ----------
     field : PrimeField
         Of the residues.
     values : tuple[Residues, ...]
-        States, constants, inputs, unknown inputs, (n, 1) each.
+        States, constants, inputs, unknown inputs, (n, b) each.
     decisions, start_decisions : BranchDecisions
         Of the tapes of motion and start.
     """
@@ -110,6 +112,20 @@ class DrawnPoint:
     values: tuple[Residues, ...]
     decisions: BranchDecisions
     start_decisions: BranchDecisions
+
+    @property
+    def first(self) -> "DrawnPoint":
+        """The first of several points."""
+        values = tuple(Residues(each.p[:, :1], each.q[:, :1]) for each in self.values)
+        return DrawnPoint(self.field, values, _first(self.decisions), _first(self.start_decisions))
+
+
+def _first(decisions: BranchDecisions) -> BranchDecisions:
+    choices, values = (
+        {index: each[:, :1] for index, each in group.items()}
+        for group in (decisions.choices, decisions.values)
+    )
+    return BranchDecisions(choices, values)
 
 
 def draw_point(part: ReachedModel, generator: np.random.Generator) -> DrawnPoint:
@@ -124,7 +140,7 @@ def draw_point(part: ReachedModel, generator: np.random.Generator) -> DrawnPoint
     for prime, batch in _attempts(part):
         field = PrimeField(int(generator.integers(2, 1 << 30)), prime) if prime else _field(generator)
         try:
-            return _tried(part, field, batch, generator)
+            return _tried(part, field, batch, generator).first
         except NotRegularError as error:
             reason = str(error)
     where = " with these values given" if part.model.point or part.model.known_initial_values else ""
@@ -170,8 +186,31 @@ def other_primes() -> list[int]:
     return [int(4 * q + 1) for q in numbers[good][::-1].tolist()]
 
 
+def draw_points(
+    part: ReachedModel, generator: np.random.Generator, field: PrimeField, count: int
+) -> DrawnPoint:
+    """At least so many random points of a field at once.
+
+    Raises
+    ------
+    InputError
+        Where they are not found.
+    """
+    batch = count
+    while batch <= MOST_POINTS:
+        try:
+            found = _tried(part, field, batch, generator)
+        except NotRegularError:
+            batch *= 4
+            continue
+        if found.values[0].p.shape[1] >= count:
+            return found
+        batch *= 4
+    raise InputError(f"{part.model.name}: too few points at which all functions have exact values")
+
+
 def _tried(part: ReachedModel, field: PrimeField, batch: int, generator: np.random.Generator) -> DrawnPoint:
-    """The first good point of a batch; NotRegularError where there is none."""
+    """The good points of a batch; NotRegularError where there is none."""
     piecewise = not PIECEWISE.isdisjoint(part.tape.operations)
     floats = [_floats(part, group, batch, generator) for group in part.groups] if piecewise else []
     given = [
@@ -182,17 +221,16 @@ def _tried(part: ReachedModel, field: PrimeField, batch: int, generator: np.rand
     given[0] = start.output
     choices = float_choices(part.tape, floats) if piecewise else {}
     motion = function_values(part.tape, field, given, choices)
-    (good,) = np.nonzero(start.regular & motion.regular)
-    if not len(good):
+    good = start.regular & motion.regular
+    if not good.any():
         raise NotRegularError(motion.reason or start.reason)
-    k = int(good[0])
-    values = tuple(Residues(each.p[:, k : k + 1], each.q[:, k : k + 1]) for each in given)
-    return DrawnPoint(field, values, _decisions(motion, choices, k), _decisions(start, {}, k))
+    values = tuple(Residues(each.p[:, good], each.q[:, good]) for each in given)
+    return DrawnPoint(field, values, _decisions(motion, choices, good), _decisions(start, {}, good))
 
 
-def _decisions(found: FunctionValues, choices: dict[int, np.ndarray], k: int) -> BranchDecisions:
+def _decisions(found: FunctionValues, choices: Choices, good: Bool[np.ndarray, " b"]) -> BranchDecisions:
     values, kept = (
-        {index: each[:, k : k + 1] for index, each in group.items()} for group in (found.values, choices)
+        {index: each[:, good] for index, each in group.items()} for group in (found.values, choices)
     )
     return BranchDecisions(kept, values)
 

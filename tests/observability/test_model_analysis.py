@@ -38,6 +38,7 @@ def test_a_file_is_analysed(spring: Path) -> None:
     assert found.observable == {"k": False, "m": False, "d": False, "x": True, "v": True}
     assert found.certified
     assert "Not observable: k, m, d (1 direction)." in str(found)
+    assert "No output notices k -> e^ε k, m -> e^ε m, d -> e^ε d (scaling)." in str(found)
 
 
 def test_expressions_are_analysed_in_five_lines() -> None:
@@ -66,6 +67,7 @@ def test_what_no_output_depends_on_is_named() -> None:
     found = analyse(document)
     assert found.unreached == ("b", "z")
     assert "No output depends on b, z." in str(found)
+    assert [each.components for each in found.generators] == [{"b": "1"}, {"z": "1"}]
 
 
 def test_the_document_and_the_page_say_the_same(spring: Path) -> None:
