@@ -107,7 +107,10 @@ def generators(part: ReachedModel, moved: Sequence[str], count: int, seed: int =
     count : int
         Dimension of the null space.
     """
-    search = _Search(part, [name for name in moved if name not in part.unknown_inputs], count, seed)
+    moving = [name for name in moved if name not in part.unknown_inputs]
+    if not moving:
+        return []
+    search = _Search(part, moving, count, seed)
     search.scalings()
     for degrees, wide in (((0, 1), False), ((0, 1, 2), False), ((1, 2), True)):
         if search.missing:
@@ -276,7 +279,9 @@ def _lifted(terms: Sequence[Term], column: Num[np.ndarray, " t"], prime: int) ->
     whole = [value * int(scale) for value in fractions]
     divisor = np.gcd.reduce([int(value) for value in whole])
     sign = 1 if whole[0] > 0 else -1
-    return Generator({terms[k]: value / int(divisor) * sign for k, value in zip(kept, whole, strict=True)})
+    return Generator(
+        {terms[k]: value / int(divisor) * sign for k, value in zip(kept.tolist(), whole, strict=True)}
+    )
 
 
 def _fraction(number: int, prime: int) -> Fraction | None:

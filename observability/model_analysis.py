@@ -4,15 +4,16 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from fractions import Fraction
 from functools import cached_property
 from html import escape
 from pathlib import Path
 from typing import Any, Final
 
-from observability.generators import Generator, Term, generators
+from observability.generators import Generator
+from observability.invariant_manifold import known_numbers, restricted, staying
 from observability.model import Model, model_of
 from observability.model_rank import ExactRank, exact_rank, reached
+from observability.named_directions import named_directions
 from spinfilters.core.errors import InputError
 
 LARGEST_FILE: Final = 1_000_000
@@ -36,6 +37,8 @@ class ModelAnalysis:
     ----------
     model : Model
         What was asked.
+    core : Model
+        The same without states whose known initial values stay as they are.
     exact : ExactRank
         Of the unknowns that outputs depend on.
     unreached : tuple[str, ...]
@@ -43,6 +46,7 @@ class ModelAnalysis:
     """
 
     model: Model
+    core: Model
     exact: ExactRank
     unreached: tuple[str, ...]
 
@@ -88,21 +92,16 @@ class ModelAnalysis:
     def generators(self) -> tuple[Generator, ...]:
         """Fields of the unknowns that no output notices, as closed forms; found when they are asked for.
 
-        None are looked for at special points and with known initial values.
+        At a special point these are the generic ones, and those of the states that stay at their values.
         """
-        free = [Generator({Term(name, ()): Fraction(1)}) for name in self.unreached]
-        if self.model.point or self.model.known_initial_values or not self.exact.null_space.size:
-            return tuple(free)
-        moved = [name for name in self.unobservable if name not in self.unreached]
-        missing = self.null_dimension - len(self.unreached)
-        return (*free, *generators(reached(self.model), moved, missing))
+        return tuple(named_directions(self.core)) if self.null_dimension else ()
 
     @cached_property
     def proof(self) -> ModelProof:
         """Why the rank is known."""
         if self.null_dimension == 0:
             return ModelProof.FULL
-        if self.model.is_generic and self.exact.complete:
+        if self.core.is_generic and self.exact.complete:
             return ModelProof.GENERIC
         known = len(self.generators) == self.null_dimension
         return ModelProof.GENERATORS if known else ModelProof.OPEN
@@ -217,9 +216,11 @@ def analyse(f: Any, h: Any = None, x: Any = None, **roles: Any) -> ModelAnalysis
 
 def analysis_of(model: Model) -> ModelAnalysis:
     """The analysis of a model."""
-    part = reached(model)
+    still = staying(model, known_numbers(model))
+    core = restricted(model, still) if still else model
+    part = reached(core)
     unreached = tuple(name for name in model.unknowns if name not in part.unknowns)
-    return ModelAnalysis(model, exact_rank(part), unreached)
+    return ModelAnalysis(model, core, exact_rank(part), unreached)
 
 
 def analyse_file(path: str | Path) -> ModelAnalysis:

@@ -48,13 +48,39 @@ def test_expressions_are_analysed_in_five_lines() -> None:
     assert found.sentences[-1] == "Proof: the exact rank is full."
 
 
-def test_a_special_point_is_open_and_compared_with_generic_ones() -> None:
+def test_a_special_point_is_certified_by_what_stays_and_compared_with_generic_ones() -> None:
     x, k = ca.SX.sym("x", 2), ca.SX.sym("k")
     found = analyse(ca.vertcat(x[1], -k * x[0]), x[0], x, parameters=k, at={"x_0": 0, "x_1": 0})
-    assert not found.certified
+    assert found.proof.name == "GENERATORS"
     assert found.unobservable == ("k",)
     assert found.generic_rank == 3
-    assert "at least rank 2" in str(found)
+    assert "generic points nearby have rank 3" in str(found)
+
+
+def test_a_special_point_without_generators_is_open() -> None:
+    document = {
+        "states": ["x", "z"],
+        "parameters": ["a"],
+        "equations": {"x": "z*a + x", "z": "1"},
+        "outputs": {"y": "x**3"},
+    }
+    found = analyse(document, at={"x": 0, "z": 0, "a": 0})
+    assert not found.certified
+    assert "at least rank" in str(found)
+    assert "Proof: open" in str(found)
+
+
+def test_a_known_initial_value_that_stays_leaves_a_generic_model() -> None:
+    document = {
+        "states": ["a", "b"],
+        "parameters": ["k", "l"],
+        "equations": {"a": "-k*a", "b": "k*a - l*b"},
+        "outputs": {"y": "b"},
+    }
+    assert analyse(document).unobservable == ()
+    found = analyse(document | {"known_initial_values": {"a": 0}})
+    assert found.unobservable == ("k",)
+    assert found.proof.name == "GENERIC"
 
 
 def test_what_no_output_depends_on_is_named() -> None:

@@ -69,11 +69,12 @@ def _lost(model: Model) -> tuple[int, int, set[str]]:
         (PENDULUM | {"point": {"angle": 0, "rate": 0}}, (2, 3, {"length"})),
         (ROCKET, (4, 4, set())),
         (
-            ROCKET | {"parameters": ["scale", "drag", "m"], "outputs": {"y": "h/m"}},
-            (3, 5, {"h", "v", "drag", "scale", "m"}),
+            ROCKET
+            | {"parameters": ["scale", "drag", "m", "g"], "known_constants": [], "outputs": {"y": "h/m"}},
+            (5, 6, {"h", "v", "drag", "scale", "m", "g"}),
         ),
         (GROWTH, (3, 3, set())),
-        (WIND, (2, 4, {"drag", "wind"})),
+        (WIND, (3, 4, {"drag", "wind"})),
         (WIND | {"known_constants": ["drag"], "parameters": []}, (3, 3, set())),
         (TWO_TANKS, (4, 4, set())),
         (TWO_TANKS | {"outputs": {"y": "a"}}, (2, 4, {"b", "k2"})),
