@@ -21,9 +21,9 @@ import numpy as np
 
 from experiments.command_line import run_study
 from spinfilters.api.campaign_frames import campaign_rows
-from spinfilters.campaigns.row_columns import LARGEST
 from spinfilters.campaigns.rows_folder import read_rows
 from spinfilters.campaigns.study import read_study, study_from
+from spinfilters.evaluation.stated_errors import LARGEST_STATED_ERROR
 from spinfilters.io.output_files import make_folder
 from spinfilters.simulation.measurement_faults import MISSING
 
@@ -149,7 +149,7 @@ def _text(found: Mapping[str, float], single: Mapping[str, float]) -> str:
 
 def _verdicts(wrong: Sequence[Row], right: Sequence[Row]) -> str:
     ok = [[row for row in rows if row["verdict"] == "ok"] for rows in (wrong, right)]
-    bad = [sum(not row["worst_error"] <= LARGEST for row in rows) for rows in ok]
+    bad = [sum(not row["worst_error"] <= LARGEST_STATED_ERROR for row in rows) for rows in ok]
     counts = f"ok {len(ok[0])} of {len(wrong)} and {len(ok[1])} of {len(right)}"
     return f"{counts}, of these wrong {bad[0]} and {bad[1]}"
 

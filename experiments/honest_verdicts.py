@@ -28,6 +28,7 @@ from spinfilters.core.attitude_conversions import (
 from spinfilters.core.errors import InputError
 from spinfilters.core.linear_algebra import normalised_square
 from spinfilters.evaluation.estimator_evaluation import Evaluation
+from spinfilters.evaluation.stated_errors import LARGEST_STATED_ERROR
 from spinfilters.io.output_files import make_folder
 from spinfilters.models.status import Verdict
 from spinfilters.plots.style import save_figure
@@ -36,8 +37,6 @@ from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import ProcessSettings, Settings
 from spinfilters.simulation.scenario import without_noise
 
-LARGEST = 4.0
-"""Standard deviations, beyond which an error belies the verdict ``ok``."""
 NAMES = ("mekf", "ukf", "smoother")
 
 
@@ -66,7 +65,7 @@ class VerdictOutcome:
     @property
     def is_dishonest(self) -> bool:
         """Whether it is called ``ok`` and is not."""
-        return self.verdict is Verdict.OK and not self.worst[0] <= LARGEST
+        return self.verdict is Verdict.OK and not self.worst[0] <= LARGEST_STATED_ERROR
 
 
 @dataclass(frozen=True)
@@ -187,7 +186,8 @@ def row_of(case: RecordingCase, outcomes: Sequence[VerdictOutcome]) -> str:
         lines.append(
             f"{case.name if not lines else '':28s} {name:9s} "
             f"{len(ok):3d} of {len(own):3d} ok, worst {worst[0]:7.2f} {worst[1]:10s} "
-            f"NEES s {nees['s']:6.2f} w {nees['w']:6.2f}" + ("   <-- beyond 4" if worst[0] > LARGEST else "")
+            f"NEES s {nees['s']:6.2f} w {nees['w']:6.2f}"
+            + ("   <-- beyond 4" if worst[0] > LARGEST_STATED_ERROR else "")
         )
     return "\n".join(lines)
 
@@ -212,7 +212,7 @@ def figure(cases: Sequence[RecordingCase], outcomes: Sequence[VerdictOutcome]) -
                 linewidths=0.8,
                 label=f"{name.upper()}, {'ok' if is_ok else 'degraded or failed'}",
             )
-    axes.axvline(LARGEST, color="0.4", linewidth=1.0)
+    axes.axvline(LARGEST_STATED_ERROR, color="0.4", linewidth=1.0)
     axes.set(xscale="log", xlim=(0.3, 1e3), ylim=(0.4, len(cases) + 0.6))
     axes.set_yticks(list(place.values()), list(place))
     axes.set_xlabel("largest error of the latest epoch [stated standard deviations]")

@@ -30,11 +30,11 @@ from matplotlib.figure import Figure
 
 from experiments.command_line import run_study
 from spinfilters.api.campaign_frames import campaign_rows
-from spinfilters.campaigns.row_columns import LARGEST
 from spinfilters.campaigns.rows_folder import read_rows
 from spinfilters.campaigns.runner import Runner
 from spinfilters.campaigns.study import read_study, study_from
 from spinfilters.core.errors import SpinfiltersError
+from spinfilters.evaluation.stated_errors import LARGEST_STATED_ERROR
 from spinfilters.io.output_files import make_folder, write_text
 from spinfilters.plots.style import save_figure
 from spinfilters.verdict.model_errors.alternatives import table
@@ -89,7 +89,7 @@ class FaultOutcome:
     @property
     def is_dishonest(self) -> bool:
         """Whether it is called ``ok`` and is not."""
-        return self.is_ok and self.error > LARGEST
+        return self.is_ok and self.error > LARGEST_STATED_ERROR
 
     @property
     def has_effect(self) -> bool:
@@ -219,7 +219,7 @@ def lines_of(study: SensorStudy) -> Iterator[str]:
             yield (
                 f"{study.sensor}: right models, noise {'stated' if stated else 'not stated'}: {len(runs)} runs, "
                 f"{sum(not each.is_ok for each in runs)} not ok, {sum(bool(each.named) for each in runs)} with a model error "
-                f"named, {sum(each.is_dishonest for each in runs)} ok and beyond {LARGEST:g} deviations"
+                f"named, {sum(each.is_dishonest for each in runs)} ok and beyond {LARGEST_STATED_ERROR:g} deviations"
             )
     for fault in study.faults:
         yield _line(fault, [each for each in study.faulty if each.fault == fault])

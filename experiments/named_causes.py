@@ -20,8 +20,9 @@ from typing import Any, Final
 import numpy as np
 
 from experiments.command_line import run_study
-from spinfilters.campaigns.row_columns import LARGEST, metrics
+from spinfilters.campaigns.row_columns import metrics
 from spinfilters.core.errors import SpinfiltersError
+from spinfilters.evaluation.stated_errors import LARGEST_STATED_ERROR
 from spinfilters.io.dataset import Dataset
 from spinfilters.models.process import ProcessNoise
 from spinfilters.run.estimation import compare_estimators
@@ -171,7 +172,7 @@ def _recorded(scenario: Scenario, fault: ModelFault | None, size: float, stated:
 
 def line_of(sensor: str, cause: str, runs: Sequence[CauseOutcome]) -> str:
     """The runs of a sensor and a cause in one line."""
-    silent = sum(each.verdict == "ok" and each.error > LARGEST for each in runs)
+    silent = sum(each.verdict == "ok" and each.error > LARGEST_STATED_ERROR for each in runs)
     head = f"{sensor:6s} {cause:16s} {len(runs):3d} runs, {sum(e.verdict == 'ok' for e in runs):3d} ok, {silent} ok and wrong"
     if cause == NONE:
         return f"{head}, {sum(bool(each.named) for each in runs)} named: {dict(Counter(_names(runs)))}"

@@ -30,7 +30,7 @@ import numpy as np
 
 from experiments.command_line import run_study
 from spinfilters.core.errors import SpinfiltersError
-from spinfilters.evaluation.metrics import quantity_errors
+from spinfilters.evaluation.stated_errors import LARGEST_STATED_ERROR, quantity_errors
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.output_files import make_folder
 from spinfilters.models.process import ProcessNoise
@@ -49,8 +49,6 @@ from spinfilters.simulation.scenario import (
     without_noise,
 )
 
-LARGEST: Final = 4.0
-"""Stated deviations that the verdict promises."""
 MANY: Final = 0.1
 """Share of a run's epochs beyond it from which a quantity is wrong."""
 NO_MAP: Final = "tracks without map"
@@ -203,7 +201,7 @@ def rows_of(number: int, recording: DrawnRecording) -> Iterator[dict[str, Any]]:
             quantities[name] = {
                 "holds": str(status.holds[name]),
                 "epochs": len(errors),
-                "beyond": int(np.count_nonzero(errors > LARGEST)),
+                "beyond": int(np.count_nonzero(errors > LARGEST_STATED_ERROR)),
                 "largest": round(float(finite.max()), 3),
                 "last": round(float(finite[-1]), 3),
                 "rms": round(float(np.sqrt(np.mean(finite**2))), 3),
@@ -239,7 +237,7 @@ class JudgedQuantity:
     def is_wrong(self) -> bool:
         """Whether it is beyond what is promised, and not by chance at one epoch."""
         own = self.numbers
-        return own["last"] > LARGEST or own["beyond"] > MANY * own["epochs"]
+        return own["last"] > LARGEST_STATED_ERROR or own["beyond"] > MANY * own["epochs"]
 
     @property
     def text(self) -> str:
@@ -267,13 +265,17 @@ def lines_of(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
     wrong = [each for each in every if each.is_wrong]
     yield f"wrong: {len(wrong)} of {len(every)}, of these said to hold {sum(each.is_held for each in wrong)}"
     yield from (f"  {each.text}" for each in wrong if each.is_held)
-    far = [each for each in every if each.is_held and not each.is_wrong and each.numbers["largest"] > LARGEST]
-    yield f"said to hold and beyond {LARGEST:g} at some epochs, not counted as wrong: {len(far)}"
+    far = [
+        each
+        for each in every
+        if each.is_held and not each.is_wrong and each.numbers["largest"] > LARGEST_STATED_ERROR
+    ]
+    yield f"said to hold and beyond {LARGEST_STATED_ERROR:g} at some epochs, not counted as wrong: {len(far)}"
     yield from (f"  {each.text}" for each in far)
     degraded = [row for row in rows if row["verdict"] == "degraded"]
     for name in QUANTITIES:
         own = [JudgedQuantity(row, name) for row in degraded if name in row["quantities"]]
-        right = [each for each in own if each.numbers["largest"] <= LARGEST]
+        right = [each for each in own if each.numbers["largest"] <= LARGEST_STATED_ERROR]
         held = sum(each.is_held for each in right)
         yield f"  degraded, {name:15s} {len(own):4d} runs, right in {len(right):4d}, of these said to hold {held:4d}"
     right = [row for row in rows if not row["fault"]]
@@ -285,10 +287,11 @@ def lines_of(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
 def _held_lines(title: str, every: Sequence[JudgedQuantity]) -> Iterator[str]:
     held = [each for each in every if each.is_held]
     epochs, beyond = (sum(each.numbers[key] for each in held) for key in ("epochs", "beyond"))
-    last = sum(each.numbers["last"] > LARGEST for each in held)
-    largest = sum(each.numbers["largest"] > LARGEST for each in held)
+    last = sum(each.numbers["last"] > LARGEST_STATED_ERROR for each in held)
+    largest = sum(each.numbers["largest"] > LARGEST_STATED_ERROR for each in held)
     yield (
-        f"{title}: {len(held)} of {len(every)} (run, quantity) said to hold; beyond {LARGEST:g}: {beyond} of {epochs} (epoch, "
+        f"{title}: {len(held)} of {len(every)} (run, quantity) said to hold; "
+        f"beyond {LARGEST_STATED_ERROR:g}: {beyond} of {epochs} (epoch, "
         f"quantity) {beyond / max(epochs, 1):.2%}, {last} in the last epoch {last / max(len(held), 1):.2%}, {largest} at any epoch "
         f"{largest / max(len(held), 1):.2%}"
     )

@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 
 from experiments.command_line import run_study
-from spinfilters.campaigns.row_columns import LARGEST, stated_errors
+from spinfilters.evaluation.stated_errors import LARGEST_STATED_ERROR, stated_errors
 from spinfilters.run.comparison_run import compare_dataset
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.inspector import INSPECTORS, STATIC
@@ -61,7 +61,7 @@ def outcomes(scenario: Scenario, estimators: tuple[str, ...]) -> list[InspectorO
     found = []
     for each in compared.evaluations:
         assert dataset.truth is not None
-        errors, status = stated_errors(each, dataset.truth), each.history.status
+        errors, status = stated_errors(each), each.history.status
         named = any(INSPECTOR in name for name in compared.models.names[:2])
         sparse = any("poses are too sparse" in reason for reason in status.reasons)
         nees = np.nan if each.nees is None else each.nees.mean
@@ -104,12 +104,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def _summary(every: Sequence[Sequence[InspectorOutcome]]) -> str:
     each = [outcome for recording in every for outcome in recording]
     ok = [outcome for outcome in each if outcome.is_ok]
-    wrong = [outcome for outcome in ok if outcome.error[0] > LARGEST]
+    wrong = [outcome for outcome in ok if outcome.error[0] > LARGEST_STATED_ERROR]
     doubted = [recording for recording in every if not all(outcome.is_ok for outcome in recording)]
     named = sum(any(outcome.is_named for outcome in recording) for recording in doubted)
     worst = max((outcome.error for outcome in ok), default=(0.0, "-"))
     return (
-        f"{len(ok)} of {len(each)} ok, {len(wrong)} of these beyond {LARGEST:g} deviations "
+        f"{len(ok)} of {len(each)} ok, {len(wrong)} of these beyond {LARGEST_STATED_ERROR:g} deviations "
         f"(largest {worst[0]:.1f}, {worst[1]}), NEES "
         f"{np.nanmean([outcome.nees for outcome in each]):.2f}, inspector named in {named} of {len(doubted)} doubted recordings"
     )

@@ -1,7 +1,6 @@
 """Campaigns of runs: a study's table of factors times seeds, as a data frame."""
 
 import os
-import re
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -22,7 +21,7 @@ from spinfilters.io.argument_checks import (
 from spinfilters.io.input_file import value_text
 
 if TYPE_CHECKING:
-    from spinfilters.campaigns.engine import Advance, Executor, Progress, Shard
+    from spinfilters.campaigns.engine import Advance, Progress
     from spinfilters.campaigns.study import Study
 
 
@@ -35,7 +34,6 @@ AnyStudy = Mapping[str, Any] | str | os.PathLike[str]
     output=optional(path("a folder")),
     workers=optional(number(WORKERS)),
     scheduler=optional(text("the address of a Dask scheduler")),
-    shard=optional(text("i/N, such as 0/3")),
     resume=truth,
     progress=optional(called),
 )
@@ -45,7 +43,6 @@ def campaign(
     *,
     workers: int | None = None,
     scheduler: str | None = None,
-    shard: str | None = None,
     resume: bool = False,
     progress: "Progress | None" = None,
 ) -> Any:
@@ -58,7 +55,7 @@ def campaign(
     study: the path of a study file, or a mapping of its tables such as
         ``{"study": {"name": "mine", "seeds": 20}, "factors": {"estimator": ["mekf"]}}``.
     output: folder of the rows; None keeps none.   workers: processes, by default one per processor.
-    scheduler: address of a Dask scheduler whose workers make the runs instead.   shard: "i/N" makes every N-th recording.
+    scheduler: address of a Dask scheduler whose workers make the runs instead.
     resume: go on with the rows that ``output`` has; none is made again.   progress: called after every row.
 
     Raises
@@ -71,13 +68,9 @@ def campaign(
         if resume:
             raise InputError("resume needs the folder of the rows; give output")
         with tempfile.TemporaryDirectory(prefix="spinfilters-") as place:
-            return campaign(
-                study, place, workers=workers, scheduler=scheduler, shard=shard, progress=progress
-            )
+            return campaign(study, place, workers=workers, scheduler=scheduler, progress=progress)
     folder = Path(output)
-    campaign_rows(
-        study, folder, workers=workers, scheduler=scheduler, shard=shard, resume=resume, progress=progress
-    )
+    campaign_rows(study, folder, workers=workers, scheduler=scheduler, resume=resume, progress=progress)
     from spinfilters.campaigns.rows_folder import read_rows
 
     checked = _study(study)
@@ -90,16 +83,21 @@ def campaign_rows(
     *,
     workers: int | None = None,
     scheduler: str | None = None,
-    shard: str | None = None,
     resume: bool = False,
     progress: "Progress | None" = None,
 ) -> "Advance":
     """Make the rows of a study that a folder lacks. Parameters and errors: `campaign`."""
-    require_installed("pyarrow")
+    if workers is not None and scheduler is not None:
+        raise InputError("workers are processes of this machine, a scheduler has its own; give one of both")
+    if workers is not None:
+        WORKERS.require("workers", workers)
+    for package in ("pyarrow", "distributed"):
+        require_installed(package)
+    from spinfilters.campaigns.dask_cluster import DaskCluster, usable_processors
     from spinfilters.campaigns.engine import run_campaign
 
-    checked, share, executor = _study(study), shard_of(shard), _executor(workers, scheduler)
-    return run_campaign(checked, folder, executor, share, resume, progress or (lambda _: None))
+    executor = DaskCluster(scheduler, workers or usable_processors())
+    return run_campaign(_study(study), folder, executor, resume, progress or (lambda _: None))
 
 
 def repeated_run(folder: Path, run: int, dataset_folder: Path | None) -> dict[str, Any]:
@@ -125,35 +123,6 @@ def repeated_run(folder: Path, run: int, dataset_folder: Path | None) -> dict[st
         with output_folder(dataset_folder, "campaign repeat") as place:
             write_dataset(runner.recording(study.run(run)), place)
     return runner.row(run)
-
-
-def shard_of(text: str | None) -> "Shard":
-    """The shard that a text such as "0/3" names. InputError: it names none."""
-    from spinfilters.campaigns.engine import Shard
-
-    if text is None:
-        return Shard()
-    found = re.fullmatch(r"([0-9]{1,6})/([0-9]{1,6})", text) if isinstance(text, str) else None
-    if found is None:
-        raise InputError(f"shard {value_text(text)} is none; give i/N, such as 0/3")
-    return Shard(int(found[1]), int(found[2]))
-
-
-def _executor(workers: int | None, scheduler: str | None) -> "Executor":
-    from spinfilters.campaigns.engine import Processes, usable_processors
-
-    if scheduler is not None:
-        if workers is not None:
-            raise InputError(
-                "workers are processes of this machine, a scheduler has its own; give one of both"
-            )
-        require_installed("distributed")
-        from spinfilters.campaigns.dask_cluster import DaskCluster
-
-        return DaskCluster(scheduler)
-    if workers is not None:
-        WORKERS.require("workers", workers)
-    return Processes(workers or usable_processors())
 
 
 def _study(study: AnyStudy) -> "Study":

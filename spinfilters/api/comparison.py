@@ -46,7 +46,6 @@ from spinfilters.io.input_file import path_text, value_text
 from spinfilters.models.body import BodyEstimate
 from spinfilters.models.status import verdict_sentences
 from spinfilters.run.comparison_run import RunOutput, compare_dataset, compare_into, silent, write_comparison
-from spinfilters.run.conditions import conditions_of
 from spinfilters.run.estimation import Comparison, Progress
 from spinfilters.run.run_folder import CONFIG_FILE, MAP_FILE, SEGMENTS_FOLDER, read_figure_data
 from spinfilters.run.run_summary import SUMMARY_FILE, read_summary, summary
@@ -162,9 +161,10 @@ class Run(Mapping[str, EstimatorResult]):
     def from_comparison(cls, comparison: Comparison, settings: Settings, folder: Path | None = None) -> "Run":
         """Run of a comparison that has just ended."""
         results = {e.name: EstimatorResult(e, comparison.maps.get(e.name)) for e in comparison.evaluations}
-        setup = comparison.setup
-        conditions = tuple(conditions_of(setup).sentences)
-        return cls(setup.dataset, settings, results, conditions, summary(comparison), comparison, folder)
+        conditions = tuple(comparison.conditions.sentences)
+        return cls(
+            comparison.setup.dataset, settings, results, conditions, summary(comparison), comparison, folder
+        )
 
     @classmethod
     def from_folder(cls, folder: Path, settings: Settings) -> "Run":
@@ -334,6 +334,7 @@ AnySettings = Settings | Mapping[str, Any] | str | os.PathLike[str]
     predict=optional(number(SECONDS_AHEAD)),
     convergence=truth,
     explain=truth,
+    verdict=optional(text('"full" or "filter"')),
     progress=called,
 )
 @on_one_blas_thread
@@ -348,6 +349,7 @@ def compare(
     predict: float | None = None,
     convergence: bool = False,
     explain: bool = False,
+    verdict: str | None = None,
     progress: Progress = silent,
 ) -> Run:
     """Estimators side by side on one recording, as ``spinfilters compare`` runs them.
@@ -362,6 +364,8 @@ def compare(
     resume: go on from what an interrupted run has left in ``output``; a finished run is read from there.
     predict: s to go on after the last epoch.   convergence: whether to show how the smoother settles.
     explain: whether to run again with the errors of the models that are found. All three are files of ``output``.
+    verdict: "full" judges by all checks, "filter" by those alone that need no smoothed motion, which leave every estimate degraded
+        at best. None takes that of the settings.
     progress: called with what is being done, steps done and steps in all.
 
     Raises
@@ -369,7 +373,7 @@ def compare(
     InputError: what the command refuses with exit code 2; the text is one line that names the value and the cure.
     KeyboardInterrupt: Ctrl-C; what was estimated is in ``output``, if given, for ``resume`` to go on from.
     """
-    chosen = _settings(settings, estimators)
+    chosen = _settings(settings, estimators, verdict)
     dataset = _dataset(data, segment)
     optional_outputs = _additions(predict, convergence, explain)
     if output is None:
@@ -416,7 +420,9 @@ def _whole(comparison: Comparison, folder: Path | None) -> Comparison:
     return comparison
 
 
-def _settings(settings: AnySettings | None, estimators: Sequence[str] | str | None) -> Settings:
+def _settings(
+    settings: AnySettings | None, estimators: Sequence[str] | str | None, verdict: str | None
+) -> Settings:
     if settings is None:
         chosen = Settings()
     elif isinstance(settings, Settings):
@@ -425,9 +431,9 @@ def _settings(settings: AnySettings | None, estimators: Sequence[str] | str | No
         chosen = settings_from(settings, "settings")
     else:
         chosen = read_settings(Path(settings))
-    if estimators is None:
-        return chosen
-    return replace(chosen, estimators=_names(estimators))
+    if verdict is not None:
+        chosen = replace(chosen, verdict=verdict)
+    return chosen if estimators is None else replace(chosen, estimators=_names(estimators))
 
 
 def _names(estimators: Sequence[str] | str) -> tuple[str, ...]:

@@ -16,10 +16,11 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from spinfilters.campaigns.campaign_folder import STUDY_FILE, read_folder
-from spinfilters.campaigns.row_columns import BLOCKS, BODY_ERRORS, ERRORS, LARGEST
+from spinfilters.campaigns.row_columns import BLOCKS, BODY_ERRORS, ERRORS
 from spinfilters.campaigns.rows_folder import read_rows
 from spinfilters.campaigns.statistics import QUANTITIES, CellSummary, Interval, cell_summaries, share
 from spinfilters.campaigns.study import Study
+from spinfilters.evaluation.stated_errors import LARGEST_STATED_ERROR
 from spinfilters.io.input_file import read_settings_text
 from spinfilters.io.output_files import make_folder, write_bytes, write_text
 from spinfilters.plots.page import details, facts, image, note, page, table
@@ -143,8 +144,8 @@ def verdict_section(cells: Sequence[CellSummary], picture: str) -> str:
                 known = share(counts[0], counts[0] + counts[1])
                 rows.append([escape(name), said, str(counts[0]), wrong, str(counts[2]), _shares(known)])
     remark = (
-        f"Right: every published quantity of the last epoch is within {LARGEST:g} of its stated standard deviations of the truth. "
-        "Said ok and wrong is what must not happen."
+        f"Right: every published quantity of the last epoch is within {LARGEST_STATED_ERROR:g} of its stated standard deviations "
+        "of the truth. Said ok and wrong is what must not happen."
     )
     return note(remark) + table(head, rows, 2) + picture
 
@@ -437,7 +438,7 @@ def verdict_figure(cells: Sequence[CellSummary], varied: Sequence[str]) -> Figur
     axes.set(
         xlim=(0, 1),
         ylim=(-0.7, len(shown) - 0.3),
-        xlabel=f"share of runs [-]; right: within {LARGEST:g} deviations",
+        xlabel=f"share of runs [-]; right: within {LARGEST_STATED_ERROR:g} deviations",
     )
     tidy(axes)
     figure.legend(loc="outside lower center", ncols=5, fontsize="small", frameon=False)

@@ -3,13 +3,14 @@
 The defaults are those of a `Scenario`: the bundled example.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Annotated, Final
 
 import numpy as np
 from jaxtyping import Float
 
+from spinfilters.campaigns.row_columns import noise_levels
 from spinfilters.core.errors import InputError
 from spinfilters.evaluation.consistency import true_states
 from spinfilters.inference.initial_estimate import InitialEstimate
@@ -21,7 +22,6 @@ from spinfilters.io.stated_values import LENGTH, RATE, SPEED, NumberRange
 from spinfilters.models.feature_tracks import EveryAppearance, Recognition, SomeAppearances
 from spinfilters.models.process import ProcessNoise
 from spinfilters.models.sensor_registry import sensor_of
-from spinfilters.models.sensors.lidar_points import ANGLE_STD
 from spinfilters.models.state_layout import StateLayout
 from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings, TruthValue
@@ -144,6 +144,8 @@ class NoiseFactor:
 
     Attributes
     ----------
+    sensors : Mapping[str, float]
+        By noise option, as in the settings' table [sensors], where it differs from the levels that sensors share.
     stated : bool
         Whether estimators are told it, unless ``settings`` say otherwise; if not, they identify it.
     calibrated : bool
@@ -158,27 +160,11 @@ class NoiseFactor:
     gyro_bias_rad_s: tuple[Annotated[float, RATE], Annotated[float, RATE], Annotated[float, RATE]] = (
         EXAMPLE.gyro_bias
     )
+    sensors: Mapping[str, Annotated[float, STD]] = field(default_factory=dict)
     force_psd: Annotated[float, PSD] = EXAMPLE.noise.force_psd
     torque_psd: Annotated[float, PSD] = EXAMPLE.noise.torque_psd
     stated: Annotated[bool, TruthValue()] = True
     calibrated: Annotated[bool, TruthValue()] = True
-
-    @property
-    def levels(self) -> dict[str, float]:
-        """Noise levels by the name of their option or density."""
-        return {
-            "pixel_std": self.pixel_std,
-            "pose_position_std": self.position_std_m,
-            "pose_rotation_std": self.rotation_std_rad,
-            "gyro_noise_std": self.gyro_std_rad_s,
-            "attitude_std": self.rotation_std_rad,
-            "lidar_position_std": self.position_std_m,
-            "lidar_rotation_std": self.rotation_std_rad,
-            "lidar_range_std": self.position_std_m,
-            "lidar_angle_std": ANGLE_STD,
-            "force_psd": self.force_psd,
-            "torque_psd": self.torque_psd,
-        }
 
 
 @dataclass(frozen=True)
@@ -325,10 +311,18 @@ class RecordingFactors:
             position_std=noise.position_std_m,
             rotation_std=noise.rotation_std_rad,
             gyro_std=noise.gyro_std_rad_s,
+            sensor_noise=tuple(noise.sensors.items()),
             gyro_bias=noise.gyro_bias_rad_s,
             noise=ProcessNoise(noise.force_psd, noise.torque_psd),
             candidates=motion.attempts,
         )
+
+    @property
+    def levels(self) -> dict[str, float]:
+        """True noise levels by the name of their option or density."""
+        scenario = self.scenario
+        true = {"force_psd": scenario.noise.force_psd, "torque_psd": scenario.noise.torque_psd}
+        return {name: true[name] if name in true else scenario.level(name) for name in noise_levels()}
 
 
 FACTORS: Final = ("motion", "body", "sensor", "noise", "fault", "belief", "settings", "estimator")

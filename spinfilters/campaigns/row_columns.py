@@ -8,22 +8,15 @@ import pyarrow as pa
 from jaxtyping import Float, Int
 
 from spinfilters.core.linear_algebra import normalised_square
-from spinfilters.evaluation.consistency import knows_state, true_states
+from spinfilters.evaluation.consistency import true_states
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.evaluation.metrics import span_errors
-from spinfilters.evaluation.trajectory_errors import (
-    Alignment,
-    BodyErrors,
-    RmsErrors,
-    TruthErrors,
-    common_stamps,
-    truth_in_first_frame,
-    truth_in_inertial_frame,
-)
+from spinfilters.evaluation.stated_errors import LARGEST_STATED_ERROR, stated_errors
+from spinfilters.evaluation.trajectory_errors import BodyErrors, RmsErrors, TruthErrors, common_stamps
 from spinfilters.filters.history import EstimateHistory
-from spinfilters.filters.noise_levels import VarianceComponent
+from spinfilters.filters.noise_levels import DISTURBANCES, VarianceComponent
+from spinfilters.io.sensor_format import noise_options
 from spinfilters.io.truth import Truth
-from spinfilters.models.state_blocks import MASS_DISTRIBUTION
 from spinfilters.models.status import QUANTITIES, Verdict
 
 ERRORS: Final = ("position_m", "attitude_rad", "velocity_m_s", "rate_rad_s")
@@ -32,20 +25,6 @@ BODY_ERRORS: Final = ("moment_1", "moment_2", "k1", "k2", "center_of_mass_m")
 """At the last epoch; moments relative to the largest."""
 BLOCKS: Final = ("t", "a", "v", "w", "c", "s")
 """Of the state, whose NEES per degree of freedom is kept."""
-LEVELS: Final = (
-    "pixel_std",
-    "pose_position_std",
-    "pose_rotation_std",
-    "gyro_noise_std",
-    "attitude_std",
-    "lidar_position_std",
-    "lidar_rotation_std",
-    "lidar_range_std",
-    "lidar_angle_std",
-    "force_psd",
-    "torque_psd",
-)
-"""Of noise: true, as identified (absent where it is stated), and the deviation of its ln variance."""
 TIMES: Final[tuple[str, ...]] = ("simulate", "initialise", "estimate", "evaluate")
 """Seconds of processor time of one run's parts."""
 OUTCOMES: Final = ("done", "refused", "raised", "timeout", "killed")
@@ -81,9 +60,6 @@ _FIXED: Final[tuple[tuple[str, pa.DataType], ...]] = (
     *((f"error_{name}", _NUMBER) for name in BODY_ERRORS),
     *((f"std_{name}", _NUMBER) for name in BODY_ERRORS[:4]),
     *((f"bound_{name}", _NUMBER) for name in (*ERRORS, *BODY_ERRORS)),
-    *((f"true_{name}", _NUMBER) for name in LEVELS),
-    *((f"found_{name}", _NUMBER) for name in LEVELS),
-    *((f"log_std_{name}", _NUMBER) for name in LEVELS),
     ("nees_time_s", pa.list_(pa.float32())),
     ("nees_over_time", pa.list_(pa.float32())),
     ("version", _TEXT),
@@ -95,66 +71,26 @@ _FIXED: Final[tuple[tuple[str, pa.DataType], ...]] = (
 )
 
 
+def noise_levels() -> tuple[str, ...]:
+    """Noise levels of the rows: every option of a sensor that data sets state, and the densities of the disturbances."""
+    return (*(each.name for each in noise_options().values() if each.in_dataset), *DISTURBANCES)
+
+
 def schema(factors: list[str]) -> pa.Schema:
     """Schema of the rows of a study with these factors.
 
     ``run``, ``cell``, ``seed``; a column of text per factor; then what came out. NEES are per degree of freedom, means over the
-    estimator's own epochs; errors are lengths; ``bound_`` stands in the place of ``error_``.
+    estimator's own epochs; errors are lengths; ``bound_`` stands in the place of ``error_``. A noise level has three columns: true,
+    as identified (absent where it is stated), and the standard deviation of the logarithm of its variance.
     """
     asked = [("run", _WHOLE), ("cell", _WHOLE), ("seed", _WHOLE), *((name, _TEXT) for name in factors)]
-    return pa.schema([*asked, *_FIXED])
+    noise = [(f"{what}_{name}", _NUMBER) for what in ("true", "found", "log_std") for name in noise_levels()]
+    return pa.schema([*asked, *_FIXED, *noise])
 
 
 def is_volatile(column: str) -> bool:
     """Whether a column differs when a run is repeated."""
     return column.startswith(VOLATILE)
-
-
-LARGEST: Final = 4.0
-"""Stated standard deviations, beyond which an error belies the verdict ``ok``."""
-
-
-def stated_errors(evaluation: Evaluation, truth: Truth) -> dict[str, float]:
-    """Largest error component of each quantity in stated standard deviations; infinite if not finite.
-
-    Blocks of the state by name (without the mass distribution, which no file tells), ``moments``, ``ratios``, ``axes``.
-    """
-    with np.errstate(all="ignore"):
-        found = _block_errors(evaluation, truth) | _body_errors(evaluation)
-    return {name: value if np.isfinite(value) else np.inf for name, value in found.items()}
-
-
-def _block_errors(evaluation: Evaluation, truth: Truth) -> dict[str, float]:
-    history = evaluation.history
-    layout = history.layout
-    if evaluation.alignment is Alignment.FIRST_FRAME:
-        truth = truth_in_first_frame(history, truth)
-    if evaluation.alignment is Alignment.INERTIAL_FRAME:
-        truth = truth_in_inertial_frame(history, truth)
-    if evaluation.alignment is Alignment.BODY_FRAME or not knows_state(truth, layout):
-        return {}
-    _, rows = common_stamps(history.time[-1:], truth.time)
-    if not np.isfinite(history.mean[-1]).all():
-        return {"state": np.inf}
-    error = layout.local(history.mean[-1], true_states(truth, layout)[rows[0]])
-    std = np.linalg.norm(history.factor[-1], axis=1)
-    named = [block for block in layout.blocks if block != MASS_DISTRIBUTION.name]
-    return {block: float(np.max(np.abs(error / std)[layout.slice(block)])) for block in named}
-
-
-def _body_errors(evaluation: Evaluation) -> dict[str, float]:
-    errors, body = evaluation.body_errors, evaluation.body
-    if errors is None:
-        return {}
-    found: dict[str, float] = {}
-    if errors.principal_moments is not None:
-        found["moments"] = float(np.max(np.abs(errors.principal_moments / body.principal_moments_std)[:2]))
-    if errors.k1 is not None and errors.k2 is not None:
-        found["ratios"] = float(np.max(np.abs(np.array([errors.k1, errors.k2]) / [body.k1_std, body.k2_std])))
-    if errors.axes_angle is not None and evaluation.alignment is not Alignment.BODY_FRAME:
-        variances = np.square(body.principal_axes_std)
-        found["axes"] = float(np.max(errors.axes_angle / np.sqrt(variances.sum() - variances)))
-    return found
 
 
 def metrics(evaluation: Evaluation, truth: Truth | None) -> dict[str, Any]:
@@ -172,9 +108,7 @@ def metrics(evaluation: Evaluation, truth: Truth | None) -> dict[str, Any]:
     }
     if truth is None or evaluation.errors is None:
         return found
-    return (
-        found | _error_metrics(evaluation) | nees_metrics(evaluation, truth) | _rightness(evaluation, truth)
-    )
+    return found | _error_metrics(evaluation) | nees_metrics(evaluation, truth) | _rightness(evaluation)
 
 
 def bound_metrics(evaluation: Evaluation) -> dict[str, Any]:
@@ -191,18 +125,18 @@ def noise_metrics(identified: Sequence[VarianceComponent], true: Mapping[str, fl
     """Columns of identified noise levels beside the true ones."""
     found: dict[str, Any] = {f"true_{name}": level for name, level in true.items()}
     for each in identified:
-        if each.name in LEVELS:
+        if each.name in noise_levels():
             found |= {f"found_{each.name}": each.value, f"log_std_{each.name}": each.log_std}
     return found
 
 
-def _rightness(evaluation: Evaluation, truth: Truth) -> dict[str, Any]:
+def _rightness(evaluation: Evaluation) -> dict[str, Any]:
     failed = evaluation.history.status.verdict is Verdict.FAILED
-    sizes = stated_errors(evaluation, truth)
+    sizes = stated_errors(evaluation)
     if not sizes:
         return {}
     quantity, worst = max(sizes.items(), key=lambda each: each[1])
-    right = worst <= LARGEST and not (failed and not np.isfinite(worst))
+    right = worst <= LARGEST_STATED_ERROR and not (failed and not np.isfinite(worst))
     return {"right": bool(right), "worst_error": worst, "worst_quantity": quantity}
 
 

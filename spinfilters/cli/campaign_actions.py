@@ -1,4 +1,4 @@
-"""``spinfilters campaign``: run a study, report it, merge its shards, repeat one of its runs."""
+"""``spinfilters campaign``: run a study, report it, repeat one of its runs."""
 
 import argparse
 import json
@@ -21,7 +21,11 @@ if TYPE_CHECKING:
 
 def campaign(options: argparse.Namespace) -> int:
     """Run the action named by the first argument, or a study file."""
-    parts = {"report": _report, "merge": _merge, "repeat": _repeat}
+    if options.what == "merge" or options.shard is not None:
+        raise InputError(
+            "campaigns have no shards any more; let the workers of a Dask scheduler share the runs, with --scheduler"
+        )
+    parts = {"report": _report, "repeat": _repeat}
     if options.what in parts:
         _refuse_run_options(options)
         return parts[options.what](options)
@@ -58,7 +62,6 @@ def _carried_out(options: argparse.Namespace) -> "Advance":
                 Path(options.output),
                 workers=options.workers,
                 scheduler=options.scheduler,
-                shard=options.shard,
                 resume=options.resume,
                 progress=follow,
             )
@@ -81,17 +84,6 @@ def _report(options: argparse.Namespace) -> int:
     return 0
 
 
-def _merge(options: argparse.Namespace) -> int:
-    require_installed("pyarrow")
-    from spinfilters.campaigns.campaign_folder import merge
-
-    if options.output is None:
-        raise InputError("merged rows need a folder; give it with -o OUT")
-    count = merge([Path(folder) for folder in options.arguments], Path(options.output))
-    _say(f"{count} rows of {len(options.arguments)} folders in {options.output}")
-    return 0
-
-
 def _repeat(options: argparse.Namespace) -> int:
     if len(options.arguments) != 2 or not options.arguments[1].isdecimal():
         raise InputError("repeat needs a campaign's folder and the number of a run: campaign repeat OUT 17")
@@ -111,7 +103,7 @@ def _only(options: argparse.Namespace, what: str, name: str) -> str:
 
 
 def _refuse_run_options(options: argparse.Namespace) -> None:
-    given = {"--workers": options.workers, "--scheduler": options.scheduler, "--shard": options.shard}
+    given = {"--workers": options.workers, "--scheduler": options.scheduler}
     given["--resume"] = options.resume or None
     unused = [name for name, value in given.items() if value is not None]
     if options.output is not None and options.what == "report":

@@ -74,6 +74,8 @@ def _settings(options: argparse.Namespace) -> Settings:
     if options.drag or options.drag_law:
         law = options.drag_law or settings.process.drag or True  # a law of the config file stays
         settings = replace(settings, process=replace(settings.process, drag=law))
+    if options.verdict is not None:
+        settings = replace(settings, verdict=options.verdict)
     return settings
 
 

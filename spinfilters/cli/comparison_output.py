@@ -10,7 +10,6 @@ from spinfilters.evaluation.comparison_table import comparison_table
 from spinfilters.io.dataset import Dataset
 from spinfilters.models.status import verdict_sentences
 from spinfilters.run.comparison_run import RunOutput, compare_into
-from spinfilters.run.conditions import conditions_of
 from spinfilters.run.estimation import Comparison
 from spinfilters.run.run_folder import REPORT_FILE
 from spinfilters.settings.run_settings import Settings
@@ -44,8 +43,7 @@ def compare_and_print(
 
 def _print_comparison(comparison: Comparison, folder: Path) -> None:
     console = wide_console()
-    conditions = conditions_of(comparison.setup).sentences
-    console.print(comparison_table(comparison.evaluations, conditions))
+    console.print(comparison_table(comparison.evaluations, comparison.conditions.sentences))
     for sentence in verdict_sentences({each.name: each.history.status for each in comparison.evaluations}):
         console.print(sentence, highlight=False)
     if comparison.interrupted:

@@ -74,6 +74,28 @@ def quaternion_from_euler321(angles: Vectors) -> Quaternions:
     return _numeric(expressions.quaternion_from_euler321, 3)(_finite("angles", angles, 3))[0]
 
 
+def euler321_from_quaternion(q: Quaternions) -> Vectors:
+    """Yaw, pitch and roll [psi, theta, phi] of q_ib, rad: |psi|, |phi| <= pi, |theta| <= pi/2; roll is 0 in gimbal lock."""
+    return _numeric(expressions.euler321_from_quaternion, 4)(_unit("q", q))[0]
+
+
+def quaternion_from_axis_angle(axis: Vectors, angle: Angles | float) -> Quaternions:
+    """Quaternion of the rotation by ``angle`` rad about the unit vector ``axis`` (Tweddle 2013, Eq. 2.17)."""
+    angle = _finite("angle", angle)[..., np.newaxis]
+    return _numeric(expressions.quaternion_from_axis_angle, 3, 1)(_unit("axis", axis, 3), angle)[0]
+
+
+def axis_angle_from_quaternion(q: Quaternions) -> tuple[Vectors, Angles]:
+    """Unit axis and angle in [0, pi] rad of the short way round; no rotation has axis x and angle 0."""
+    axis, angle = _numeric(expressions.axis_angle_from_quaternion, 4)(_unit("q", q))
+    return axis, angle[..., 0]
+
+
+def unit_quaternion(q: Quaternions) -> Quaternions:
+    """The quaternion normalised; InputError where its norm is further than `UNIT_TOLERANCE` from one."""
+    return _unit("q", q)
+
+
 def multiply(q: Quaternions, p: Quaternions) -> Quaternions:
     """q_ab (x) p_bc = q_ac, with R(q (x) p) = R(q) R(p)."""
     return _numeric(expressions.product, 4, 4)(_unit("q", q), _unit("p", p))[0]
@@ -168,8 +190,8 @@ def _finite(name: str, value: np.ndarray | float, *trailing: int) -> np.ndarray:
     return array
 
 
-def _unit(name: str, value: np.ndarray) -> np.ndarray:
-    array = _finite(name, value, 4)
+def _unit(name: str, value: np.ndarray, size: int = 4) -> np.ndarray:
+    array = _finite(name, value, size)
     norm = np.linalg.norm(array, axis=-1, keepdims=True)
     _require(np.abs(norm[..., 0] - 1) <= UNIT_TOLERANCE, name, array, "is not of unit norm; normalise it")
     return array / norm

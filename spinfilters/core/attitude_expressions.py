@@ -21,6 +21,11 @@ SMALL_SQUARE = 1e-4
 """Square of the half angle in rad, or of its sine, below which a series replaces a quotient 0/0; the largest
 dropped term of all series, x^4 / 9, is then a twentieth of double precision's rounding."""
 
+GIMBAL_LOCK = 1e-15
+"""Half-angle amplitude below which rounding decides between yaw and roll: roll is then called 0."""
+SMALLEST_SQUARE = 1e-290
+"""|v|^2 below which a unit quaternion [v, w] turns about no axis that double precision can tell."""
+
 
 def cross_matrix(v: Expression) -> Expression:
     """[v x], so that [v x] u = v x u (Tweddle 2013, Eq. 2.16)."""
@@ -139,6 +144,37 @@ def shadow_mrp(a: Expression) -> Expression:
     return -16 * a / ca.dot(a, a)
 
 
+def quaternion_from_axis_angle(axis: Expression, angle: Expression) -> Expression:
+    """Unit quaternion of the rotation by ``angle`` rad about a unit ``axis`` (Tweddle 2013, Eq. 2.17)."""
+    return ca.vertcat(axis * ca.sin(angle / 2), ca.cos(angle / 2))
+
+
+def axis_angle_from_quaternion(q: Expression) -> tuple[Expression, Expression]:
+    """Unit axis (3) and angle in [0, pi] of the short way round; no rotation has axis x and angle 0."""
+    q = _short_way(q)
+    square = ca.dot(q[:3], q[:3])
+    none = square < SMALLEST_SQUARE
+    sine = ca.sqrt(ca.if_else(none, 1, square))
+    return ca.if_else(none, ca.DM([1, 0, 0]), q[:3] / sine), ca.if_else(none, 0, 2 * ca.atan2(sine, q[3]))
+
+
+def euler321_from_quaternion(q: Expression) -> Expression:
+    """Yaw, pitch and roll [psi, theta, phi] of q_ib: |psi|, |phi| <= pi, |theta| <= pi/2; not differentiable at theta = +-pi/2.
+
+    With A, B = cos(theta/2) +- sin(theta/2), the product in `quaternion_from_euler321` gives
+    [w + y, z - x] = A [cos, sin]((psi - phi)/2) and [w - y, z + x] = B [cos, sin]((psi + phi)/2).
+    The angles rebuild q to rounding even where yaw and roll are ill conditioned
+    (after Bernardes and Viollet, PLoS ONE 17(11), 2022).
+    """
+    x, y, z, w = q[0], q[1], q[2], q[3]
+    A, B = ca.sqrt((w + y) ** 2 + (z - x) ** 2), ca.sqrt((w - y) ** 2 + (z + x) ** 2)
+    difference, total = ca.atan2(z - x, w + y), ca.atan2(z + x, w - y)
+    half_difference = ca.if_else(A < GIMBAL_LOCK, total, difference)
+    half_sum = ca.if_else(B < GIMBAL_LOCK, difference, total)
+    theta = 2 * ca.atan2(A - B, A + B)
+    return ca.vertcat(_wrapped(half_sum + half_difference), theta, _wrapped(half_sum - half_difference))
+
+
 def quaternion_rate(q: Expression, w: Expression) -> Expression:
     """q_ib' = q (x) [w, 0] / 2 for a body rate w in rad/s (Tweddle 2013, Eq. 2.39, for q body to inertial)."""
     return product(q, ca.vertcat(w, 0)) / 2
@@ -151,6 +187,11 @@ def linear_rate_rotation(w0: Expression, w1: Expression, dt: Expression) -> Expr
     Reports 470, 2009; for a right factor, q' = q (x) [w, 0] / 2).
     """
     return dt * (w0 + w1) / 2 + dt**2 / 12 * ca.cross(w0, w1)
+
+
+def _wrapped(angle: Expression) -> Expression:
+    """The angle in (-pi, pi] of one within (-3 pi, 3 pi)."""
+    return angle - ca.if_else(angle > ca.pi, 2 * ca.pi, 0) + ca.if_else(angle < -ca.pi, 2 * ca.pi, 0)
 
 
 def _short_way(q: Expression) -> Expression:

@@ -131,21 +131,32 @@ def validate_principal_moments(principal_moments: Float[np.ndarray, " n"]) -> Fl
     Raises: `ShapeError` unless the shape is (3,); `InputError` for anything that is not a rigid body, such as
     J = (3, 1, 1/3) of Figures 2-6, 2-7 and 2-9 of Tweddle (2013).
     """
-    moments = finite_vector(principal_moments, 3, "principal_moments", "kg m^2")
-    for name, moment in zip(AXIS_NAMES, moments, strict=True):
-        if moment <= 0.0:
-            raise InputError(
-                f"principal_moments: {name} = {moment:.6g} kg m^2 is not positive; give three that are"
-            )
-    largest = int(np.argmax(moments))
-    others = float(np.delete(moments, largest).sum())
-    if moments[largest] > others * (1.0 + TRIANGLE_TOLERANCE):
+    moments = positive_moments(principal_moments)
+    if not are_of_rigid_body(moments):
+        largest = int(np.argmax(moments))
+        others = float(np.delete(moments, largest).sum())
         raise InputError(
             f"principal_moments: {AXIS_NAMES[largest]} = {moments[largest]:.6g} kg m^2 exceeds the sum "
             f"{others:.6g} of the other two, which no rigid body has (triangle inequality); "
             f"lower it to {others:.6g} or raise the others"
         )
     return moments
+
+
+def positive_moments(principal_moments: Float[np.ndarray, " n"]) -> Float[np.ndarray, " 3"]:
+    """Three finite, positive moments (kg m^2) as a float64 array, whether a rigid body can have them or not."""
+    moments = finite_vector(principal_moments, 3, "principal_moments", "kg m^2")
+    for name, moment in zip(AXIS_NAMES, moments, strict=True):
+        if moment <= 0.0:
+            raise InputError(
+                f"principal_moments: {name} = {moment:.6g} kg m^2 is not positive; give three that are"
+            )
+    return moments
+
+
+def are_of_rigid_body(moments: Float[np.ndarray, " 3"]) -> bool:
+    """Whether no moment exceeds the sum of the other two."""
+    return bool(2.0 * moments.max() <= moments.sum() + (moments.sum() - moments.max()) * TRIANGLE_TOLERANCE)
 
 
 def finite_vector(
@@ -243,7 +254,14 @@ def polhode(
     ShapeError
         Moments or a rate that are not of shape (3,).
     """
-    moments = validate_principal_moments(principal_moments)
+    return polhode_of_moments(validate_principal_moments(principal_moments), rate, points)
+
+
+def polhode_of_moments(
+    moments: Float[np.ndarray, " 3"], rate: Float[np.ndarray, " 3"], points: int = 361
+) -> Polhode:
+    """`polhode` of any three positive numbers, as Figures 2-6, 2-7 and 2-9 of Tweddle (2013) draw it for no rigid body."""
+    moments = positive_moments(moments)
     rate = finite_vector(rate, 3, "rate", "rad/s")
     momentum, energy = ellipsoid_semi_axes(moments, rate)
     kind = polhode_kind(moments, rate)

@@ -15,6 +15,7 @@ from spinfilters.core.polhode import (
     is_fixed_rate,
     jacobi_functions,
     polhode_shape,
+    positive_moments,
     validate_principal_moments,
 )
 
@@ -188,7 +189,17 @@ def torque_free_motion(
     Raises: `ShapeError` and `InputError` for moments of no rigid body, numbers not finite, quaternions not of
     norm one.
     """
-    moments = validate_principal_moments(principal_moments)
+    return motion_of_moments(validate_principal_moments(principal_moments), rate0, time, attitude0)
+
+
+def motion_of_moments(
+    moments: Float[np.ndarray, "3"],
+    rate0: Float[np.ndarray, "3"],
+    time: Float[np.ndarray, "*batch"],
+    attitude0: Float[np.ndarray, "4"] | None = None,
+) -> TorqueFreeMotion:
+    """`torque_free_motion` of any three positive moments, such as those of the thesis' figures that no rigid body has."""
+    moments = positive_moments(moments)
     rate0 = finite_vector(rate0, 3, "rate0", "rad/s")
     attitude0 = _unit_quaternion(np.array([0.0, 0.0, 0.0, 1.0]) if attitude0 is None else attitude0)
     time = np.array(time, dtype=np.float64)
@@ -202,6 +213,19 @@ def torque_free_motion(
         rate, turn = _moving_rate_motion(moments, rate0, flat_time)
     attitude = _product(attitude0, turn).reshape(*time.shape, 4)
     return TorqueFreeMotion(time, attitude, rate.reshape(*time.shape, 3) * scale)
+
+
+def polhode_period(moments: Float[np.ndarray, "3"], rate0: Float[np.ndarray, "3"]) -> float:
+    """Time in s after which the body rate returns: 4 K / lambda.
+
+    It is infinite on the separatrix and for rates that stay fixed. A polhode about an axis of symmetry, a circle, has the period of
+    the nutation. ``moments`` are positive (kg m^2), ``rate0`` in rad/s in body principal axes.
+    """
+    moments, rate0, scale = _scaled(positive_moments(moments), finite_vector(rate0, 3, "rate0", "rad/s"))
+    if is_fixed_rate(moments, rate0):
+        return math.inf
+    rates = euler_rates(moments, rate0)
+    return 4.0 * rates.shape.modulus.quarter_period / abs(rates.frequency * scale)
 
 
 def _scaled(

@@ -27,8 +27,7 @@ from spinfilters.evaluation.trajectory_errors import (
     root_mean_square,
     tells_first_frame,
     truth_errors,
-    truth_in_first_frame,
-    truth_in_inertial_frame,
+    truth_in_estimate_frames,
 )
 from spinfilters.filters.history import EPOCH_ARRAYS, EstimateHistory
 from spinfilters.io.input_file import reason
@@ -231,8 +230,10 @@ class Evaluation:
 
     Attributes
     ----------
+    truth : Truth or None
+        Truth that it was compared with, in the truth's own frames.
     alignment : Alignment
-        Alignment that was applied before the estimate was compared with the truth.
+        Alignment that was applied before.
     errors, body_errors : TruthErrors or None, BodyErrors or None
         Against the truth, None without one.
     nees : NormalisedErrors or None
@@ -244,6 +245,7 @@ class Evaluation:
     """
 
     history: EstimateHistory
+    truth: Truth | None = None
     alignment: Alignment = Alignment.NONE
     errors: TruthErrors | None = None
     body_errors: BodyErrors | None = None
@@ -260,6 +262,13 @@ class Evaluation:
     def trajectory(self) -> Trajectory:
         """The motion after every epoch, computed anew from the history: a long recording has no room for both."""
         return trajectory_of(self.history)
+
+    @property
+    def truth_in_own_frames(self) -> Truth | None:
+        """The truth in the estimate's frames i and g; None without one, or where a fit of the frames g relates them."""
+        if self.truth is None or self.alignment is Alignment.BODY_FRAME:
+            return None
+        return truth_in_estimate_frames(self.history, self.truth, self.alignment)
 
     @property
     def bodies(self) -> BodyHistory:
@@ -411,14 +420,13 @@ def _compared(
     evaluation: Evaluation, trajectory: Trajectory, truth: Truth, alignment: Alignment
 ) -> Evaluation:
     history = evaluation.history
-    if alignment is Alignment.INERTIAL_FRAME:
-        truth = truth_in_inertial_frame(history, truth)
-    errors = truth_errors(trajectory, truth, alignment)
-    common = truth_in_first_frame(history, truth) if alignment is Alignment.FIRST_FRAME else truth
+    common = truth_in_estimate_frames(history, truth, alignment)
+    errors = truth_errors(trajectory, common if alignment is Alignment.INERTIAL_FRAME else truth, alignment)
     frame = errors.frame if alignment is Alignment.BODY_FRAME else None
     exact = alignment in (Alignment.NONE, Alignment.FIRST_FRAME)
     known = exact and knows_state(common, history.layout) and bool(finite_epochs(history).any())
     return evaluation.with_fields(
+        truth=truth,
         alignment=alignment,
         errors=errors,
         body_errors=body_errors(evaluation.body, common, frame),

@@ -18,12 +18,7 @@ from jaxtyping import Bool, Float, Int
 from spinfilters.core.errors import NUMERICAL_ERRORS, InputError
 from spinfilters.evaluation.consistency import finite_epochs, true_states
 from spinfilters.evaluation.estimator_evaluation import Evaluation, error_bound
-from spinfilters.evaluation.trajectory_errors import (
-    Alignment,
-    common_stamps,
-    truth_in_first_frame,
-    truth_in_inertial_frame,
-)
+from spinfilters.evaluation.trajectory_errors import Alignment, common_stamps, truth_in_estimate_frames
 from spinfilters.filters.history import EstimateHistory
 from spinfilters.filters.timeline import times_of
 from spinfilters.inference.setup import Setup
@@ -134,10 +129,7 @@ def _states(setup: Setup, truth: Truth, evaluation: Evaluation) -> Float[np.ndar
     history = evaluation.history
     if evaluation.alignment is Alignment.BODY_FRAME and history.layout.translates:
         return None
-    if evaluation.alignment is Alignment.FIRST_FRAME:
-        truth = truth_in_first_frame(history, truth)
-    if evaluation.alignment is Alignment.INERTIAL_FRAME:
-        truth = truth_in_inertial_frame(history, truth)
+    truth = truth_in_estimate_frames(history, truth, evaluation.alignment)
     rows, true_rows = common_stamps(history.time, truth.time)
     return true_states(truth, history.layout)[true_rows] if len(rows) == len(setup.timeline) else None
 

@@ -12,8 +12,7 @@ from spinfilters.core.errors import InputError
 from spinfilters.core.linear_algebra import STRETCH, by_stretches
 from spinfilters.evaluation.estimated_motion import Trajectory
 from spinfilters.filters.history import EstimateHistory
-from spinfilters.io.truth import Truth
-from spinfilters.io.truth_frame import truth_in_moved_frame
+from spinfilters.io.truth import Truth, truth_in_moved_frame
 from spinfilters.models.body import BodyEstimate
 from spinfilters.models.state_layout import POSE_BLOCKS
 
@@ -277,6 +276,21 @@ def tells_first_frame(history: EstimateHistory, truth: Truth) -> bool:
     doubt = max(np.linalg.norm(history.factor[0, layout.slice(b)], axis=1).max() for b in POSE_BLOCKS)
     told = doubt <= DEFINED_STD and np.isfinite(history.mean[0]).all()
     return bool(told and np.abs(truth.time - history.time[0]).min() <= TIME_TOLERANCE)
+
+
+def truth_in_estimate_frames(history: EstimateHistory, truth: Truth, alignment: Alignment) -> Truth:
+    """The truth in the estimate's frames i and g; as it is where nothing or a fit of both frames g relates them.
+
+    Raises
+    ------
+    InputError
+        As `truth_in_first_frame` and `truth_in_inertial_frame`.
+    """
+    if alignment is Alignment.FIRST_FRAME:
+        return truth_in_first_frame(history, truth)
+    if alignment is Alignment.INERTIAL_FRAME:
+        return truth_in_inertial_frame(history, truth)
+    return truth
 
 
 def truth_in_first_frame(history: EstimateHistory, truth: Truth) -> Truth:

@@ -1,15 +1,13 @@
 """Faults of measurements: gaps, outliers, gross errors, lost and confused landmarks, and correlated errors."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 from typing import Final
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinfilters.core.attitude_conversions import multiply, quaternion_from_rotation_vector
 from spinfilters.core.errors import InputError
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.measurement_log import MeasurementLog, MeasurementStream
@@ -221,26 +219,6 @@ MISSING: Final = "missing"
 KINDS: Final = ("outlier", "flipped", "turned", "identity", MISSING)
 TURNED: Final = (0.3, np.pi)
 """Least and largest angle of a pose that is turned, rad."""
-FLIPPED: Final[Mapping[str, Callable[[Float[np.ndarray, " v"]], Float[np.ndarray, " v"]]]] = MappingProxyType(
-    {
-        "gyro": np.negative,
-        "pose": lambda pose: np.append(-pose[:3], pose[3:]),
-        "stereo": lambda pixels: pixels[[2, 1, 0]],
-    }
-)
-"""Values with a sign wrong, by sensor: rates, a place, a disparity."""
-
-
-def _turned_pose(
-    pose: Float[np.ndarray, "7"], rotation_vector: Float[np.ndarray, "3"]
-) -> Float[np.ndarray, "7"]:
-    return np.append(pose[:3], multiply(pose[3:], quaternion_from_rotation_vector(rotation_vector)))
-
-
-TURNS: Final[
-    Mapping[str, Callable[[Float[np.ndarray, " v"], Float[np.ndarray, "3"]], Float[np.ndarray, " v"]]]
-] = MappingProxyType({"pose": _turned_pose})
-"""Values turned by a rotation vector, by sensor."""
 
 
 @dataclass(frozen=True)
@@ -285,15 +263,13 @@ class GrossError(Fault):
         self, dataset: Dataset, stream: MeasurementStream, row: int, generator: np.random.Generator
     ) -> Float[np.ndarray, " v"]:
         """Values in the place of a row's."""
-        right, sensor = stream.values[row], stream.sensor
+        right, sensor = stream.values[row], sensor_of(stream.sensor)
         if self.kind == "outlier":
-            return sensor_of(sensor).outliers(1, dataset.rig, generator)[0]
-        if self.kind == "flipped" and sensor in FLIPPED:
-            return FLIPPED[sensor](right)
-        if self.kind == "turned" and sensor in TURNS:
-            axis, angle = generator.standard_normal(3), generator.uniform(*TURNED)
-            return TURNS[sensor](right, angle * axis / np.linalg.norm(axis))
-        raise InputError(f"no measurement of {sensor} is {self.kind}; choose another gross error")
+            return sensor.outliers(1, dataset.rig, generator)[0]
+        if self.kind == "flipped":
+            return sensor.flipped(right)
+        axis, angle = generator.standard_normal(3), generator.uniform(*TURNED)
+        return sensor.turned(right, angle * axis / np.linalg.norm(axis))
 
 
 def _exchanged(

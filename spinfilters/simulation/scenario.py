@@ -15,7 +15,7 @@ from spinfilters.core.mass_distribution import from_inertia
 from spinfilters.io.consider_parameter import exact_calibration
 from spinfilters.io.dataset import Dataset, DatasetOptions
 from spinfilters.io.measurement_log import MeasurementLog, MeasurementStream
-from spinfilters.io.sensor_format import dataset_kinds
+from spinfilters.io.sensor_format import SensorNoise, dataset_kinds, noise_options
 from spinfilters.io.sensor_tables import KnownMap
 from spinfilters.io.truth import Truth
 from spinfilters.models.feature_tracks import (
@@ -139,6 +139,7 @@ class Scenario:
     landmarks: on the surface of a ball of ``radius_m``, seen when they face the camera.
     detection, facing_cosine, recognition, fewest_observations: see `FrontEnd`.
     pixel_std px, position_std m, rotation_std rad, gyro_std rad/s: white noise of the sensors.
+    sensor_noise: (option, true value) of noise options (`spinfilters.io.sensor_format.noise_options`) that differ from these.
     gyro_bias: constant error of the gyro's rates, g axes, rad/s.
     noise: disturbances of the motion; the thesis' are `spinfilters.models.process.THESIS_NOISE`.
     candidates: motions that are drawn where a sensor sees landmarks; the first that keeps the whole body in view is taken, or the
@@ -169,6 +170,7 @@ class Scenario:
     position_std: float = 0.005
     rotation_std: float = 0.01
     gyro_std: float = 0.002
+    sensor_noise: tuple[tuple[str, float], ...] = ()
     gyro_bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
     noise: ProcessNoise = THESIS_NOISE
     candidates: int = bundled_example.CANDIDATES
@@ -191,7 +193,7 @@ class Scenario:
             raise InputError(
                 f"landmarks {self.landmarks} must be at least 4 and candidates {self.candidates} at least 1"
             )
-        _ = self.front_end
+        _ = self.front_end, SensorNoise(dict(self.sensor_noise))  # refuses what no sensor has
         if self.inspector not in INSPECTORS:
             raise InputError(f"inspector {self.inspector!r} is unknown; use one of {', '.join(INSPECTORS)}")
         if self.inspector != STATIC and not any(kinds[kind].has_landmarks for kind in self.kinds):
@@ -248,11 +250,34 @@ class Scenario:
         more = {kind: step * np.arange(counts[kind]) for kind, step in self.beside}
         return {kind: np.round(time, _DECIMALS) for kind, time in {self.kind: own, **more}.items()}
 
+    def level(self, option: str) -> float:
+        """True value of a noise option: its own, that of the level it shares with others, or its default.
+
+        Raises
+        ------
+        InputError
+            An option that no sensor has.
+        """
+        own = dict(self.sensor_noise)
+        if option in own:
+            return own[option]
+        known = noise_options()
+        if option not in known:
+            raise InputError(f"sensor noise {option} is unknown; use {', '.join(known)}")
+        chosen = known[option]
+        if chosen.scene_level:
+            return float(getattr(self, chosen.scene_level))
+        return chosen.default if chosen.simulated is None else chosen.simulated
+
     @property
     def front_end(self) -> FrontEnd:
         """The simulated front end."""
         return FrontEnd(
-            self.pixel_std, self.detection, self.facing_cosine, self.recognition, self.fewest_observations
+            self.level("pixel_std"),
+            self.detection,
+            self.facing_cosine,
+            self.recognition,
+            self.fewest_observations,
         )
 
 

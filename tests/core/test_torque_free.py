@@ -1,5 +1,7 @@
 """The closed form of torque-free motion against 38-digit integration, and against its own laws."""
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -16,7 +18,7 @@ from spinfilters.core.polhode import (
     jacobi_functions,
     rotational_energy,
 )
-from spinfilters.core.torque_free import TorqueFreeMotion, torque_free_motion
+from spinfilters.core.torque_free import TorqueFreeMotion, polhode_period, torque_free_motion
 from tests.core.taylor_reference import reference_motion
 
 ATTITUDE0 = np.array([0.5, -0.1, 0.7, -0.5])
@@ -179,6 +181,25 @@ def test_time_of_any_shape_gives_states_of_that_shape() -> None:
         assert motion.rate.shape == (*shape, 3)
         assert motion.attitude.shape == (*shape, 4)
         assert np.abs(motion.rate - w).max(initial=0.0) < 1e-15
+
+
+@pytest.mark.parametrize("rate", [[0.3, 0.5, 0.4], [0.9, 0.2, 0.1]])
+def test_rate_returns_after_the_polhode_period_and_not_before(rate: list[float]) -> None:
+    J, w = np.array([3.0, 2.0, 1.5]), np.array(rate)
+    period = polhode_period(J, w)
+    motion = torque_free_motion(J, w, np.array([0.5 * period, period]))
+    assert np.abs(motion.rate[1] - w).max() < 1e-14
+    assert np.abs(motion.rate[0] - w).max() > 0.1
+
+
+def test_polhode_period_of_a_symmetric_body_is_the_nutation_period() -> None:
+    period = polhode_period(np.array([2.0, 2.0, 1.0]), np.array([0.3, 0.4, 0.5]))
+    assert period == pytest.approx(2.0 * np.pi / (0.5 * 0.5), rel=1e-15)
+
+
+def test_polhode_period_is_infinite_where_the_rate_never_returns_or_never_moves() -> None:
+    assert math.isinf(polhode_period(np.array([9.0, 5.0, 4.0]), np.array([1.0, 0.3, 3.0])))
+    assert math.isinf(polhode_period(np.array([3.0, 2.0, 1.5]), np.array([0.0, 1.0, 0.0])))
 
 
 @pytest.mark.parametrize("parameter", [0.0, 1e-12, 0.2, 0.5, 0.5000001, 0.8, 0.99])

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from experiments.honest_cases import CASES, RecordingCase
-from experiments.honest_verdicts import LARGEST, SweepExtent, VerdictOutcome, figure, outcomes_of, row_of
+from experiments.honest_verdicts import SweepExtent, VerdictOutcome, figure, outcomes_of, row_of
+from spinfilters.evaluation.stated_errors import LARGEST_STATED_ERROR
 from spinfilters.models.status import Verdict
 
 BY_NAME = {case.name: case for case in CASES}
@@ -31,10 +32,10 @@ def test_an_error_beyond_four_or_not_a_number_belies_ok_alone() -> None:
             "gyro rich", 0, "mekf", verdict, {"w": size, "moments": 0.1}, {"w": 1.0, "s": 1.0}
         )
 
-    assert not outcome(Verdict.OK, LARGEST).is_dishonest
-    assert outcome(Verdict.OK, 1.01 * LARGEST).is_dishonest
+    assert not outcome(Verdict.OK, LARGEST_STATED_ERROR).is_dishonest
+    assert outcome(Verdict.OK, 1.01 * LARGEST_STATED_ERROR).is_dishonest
     assert outcome(Verdict.OK, np.inf).is_dishonest
-    assert not outcome(Verdict.DEGRADED, 2 * LARGEST).is_dishonest
+    assert not outcome(Verdict.DEGRADED, 2 * LARGEST_STATED_ERROR).is_dishonest
     assert "beyond 4" in row_of(RecordingCase("gyro rich"), [outcome(Verdict.OK, 5.0)])
     drawn = figure([RecordingCase("gyro rich")], [outcome(Verdict.OK, 5.0)])
     assert drawn.axes[0].get_yticklabels()[0].get_text() == "gyro rich"

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from spinfilters.evaluation.metrics import quantity_errors
+from spinfilters.evaluation.stated_errors import quantity_errors
 from spinfilters.io.dataset import Dataset
 from spinfilters.models.process import ProcessNoise
 from spinfilters.run.comparison_run import compare_dataset

@@ -12,11 +12,11 @@ def add_campaign(commands: Subparsers) -> argparse.ArgumentParser:
         "campaign",
         help="a table of factors times seeds, run and reported",
         description="Runs every cell of a study with every seed: spinfilters campaign STUDY.toml -o OUT. A finished or interrupted "
-        "campaign is told by: spinfilters campaign report OUT. Shards become one by: spinfilters campaign merge SHARD ... -o OUT. "
+        "campaign is reported by: spinfilters campaign report OUT. "
         "One run is made again by: spinfilters campaign repeat OUT RUN.",
     )
-    campaign.add_argument("what", metavar="STUDY.toml", help="study file; or report, merge, repeat")
-    campaign.add_argument("arguments", metavar="...", nargs="*", help="of report, merge and repeat")
+    campaign.add_argument("what", metavar="STUDY.toml", help="study file; or report, repeat")
+    campaign.add_argument("arguments", metavar="...", nargs="*", help="of report and repeat")
     campaign.add_argument(
         "-o", "--output", metavar="OUT", help="folder of the campaign, or of the repeated run's data set"
     )
@@ -27,9 +27,7 @@ def add_campaign(commands: Subparsers) -> argparse.ArgumentParser:
     where.add_argument(
         "--scheduler", metavar="tcp://HOST:PORT", help="a Dask scheduler, whose workers make the runs"
     )
-    campaign.add_argument(
-        "--shard", metavar="i/N", help="only every N-th recording, from the i-th, 0 the first"
-    )
+    campaign.add_argument("--shard", help=argparse.SUPPRESS)  # refused: a scheduler replaces it
     campaign.add_argument(
         "--resume", action="store_true", help="go on with the rows that OUT has; none is made again"
     )
@@ -37,7 +35,7 @@ def add_campaign(commands: Subparsers) -> argparse.ArgumentParser:
 
 
 def run_campaign(options: argparse.Namespace) -> int:
-    """Run a study, report it, merge its shards or repeat one of its runs."""
+    """Run a study, report it or repeat one of its runs."""
     from spinfilters.cli.campaign_actions import campaign
 
     return campaign(options)

@@ -72,6 +72,12 @@ def _add_run_options(parser: argparse.ArgumentParser) -> None:
         help="of --drag: torques quadratic in the rate (as --drag alone) or linear, or the likelier of both, if any",
     )
     parser.add_argument(
+        "--verdict",
+        choices=("full", "filter"),
+        help="judge by all checks (full, the default), or by those alone that need no smoothed motion (filter): these take less "
+        "time, and leave every estimate degraded at best",
+    )
+    parser.add_argument(
         "--config", metavar="FILE", help="TOML file with settings, such as config.toml of another run"
     )
     _add_optional_outputs(parser)
