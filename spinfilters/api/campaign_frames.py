@@ -6,18 +6,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from spinfilters.api.argument_ranges import WORKERS
+from spinfilters.api.arguments import CampaignArguments
 from spinfilters.core.errors import InputError
-from spinfilters.io.argument_checks import (
-    called,
-    checked_arguments,
-    number,
-    one_of,
-    optional,
-    path,
-    text,
-    truth,
-)
+from spinfilters.io.argument_checks import called, checked_arguments, one_of, optional, path
 from spinfilters.io.input_file import value_text
 
 if TYPE_CHECKING:
@@ -30,11 +21,9 @@ AnyStudy = Mapping[str, Any] | str | os.PathLike[str]
 
 
 @checked_arguments(
+    CampaignArguments,
     study=one_of(Mapping, path_of="a study file", cure="the path of a study file or a mapping of its tables"),
     output=optional(path("a folder")),
-    workers=optional(number(WORKERS)),
-    scheduler=optional(text("the address of a Dask scheduler")),
-    resume=truth,
     progress=optional(called),
 )
 def campaign(
@@ -48,20 +37,33 @@ def campaign(
 ) -> Any:
     """Run every cell of a study with every seed, as ``spinfilters campaign`` does.
 
-    The rows come as a pandas.DataFrame, one per run.
-
     Parameters
     ----------
-    study: the path of a study file, or a mapping of its tables such as
+    study : Mapping, str or os.PathLike
+        The path of a study file, or a mapping of its tables such as
         ``{"study": {"name": "mine", "seeds": 20}, "factors": {"estimator": ["mekf"]}}``.
-    output: folder of the rows; None keeps none.   workers: processes, by default one per processor.
-    scheduler: address of a Dask scheduler whose workers make the runs instead.
-    resume: go on with the rows that ``output`` has; none is made again.   progress: called after every row.
+    output : str, os.PathLike or None
+        Folder of the rows; None keeps none.
+    workers : int or None
+        Processes, by default one per processor.
+    scheduler : str or None
+        Address of a Dask scheduler whose workers make the runs instead.
+    resume : bool
+        Whether to go on with the rows that ``output`` has; none is made again.
+    progress : Callable[[Advance], None] or None
+        Called after every row.
+
+    Returns
+    -------
+    pandas.DataFrame
+        A row per run.
 
     Raises
     ------
-    InputError: what the command refuses with exit code 2; the text is one line that names the value and the cure.
-    KeyboardInterrupt: Ctrl-C; the rows so far are in ``output``, if given, for ``resume`` to go on from.
+    InputError
+        What the command refuses with exit code 2; the text is one line that names the value and the cure.
+    KeyboardInterrupt
+        Ctrl-C; the rows so far are in ``output``, if given, for ``resume`` to go on from.
     """
     require_installed("pandas")
     if output is None:
@@ -70,7 +72,8 @@ def campaign(
         with tempfile.TemporaryDirectory(prefix="spinfilters-") as place:
             return campaign(study, place, workers=workers, scheduler=scheduler, progress=progress)
     folder = Path(output)
-    campaign_rows(study, folder, workers=workers, scheduler=scheduler, resume=resume, progress=progress)
+    how = CampaignArguments(workers=workers, scheduler=scheduler, resume=resume)
+    campaign_rows(study, folder, how, progress)
     from spinfilters.campaigns.rows_folder import read_rows
 
     checked = _study(study)
@@ -78,36 +81,27 @@ def campaign(
 
 
 def campaign_rows(
-    study: AnyStudy,
-    folder: Path,
-    *,
-    workers: int | None = None,
-    scheduler: str | None = None,
-    resume: bool = False,
-    progress: "Progress | None" = None,
+    study: AnyStudy, folder: Path, how: CampaignArguments, progress: "Progress | None" = None
 ) -> "Advance":
     """Make the rows of a study that a folder lacks. Parameters and errors: `campaign`."""
-    if workers is not None and scheduler is not None:
+    if how.workers is not None and how.scheduler is not None:
         raise InputError("workers are processes of this machine, a scheduler has its own; give one of both")
-    if workers is not None:
-        WORKERS.require("workers", workers)
     for package in ("pyarrow", "distributed"):
         require_installed(package)
     from spinfilters.campaigns.dask_cluster import DaskCluster, usable_processors
     from spinfilters.campaigns.engine import run_campaign
 
-    executor = DaskCluster(scheduler, workers or usable_processors())
-    return run_campaign(_study(study), folder, executor, resume, progress or (lambda _: None))
+    executor = DaskCluster(how.scheduler, how.workers or usable_processors())
+    return run_campaign(_study(study), folder, executor, how.resume, progress or (lambda _: None))
 
 
 def repeated_run(folder: Path, run: int, dataset_folder: Path | None) -> dict[str, Any]:
-    """Repeat one run of a campaign and give its row.
-
-    Its data set is written where a folder is asked for.
+    """Repeat one run of a campaign and give its row; its data set is written where a folder is given.
 
     Raises
     ------
-    InputError: no campaign's folder, no such run, a folder that holds something else.
+    InputError
+        No campaign's folder, no such run, a folder that holds something else.
     """
     require_installed("pyarrow")
     from spinfilters.campaigns.campaign_folder import read_folder

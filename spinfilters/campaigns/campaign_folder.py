@@ -43,7 +43,7 @@ def open_folder(folder: Path, study: Study, resume: bool) -> None:
 
 
 def keep_study(folder: Path, study: Study, done: Collection[int]) -> None:
-    """Write the study beside the rows of its runs.
+    """Write the study into the folder of its rows.
 
     InputError: there are rows of more seeds than it has.
     """

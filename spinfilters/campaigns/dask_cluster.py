@@ -36,7 +36,14 @@ RECOVERY_COUNT: Final = 600.0
 AHEAD: Final = 3
 """Chunks per thread of the cluster that are under way."""
 CHECKED_EVERY: Final = 2.0
-"""Seconds without a row after which it is looked whether the scheduler is still there."""
+"""Seconds after which the threads of the cluster are counted again, and a scheduler that gives no row is asked."""
+
+UNWATCHED: Final = {
+    "distributed.worker.profile.enabled": False,
+    "distributed.admin.tick.interval": "1s",
+    "distributed.admin.system-monitor.interval": "10s",
+}
+"""Settings of Dask on this machine: its looks at itself, which no page shows here, would take 4 % of a processor."""
 
 PROTOCOLS: Final = ("tcp", "tls", "ucx", "ws", "wss")
 """Protocols of a scheduler's address; tcp where none is given."""
@@ -146,7 +153,7 @@ def make_runs(name: str, chunk: Chunk) -> None:
 
 def _answers(client: Client, study: Study, chunks: Iterable[Chunk]) -> Iterator[Row]:
     """Rows as they come, a few chunks under way at a time; the end comes early when the scheduler is lost."""
-    name = f"spinfilters-{uuid.uuid4().hex}"  # of this campaign alone, whoever else runs the same study there
+    name = f"spinfilters-{uuid.uuid4().hex}"  # of this campaign alone, where another runs the same study on the same cluster
     waiting, under_way = deque(chunks), set()
     answered: queue.SimpleQueue[Any] = queue.SimpleQueue()  # rows, and after them the future of their chunk
     client.subscribe_topic(name, lambda event: answered.put(json.loads(event[1])))
@@ -155,8 +162,11 @@ def _answers(client: Client, study: Study, chunks: Iterable[Chunk]) -> Iterator[
     except Exception as error:
         raise _unfit_workers(error) from None
     try:
+        most, asked = 0, -CHECKED_EVERY
         while waiting or under_way:
-            while waiting and len(under_way) < AHEAD * _threads(client):
+            if time.monotonic() - asked >= CHECKED_EVERY:  # workers come and go
+                most, asked = AHEAD * _threads(client), time.monotonic()
+            while waiting and len(under_way) < most:
                 future = client.submit(make_runs, name, waiting.popleft(), pure=False)
                 under_way.add(future)
                 future.add_done_callback(answered.put)
@@ -232,7 +242,7 @@ def _this_machine(processes: int) -> Iterator[str]:
     """
     own_page = "127.0.0.1:0"  # scheduler and worker insist on one
     try:
-        with warnings.catch_warnings(), dask_config.set({"distributed.worker.profile.enabled": False}):
+        with warnings.catch_warnings(), dask_config.set(UNWATCHED):
             warnings.simplefilter("ignore")  # a machine without a network has no address: none is needed
             cluster: Any = LocalCluster(
                 n_workers=1,

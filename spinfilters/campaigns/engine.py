@@ -20,7 +20,19 @@ Chunk = tuple[int, ...]
 
 @dataclass(frozen=True)
 class Advance:
-    """Progress of a campaign: runs done, total, faulty rows, seconds left."""
+    """Progress of a campaign.
+
+    Attributes
+    ----------
+    done : int
+        Runs that have a row.
+    total : int
+        Runs of the study.
+    faulty : int
+        Rows of this call without a result.
+    seconds_left : float or None
+        Until the last row, s; None before the first of this call.
+    """
 
     done: int
     total: int
@@ -29,13 +41,22 @@ class Advance:
 
 
 Progress = Callable[[Advance], None]
+"""Called after every row."""
 
 
 class Executor(Protocol):
     """Place where runs are computed."""
 
     def rows(self, study: Study, chunks: list[Chunk]) -> Generator[Row, None, None]:
-        """Rows of all runs, each once, in the order of completion."""
+        """Rows of all runs, each once, in the order of completion.
+
+        Parameters
+        ----------
+        study : Study
+            Whose runs are made.
+        chunks : list of Chunk
+            Numbers of its runs, those of one recording together.
+        """
         ...
 
 
@@ -105,7 +126,7 @@ class _Pace:
         self._before, self._total, self._begin = before, total, time.monotonic()
 
     def advance(self, count: int, faulty: int) -> Advance:
-        """Progress after ``count`` runs of this call, ``faulty`` rows among all."""
+        """Progress after ``count`` rows of this call, of which ``faulty`` have no result."""
         spent = time.monotonic() - self._begin
         left = spent / count * (self._total - count) if count else None
         return Advance(self._before + count, self._before + self._total, faulty, left)

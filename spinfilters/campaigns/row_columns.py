@@ -8,23 +8,10 @@ import pyarrow as pa
 from spinfilters.evaluation.epoch_spans import own_span
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.evaluation.metrics import metrics
-from spinfilters.filters.noise_levels import VarianceComponent
+from spinfilters.filters.noise_levels import DISTURBANCES, VarianceComponent
+from spinfilters.io.sensor_format import noise_options
 from spinfilters.models.status import QUANTITIES
 
-LEVELS: Final = (
-    "pixel_std",
-    "pose_position_std",
-    "pose_rotation_std",
-    "gyro_noise_std",
-    "attitude_std",
-    "lidar_position_std",
-    "lidar_rotation_std",
-    "lidar_range_std",
-    "lidar_angle_std",
-    "force_psd",
-    "torque_psd",
-)
-"""Of noise: true, as identified (absent where it is stated), and the deviation of its ln variance."""
 TIMES: Final[tuple[str, ...]] = ("simulate", "initialise", "estimate", "evaluate")
 """Seconds of processor time of one run's parts."""
 OUTCOMES: Final = ("done", "refused", "raised", "timeout", "killed")
@@ -40,12 +27,18 @@ _TYPES: Final = {float: _NUMBER, int: pa.int64(), str: _TEXT, bool: pa.bool_(), 
 """Arrow's types of the kinds of metrics."""
 
 
+def noise_levels() -> tuple[str, ...]:
+    """Noise levels of the rows: every option of a sensor that data sets state, and the densities of the disturbances."""
+    return (*(each.name for each in noise_options().values() if each.in_dataset), *DISTURBANCES)
+
+
 def schema(factors: list[str]) -> pa.Schema:
     """Schema of the rows of a study with these factors.
 
     ``run``, ``cell``, ``seed``; a column of text per factor; then what came out, by the columns of `metrics`: NEES per degree
     of freedom and root mean squares of errors over the estimator's own epochs, constants after the last one; ``bound_`` stands
-    in the place of ``error_``.
+    in the place of ``error_``. A noise level has three columns: true, as identified (absent where it is stated), and the standard
+    deviation of the logarithm of its variance.
     """
     return pa.schema(
         [
@@ -56,11 +49,15 @@ def schema(factors: list[str]) -> pa.Schema:
             ("model_errors", _TEXT),
             *((metric.column_name, _TYPES[metric.kind]) for metric in metrics() if metric.column_name),
             *((metric.bound_column, _TYPES[metric.kind]) for metric in metrics() if metric.bound_column),
-            *((f"{of}_{name}", _NUMBER) for of in ("true", "found", "log_std") for name in LEVELS),
             *((name, pa.list_(pa.float32())) for name in ("nees_time_s", "nees_over_time")),
             *((name, _TEXT) for name in ("version", "packages")),
             *((f"time_{name}_s", _NUMBER) for name in (*TIMES, "total")),
             *((name, _TEXT) for name in ("finished", "host")),
+            *(
+                (f"{what}_{name}", _NUMBER)
+                for what in ("true", "found", "log_std")
+                for name in noise_levels()
+            ),
         ]
     )
 
@@ -99,6 +96,6 @@ def noise_columns(identified: Sequence[VarianceComponent], true: Mapping[str, fl
     """Columns of identified noise levels beside the true ones."""
     found: dict[str, Any] = {f"true_{name}": level for name, level in true.items()}
     for each in identified:
-        if each.name in LEVELS:
+        if each.name in noise_levels():
             found |= {f"found_{each.name}": each.value, f"log_std_{each.name}": each.log_std}
     return found

@@ -216,8 +216,8 @@ def considered_deviations(
 def identified_scales(setup: Setup) -> dict[str, NoiseScale]:
     """Scales that the initialisation has identified, by source.
 
-    The most probable level beside what the process and sensors are told, with the information 2 / var that it rests on. A
-    sensor has one scale, and none where a part of its noise is stated.
+    The most probable level over that of the process and the sensors, with the information 2 / var that it rests on. A sensor has
+    one scale, and none where a part of its noise is stated.
     """
     found = {each.name: each for each in setup.identified}
     scales = {}

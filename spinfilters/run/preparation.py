@@ -11,8 +11,14 @@ import numpy as np
 from spinfilters.core.chi_square import chi_square_tail
 from spinfilters.core.errors import InputError
 from spinfilters.core.working_time import working_seconds
-from spinfilters.inference.first_epochs import BoundLog, GivenInitialisation
-from spinfilters.inference.identified_noise import smallest_level, with_identified_noise
+from spinfilters.filters.timeline import build_timeline
+from spinfilters.inference.first_epochs import (
+    GivenInitialisation,
+    Initialiser,
+    NoisyModels,
+    with_identified_noise,
+)
+from spinfilters.inference.identified_noise import smallest_level
 from spinfilters.inference.initial_estimate import InitialEstimate
 from spinfilters.inference.setup import NOTHING_SOUGHT, Setup, camera_view
 from spinfilters.inference.stated_noise import (
@@ -25,6 +31,7 @@ from spinfilters.inference.stated_noise import (
     unstated_noise,
 )
 from spinfilters.io.dataset import Dataset
+from spinfilters.io.sensor_tables import require_motion
 from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.models.state_blocks import ACCELERATION, CENTRE_OF_MASS
 from spinfilters.models.state_layout import Gaussian
@@ -73,13 +80,15 @@ def first_setup(dataset: Dataset, settings: Settings, initial: GivenInitialisati
     layout = layout_of(log, settings)
     stated = stated_models(dataset, log, layout, settings)
     # First epochs: given, or smoothed at the noise that they identify.
-    bound = BoundLog(replace(dataset, log=log), camera_view(dataset), layout, settings, initial, None)
-    sought, identified = NOTHING_SOUGHT, ()
+    view, sought, identified = camera_view(dataset), NOTHING_SOUGHT, ()
     if initial is not None:
-        made = bound(stated.process, stated.noise, None)
+        timeline = build_timeline(log, layout, stated.noise, view)
+        require_motion(len(timeline))
+        made = NoisyModels(stated.process, stated.noise, timeline, initial(layout))
     else:
         sought = unstated_noise(log, dataset, settings, stated.unknown)
-        made, identified = with_identified_noise(bound, stated.process, stated.noise, sought)
+        initialiser = Initialiser(replace(dataset, log=log), view, layout, settings.initialisation)
+        made, identified = with_identified_noise(initialiser, stated.process, stated.noise, sought)
     # What every estimator begins from, and what is known of the noise and the calibration.
     start, known = made.start, dataset.known_map
     return Setup(
@@ -113,8 +122,8 @@ def setup_beside(setup: Setup, settings: Settings) -> Setup:
     layout = layout_of(setup.log, settings)
     process = TorqueFreeProcess(layout, setup.process.noise, settings.process.tolerance)
     dataset, view = replace(setup.dataset, log=setup.log), camera_view(setup.dataset)
-    bound = BoundLog(dataset, view, layout, settings, None, setup.initial)
-    made, identified = with_identified_noise(bound, process, setup.noise, setup.sought, ROUNDS_BESIDE)
+    initialiser = Initialiser(dataset, view, layout, settings.initialisation, setup.initial)
+    made, identified = with_identified_noise(initialiser, process, setup.noise, setup.sought, ROUNDS_BESIDE)
     return replace(
         setup,
         process=made.process,

@@ -65,10 +65,9 @@ def filter_noise_diagnostics(history: EstimateHistory, setup: Setup, settings: S
 
 
 def noise_doubts(tests: Mapping[str, NoiseTest], setup: Setup) -> list[Finding]:
-    """A finding about the level that the data contradict most.
+    """A finding about the level that the data contradict most; one that is wrong shows in the tests of the others.
 
-    One that is wrong shows in the tests of the others.
-    A level that nobody states may be too large, which its identification means it to be.
+    An unspecified level may be too large, as its identification means it to be.
     """
     for name, test in sorted(tests.items(), key=lambda item: -abs(item[1].score)):
         told = name not in setup.unstated if name in DISTURBANCES else not _is_identified(setup)
@@ -129,10 +128,9 @@ LARGEST_LEVEL_RATIO: Final = 1.5
 def stated_level_diagnostics(
     setup: Setup, settings: Settings, histories: Sequence[EstimateHistory]
 ) -> list[Finding]:
-    """A finding about the level that the data contradict most.
+    """A finding about the level that the data contradict most; one that is wrong shows in the tests of the others.
 
-    One that is wrong shows in the tests of the others.
-    A level that nobody states may be too large, which its identification means it to be.
+    An unspecified level may be too large, as its identification means it to be.
 
     Parameters
     ----------
@@ -227,8 +225,8 @@ class _Levels:
 
         Such rows are too small only where they are so with it, and never too large: they hold errors of the map, which all
         poses share, and directions that a scan does not determine; residuals show neither.
-        Poses share the errors of a map, which residuals show as far as the view changes: how much nobody knows. Those of images
-        are slow.
+        Poses share the errors of a map, which residuals show as far as the view changes, an unknown amount. Those of images are
+        slow.
         """
         tests, inflated = level_tests(self.model, self.trajectory, self.points), self._of_poses
         if not inflated:

@@ -65,11 +65,14 @@ REFUSED: Refused = [
     (lambda study, out: [str(study), "-o", str(out), "--shard", "0/3"], "with --scheduler"),
     (lambda study, out: [str(study), "-o", str(out), "--workers", "0"], "--workers"),
     (lambda study, out: [str(study), "-o", str(out), "--scheduler", "nowhere"], "scheduler"),
-    (lambda study, out: ["report"], "needs one folder"),
+    (lambda study, out: ["report"], "required: OUT"),
     (lambda study, out: ["report", str(study.parent)], "no campaign's folder"),
     (lambda study, out: ["report", str(out), "--resume"], "--resume is not for"),
     (lambda study, out: ["merge", str(out), "-o", str(out)], "with --scheduler"),
-    (lambda study, out: ["repeat", str(out), "last"], "number of a run"),
+    (
+        lambda study, out: ["repeat", str(out), "last"],
+        "argument RUN: 'last' is not allowed; give a whole number",
+    ),
 ]
 
 

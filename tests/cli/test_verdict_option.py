@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 
 from spinfilters import Settings, compare, simulate
-from spinfilters.cli.compare_recording import _settings
+from spinfilters.cli.command import arguments_from
+from spinfilters.cli.commands.compare import CompareArguments, settings_of
 from spinfilters.cli.main import main, parser
 from spinfilters.core.errors import InputError
 
@@ -20,7 +21,7 @@ def test_an_option_goes_before_the_config_file(
     config = tmp_path / "config.toml"
     config.write_text(f'verdict = "{configured}"\n')
     given = parser().parse_args(["compare", "recording", "--config", str(config), *options])
-    assert _settings(given).verdict == verdict
+    assert settings_of(arguments_from(CompareArguments, given)).verdict == verdict
 
 
 def test_another_word_is_refused_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
