@@ -115,9 +115,9 @@ class CompiledUpdate:
             *(self._address, count, address(x), address(parameters), address(values), 1 / scale, limit),
             *(address(before), address(room), address(made)),
         )
-        return self._taken(made, used * self._dim) if used else None
+        return self._read(made, used * self._dim) if used else None
 
-    def _taken(self, made: Float[np.ndarray, " k"], dof: int) -> Update:
+    def _read(self, made: Float[np.ndarray, " k"], dof: int) -> Update:
         """Result of a compiled update, read from its structure `Made`."""
         n, begin = self._size, 3 + 2 * self._size
         nis, log_noise, log_root = float(made[0]), float(made[1]), float(made[begin - 1])
@@ -153,7 +153,7 @@ class CompiledPropagation:
         transition: Float[np.ndarray, "n n"],
         noise: Float[np.ndarray, "n k"],
     ) -> Float[np.ndarray, "n n"]:
-        """See `spinfilters.filters.filter.propagated`."""
+        """See `spinfilters.filters.filter.propagate_factor`."""
         after = np.empty(factor.shape)
         given = [np.ascontiguousarray(array) for array in (factor, transition, noise)]
         self._propagate(*map(address, given), noise.shape[1], address(after))

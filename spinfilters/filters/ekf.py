@@ -1,34 +1,31 @@
 """The multiplicative extended Kalman filter in square-root form."""
 
-import math
-from dataclasses import dataclass, replace
-from functools import cached_property
-
 import numpy as np
-from jaxtyping import Float
 
 from spinfilters.filters.compiled_steps import Update, compiled_update
 from spinfilters.filters.estimator import Measurement, ProcessModel
-from spinfilters.filters.filter import MultiplicativeFilter, propagated, reset_factor
-from spinfilters.filters.iterated_update import IteratedObservations, IterationOptions, agrees, iterate
-from spinfilters.filters.landmark_observations import SolvedObservations, solve_at
+from spinfilters.filters.filter import LinearisedProcess, MultiplicativeFilter
+from spinfilters.filters.iterated_update import (
+    IteratedObservations,
+    IteratedUpdate,
+    IterationOptions,
+    is_small,
+    proves_right,
+    sample_rows,
+)
+from spinfilters.filters.landmark_observations import SolvedObservations
 from spinfilters.filters.landmark_steps import MapObservations
 from spinfilters.filters.measurement_prediction import LinearisedRows, linear_rows
-from spinfilters.filters.noise_levels import AdaptationOptions, PredictedMotion
+from spinfilters.filters.noise_levels import AdaptationOptions
 from spinfilters.filters.outlier_rejection import RobustOptions, SensorOutlierRejection
 from spinfilters.filters.shared_modes import LandmarkOptions
-from spinfilters.filters.square_root import Correction, square_root_update
-from spinfilters.models.state_blocks import ATTITUDE
-from spinfilters.models.state_layout import StateLayout
-
-SMALLEST_RANGE = 1e-3
-"""Of a body, m: divides its displacement."""
-SAMPLE = 16
-"""Values at which an update's linear model is checked, spread over all."""
 
 
 class MultiplicativeEkf(MultiplicativeFilter):
     """First-order filter: the error's transition and the sensors' Jacobians are exact derivatives at the mean.
+
+    An update whose linear model did not prove right is made again about its own result (`spinfilters.filters.iterated_update`);
+    ``IterationOptions(iterations=1)`` is the plain EKF.
 
     Parameters
     ----------
@@ -38,10 +35,10 @@ class MultiplicativeEkf(MultiplicativeFilter):
         See `MultiplicativeFilter`.
     adaptation : AdaptationOptions or None
         See `MultiplicativeFilter`.
-    landmarks : LandmarkOptions or None
-        See `MultiplicativeFilter`.
     iteration : IterationOptions or None
         Options of the iterated update, for measurements far from linear.
+    landmarks : LandmarkOptions or None
+        See `MultiplicativeFilter`.
     """
 
     name = "mekf"
@@ -57,171 +54,68 @@ class MultiplicativeEkf(MultiplicativeFilter):
         super().__init__(process, robust, adaptation, landmarks)
         self._iteration = iteration or IterationOptions()
 
-    def _moved(self, dt: float) -> PredictedMotion:
-        mean, transition, noise = self.process.linearise(self._mean, dt)
-        noise = self._adaptation.scaled(noise)
-        factor = propagated(self._factor, transition, noise)
-        return PredictedMotion(mean, factor, transition, noise)
+    def linearise_process(self, dt: float) -> LinearisedProcess:
+        """f, its derivative F with respect to the error, and the noise factor G, all at the mean."""
+        mean, transition, noise = self.process.linearise(self.mean, dt)
+        return LinearisedProcess(mean, transition, noise)
 
-    def _corrected(
-        self, measurement: Measurement, guard: SensorOutlierRejection, scale: float
-    ) -> Update | None:
-        compiled = compiled_update(measurement.model)
-        if compiled is not None:
-            limit = guard.limit(measurement.model.dim)
-            found = compiled(self._mean, self._factor, measurement, scale, limit)
-            if found is not None and self._has_proved_right(found, measurement, scale):
-                count = len(measurement.values)
-                guard.count(count, count - found.correction.dof // measurement.model.dim)
-                return found
-        return self._weighed(measurement, guard, scale)
+    def predict_measurement(self, measurement: Measurement) -> LinearisedRows:
+        """Innovations y - h(x) and Jacobians H at the mean, whitened by the noise there."""
+        return linear_rows(measurement, self.mean)
 
-    def _weighed(
-        self, measurement: Measurement, guard: SensorOutlierRejection, scale: float
+    def correct(
+        self, measurement: Measurement, outliers: SensorOutlierRejection, scale: float
     ) -> Update | None:
-        """Update by the valid values with the weights of outlier rejection, iterated where the model is far from linear."""
-        rows = linear_rows(measurement, self._mean)
-        if rows.dof and scale != 1:
-            rows = rows.weighted(np.full(len(rows.innovation), 1 / scale))
-        weights = guard.weights(rows.innovation, lambda chosen: rows.deviations(self._factor, chosen))
-        weighted = rows if weights is None else rows.weighted(weights)
-        if not weighted.dof:
+        """As every filter's, in one pass of compiled code where that proves right; iterated where the model is far from linear."""
+        found = self._correct_in_one_pass(measurement, outliers, scale)
+        if found is not None:
+            return found
+        rows = self.reject_outliers(self.predict_measurement(measurement), outliers, scale)
+        if not rows.dof:
             return None
-        correction = square_root_update(weighted.predicted(self._factor))
-        mean = self.layout.retract(self._mean, correction.error[: self._n])
-        if self._is_small(correction) or self._agrees(*_sampled(weighted), mean, correction):
-            return Update(mean, correction, reset_factor(self.layout, correction.error, correction.factor))
-        return IteratedUpdate(self.layout, self._mean, self._factor, weighted).solved(
-            correction, self._iteration
-        )
+        update = self.correct_linearly(rows)
+        chosen = sample_rows(len(rows.innovation))
+        if self._is_small(update) or proves_right(
+            rows.only(chosen), float(chosen.step), update, self._iteration
+        ):
+            return update
+        problem = IteratedUpdate(self.layout, self.mean, self.factor, rows)
+        return problem.solve(update.correction, self._iteration)
 
-    def _solved(self, observations: MapObservations, guard: SensorOutlierRejection) -> SolvedObservations:
-        first = solve_at(observations, self._mean, self._factor, guard)
-        if self._is_small(first.correction):
+    def correct_by_landmarks(
+        self, observations: MapObservations, outliers: SensorOutlierRejection
+    ) -> SolvedObservations:
+        """By derivatives at the mean, iterated where the model is far from linear."""
+        first = super().correct_by_landmarks(observations, outliers)
+        if is_small(self.layout, self.mean, first.correction, self._iteration):
             return first
-        problem = IteratedObservations(observations, self._mean, self._factor, first)
+        problem = IteratedObservations(observations, self.mean, self.factor, first)
         return problem.solution(self._iteration)
 
-    def _is_small(self, correction: Correction) -> bool:
-        """Whether the linear model cannot but have proved right."""
-        length = math.sqrt(correction.shift @ correction.shift)
-        return length * _curvature(self.layout, self._mean, correction.error) <= self._iteration.tolerance
+    def _is_small(self, update: Update) -> bool:
+        return is_small(self.layout, self.mean, update.correction, self._iteration)
 
-    def _has_proved_right(self, found: Update, measurement: Measurement, scale: float) -> bool:
-        """Whether an update needs no iteration: it is small, or all values passed the gate as the model predicted."""
-        if self._is_small(found.correction):
-            return True
-        model, chosen = measurement.model, _sample(len(measurement.values))
-        if found.correction.dof < model.dim * len(measurement.values):
-            return False
-        values = Measurement(model, measurement.values[chosen], measurement.parameters[chosen])
-        rows = linear_rows(values, self._mean)
-        if scale != 1:
-            rows = rows.weighted(np.full(len(rows.innovation), 1 / scale))
-        return self._agrees(rows, float(chosen.step), found.mean, found.correction)
-
-    def _agrees(
-        self, rows: LinearisedRows, spacing: float, mean: Float[np.ndarray, " m"], correction: Correction
-    ) -> bool:
-        """Whether sampled rows, each counted ``spacing`` times, are as the model predicted, or iteration is off."""
-        if self._iteration.iterations == 1:
-            return True
-        expected = rows.innovation - rows.jacobian @ correction.error[rows.columns]
-        m = rows.measurement
-        found = m.model.linearise(mean, m.parameters, m.values)
-        residual = found.innovation
-        if rows.root_weights is not None:
-            residual = residual * rows.root_weights[:, np.newaxis]
-        root = np.sqrt(spacing)
-        good = agrees(root * residual.reshape(-1), root * expected.reshape(-1), self._iteration)
-        return good and bool(found.valid.all())
-
-
-def _sample(count: int) -> slice:
-    """Rows, spread over so many, at which a linear model is checked."""
-    return slice(None, None, -(-count // SAMPLE))
-
-
-def _sampled(rows: LinearisedRows) -> tuple[LinearisedRows, float]:
-    """Rows at which their linear model is checked, and for how many each stands."""
-    chosen = _sample(len(rows.innovation))
-    return rows.only(chosen), float(chosen.step)
-
-
-def _curvature(layout: StateLayout, mean: Float[np.ndarray, " m"], error: Float[np.ndarray, " n"]) -> float:
-    """Relative error of a linearly predicted change of residual, in order of magnitude.
-
-    It is the sum of the rotation (rad) and the relative change of range. A correction moves a residual by |H y| <= |U y|
-    standard deviations; where that times this is below the tolerance, a second linearisation changes nothing that matters.
-    """
-    if not layout.has(ATTITUDE):
-        return math.inf
-    curvature = math.hypot(*error[layout.slice("a")].tolist())
-    if layout.translates:
-        away = math.hypot(*mean[layout.mean_slice("t")].tolist())
-        curvature += math.hypot(*error[layout.slice("t")].tolist()) / max(away, SMALLEST_RANGE)
-    return curvature
-
-
-@dataclass(frozen=True)
-class IteratedUpdate:
-    """Iterated update in the coordinates y of a predicted belief, whose error about its mean is factor @ y.
-
-    Attributes
-    ----------
-    rows : LinearisedRows
-        Linearised at the mean; the noise is what it is there.
-    """
-
-    layout: StateLayout
-    mean: Float[np.ndarray, " m"]
-    factor: Float[np.ndarray, "n n"]
-    rows: LinearisedRows
-
-    def solved(self, first: Correction, options: IterationOptions) -> Update:
-        """The most probable point, from the correction about the mean."""
-        y, correction = iterate(first, self.solution, self.objective, options)
-        correction = replace(correction, error=self.factor @ y)
-        factor = reset_factor(self.layout, correction.error, correction.factor)
-        return Update(self._point(y), correction, factor)
-
-    def objective(self, y: Float[np.ndarray, " n"]) -> float:
-        """|y|^2 + |r|^2, infinite where a value is impossible."""
-        m = self.rows.measurement
-        away, valid = m.model.innovations(self._point(y), m.parameters, m.values)
-        if not (valid.all() and np.isfinite(away).all()):
-            return np.inf
-        residual = self._weighing @ away[..., np.newaxis]
-        return float(y @ y) + float(np.sum(residual * residual))
-
-    def solution(self, y: Float[np.ndarray, " n"]) -> Correction:
-        """Correction by the model linearised at y, as an error about the mean; the objective must be finite there."""
-        point = self._point(y)
-        m = self.rows.measurement
-        rows = linear_rows(m, point)
-        # Errors about the point by y: reset Jacobian times factor, so that the prior mean lies at -moved y.
-        moved = self.layout.reset_jacobian(self._rows @ y) @ self._rows
-        whitening = m.model.whitening(point, m.parameters)
-        innovation, jacobian = rows.innovation, rows.jacobian
-        # Rows whitened at y are re-whitened by the weighted noise at the mean: W_mean W_y^-1.
-        if not np.array_equal(whitening, self._weighing):  # noise that depends on the state, or weights
-            back = np.swapaxes(whitening, 1, 2)
-            turn = np.swapaxes(np.linalg.solve(back, np.swapaxes(self._weighing, 1, 2)), 1, 2)
-            innovation, jacobian = (turn @ innovation[..., np.newaxis])[..., 0], turn @ jacobian
-        rows = replace(rows, innovation=innovation, jacobian=jacobian, log_noise=self.rows.log_noise)
-        return square_root_update(replace(rows.predicted(moved, -(moved @ y)), state_factor=self.factor))
-
-    def _point(self, y: Float[np.ndarray, " n"]) -> Float[np.ndarray, " m"]:
-        return self.layout.retract(self.mean, self._rows @ y)
-
-    @property
-    def _rows(self) -> Float[np.ndarray, "n N"]:
-        """Rows of the covariance factor that belong to the state."""
-        return self.factor[: self.layout.error_dim]
-
-    @cached_property
-    def _weighing(self) -> Float[np.ndarray, "k d d"]:
-        """Whitening matrix of a residual times the square root of its weight."""
-        m, root = self.rows.measurement, self.rows.root_weights
-        whitening = m.model.whitening(self.mean, m.parameters)
-        return whitening if root is None else whitening * root[:, np.newaxis, np.newaxis]
+    def _correct_in_one_pass(
+        self, measurement: Measurement, outliers: SensorOutlierRejection, scale: float
+    ) -> Update | None:
+        """The compiled update, None where there is none or iteration is due: values refused, or not as the model predicted."""
+        model, count = measurement.model, len(measurement.values)
+        compiled = compiled_update(model)
+        if compiled is None:
+            return None
+        found = compiled(self.mean, self.factor, measurement, scale, outliers.limit(model.dim))
+        if found is None:
+            return None
+        if not self._is_small(found):
+            if found.correction.dof < model.dim * count:
+                return None
+            chosen = sample_rows(count)
+            rows = self.predict_measurement(
+                Measurement(model, measurement.values[chosen], measurement.parameters[chosen])
+            )
+            if scale != 1:
+                rows = rows.weighted(np.full(len(rows.innovation), 1 / scale))
+            if not proves_right(rows, float(chosen.step), found, self._iteration):
+                return None
+        outliers.count(count, count - found.correction.dof // model.dim)
+        return found

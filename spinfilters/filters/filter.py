@@ -1,10 +1,16 @@
-"""Multiplicative filter: what the EKF and the UKF share."""
+"""The multiplicative filter in square-root form: predict and update, in the order of the textbook.
+
+Members of the family state two things, in a file each: how the process is linear over a step (`linearise_process`), and how a
+measurement is linear in the error of the state (`predict_measurement`). `spinfilters.filters.ekf` does both by derivatives at the
+mean, `spinfilters.filters.ukf` by regression over sigma points.
+"""
 
 from abc import abstractmethod
 from collections.abc import Mapping
+from typing import NamedTuple, Protocol, Self, TypeVar
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from spinfilters.core.errors import InputError
 from spinfilters.filters.compiled_steps import MOST_NOISE, Update, compiled_propagation
@@ -20,17 +26,69 @@ from spinfilters.filters.estimator import (
     UpdateReport,
 )
 from spinfilters.filters.landmark_map import HeldMap
-from spinfilters.filters.landmark_observations import SolvedObservations
+from spinfilters.filters.landmark_observations import SolvedObservations, solve_at
 from spinfilters.filters.landmark_steps import MapObservations
 from spinfilters.filters.noise_levels import AdaptationOptions, NoiseAdaptation, NoiseScale, PredictedMotion
 from spinfilters.filters.outlier_rejection import OutlierRejection, RobustOptions, SensorOutlierRejection
 from spinfilters.filters.shared_modes import LandmarkOptions, anchored_at_pose
-from spinfilters.filters.square_root import triangular_factor
+from spinfilters.filters.square_root import MeasurementPrediction, square_root_update, triangular_factor
 from spinfilters.models.gauge import GAUGE_DIM, state_in_g
 from spinfilters.models.state_layout import Gaussian, StateLayout
 
 NOTHING_CHANGED = MapChange(NO_IDS, np.zeros(0), NO_IDS, NO_IDS)
 """What an update that could not be made did to the map."""
+
+
+class LinearisedProcess(NamedTuple):
+    """The process over one step, linear in the error of the state.
+
+    Attributes
+    ----------
+    mean : ndarray of float, shape (m,)
+        Predicted mean.
+    transition : ndarray of float, shape (n, n)
+        F, the derivative of the predicted error with respect to the present one.
+    noise : ndarray of float, shape (n, k)
+        G with G G' = Q, at the stated densities.
+    spread : ndarray of float, shape (n, r), or None
+        Predicted errors per unit of the factor's coordinates, followed by what a regression leaves; None is F S.
+    """
+
+    mean: Float[np.ndarray, " m"]
+    transition: Float[np.ndarray, "n n"]
+    noise: Float[np.ndarray, "n k"]
+    spread: Float[np.ndarray, "n r"] | None = None
+
+
+class PredictedMeasurement(Protocol):
+    """Usable values of a measurement, whitened, and how they depend on the error of the state."""
+
+    @property
+    def innovation(self) -> Float[np.ndarray, "k d"]:
+        """Whitened innovations, measured less predicted."""
+        ...
+
+    @property
+    def dof(self) -> int:
+        """Number of scalar measurements."""
+        ...
+
+    def deviations(
+        self, factor: Float[np.ndarray, "n r"], chosen: Bool[np.ndarray, " k"]
+    ) -> Float[np.ndarray, "s d r"]:
+        """H S of the chosen values: their change per unit of the factor's coordinates."""
+        ...
+
+    def weighted(self, weights: Float[np.ndarray, " k"]) -> Self:
+        """Values with their noise covariance divided by the weights; those of weight 0 are left out."""
+        ...
+
+    def predicted(self, factor: Float[np.ndarray, "n r"]) -> MeasurementPrediction:
+        """All values together, for `square_root_update`."""
+        ...
+
+
+Predicted = TypeVar("Predicted", bound=PredictedMeasurement)
 
 
 class MultiplicativeFilter(Estimator):
@@ -65,9 +123,9 @@ class MultiplicativeFilter(Estimator):
         landmarks: LandmarkOptions | None = None,
     ) -> None:
         super().__init__(process)
-        self._mean = np.zeros(0)
-        self._factor = np.zeros((0, 0))
-        self._guards = OutlierRejection(robust or RobustOptions())
+        self.mean = np.zeros(0)
+        self.factor = np.zeros((0, 0))
+        self._outliers = OutlierRejection(robust or RobustOptions())
         self._adaptation = NoiseAdaptation(adaptation or AdaptationOptions())
         self._options = landmarks or LandmarkOptions()
         self._held: HeldMap | None = None
@@ -79,7 +137,7 @@ class MultiplicativeFilter(Estimator):
                 f"belief has the blocks {belief.layout.blocks}, the process has {self.layout.blocks}"
             )
         self._take(belief)
-        self._guards = OutlierRejection(self._guards.options)
+        self._outliers = OutlierRejection(self._outliers.options)
         self._adaptation = NoiseAdaptation(self._adaptation.options, self._adaptation.identified)
 
     def adapt_from(self, identified: Mapping[str, NoiseScale]) -> None:
@@ -98,23 +156,23 @@ class MultiplicativeFilter(Estimator):
         self._take(belief if belief.joint is None else belief.joint.with_modes(self.mode_count))
 
     def _take(self, belief: Belief) -> None:
-        self._mean, self._factor = belief.mean.copy(), belief.factor.copy()
+        self.mean, self.factor = belief.mean.copy(), belief.factor.copy()
         self._held = None if belief.joint is None else HeldMap.of(belief.joint, self._options)
 
     @property
     def belief(self) -> Gaussian:
         """Latest belief of the state in frame g, landmarks marginalised."""
         if self._held is None:
-            return Gaussian(self.layout, self._mean, self._factor)
-        if not self._held.has_move(self._factor, self.layout):
-            return Gaussian(self.layout, self._mean, triangular_factor(self._factor[: self._n].T))
-        mean, rows = state_in_g(self.layout, self._mean, self._factor, self._held.move)
+            return Gaussian(self.layout, self.mean, self.factor)
+        if not self._held.has_move(self.factor, self.layout):
+            return Gaussian(self.layout, self.mean, triangular_factor(self.factor[: self._n].T))
+        mean, rows = state_in_g(self.layout, self.mean, self.factor, self._held.move)
         return Gaussian(self.layout, mean, triangular_factor(rows.T))
 
     @property
     def landmark_belief(self) -> LandmarkBelief:
         """State and landmarks together."""
-        return self._with_map().belief(self.layout, self._mean, self._factor)
+        return self._with_map().belief(self.layout, self.mean, self.factor)
 
     @property
     def held(self) -> Int[np.ndarray, " k"]:
@@ -127,45 +185,99 @@ class MultiplicativeFilter(Estimator):
         return 0 if self._held is None else self._held.landmarks.rank
 
     def predict(self, dt: float) -> None:
-        """Predict mean and covariance factor ``dt`` seconds ahead."""
-        self._guards.pass_time()
-        self._adaptation.observe_motion(self.layout, self._mean, self._factor[: self._n])
-        motion = self._moved(dt)
-        self._mean, self._factor = motion.mean, motion.factor
-        self._adaptation.expect_motion(motion)
+        """Propagate mean and covariance over ``dt`` seconds.
+
+        x <- f(x, dt),  S <- qr([F S, G])  with  P = S S',  Q = G G'  (Maybeck 1979, sec. 7.4)
+        """
+        self._outliers.pass_time()
+        self._adaptation.observe_motion(self.layout, self.mean, self.factor[: self._n])
+        step = self.linearise_process(dt)  # EKF: derivatives at the mean; UKF: regression over sigma points
+        noise = self._adaptation.scaled(step.noise)
+        self.mean, self.factor = step.mean, propagate_factor(self.factor, step, noise)
+        self._adaptation.expect_motion(PredictedMotion(self.mean, self.factor, step.transition, noise))
 
     def update(self, measurement: Measurement) -> UpdateReport:
-        """Update with one sensor's values; mere repetitions count as rejected."""
+        """Correct mean and covariance by one sensor's values; mere repetitions count as rejected."""
         name, count, ids = measurement.model.name, len(measurement.values), measurement.ids
-        guard = self._guards.of(name)
-        unchanged = None if ids is None else NOTHING_CHANGED
+        outliers = self._outliers.of(name)
         keys = measurement.parameters[:, : measurement.model.known_by] if ids is None else ids
-        if guard.epochs.is_duplicate(keys, measurement.values):
-            return UpdateReport(0.0, 0, 0, count, map_change=unchanged)
+        if outliers.epochs.is_duplicate(keys, measurement.values):
+            return UpdateReport(0.0, 0, 0, count, map_change=None if ids is None else NOTHING_CHANGED)
         scale = self._adaptation.measurement_scale(name)
         if ids is not None:
-            return self._observed(measurement, ids, guard, scale)
-        corrected = self._corrected(measurement, guard, scale)
-        if corrected is None:
+            return self._update_by_landmarks(measurement, ids, outliers, scale)
+        update = self.correct(measurement, outliers, scale)
+        if update is None:
             return UpdateReport(0.0, 0, 0, count)
-        self._mean, correction, self._factor = corrected
+        self.mean, correction, self.factor = update
         if self._held is not None:
             self._held.follow(correction.error[self._n :])
         self._adaptation.observe_measurement(name, correction)
         used = correction.dof // measurement.model.dim
         return UpdateReport(correction.nis, correction.dof, used, count - used, correction.log_likelihood)
 
+    def correct(
+        self, measurement: Measurement, outliers: SensorOutlierRejection, scale: float
+    ) -> Update | None:
+        """Mean, correction and factor given a measurement; None when no value is usable.
+
+        With the whitened innovation rho = H e + v, e ~ N(0, S S') and v ~ N(0, 1),
+
+            e = S (1 + Y'Y)^-1 Y' rho,  S <- S (1 + Y'Y)^-1/2,  Y = H S  (`spinfilters.filters.square_root`),
+
+        then the error e is folded into the mean, x <- x [+] e, and S moves with the derivative of that reset.
+
+        Parameters
+        ----------
+        scale : float
+            Ratio of the noise covariance to the stated one.
+        """
+        predicted = self.predict_measurement(measurement)  # EKF: h and its Jacobian; UKF: over sigma points
+        predicted = self.reject_outliers(predicted, outliers, scale)
+        return self.correct_linearly(predicted) if predicted.dof else None
+
+    def reject_outliers(
+        self, predicted: Predicted, outliers: SensorOutlierRejection, scale: float
+    ) -> Predicted:
+        """The values with their noise as adapted, and with the weights of gate and loss."""
+        if predicted.dof and scale != 1:
+            predicted = predicted.weighted(np.full(len(predicted.innovation), 1 / scale))
+        weights = outliers.weights(
+            predicted.innovation, lambda chosen: predicted.deviations(self.factor, chosen)
+        )
+        return predicted if weights is None else predicted.weighted(weights)
+
+    def correct_linearly(self, predicted: PredictedMeasurement) -> Update:
+        """The correction by values that are linear in the error, in one step."""
+        correction = square_root_update(predicted.predicted(self.factor))
+        mean = self.layout.retract(self.mean, correction.error[: self._n])
+        return Update(mean, correction, reset_factor(self.layout, correction.error, correction.factor))
+
+    @abstractmethod
+    def linearise_process(self, dt: float) -> LinearisedProcess:
+        """The process over ``dt`` seconds, linear in the error about the present mean."""
+
+    @abstractmethod
+    def predict_measurement(self, measurement: Measurement) -> PredictedMeasurement:
+        """The usable values of a measurement, whitened, and linear in the error about the present mean."""
+
+    def correct_by_landmarks(
+        self, observations: MapObservations, outliers: SensorOutlierRejection
+    ) -> SolvedObservations:
+        """Correction of state and shared modes by landmarks of the map, linear by derivatives at the mean."""
+        return solve_at(observations, self.mean, self.factor, outliers)
+
     def snapshot(self) -> Snapshot:
         """Copies of belief, landmarks, gates and noise adaptation."""
-        beliefs = {"mean": self._mean.copy(), "factor": self._factor.copy()}
+        beliefs = {"mean": self.mean.copy(), "factor": self.factor.copy()}
         landmarks = {} if self._held is None else self._held.snapshot()
-        return {**beliefs, **landmarks, **self._guards.snapshot(), **self._adaptation.snapshot()}
+        return {**beliefs, **landmarks, **self._outliers.snapshot(), **self._adaptation.snapshot()}
 
     def restore(self, snapshot: Snapshot) -> None:
         """Take belief, landmarks, gates and noise adaptation from a `snapshot`."""
-        self._mean, self._factor = snapshot["mean"].copy(), snapshot["factor"].copy()
+        self.mean, self.factor = snapshot["mean"].copy(), snapshot["factor"].copy()
         self._held = HeldMap.restored(snapshot, self._options)
-        self._guards.restore(snapshot)
+        self._outliers.restore(snapshot)
         self._adaptation.restore(snapshot)
 
     @property
@@ -175,10 +287,10 @@ class MultiplicativeFilter(Estimator):
     def _with_map(self) -> HeldMap:
         """The map; before the first landmark it gets modes that nothing depends on yet."""
         if self._held is None:
-            self._held, size = HeldMap.empty(self._options), len(self._factor)
+            self._held, size = HeldMap.empty(self._options), len(self.factor)
             factor = np.eye(size + self._options.modes)
-            factor[:size, :size] = self._factor
-            self._factor = factor
+            factor[:size, :size] = self.factor
+            self.factor = factor
         return self._held
 
     def _anchored(self, dim: int, rows: Int[np.ndarray, " k"]) -> HeldMap:
@@ -187,70 +299,53 @@ class MultiplicativeFilter(Estimator):
         if len(held.landmarks) == 0 or dim * known >= GAUGE_DIM or dim * (len(rows) - known) < GAUGE_DIM:
             return held
         belief = anchored_at_pose(self.landmark_belief, self._options)
-        self._factor, self._held = belief.factor, HeldMap.of(belief, self._options)
+        self.factor, self._held = belief.factor, HeldMap.of(belief, self._options)
         return self._held
 
-    def _observed(
+    def _update_by_landmarks(
         self,
         measurement: Measurement,
         ids: Int[np.ndarray, " k"],
-        guard: SensorOutlierRejection,
+        outliers: SensorOutlierRejection,
         scale: float,
     ) -> UpdateReport:
-        """Landmarks of the map seen, and new ones."""
+        """Correct state, modes and landmarks by observations of those in the map, and add new ones."""
         rows = self._with_map().landmarks.locate(ids)
         held = self._anchored(measurement.model.dim, rows)
         observations = held.observations(self.layout, measurement, rows, scale)
-        solved = self._solved(observations, guard)
+        solved = self.correct_by_landmarks(observations, outliers)
         correction = solved.correction
-        mean = self.layout.retract(self._mean, correction.error[: self._n])
+        mean = self.layout.retract(self.mean, correction.error[: self._n])
         if not (np.isfinite(mean).all() and np.isfinite(correction.factor).all()):
             return UpdateReport(0.0, 0, 0, len(ids), map_change=NOTHING_CHANGED)
-        self._mean = mean
-        self._factor, change = held.after(observations, measurement, solved, mean)
+        self.mean = mean
+        self.factor, change = held.after(observations, measurement, solved, mean)
         self._adaptation.observe_measurement(measurement.model.name, correction)
         used = len(solved.used) + len(change.added)  # a landmark's first observation makes it
         return UpdateReport(
             correction.nis, correction.dof, used, len(ids) - used, correction.log_likelihood, change
         )
 
-    @abstractmethod
-    def _moved(self, dt: float) -> PredictedMotion:
-        """The belief dt seconds later."""
 
-    @abstractmethod
-    def _corrected(
-        self, measurement: Measurement, guard: SensorOutlierRejection, scale: float
-    ) -> Update | None:
-        """Update by a measurement whose noise covariance is multiplied by ``scale``; None when no value is usable."""
-
-    @abstractmethod
-    def _solved(self, observations: MapObservations, guard: SensorOutlierRejection) -> SolvedObservations:
-        """Solved observations of landmarks."""
-
-
-def propagated(
-    factor: Float[np.ndarray, "N N"], transition: Float[np.ndarray, "n n"], noise: Float[np.ndarray, "n k"]
+def propagate_factor(
+    factor: Float[np.ndarray, "N N"], step: LinearisedProcess, noise: Float[np.ndarray, "n k"]
 ) -> Float[np.ndarray, "N N"]:
-    """Lower triangular factor after transition and noise of the leading rows."""
-    n = len(transition)
-    compiled = compiled_propagation(n) if len(factor) == n and noise.shape[1] <= MOST_NOISE else None
-    if compiled is not None:
-        return compiled(factor, transition, noise)
-    return joined_rows(factor, transition @ factor[:n], noise)
+    """Lower triangular covariance factor after a step; rows behind the state's n (modes, move) do not change with time.
 
-
-def joined_rows(
-    factor: Float[np.ndarray, "N N"], moved: Float[np.ndarray, "n N"], noise: Float[np.ndarray, "n k"]
-) -> Float[np.ndarray, "N N"]:
-    """Lower triangular covariance factor after a prediction.
-
-    The state's rows have become ``moved`` and process noise is added; rows behind them stay.
+    Parameters
+    ----------
+    noise : ndarray of float, shape (n, k)
+        G as adapted.
     """
-    n, size = moved.shape
-    # [moved noise; rest 0] (N x (N + k)): its triangular factor has the covariance of the predicted errors.
-    rows = np.zeros((size, size + noise.shape[1]))
-    rows[:n, :size], rows[:n, size:] = moved, noise
+    n, size, k = len(step.transition), len(factor), noise.shape[1]
+    if step.spread is None and size == n and k <= MOST_NOISE:
+        compiled = compiled_propagation(n)
+        if compiled is not None:
+            return compiled(factor, step.transition, noise)
+    spread = step.transition @ factor[:n] if step.spread is None else step.spread
+    # [F S  G; rest 0], N x (r + k): its triangular factor has the covariance of the predicted errors.
+    rows = np.zeros((size, spread.shape[1] + k))
+    rows[:n, : spread.shape[1]], rows[:n, spread.shape[1] :] = spread, noise
     rows[n:, :size] = factor[n:]
     return triangular_factor(rows.T)
 

@@ -1,4 +1,4 @@
-"""The iterated update: Gauss-Newton on the most probable state, with a line search.
+"""The iterated update: Gauss-Newton on the most probable state, with a line search, and when it is worth making.
 
 The state sought, in the coordinates y of the predicted belief (error = F y, y standard normal), is the least of
 
@@ -8,10 +8,11 @@ About a trial y the residual is linear in y; the least of that model is the next
 falls. Every model holds the one prior and the one measurement, so that however often it iterates the measurement counts once (Bell
 and Cathey 1993); the covariance is that of the last model. See Skoglund, Hendeby, Axehill (2015) for the line search.
 
-`IteratedObservations` does the same for landmark observations. The landmarks' own errors count as noise of the observations there,
-whitened as at the point before the update.
+`IteratedUpdate` does so for a sensor without landmarks. `IteratedObservations` does the same for observations of landmarks, whose
+own errors count as noise there, whitened as at the point before the update.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -21,12 +22,23 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.core.errors import InputError
+from spinfilters.filters.compiled_steps import Update
+from spinfilters.filters.filter import reset_factor
 from spinfilters.filters.landmark_observations import ChosenObservations, SolvedObservations, corrected
 from spinfilters.filters.landmark_steps import LinearisedObservations, MapObservations
+from spinfilters.filters.measurement_prediction import LinearisedRows, linear_rows
+from spinfilters.filters.square_root import Correction, square_root_update
 from spinfilters.io.stated_values import NumberRange
+from spinfilters.models.state_blocks import ATTITUDE
+from spinfilters.models.state_layout import StateLayout
 
 HALVINGS = 6
 """Of a step at most: a 64th that still does not fall says that the trial is the least there is, to rounding."""
+
+SMALLEST_RANGE = 1e-3
+"""Of a body, m: divides its displacement."""
+SAMPLE = 16
+"""Values at which an update's linear model is checked, spread over all."""
 
 
 @dataclass(frozen=True)
@@ -124,6 +136,121 @@ def _searched(
             return trial, after
         share /= 2
     return y, value
+
+
+def is_small(
+    layout: StateLayout, mean: Float[np.ndarray, " m"], correction: Correction, options: IterationOptions
+) -> bool:
+    """Whether a correction is so small that a second linearisation changes nothing that matters.
+
+    A correction moves a residual by |H e| <= |U y| standard deviations; the linear model is off by that times `curvature`.
+    """
+    length = math.sqrt(correction.shift @ correction.shift)
+    return length * curvature(layout, mean, correction.error) <= options.tolerance
+
+
+def curvature(layout: StateLayout, mean: Float[np.ndarray, " m"], error: Float[np.ndarray, " n"]) -> float:
+    """Relative error of a linearly predicted change of residual, in order of magnitude.
+
+    It is the sum of the rotation (rad) and the relative change of range.
+    """
+    if not layout.has(ATTITUDE):
+        return math.inf
+    total = math.hypot(*error[layout.slice("a")].tolist())
+    if layout.translates:
+        away = math.hypot(*mean[layout.mean_slice("t")].tolist())
+        total += math.hypot(*error[layout.slice("t")].tolist()) / max(away, SMALLEST_RANGE)
+    return total
+
+
+def sample_rows(count: int) -> slice:
+    """Rows, spread over so many, at which a linear model is checked; each counts as often as the slice's step."""
+    return slice(None, None, -(-count // SAMPLE))
+
+
+def proves_right(rows: LinearisedRows, spacing: float, found: Update, options: IterationOptions) -> bool:
+    """Whether sampled rows, each counted ``spacing`` times, are as their linear model predicted, or iteration is off."""
+    if options.iterations == 1:
+        return True
+    expected = rows.innovation - rows.jacobian @ found.correction.error[rows.columns]
+    m = rows.measurement
+    after = m.model.linearise(found.mean, m.parameters, m.values)
+    residual = after.innovation
+    if rows.root_weights is not None:
+        residual = residual * rows.root_weights[:, np.newaxis]
+    root = np.sqrt(spacing)
+    good = agrees(root * residual.reshape(-1), root * expected.reshape(-1), options)
+    return good and bool(after.valid.all())
+
+
+@dataclass(frozen=True)
+class IteratedUpdate:
+    """Iterated update in the coordinates y of a predicted belief, whose error about its mean is factor @ y.
+
+    Attributes
+    ----------
+    layout : StateLayout
+        Layout of the state.
+    mean : ndarray of float, shape (m,)
+        Mean of the predicted belief.
+    factor : ndarray of float, shape (n, n)
+        Its covariance factor.
+    rows : LinearisedRows
+        Linearised at the mean; the noise is what it is there.
+    """
+
+    layout: StateLayout
+    mean: Float[np.ndarray, " m"]
+    factor: Float[np.ndarray, "n n"]
+    rows: LinearisedRows
+
+    def solve(self, first: Correction, options: IterationOptions) -> Update:
+        """The most probable point, from the correction about the mean."""
+        y, correction = iterate(first, self.solution, self.objective, options)
+        correction = replace(correction, error=self.factor @ y)
+        factor = reset_factor(self.layout, correction.error, correction.factor)
+        return Update(self._point(y), correction, factor)
+
+    def objective(self, y: Float[np.ndarray, " n"]) -> float:
+        """|y|^2 + |r|^2, infinite where a value is impossible."""
+        m = self.rows.measurement
+        away, valid = m.model.innovations(self._point(y), m.parameters, m.values)
+        if not (valid.all() and np.isfinite(away).all()):
+            return np.inf
+        residual = self._weighing @ away[..., np.newaxis]
+        return float(y @ y) + float(np.sum(residual * residual))
+
+    def solution(self, y: Float[np.ndarray, " n"]) -> Correction:
+        """Correction by the model linearised at y, as an error about the mean; the objective must be finite there."""
+        point = self._point(y)
+        m = self.rows.measurement
+        rows = linear_rows(m, point)
+        # Errors about the point by y: reset Jacobian times factor, so that the prior mean lies at -moved y.
+        moved = self.layout.reset_jacobian(self._rows @ y) @ self._rows
+        whitening = m.model.whitening(point, m.parameters)
+        innovation, jacobian = rows.innovation, rows.jacobian
+        # Rows whitened at y are re-whitened by the weighted noise at the mean: W_mean W_y^-1.
+        if not np.array_equal(whitening, self._weighing):  # noise that depends on the state, or weights
+            back = np.swapaxes(whitening, 1, 2)
+            turn = np.swapaxes(np.linalg.solve(back, np.swapaxes(self._weighing, 1, 2)), 1, 2)
+            innovation, jacobian = (turn @ innovation[..., np.newaxis])[..., 0], turn @ jacobian
+        rows = replace(rows, innovation=innovation, jacobian=jacobian, log_noise=self.rows.log_noise)
+        return square_root_update(replace(rows.predicted(moved, -(moved @ y)), state_factor=self.factor))
+
+    def _point(self, y: Float[np.ndarray, " n"]) -> Float[np.ndarray, " m"]:
+        return self.layout.retract(self.mean, self._rows @ y)
+
+    @property
+    def _rows(self) -> Float[np.ndarray, "n N"]:
+        """Rows of the covariance factor that belong to the state."""
+        return self.factor[: self.layout.error_dim]
+
+    @cached_property
+    def _weighing(self) -> Float[np.ndarray, "k d d"]:
+        """Whitening matrix of a residual times the square root of its weight."""
+        m, root = self.rows.measurement, self.rows.root_weights
+        whitening = m.model.whitening(self.mean, m.parameters)
+        return whitening if root is None else whitening * root[:, np.newaxis, np.newaxis]
 
 
 @dataclass(frozen=True)

@@ -1,19 +1,137 @@
-"""Out-of-sequence measurements: late, repeated or unordered ones, applied at their own times."""
+"""Out-of-sequence measurements: late, repeated or unordered ones, applied at their own times.
+
+`EpochTrack` is an estimator with its latest epochs and the state after each: what comes late goes to its place, and what follows
+is done again. `OutOfSequenceUpdates` puts single measurements on it, online; the live run puts whole epochs on it, and smoothed
+beliefs (`spinfilters.live.filter_track`).
+"""
 
 import hashlib
 from bisect import bisect_left
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
 
-from spinfilters.core.errors import InputError
+from spinfilters.core.errors import NUMERICAL_ERRORS, InputError, numerical
 from spinfilters.filters.estimator import Estimator, Measurement, Snapshot, UpdateReport
 from spinfilters.filters.timeline import Epoch, advance, finite
 from spinfilters.models.state_layout import Gaussian
 from spinfilters.models.status import EstimatorStatus
+
+
+@dataclass(frozen=True)
+class KeptEpoch:
+    """An epoch and the estimator's state after it."""
+
+    epoch: Epoch
+    after: Snapshot
+
+    @property
+    def time(self) -> float:
+        """Time of the epoch, s."""
+        return self.epoch.time
+
+
+class PlacedEpoch(NamedTuple):
+    """Reports of an epoch's measurements, and how many epochs after it were done again."""
+
+    reports: list[UpdateReport]
+    replayed: int
+
+
+class BrokenEstimateError(Exception):
+    """The estimate would not have stayed finite."""
+
+
+class EpochTrack:
+    """A started estimator, and what it takes to go back.
+
+    Every measurement is in the estimator's state once: to change an epoch is to go on from the state before it.
+
+    Parameters
+    ----------
+    estimator : Estimator
+        Started at ``time`` (s); it belongs to this object from now on.
+    """
+
+    def __init__(self, estimator: Estimator, time: float) -> None:
+        self.estimator = estimator
+        self._kept = [KeptEpoch(Epoch(time, ()), estimator.snapshot())]  # the first cannot be changed
+
+    def __len__(self) -> int:
+        """Number of epochs that can be changed."""
+        return len(self._kept) - 1
+
+    @property
+    def time(self) -> float:
+        """Time of the latest epoch, s."""
+        return self._kept[-1].time
+
+    @property
+    def oldest(self) -> float:
+        """Time to which one can go back, s."""
+        return self._kept[0].time
+
+    @property
+    def belief(self) -> Gaussian:
+        """Belief at the latest epoch."""
+        return self.estimator.belief
+
+    def epoch_at(self, time: float) -> Epoch | None:
+        """The epoch of this time (s) that can be changed, None where there is none."""
+        index = self._index(time)
+        there = index < len(self._kept) and self._kept[index].time == time
+        return self._kept[index].epoch if there else None
+
+    def place(self, epoch: Epoch) -> PlacedEpoch:
+        """Do an epoch at its time, instead of one that is there, and all later ones again.
+
+        Raises
+        ------
+        BrokenEstimateError
+            The estimate would not stay finite, here or in a later epoch; nothing has changed. Nor has it after another error.
+        """
+        index = self._index(epoch.time)
+        later = [kept.epoch for kept in self._kept[index:] if kept.time > epoch.time]
+        before, reports = self._kept[index - 1], list[list[UpdateReport]]()
+        done = [before]
+        try:
+            if before is not self._kept[-1]:
+                self.estimator.restore(before.after)
+            for each in (epoch, *later):
+                kept, found = advance_by(self.estimator, done[-1].time, each)
+                done.append(kept)
+                reports.append(found)
+        except BaseException:  # Ctrl-C, or a measurement that does not suit the estimator, too
+            self.estimator.restore(self._kept[-1].after)
+            raise
+        self._kept[index:] = done[1:]
+        return PlacedEpoch(reports[0], len(later))
+
+    def forget(self, count: int) -> None:
+        """Drop the oldest epochs, so many; the last of them is what one can go back to."""
+        if count > 0:
+            del self._kept[:count]
+
+    def times(self) -> list[float]:
+        """Times of the epochs that can be changed, s."""
+        return [kept.time for kept in self._kept[1:]]
+
+    def _index(self, time: float) -> int:
+        """Of the first epoch that can be changed and is not before a time."""
+        return bisect_left(self._kept, time, lo=1, key=lambda kept: kept.time)
+
+
+def advance_by(estimator: Estimator, time: float, epoch: Epoch) -> tuple[KeptEpoch, list[UpdateReport]]:
+    """Predict from ``time`` (s) to an epoch and update by it. BrokenEstimateError: the estimate does not stay finite."""
+    try:
+        reports = advance(estimator, epoch, epoch.time - time)
+        if not finite(estimator.belief, reports):
+            raise BrokenEstimateError(f"epoch at {epoch.time} s")
+    except NUMERICAL_ERRORS as error:
+        raise BrokenEstimateError(str(numerical(error))) from error
+    return KeptEpoch(epoch, estimator.snapshot()), reports
 
 
 class MeasurementKey(NamedTuple):
@@ -69,21 +187,6 @@ class OutOfSequenceResult:
     replayed: int = 0
 
 
-@dataclass(frozen=True)
-class _KeptEpoch:
-    """An epoch, its time (s) and the state before it; ``keys`` name its measurements and give their order."""
-
-    epoch: Epoch
-    keys: tuple[MeasurementKey, ...]
-    before: Snapshot
-    time_before: float
-
-    @property
-    def time(self) -> float:
-        """Time of the epoch, s."""
-        return self.epoch.time
-
-
 class OutOfSequenceUpdates:
     """A started estimator that takes measurements as they come.
 
@@ -106,9 +209,8 @@ class OutOfSequenceUpdates:
             raise InputError(f"horizon_s is {horizon_s}; give a finite number of seconds of at least 0")
         if capacity < 1:
             raise InputError(f"capacity is {capacity}; keep at least 1 epoch")
-        self._estimator, self._horizon, self._capacity = estimator, horizon_s, capacity
-        self._time, self._begin, self._closed = time, time, -np.inf
-        self._epochs: list[_KeptEpoch] = []
+        self._horizon, self._capacity = horizon_s, capacity
+        self._track, self._begin, self._closed = EpochTrack(estimator, time), time, -np.inf
         self._counts = dict.fromkeys(Outcome, 0)
         self._replayed = 0
         self._last_unusable = ""
@@ -116,12 +218,12 @@ class OutOfSequenceUpdates:
     @property
     def time(self) -> float:
         """Time of the latest epoch, s."""
-        return self._time
+        return self._track.time
 
     @property
     def belief(self) -> Gaussian:
         """The belief at the latest epoch, after everything that came."""
-        return self._estimator.belief
+        return self._track.belief
 
     @property
     def counts(self) -> dict[Outcome, int]:
@@ -131,7 +233,7 @@ class OutOfSequenceUpdates:
     @property
     def kept_epochs(self) -> int:
         """Number of epochs that late measurements can go back to."""
-        return len(self._epochs)
+        return len(self._track)
 
     @property
     def replayed_epochs(self) -> int:
@@ -141,7 +243,7 @@ class OutOfSequenceUpdates:
     @property
     def status(self) -> EstimatorStatus:
         """Estimator's status; ``degraded`` when late or unusable measurements were left out."""
-        status, late = self._estimator.status, self._counts[Outcome.TOO_LATE]
+        status, late = self._track.estimator.status, self._counts[Outcome.TOO_LATE]
         if late:
             status = status.degraded(
                 f"{late} measurements came too late and were left out", "late-measurements"
@@ -166,7 +268,7 @@ class OutOfSequenceUpdates:
             raise InputError(
                 f"a measurement of {measurement.model.name} has the time {time} s; give a finite one"
             )
-        result = self._received(float(time), _copied(measurement))
+        result = self._receive(float(time), _copied(measurement))
         self._counts[result.outcome] += 1
         self._replayed += result.replayed
         return result
@@ -179,131 +281,62 @@ class OutOfSequenceUpdates:
         InputError
             A time before the latest epoch, or not finite.
         """
-        if not (np.isfinite(time) and time >= self._time):
+        track = self._track
+        if not (np.isfinite(time) and time >= track.time):
             raise InputError(
-                f"the belief at {time} s was asked for, the latest epoch is at {self._time} s; ask for a time from there on"
+                f"the belief at {time} s was asked for, the latest epoch is at {track.time} s; ask for a time from there on"
             )
-        if time == self._time:
+        if time == track.time:
             return self.belief
-        now = self._estimator.snapshot()
+        now = track.estimator.snapshot()
         try:
-            self._estimator.predict(time - self._time)
-            return self._estimator.belief
+            track.estimator.predict(time - track.time)
+            return track.belief
         finally:
-            self._estimator.restore(now)
+            track.estimator.restore(now)
 
-    def _received(self, time: float, measurement: Measurement) -> OutOfSequenceResult:
-        if reason := self._too_late(time):
+    def _receive(self, time: float, measurement: Measurement) -> OutOfSequenceResult:
+        if reason := self._reject_late(time):
             return OutOfSequenceResult(Outcome.TOO_LATE, reason)
-        key, index = (
-            MeasurementKey.of(measurement),
-            bisect_left(self._epochs, time, key=lambda kept: kept.time),
-        )
-        there = (
-            self._epochs[index] if index < len(self._epochs) and self._epochs[index].time == time else None
-        )
-        if there is not None and key in there.keys:
-            return OutOfSequenceResult(
-                Outcome.DUPLICATE, f"the same {key[0]} measurement of {time} s is there already"
-            )
-        after = self._epochs[index + (there is not None) :]
-        epoch, keys = _joined(there, time, measurement, key)
-        outcome = Outcome.INSERTED if there is not None or after else Outcome.TAKEN
-        return self._placed(index, _Placing(epoch, keys, keys.index(key), after, outcome))
-
-    def _too_late(self, time: float) -> str:
-        """Why a time cannot be gone back to; empty where it can."""
-        if time < self._begin:
-            return f"it is of {time} s, the estimate begins at {self._begin} s"
-        if time < self._time - self._horizon:
-            return f"it is {self._time - time:.3f} s older than the latest epoch, the horizon is {self._horizon} s"
-        if time <= self._closed:
-            return f"it is of {time} s, and only the {len(self._epochs)} epochs after {self._closed} s are kept (capacity)"
-        return ""
-
-    def _placed(self, index: int, placing: "_Placing") -> OutOfSequenceResult:
-        """Replay from before an epoch, or restore everything if that fails."""
-        now = self._estimator.snapshot()
-        before, time_before = now, self._time
-        if index < len(self._epochs):
-            before, time_before = self._epochs[index].before, self._epochs[index].time_before
-            self._estimator.restore(before)
+        key, there = MeasurementKey.of(measurement), self._track.epoch_at(time)
+        # Measurements of one time go in in the order of their keys, whichever came first.
+        joined = {MeasurementKey.of(m): m for m in (() if there is None else there.measurements)}
+        if key in joined:
+            reason = f"the same {key.sensor} measurement of {time} s is there already"
+            return OutOfSequenceResult(Outcome.DUPLICATE, reason)
+        joined[key] = measurement
+        order = sorted(joined)
+        outcome = Outcome.TAKEN if there is None and not time < self.time else Outcome.INSERTED
         try:
-            report, done = self._replay(placing, before, time_before)
-        except (np.linalg.LinAlgError, _NotFiniteError) as error:
-            self._estimator.restore(now)
-            self._last_unusable = f"{placing.keys[placing.position].sensor} at {placing.epoch.time} s"
+            placed = self._track.place(Epoch(time, tuple(joined[each] for each in order)))
+        except BrokenEstimateError as error:
+            self._last_unusable = f"{key.sensor} at {time} s"
             return OutOfSequenceResult(
                 Outcome.UNUSABLE, f"the estimate does not stay finite with it ({error})"
             )
-        except (
-            BaseException
-        ):  # Ctrl-C, or a measurement that does not suit the estimator: the caller's, and nothing has changed
-            self._estimator.restore(now)
-            raise
-        self._epochs[index:] = done
-        self._time = done[-1].time
         self._forget()
-        return OutOfSequenceResult(placing.outcome, report=report, replayed=len(placing.after))
+        return OutOfSequenceResult(outcome, report=placed.reports[order.index(key)], replayed=placed.replayed)
 
-    def _replay(
-        self, placing: "_Placing", before: Snapshot, time_before: float
-    ) -> tuple[UpdateReport, list[_KeptEpoch]]:
-        """Replay epochs from the present state.
-
-        Returns the report of the inserted measurement, and the epochs with the states before them.
-        """
-        first = _KeptEpoch(placing.epoch, placing.keys, before, time_before)
-        reports = self._advance(first)
-        done = [first]
-        for kept in placing.after:
-            done.append(replace(kept, before=self._estimator.snapshot(), time_before=done[-1].time))
-            self._advance(done[-1])
-        return reports[placing.position], done
-
-    def _advance(self, kept: _KeptEpoch) -> list[UpdateReport]:
-        reports = advance(self._estimator, kept.epoch, kept.time - kept.time_before)
-        if not finite(self._estimator.belief, reports):
-            raise _NotFiniteError(f"epoch at {kept.time} s")
-        return reports
+    def _reject_late(self, time: float) -> str:
+        """Why a time cannot be gone back to; empty where it can."""
+        if time < self._begin:
+            return f"it is of {time} s, the estimate begins at {self._begin} s"
+        if time < self.time - self._horizon:
+            return f"it is {self.time - time:.3f} s older than the latest epoch, the horizon is {self._horizon} s"
+        if time <= self._closed:
+            return f"it is of {time} s, and only the {len(self._track)} epochs after {self._closed} s are kept (capacity)"
+        return ""
 
     def _forget(self) -> None:
         """Drop epochs beyond the horizon or the capacity, but for the latest."""
-        oldest = self._time - self._horizon
-        count = bisect_left(self._epochs, oldest, key=lambda kept: kept.time)
-        count = max(count, len(self._epochs) - self._capacity)
+        times = self._track.times()
+        count = max(bisect_left(times, self.time - self._horizon), len(times) - self._capacity)
+        self._track.forget(count)
         if count > 0:
-            self._closed = self._epochs[count - 1].time
-            del self._epochs[:count]
-
-
-@dataclass(frozen=True)
-class _Placing:
-    """Epoch with a newly inserted measurement, and the epochs after it."""
-
-    epoch: Epoch
-    keys: tuple[MeasurementKey, ...]
-    position: int
-    after: Sequence[_KeptEpoch]
-    outcome: Outcome
-
-
-class _NotFiniteError(Exception):
-    """The estimate stopped being finite."""
+            self._closed = self._track.oldest
 
 
 def _copied(measurement: Measurement) -> Measurement:
     """Copy of a measurement with arrays of its own: on line, buffers are used again."""
     ids = None if measurement.ids is None else measurement.ids.copy()
     return Measurement(measurement.model, measurement.values.copy(), measurement.parameters.copy(), ids)
-
-
-def _joined(
-    there: _KeptEpoch | None, time: float, measurement: Measurement, key: MeasurementKey
-) -> tuple[Epoch, tuple[MeasurementKey, ...]]:
-    """An epoch with one more measurement, in the order of the keys, and those keys."""
-    if there is None:
-        return Epoch(time, (measurement,)), (key,)
-    pairs = [*zip(there.keys, there.epoch.measurements, strict=True), (key, measurement)]
-    pairs.sort(key=lambda pair: pair[0])
-    return Epoch(time, tuple(m for _, m in pairs)), tuple(k for k, _ in pairs)

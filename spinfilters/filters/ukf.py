@@ -4,15 +4,14 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
-from spinfilters.filters.compiled_steps import Update
 from spinfilters.filters.estimator import Measurement, ProcessModel
-from spinfilters.filters.filter import MultiplicativeFilter, joined_rows, reset_factor
+from spinfilters.filters.filter import LinearisedProcess, MultiplicativeFilter
 from spinfilters.filters.landmark_observations import Regression, SolvedObservations, solve
 from spinfilters.filters.landmark_steps import MapObservations
 from spinfilters.filters.measurement_prediction import SigmaPointOptions, usable
-from spinfilters.filters.noise_levels import AdaptationOptions, PredictedMotion
+from spinfilters.filters.noise_levels import AdaptationOptions
 from spinfilters.filters.outlier_rejection import RobustOptions, SensorOutlierRejection
 from spinfilters.filters.shared_modes import LandmarkOptions
 from spinfilters.filters.square_root import (
@@ -20,7 +19,6 @@ from spinfilters.filters.square_root import (
     compressed,
     is_lower,
     last_nonzero,
-    square_root_update,
     triangular_factor,
 )
 
@@ -65,88 +63,66 @@ class MultiplicativeUkf(MultiplicativeFilter):
         self._root_weights = np.sqrt(points.Wc)
         self._subset = cache(self._build_subset)
 
-    def _moved(self, dt: float) -> PredictedMotion:
-        _, transition, noise = self.process.linearise(self._mean, dt)
-        noise = self._adaptation.scaled(noise)
-        self._factor = self._triangular()
-        moved = self.process.step(self._sigma_points(), dt)
+    def linearise_process(self, dt: float) -> LinearisedProcess:
+        """Mean and spread of the sigma points after the step; the transition is the derivative at the mean."""
+        _, transition, noise = self.process.linearise(self.mean, dt)
+        self._make_triangular()
+        # X_i <- f(X_i, dt); mean of the tangents about the centre's, deviations about that mean.
+        moved = self.process.step(self.layout.retract(self.mean, self._displace(self._offsets)), dt)
         centre = moved[0]
-        shift = self._mean_weights @ self.layout.local(centre, moved)
-        mean = self.layout.retract(centre, shift)
+        mean = self.layout.retract(centre, self._mean_weights @ self.layout.local(centre, moved))
         deviations = self._root_weights[:, None] * self.layout.local(mean, moved)
         if self._held is None:
-            factor = triangular_factor(np.concatenate([deviations, noise.T]))
-            return PredictedMotion(mean, factor, transition, noise)
+            return LinearisedProcess(mean, transition, noise, deviations.T)
+        # Modes and move behind the state depend on the factor's coordinates: regress on these, [A | D - A E'].
         scaled = self._root_weights[:, None] * self._offsets
-        rows = np.zeros((self._n, len(self._factor)))
+        rows = np.zeros((self._n, len(self.factor)))
         rows[:, : self._n] = deviations.T @ scaled
         rest = deviations.T - rows[:, : self._n] @ scaled.T
-        factor = joined_rows(self._factor, rows, np.concatenate([rest, noise], axis=1))
-        return PredictedMotion(mean, factor, transition, noise)
+        return LinearisedProcess(mean, transition, noise, np.concatenate([rows, rest], axis=1))
 
-    def _triangular(self) -> Float[np.ndarray, "N N"]:
-        """The factor with the state's rows on its first coordinates alone, as sigma points need it."""
-        if self._held is None or is_lower(self._factor[: self._n]):
-            return self._factor
-        return triangular_factor(self._factor.T)
-
-    def _sigma_points(self) -> Float[np.ndarray, "p m"]:
-        return self.layout.retract(self._mean, self._offsets @ self._factor[: self._n, : self._n].T)
-
-    def _corrected(
-        self, measurement: Measurement, guard: SensorOutlierRejection, scale: float
-    ) -> Update | None:
-        self._factor = self._triangular()
-        subset = self._subset(last_nonzero(self._factor[measurement.model.columns]))
-        seen = self._seen(measurement, subset)
-        if len(seen.log_noise) and scale != 1:
-            seen = seen.weighted(np.full(len(seen.log_noise), 1 / scale))
-        weights = guard.weights(
-            seen.mean, lambda chosen: (seen.mean[chosen, :, np.newaxis] - seen.points[chosen]) @ subset.mixing
-        )
-        if weights is not None:
-            seen = seen.weighted(weights)
-        if not seen.mean.size:
-            return None
-        mean, points = seen.mean.reshape(-1), seen.points.reshape(seen.mean.size, -1)
-        rho, H, residual = compressed(mean, mean[:, np.newaxis] - points)
-        size, n = len(self._factor), self._n
-        X = np.concatenate([np.zeros((size, subset.mixing.shape[1] - n)), self._factor], axis=1)
-        log_noise = float(seen.log_noise.sum())
-        Y = H @ subset.mixing
-        if size > n:  # what stands behind the state is not seen
-            Y = np.concatenate([Y, np.zeros((len(Y), size - n))], axis=1)
-        prediction = MeasurementPrediction(rho, Y, X, residual, mean.size, log_noise)
-        correction = square_root_update(prediction)
-        mean = self.layout.retract(self._mean, correction.error[:n])
-        return Update(mean, correction, reset_factor(self.layout, correction.error, correction.factor))
-
-    def _solved(self, observations: MapObservations, guard: SensorOutlierRejection) -> SolvedObservations:
-        self._factor = self._triangular()
-        regression = Regression(observations, self._mean, self._factor)
-        return solve(observations, regression.rows(self._points_options), self._factor, guard)
-
-    def _seen(self, measurement: Measurement, subset: "_SigmaSubset") -> "_SeenPoints":
-        """The usable values as the points see them."""
+    def predict_measurement(self, measurement: Measurement) -> "RegressedRows":
+        """Innovations of the usable values at the sigma points that the sensor sees apart, whitened by the noise at the mean."""
+        self._make_triangular()
         model = measurement.model
-        points = self.layout.retract(self._mean, subset.offsets @ self._factor[: self._n, : self._n].T)
+        subset = self._subset(last_nonzero(self.factor[model.columns]))
+        points = self.layout.retract(self.mean, self._displace(subset.offsets))
         innovation, valid, log_noise = model.innovations_at(
-            points, self._mean, measurement.parameters, measurement.values
+            points, self.mean, measurement.parameters, measurement.values
         )
         keep = usable(innovation.reshape(len(valid), model.dim * len(points)), valid)
         if not keep.all():
             innovation, log_noise = innovation[keep], log_noise[keep]
-        return _SeenPoints(innovation @ subset.mean_weights, innovation, log_noise)
+        return RegressedRows(innovation @ subset.mean_weights, innovation, log_noise, subset.mixing)
+
+    def correct_by_landmarks(
+        self, observations: MapObservations, outliers: SensorOutlierRejection
+    ) -> SolvedObservations:
+        """By regression over sigma points of the pose and of each landmark."""
+        self._make_triangular()
+        regression = Regression(observations, self.mean, self.factor)
+        return solve(observations, regression.rows(self._points_options), self.factor, outliers)
+
+    def _make_triangular(self) -> None:
+        """Turn the factor so that the state's rows stand on its first coordinates alone: sigma points are drawn along these."""
+        if not (self._held is None or is_lower(self.factor[: self._n])):
+            self.factor = triangular_factor(self.factor.T)
+
+    def _displace(self, offsets: Float[np.ndarray, "p n"]) -> Float[np.ndarray, "p n"]:
+        """Errors of the state at offsets in units of the factor's columns."""
+        return offsets @ self.factor[: self._n, : self._n].T
 
     def _build_subset(self, seen: int) -> "_SigmaSubset":
         n = self.layout.error_dim
         pairs = np.arange(1, seen + 1)
+        # Centre, then the points at + and - the first r columns; the centre takes the weight of all others.
         chosen = np.concatenate([[0], pairs, pairs + n])
         weight, unseen = self._root_weights[1], 2 * (n - seen)
         mean_weights = self._mean_weights[chosen]
         mean_weights[0] += unseen * self._mean_weights[1]
         mixing = np.zeros((2 * seen + 1, seen + 1 + n))
         mixing[0, 0] = np.sqrt(self._root_weights[0] ** 2 + unseen * weight**2)
+        # Columns 1 to r: (plus + minus) / sqrt 2; columns r + 1 to 2r: (plus - minus) / sqrt 2; the rest is not seen.
         plus, minus = pairs, pairs + seen
         mixing[plus, pairs] = mixing[minus, pairs] = weight / np.sqrt(2)
         mixing[plus, pairs + seen] = weight / np.sqrt(2)
@@ -155,27 +131,58 @@ class MultiplicativeUkf(MultiplicativeFilter):
 
 
 @dataclass(frozen=True)
-class _SeenPoints:
-    """Whitened innovations of k values at the sigma points.
+class RegressedRows:
+    """Whitened innovations of k usable values at the sigma points: a `PredictedMeasurement`.
 
-    Their mean (k, d), at each of the p points (k, d, p), and log determinants of the noise.
+    Attributes
+    ----------
+    innovation : ndarray of float, shape (k, d)
+        Their mean over the points.
+    points : ndarray of float, shape (k, d, p)
+        At each point.
+    log_noise : ndarray of float, shape (k,)
+        Log determinant of the factor by which each was whitened.
+    mixing : ndarray of float, shape (p, q)
+        See `_SigmaSubset`.
     """
 
-    mean: Float[np.ndarray, "k d"]
+    innovation: Float[np.ndarray, "k d"]
     points: Float[np.ndarray, "k d p"]
     log_noise: Float[np.ndarray, " k"]
+    mixing: Float[np.ndarray, "p q"]
 
-    def weighted(self, weights: Float[np.ndarray, " k"]) -> "_SeenPoints":
+    @property
+    def dof(self) -> int:
+        """Number of scalar measurements."""
+        return self.innovation.size
+
+    def deviations(
+        self, factor: Float[np.ndarray, "n r"], chosen: Bool[np.ndarray, " k"]
+    ) -> Float[np.ndarray, "s d q"]:
+        """Deviations of the chosen values, that depend on the factor by the points."""
+        return (self.innovation[chosen, :, np.newaxis] - self.points[chosen]) @ self.mixing
+
+    def weighted(self, weights: Float[np.ndarray, " k"]) -> "RegressedRows":
         """Values with their noise covariance divided by the weights. Those of weight 0 are left out."""
         used = weights > 0
         root = np.sqrt(weights[used])
-        if (root == 1).all():
-            return _SeenPoints(self.mean[used], self.points[used], self.log_noise[used])
-        return _SeenPoints(
-            self.mean[used] * root[:, np.newaxis],
-            self.points[used] * root[:, np.newaxis, np.newaxis],
-            self.log_noise[used] - self.mean.shape[1] * np.log(root),
-        )
+        innovation, points, log_noise = self.innovation[used], self.points[used], self.log_noise[used]
+        if not (root == 1).all():
+            innovation = innovation * root[:, np.newaxis]
+            points = points * root[:, np.newaxis, np.newaxis]
+            log_noise = log_noise - innovation.shape[1] * np.log(root)
+        return RegressedRows(innovation, points, log_noise, self.mixing)
+
+    def predicted(self, factor: Float[np.ndarray, "N N"]) -> MeasurementPrediction:
+        """Factors X = [0 | S] and Y = deviations @ mixing, of all values together."""
+        mean, points = self.innovation.reshape(-1), self.points.reshape(self.dof, -1)
+        rho, H, residual = compressed(mean, mean[:, np.newaxis] - points)
+        size, n = len(factor), self.mixing.shape[1] - (self.mixing.shape[0] + 1) // 2
+        X = np.concatenate([np.zeros((size, self.mixing.shape[1] - n)), factor], axis=1)
+        Y = H @ self.mixing
+        if size > n:  # what stands behind the state is not seen
+            Y = np.concatenate([Y, np.zeros((len(Y), size - n))], axis=1)
+        return MeasurementPrediction(rho, Y, X, residual, self.dof, float(self.log_noise.sum()))
 
 
 @dataclass(frozen=True)
@@ -194,10 +201,10 @@ class _SigmaSubset:
         Centre, plus and minus points in units of L.
     mean_weights : ndarray of float, shape (p,)
         Weights of the mean, p = 2r + 1 points.
-    mixing : ndarray of float, shape (p, r)
-        (2r + 1, r + 1 + n).
+    mixing : ndarray of float, shape (p, q)
+        Deviations of the points into centre and r sums, then n differences: q = r + 1 + n.
     """
 
     offsets: Float[np.ndarray, "p n"]
     mean_weights: Float[np.ndarray, " p"]
-    mixing: Float[np.ndarray, "p r"]
+    mixing: Float[np.ndarray, "p q"]

@@ -1,34 +1,18 @@
-"""Filter with a past: it takes late measurements in their place and begins again from a hand-over."""
+"""Filter of a live run: it takes late epochs in their place, and begins again from a smoothed belief of the past."""
 
-from bisect import bisect_right
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from spinfilters.core.errors import NUMERICAL_ERRORS
-from spinfilters.filters.estimator import Belief, Estimator, Snapshot, UpdateReport
-from spinfilters.filters.timeline import Epoch, advance, finite
+from spinfilters.filters.estimator import Belief, Estimator, UpdateReport
+from spinfilters.filters.late_measurements import BrokenEstimateError, EpochTrack, KeptEpoch, advance_by
+from spinfilters.filters.timeline import Epoch
 from spinfilters.models.state_layout import Gaussian
 
 
-@dataclass(frozen=True)
-class KeptEpoch:
-    """An epoch and the filter's state after it."""
-
-    frame: Epoch
-    after: Snapshot
-
-    @property
-    def time(self) -> float:
-        """Time of the epoch, s."""
-        return self.frame.time
-
-
-class FilterTrack:
-    """A filter, and what it takes to go back.
-
-    Every measurement is in the filter's state once: whoever goes back to an epoch does all later ones again, from that state.
+class FilterTrack(EpochTrack):
+    """A filter with its latest epochs that a hand-over of the smoother can begin anew.
 
     Parameters
     ----------
@@ -39,51 +23,31 @@ class FilterTrack:
     """
 
     def __init__(self, estimator: Estimator, time: float, capacity: int = 100) -> None:
-        self.estimator, self._capacity = estimator, capacity
-        self._kept = [KeptEpoch(Epoch(time, ()), estimator.snapshot())]
+        super().__init__(estimator, time)
+        self._capacity = capacity
         self._rebased: list[KeptEpoch] = []
-
-    @property
-    def time(self) -> float:
-        """Time of the latest epoch, s."""
-        return self._kept[-1].time
-
-    @property
-    def oldest(self) -> float:
-        """Time to which one can go back, s."""
-        return self._kept[0].time
-
-    @property
-    def belief(self) -> Gaussian:
-        """Belief at the latest epoch."""
-        return self.estimator.belief
 
     def has(self, time: float) -> bool:
         """Whether there is an epoch of this time."""
-        index = bisect_right(self._kept, time, key=lambda kept: kept.time)
-        return index > 0 and self._kept[index - 1].time == time
+        return time == self.oldest or self.epoch_at(time) is not None
 
-    def take(self, frame: Epoch) -> list[UpdateReport] | None:
-        """Update with an epoch at its time; None where it was left out as not finite.
+    def take(self, epoch: Epoch) -> list[UpdateReport] | None:
+        """Update with an epoch at its time; None where it was left out as the estimate would not have stayed finite.
 
         It must lie after `oldest` and at no epoch that is there.
         """
-        index = bisect_right(self._kept, frame.time, key=lambda kept: kept.time)
-        later = [kept.frame for kept in self._kept[index:]]
-        if later:
-            self.estimator.restore(self._kept[index - 1].after)
-            del self._kept[index:]
-        if self._rebased and frame.time <= self._rebased[-1].time:
+        if self._rebased and epoch.time <= self._rebased[-1].time:
             self._rebased = []  # it did not know of this epoch; the next hand-over will
-        reports = self._advance(self._kept, frame)
-        for each in later:
-            self._advance(self._kept, each)
-        del self._kept[: -self._capacity]
-        return reports
+        try:
+            placed = self.place(epoch)
+        except BrokenEstimateError:
+            return None
+        self.forget(len(self) + 1 - self._capacity)
+        return placed.reports
 
     def belief_at(self, time: float) -> Gaussian:
         """Filter's belief after the epoch of this time, given measurements up to it."""
-        self.estimator.restore(self._at(time).after)
+        self.estimator.restore(self._kept_at(time).after)
         try:
             return self.estimator.belief
         finally:
@@ -97,11 +61,11 @@ class FilterTrack:
         InputError, or one of `NUMERICAL_ERRORS`
             What is begun from does not fit; nothing has changed.
         """
-        at = self._at(time)
+        at = self._kept_at(time)
         try:
             self.estimator.restore(at.after)
             begin(self.estimator)
-            self._rebased = [KeptEpoch(at.frame, self.estimator.snapshot())]
+            self._rebased = [KeptEpoch(at.epoch, self.estimator.snapshot())]
         finally:
             self.estimator.restore(self._kept[-1].after)
 
@@ -116,10 +80,12 @@ class FilterTrack:
         One epoch at a time, so that an answer never waits for more. Every measurement is in its state once: those up to where it
         began are in what it began from, later ones come in here.
         """
-        behind = [kept.frame for kept in self._kept if kept.time > self._rebased[-1].time]
+        behind = [kept.epoch for kept in self._kept if kept.time > self._rebased[-1].time]
         if behind:
             self.estimator.restore(self._rebased[-1].after)
-            if self._advance(self._rebased, behind[0]) is None:
+            try:
+                self._rebased.append(advance_by(self.estimator, self._rebased[-1].time, behind[0])[0])
+            except BrokenEstimateError:
                 self._rebased = []  # the filter that answers came through this epoch
             if len(behind) > 1 or not self._rebased:
                 self.estimator.restore(self._kept[-1].after)
@@ -130,21 +96,9 @@ class FilterTrack:
         self.estimator.restore(self._kept[-1].after)
         return True
 
-    def _advance(self, kept: list[KeptEpoch], frame: Epoch) -> list[UpdateReport] | None:
-        """Track with one more epoch, without its measurements where they break the filter."""
-        before = kept[-1]
-        try:
-            reports = advance(self.estimator, frame, frame.time - before.time)
-            if not finite(self.estimator.belief, reports):
-                raise FloatingPointError
-        except (*NUMERICAL_ERRORS, FloatingPointError, np.linalg.LinAlgError):
-            self.estimator.restore(before.after)
-            return None
-        kept.append(KeptEpoch(frame, self.estimator.snapshot()))
-        return reports
-
-    def _at(self, time: float) -> KeptEpoch:
-        return self._kept[bisect_right(self._kept, time, key=lambda kept: kept.time) - 1]
+    def _kept_at(self, time: float) -> KeptEpoch:
+        """The latest epoch that is not after a time."""
+        return next(kept for kept in reversed(self._kept) if kept.time <= time)
 
 
 @dataclass(frozen=True)
@@ -183,7 +137,7 @@ class HandOver:
 def distance(one: Gaussian, other: Gaussian) -> float:
     """Squared Mahalanobis distance per component, the two covariances added.
 
-    Small for estimates from shared measurements. Errors of both are told about the one.
+    Small for estimates from shared measurements. Errors of both refer to the one.
     """
     d = one.layout.local(one.mean, other.mean)
     factor = np.hstack([one.factor, np.linalg.solve(one.layout.reset_jacobian(d), other.factor)])

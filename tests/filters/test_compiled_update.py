@@ -10,7 +10,7 @@ from spinfilters.filters import filter as multiplicative_filter
 from spinfilters.filters.compiled_steps import compiled_propagation, compiled_update
 from spinfilters.filters.ekf import MultiplicativeEkf
 from spinfilters.filters.estimator import Measurement
-from spinfilters.filters.filter import propagated
+from spinfilters.filters.filter import LinearisedProcess, propagate_factor
 from spinfilters.filters.iterated_update import IterationOptions
 from spinfilters.filters.outlier_rejection import RobustOptions
 from spinfilters.models.state_layout import Gaussian
@@ -115,10 +115,10 @@ def test_noise_of_another_scale():
 
 def test_a_prediction(monkeypatch):
     belief = started(RobustOptions()).belief
-    _, transition, noise = PROCESS.linearise(belief.mean, 0.5)
-    found = propagated(belief.factor, transition, noise)
+    step = LinearisedProcess(*PROCESS.linearise(belief.mean, 0.5))
+    found = propagate_factor(belief.factor, step, step.noise)
     monkeypatch.setattr(multiplicative_filter, "compiled_propagation", lambda size: None)
-    expected = propagated(belief.factor, transition, noise)
+    expected = propagate_factor(belief.factor, step, step.noise)
     scale = np.outer(*[np.linalg.norm(expected, axis=1)] * 2)
     np.testing.assert_allclose(found @ found.T / scale, expected @ expected.T / scale, atol=1e-12)
     assert not np.triu(found, 1).any()

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from spinfilters.core.errors import InputError
-from spinfilters.filters.ekf import IteratedUpdate, MultiplicativeEkf
+from spinfilters.filters.ekf import MultiplicativeEkf
 from spinfilters.filters.estimator import Measurement
-from spinfilters.filters.iterated_update import IterationOptions
+from spinfilters.filters.iterated_update import IteratedUpdate, IterationOptions
 from spinfilters.filters.measurement_prediction import linear_rows
 from spinfilters.filters.outlier_rejection import RobustOptions
 from spinfilters.models.camera_landmarks import StereoLandmark, camera_parameters
