@@ -22,7 +22,8 @@ WARM_SECONDS: Final = 2.0
 COLD_SECONDS: Final = 15.0
 STARTS: Final = 3
 """New processes for each time but the compiling one."""
-COMMAND: Final = "spinfilters.cli.compare_recording"
+COMMAND: Final = "spinfilters.run.estimators, spinfilters.run.readers"
+"""What ``compare`` imports before it reads a recording."""
 ENGINE: Final = "spinfilters.smoother.sliding_smoother"
 TIMED_IMPORT: Final = "from time import perf_counter as t; a = t(); import {}; print(t() - a)"
 

@@ -11,25 +11,13 @@ from observability.analysis_report import Report, analyse, title
 from observability.canonical_motions import motion
 from observability.cases import Case, InputSizes
 from observability.system import Input
-from spinfilters.api.argument_ranges import FRAMES, LANDMARKS, MOMENT, require_motion
-from spinfilters.api.argument_ranges import INTERVAL as INTERVALS
-from spinfilters.api.argument_ranges import RATE_RPM as RATES
+from spinfilters.api.arguments import ObserveArguments
 from spinfilters.api.blas_threads import on_one_blas_thread
 from spinfilters.core.conventions import RPM
 from spinfilters.core.errors import InputError
-from spinfilters.io.argument_checks import (
-    checked_arguments,
-    names,
-    number,
-    one_of,
-    optional,
-    path,
-    text,
-    three_numbers,
-    truth,
-)
+from spinfilters.io.argument_checks import checked_arguments, one_of, optional, path
 from spinfilters.io.output_files import output_folder, refuse_foreign, write_json, write_text
-from spinfilters.simulation.bundled_example import EPOCHS, INTERVAL, PRINCIPAL_MOMENTS, RATE_RPM
+from spinfilters.simulation.scenario_record import Scenario
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -49,7 +37,8 @@ class ObservabilityResult:
 
     Attributes
     ----------
-    report: with the certificate of the rank, the Cramer-Rao bound and the verdict on every quantity.
+    report : Report
+        With the certificate of the rank, the Cramer-Rao bound and the verdict on every quantity.
     """
 
     report: Report
@@ -75,11 +64,22 @@ class ObservabilityResult:
 
     @checked_arguments(folder=path("a folder"))
     def save(self, folder: str | os.PathLike[str]) -> Path:
-        """Text, JSON and picture in a folder as the command writes them; returns its path.
+        """Text, JSON and picture in a folder as the command writes them.
+
+        Parameters
+        ----------
+        folder : str or os.PathLike
+            New, or one that an earlier analysis has written.
+
+        Returns
+        -------
+        Path
+            Of the folder.
 
         Raises
         ------
-        InputError: it holds something else, or cannot be written.
+        InputError
+            It holds something else, or cannot be written.
         """
         refuse_foreign(Path(folder), OBSERVE)
         with output_folder(Path(folder), OBSERVE) as place:
@@ -102,8 +102,12 @@ class KnownInputs:
 
     Attributes
     ----------
-    torque: axes x, y, z of the body with a known torque.   manoeuvre: axes of the camera along which the inspector accelerates.
-    sizes: amplitudes (N m, m/s^2) and period (s) of both.
+    torque : sequence of str
+        Axes x, y, z of the body with a known torque.
+    manoeuvre : sequence of str
+        Axes of the camera along which the inspector accelerates.
+    sizes : InputSizes
+        Amplitudes (N m, m/s^2) and period (s) of both.
     """
 
     torque: Sequence[str] = ()
@@ -125,29 +129,20 @@ class KnownInputs:
 
 
 @checked_arguments(
-    sensors=names('names of sensors such as "stereo,gyro", or a list of at least one'),
-    rate_rpm=three_numbers(RATES),
-    moments=three_numbers(MOMENT),
-    frames=number(FRAMES),
-    interval=number(INTERVALS),
-    landmarks=number(LANDMARKS),
-    known_map=truth,
-    chart=text('"principal", "tensor" or "filter"'),
-    unknowns=text('"ratios" or "moments"'),
-    known=optional(one_of(KnownInputs, cure="spinfilters.api.analysis.KnownInputs")),
+    ObserveArguments, known=optional(one_of(KnownInputs, cure="spinfilters.api.analysis.KnownInputs"))
 )
 @on_one_blas_thread
 def observe(
     sensors: Sequence[str] | str = "stereo",
     *,
-    rate_rpm: Sequence[float] = RATE_RPM,
-    moments: Sequence[float] = PRINCIPAL_MOMENTS,
-    frames: int = EPOCHS,
-    interval: float = INTERVAL,
-    landmarks: int = 4,
-    known_map: bool = False,
-    chart: str = "principal",
-    unknowns: str = "ratios",
+    rate_rpm: Sequence[float] = Scenario.rate_rpm,
+    moments: Sequence[float] = Scenario.principal_moments,
+    frames: int = Scenario.epochs,
+    interval: float = Scenario.interval,
+    landmarks: int = ObserveArguments.landmarks,
+    known_map: bool = ObserveArguments.known_map,
+    chart: str = ObserveArguments.chart,
+    unknowns: str = ObserveArguments.unknowns,
     known: KnownInputs | None = None,
 ) -> ObservabilityResult:
     """Observability of a motion by some sensors.
@@ -156,41 +151,53 @@ def observe(
 
     Parameters
     ----------
-    sensors: one or several of "stereo", "monocular", "lidar", "pose", "attitude", "gyro"; one text may list several, with commas.
-    rate_rpm: (3,) about the principal axes x, y, z, rpm.   moments: (3,) about them, any scale.
-    frames: number of epochs, at most 5000.   interval: between them, s.
-    landmarks: that each camera or lidar sees.   known_map: whether they are known.
-    chart: coordinates of the unknowns: "principal", "tensor" or "filter".
-    unknowns: of the inertia in the principal chart: "ratios" or "moments".
-    known: torques and accelerations that are known, None for none.
+    sensors : str or sequence of str
+        One or several of "stereo", "monocular", "lidar", "pose", "attitude", "gyro"; one text may list several, with commas.
+    rate_rpm : sequence of 3 floats
+        About the principal axes x, y, z, rpm.
+    moments : sequence of 3 floats
+        About them, any scale.
+    frames : int
+        Number of epochs, at most 5000.
+    interval : float
+        Between them, s.
+    landmarks : int
+        That each camera or lidar sees.
+    known_map : bool
+        Whether they are known.
+    chart : str
+        Coordinates of the unknowns: "principal", "tensor" or "filter".
+    unknowns : str
+        Of the inertia in the principal chart: "ratios" or "moments".
+    known : KnownInputs or None
+        Torques and accelerations that are known, None for none.
+
+    Returns
+    -------
+    ObservabilityResult
+        Rank with its certificate, the bound, and the verdict on every quantity.
 
     Raises
     ------
-    InputError: an unknown sensor, chart, kind of unknowns or axis, a number out of its range, a motion that is too
-    fast for the interval.
+    InputError
+        An unknown sensor, chart, kind of unknowns or axis, a number out of its range, a motion that is too fast for the interval.
     """
-    rate, inertia = tuple(rate_rpm), tuple(moments)
-    require_motion(frames, interval, rate, inertia)
+    rate = tuple(rate_rpm)
     _require_bound(frames, interval, rate)
     acting = known or KnownInputs()
     exact = [round(rpm * RPM, 12) for rpm in rate]  # 0 rpm about an axis is exactly 0
+    listed = sensors.split(",") if isinstance(sensors, str) else sensors
     case = Case(
-        sensors=_names(sensors),
+        sensors=tuple(name.strip() for name in listed),
         landmarks=landmarks,
         known_map=known_map,
         chart=chart,
         unknowns=unknowns,
-        motion=motion(f"{' '.join(f'{rpm:g}' for rpm in rate)} rpm", exact, list(inertia)),
+        motion=motion(f"{' '.join(f'{rpm:g}' for rpm in rate)} rpm", exact, list(moments)),
         inputs=acting.inputs,
         sizes=acting.sizes,
     )
     return ObservabilityResult(analyse(case, frames, interval))
-
-
-def _names(sensors: Sequence[str] | str) -> tuple[str, ...]:
-    """Names of sensors, of a text that lists them too."""
-    listed = sensors.split(",") if isinstance(sensors, str) else sensors
-    return tuple(name.strip() for name in listed)
 
 
 def _require_bound(frames: int, interval: float, rate_rpm: tuple[float, ...]) -> None:

@@ -7,18 +7,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from spinfilters.api.argument_ranges import WORKERS
+from spinfilters.api.arguments import CampaignArguments
 from spinfilters.core.errors import InputError
-from spinfilters.io.argument_checks import (
-    called,
-    checked_arguments,
-    number,
-    one_of,
-    optional,
-    path,
-    text,
-    truth,
-)
+from spinfilters.io.argument_checks import called, checked_arguments, one_of, optional, path
 from spinfilters.io.input_file import value_text
 
 if TYPE_CHECKING:
@@ -31,12 +22,9 @@ AnyStudy = Mapping[str, Any] | str | os.PathLike[str]
 
 
 @checked_arguments(
+    CampaignArguments,
     study=one_of(Mapping, path_of="a study file", cure="the path of a study file or a mapping of its tables"),
     output=optional(path("a folder")),
-    workers=optional(number(WORKERS)),
-    scheduler=optional(text("the address of a Dask scheduler")),
-    shard=optional(text("i/N, such as 0/3")),
-    resume=truth,
     progress=optional(called),
 )
 def campaign(
@@ -51,20 +39,35 @@ def campaign(
 ) -> Any:
     """Run every cell of a study with every seed, as ``spinfilters campaign`` does.
 
-    The rows come as a pandas.DataFrame, one per run.
-
     Parameters
     ----------
-    study: the path of a study file, or a mapping of its tables such as
+    study : Mapping, str or os.PathLike
+        The path of a study file, or a mapping of its tables such as
         ``{"study": {"name": "mine", "seeds": 20}, "factors": {"estimator": ["mekf"]}}``.
-    output: folder of the rows; None keeps none.   workers: processes, by default one per processor.
-    scheduler: address of a Dask scheduler whose workers make the runs instead.   shard: "i/N" makes every N-th recording.
-    resume: go on with the rows that ``output`` has; none is made again.   progress: called after every row.
+    output : str, os.PathLike or None
+        Folder of the rows; None keeps none.
+    workers : int or None
+        Processes, by default one per processor.
+    scheduler : str or None
+        Address of a Dask scheduler whose workers make the runs instead.
+    shard : str or None
+        "i/N" makes every N-th recording.
+    resume : bool
+        Whether to go on with the rows that ``output`` has; none is made again.
+    progress : Callable[[Advance], None] or None
+        Called after every row.
+
+    Returns
+    -------
+    pandas.DataFrame
+        A row per run.
 
     Raises
     ------
-    InputError: what the command refuses with exit code 2; the text is one line that names the value and the cure.
-    KeyboardInterrupt: Ctrl-C; the rows so far are in ``output``, if given, for ``resume`` to go on from.
+    InputError
+        What the command refuses with exit code 2; the text is one line that names the value and the cure.
+    KeyboardInterrupt
+        Ctrl-C; the rows so far are in ``output``, if given, for ``resume`` to go on from.
     """
     require_installed("pandas")
     if output is None:
@@ -75,9 +78,8 @@ def campaign(
                 study, place, workers=workers, scheduler=scheduler, shard=shard, progress=progress
             )
     folder = Path(output)
-    campaign_rows(
-        study, folder, workers=workers, scheduler=scheduler, shard=shard, resume=resume, progress=progress
-    )
+    how = CampaignArguments(workers=workers, scheduler=scheduler, shard=shard, resume=resume)
+    campaign_rows(study, folder, how, progress)
     from spinfilters.campaigns.rows_folder import read_rows
 
     checked = _study(study)
@@ -85,31 +87,24 @@ def campaign(
 
 
 def campaign_rows(
-    study: AnyStudy,
-    folder: Path,
-    *,
-    workers: int | None = None,
-    scheduler: str | None = None,
-    shard: str | None = None,
-    resume: bool = False,
-    progress: "Progress | None" = None,
+    study: AnyStudy, folder: Path, how: CampaignArguments, progress: "Progress | None" = None
 ) -> "Advance":
     """Make the rows of a study that a folder lacks. Parameters and errors: `campaign`."""
     require_installed("pyarrow")
     from spinfilters.campaigns.engine import run_campaign
 
-    checked, share, executor = _study(study), shard_of(shard), _executor(workers, scheduler)
-    return run_campaign(checked, folder, executor, share, resume, progress or (lambda _: None))
+    checked, share = _study(study), shard_of(how.shard)
+    executor = _executor(how.workers, how.scheduler)
+    return run_campaign(checked, folder, executor, share, how.resume, progress or (lambda _: None))
 
 
 def repeated_run(folder: Path, run: int, dataset_folder: Path | None) -> dict[str, Any]:
-    """Repeat one run of a campaign and give its row.
-
-    Its data set is written where a folder is asked for.
+    """Repeat one run of a campaign and give its row; its data set is written where a folder is given.
 
     Raises
     ------
-    InputError: no campaign's folder, no such run, a folder that holds something else.
+    InputError
+        No campaign's folder, no such run, a folder that holds something else.
     """
     require_installed("pyarrow")
     from spinfilters.campaigns.campaign_folder import read_folder
@@ -151,8 +146,6 @@ def _executor(workers: int | None, scheduler: str | None) -> "Executor":
         from spinfilters.campaigns.dask_cluster import DaskCluster
 
         return DaskCluster(scheduler)
-    if workers is not None:
-        WORKERS.require("workers", workers)
     return Processes(workers or usable_processors())
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 from rich.console import Console, RenderableType
 
-from spinfilters.api.argument_ranges import SECONDS_AHEAD
+from spinfilters.api.arguments import RunArguments
 from spinfilters.api.blas_threads import on_one_blas_thread
 from spinfilters.api.recordings import load
 from spinfilters.core.errors import InputError
@@ -34,12 +34,10 @@ from spinfilters.io.argument_checks import (
     called,
     checked_arguments,
     names,
-    number,
     one_of,
     optional,
     path,
     text,
-    truth,
 )
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.input_file import path_text, value_text
@@ -324,16 +322,13 @@ AnySettings = Settings | Mapping[str, Any] | str | os.PathLike[str]
 
 
 @checked_arguments(
+    RunArguments,
     data=one_of(Dataset, path_of=A_RECORDING, cure="a path or a data set of spinfilters.load or .simulate"),
     segment=optional(one_of(int, str, cure='a number, times such as "6.55:7.4", or "auto"')),
     settings=optional(
         one_of(Settings, Mapping, path_of="a settings file", cure="Settings, a mapping of tables, or a path")
     ),
     output=optional(path("a folder")),
-    resume=truth,
-    predict=optional(number(SECONDS_AHEAD)),
-    convergence=truth,
-    explain=truth,
     progress=called,
 )
 @on_one_blas_thread
@@ -354,20 +349,39 @@ def compare(
 
     Parameters
     ----------
-    data: a data set, or the path of one (see `load`).   segment: of a recording, see `load`.
-    estimators: names among "mekf", "ukf", "smoother", "filterpy-ekf", "filterpy-ukf", "embedded", "embedded-double"; one text
-        may list several, with commas. None takes those of the settings, by default the first three.
-    settings: `Settings`, a mapping such as ``{"sensors": {"pixel_std": 0.5}}``, or the path of a settings file.
-    output: folder to write the run into, with checkpoints and pictures; None writes nothing, and `Run.save` can later.
-    resume: go on from what an interrupted run has left in ``output``; a finished run is read from there.
-    predict: s to go on after the last epoch.   convergence: whether to show how the smoother settles.
-    explain: whether to run again with the errors of the models that are found. All three are files of ``output``.
-    progress: called with what is being done, steps done and steps in all.
+    data : Dataset, str or os.PathLike
+        A data set, or the path of one (see `load`).
+    estimators : str, sequence of str or None
+        Names among "mekf", "ukf", "smoother", "filterpy-ekf", "filterpy-ukf", "embedded", "embedded-double"; one text may list
+        several, with commas. None takes those of the settings, by default the first three.
+    settings : Settings, Mapping, str, os.PathLike or None
+        `Settings`, a mapping such as ``{"sensors": {"pixel_std": 0.5}}``, or the path of a settings file.
+    segment : int, str or None
+        Of a recording, see `load`.
+    output : str, os.PathLike or None
+        Folder to write the run into, with checkpoints and pictures; None writes nothing, and `Run.save` can later.
+    resume : bool
+        Whether to go on from what an interrupted run has left in ``output``; a finished run is read from there.
+    predict : float or None
+        s to go on after the last epoch; a file of ``output``, as those of the next two.
+    convergence : bool
+        Whether to show how the smoother settles.
+    explain : bool
+        Whether to run again with the errors of the models that are found.
+    progress : Callable[[str, int, int], None]
+        Called with what is being done, steps done and steps in all.
+
+    Returns
+    -------
+    Run
+        Results by the estimator's name.
 
     Raises
     ------
-    InputError: what the command refuses with exit code 2; the text is one line that names the value and the cure.
-    KeyboardInterrupt: Ctrl-C; what was estimated is in ``output``, if given, for ``resume`` to go on from.
+    InputError
+        What the command refuses with exit code 2; the text is one line that names the value and the cure.
+    KeyboardInterrupt
+        Ctrl-C; what was estimated is in ``output``, if given, for ``resume`` to go on from.
     """
     chosen = _settings(settings, estimators)
     dataset = _dataset(data, segment)
@@ -389,12 +403,19 @@ def load_run(folder: str | os.PathLike[str]) -> Run:
 
     Parameters
     ----------
-    folder: of ``spinfilters compare -o``, of `compare` with ``output``, or of `Run.save`; of several segments that of one, such as
+    folder : str or os.PathLike
+        Of ``spinfilters compare -o``, of `compare` with ``output``, or of `Run.save`; of several segments that of one, such as
         ``runs/mine/segments/001``.
+
+    Returns
+    -------
+    Run
+        Results by the estimator's name.
 
     Raises
     ------
-    InputError: no folder of a run, an unfinished or a damaged one; the text is one line that names the file and the cure.
+    InputError
+        No folder of a run, an unfinished or a damaged one; the text is one line that names the file and the cure.
     """
     place = Path(folder)
     if not (place / SUMMARY_FILE).exists() and (place / SEGMENTS_FOLDER).is_dir():

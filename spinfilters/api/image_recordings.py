@@ -1,17 +1,16 @@
 """Rendered stereo images of a simulated motion."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from spinfilters.core.camera_trajectory import CameraTrajectory
 from spinfilters.simulation.body_view import Appearance, SurfaceTexture, named_mesh
-from spinfilters.simulation.bundled_example import EPOCHS, INTERVAL, PRINCIPAL_MOMENTS
 from spinfilters.simulation.image_sequence import Imaging, RenderedScene, SeenMotion, write_sequence
 from spinfilters.simulation.inspector import STATIC
-from spinfilters.simulation.scenario import THESIS_RPM, Scenario, silent, simulate
+from spinfilters.simulation.scenario import Scenario, silent, simulate
 from spinfilters.vision.rectification import RawCamera, RawRig
 
 _FOCAL_PX, _BASELINE_M = 466.7, 0.09
@@ -24,40 +23,49 @@ class ImageScenario:
 
     Attributes
     ----------
-    shape: a polyhedron or the file of a mesh (`named_mesh`).   radius_m: of the body.
-    rate_rpm, moments, frames, interval, seed: of the motion, see `Scenario`.
-    foil: share of the surface.   imaging: of both cameras.   sun: direction to it, frame i.   size: width and height, px.
-    inspector: how the left camera moves (`spinfilters.simulation.inspector.INSPECTORS`).
+    shape : str
+        A polyhedron or the file of a mesh (`named_mesh`).
+    radius_m : float
+        Of the body, m; less than a scenario's own, so that the whole body stays in the images.
+    rate_rpm, moments, frames, interval, seed : tuple, tuple, int, float, int
+        Of the motion, as `Scenario` has them.
+    foil : float
+        Share of the surface that is crinkled metal foil.
+    sun : tuple[float, float, float]
+        Direction to it, frame i.
+    imaging : Imaging
+        Of both cameras.
+    size : tuple[int, int]
+        Width and height of the images, px.
+    inspector : str
+        How the left camera moves (`spinfilters.simulation.inspector.INSPECTORS`).
     """
 
     shape: str = "spheres"
     radius_m: float = 0.11
-    rate_rpm: tuple[float, float, float] = THESIS_RPM
-    moments: tuple[float, float, float] = PRINCIPAL_MOMENTS
-    frames: int = EPOCHS
-    interval: float = INTERVAL
-    seed: int = 0
+    rate_rpm: tuple[float, float, float] = Scenario.rate_rpm
+    moments: tuple[float, float, float] = Scenario.principal_moments
+    frames: int = Scenario.epochs
+    interval: float = Scenario.interval
+    seed: int = Scenario.seed
     foil: float = 0.0
     sun: tuple[float, float, float] = (-0.5, -0.6, -1.0)
     imaging: Imaging = field(default_factory=Imaging)
     size: tuple[int, int] = _SIZE
-    inspector: str = STATIC
+    inspector: str = Scenario.inspector
 
     def motion(self) -> SeenMotion:
         """True motion with the thesis' disturbances that stays in view of the inspector."""
-        thesis = Scenario.common_workload(self.rate_rpm, self.seed)
-        dataset = simulate(
-            replace(
-                thesis,
-                kind="stereo-tracks",
-                epochs=self.frames,
-                interval=self.interval,
-                principal_moments=self.moments,
-                radius_m=self.radius_m,
-                inspector=self.inspector,
-            ),
-            silent,
+        scenario = Scenario(
+            rate_rpm=self.rate_rpm,
+            epochs=self.frames,
+            interval=self.interval,
+            principal_moments=self.moments,
+            radius_m=self.radius_m,
+            inspector=self.inspector,
+            seed=self.seed,
         )
+        dataset = simulate(scenario, silent)
         assert dataset.truth is not None
         return SeenMotion(dataset.truth, CameraTrajectory.of(dataset.inspector))
 
@@ -70,11 +78,26 @@ class ImageScenario:
 
 
 def render(scenario: ImageScenario, folder: Path, progress: Callable[[int, int], None] = silent) -> str:
-    """Write the images of a scenario into a folder, with truth; returns what they are.
+    """Write the images of a scenario into a folder, with truth.
+
+    Parameters
+    ----------
+    scenario : ImageScenario
+        Body, motion and cameras.
+    folder : Path
+        That exists.
+    progress : Callable[[int, int], None]
+        Called after every pair with how many are done, and of how many.
+
+    Returns
+    -------
+    str
+        Description of the images.
 
     Raises
     ------
-    InputError: a shape that is no mesh, numbers that are no motion, a folder that cannot be written.
+    InputError
+        A shape that is no mesh, numbers that are no motion, a folder that cannot be written.
     """
     stage = scenario.stage()
     description = (
@@ -87,10 +110,7 @@ def render(scenario: ImageScenario, folder: Path, progress: Callable[[int, int],
 
 
 def example_rig(size: tuple[int, int] = _SIZE) -> RawRig:
-    """Example of a raw rig: distorting lenses, cameras 0.3 deg from parallel.
-
-    Focal length and baseline of the thesis.
-    """
+    """Raw rig with the thesis' focal length and baseline, distorting lenses, and cameras 0.3 deg from parallel."""
     width, height = size
     focal = _FOCAL_PX * width / _SIZE[0]
     turned = np.array([[1.0, -0.002, 0.004], [0.002, 1.0, -0.003], [-0.004, 0.003, 1.0]])

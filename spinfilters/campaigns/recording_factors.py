@@ -1,11 +1,12 @@
 """Factors of a study: what a recording is made of, and the initial belief drawn around its truth.
 
-The defaults are those of a `Scenario`: the bundled example.
+Motion, body, sensor and noise are groups of the fields of a `Scenario`: keys, defaults and ranges are those that it states.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Annotated, Final
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
+from inspect import get_annotations
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, TypeVar, get_args, get_origin
 
 import numpy as np
 from jaxtyping import Float
@@ -17,15 +18,14 @@ from spinfilters.inference.setup import Setup
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.input_file import value_text
 from spinfilters.io.sensor_format import dataset_kinds
-from spinfilters.io.stated_values import LENGTH, RATE, SPEED, NumberRange
-from spinfilters.models.feature_tracks import EveryAppearance, Recognition, SomeAppearances
-from spinfilters.models.process import ProcessNoise
+from spinfilters.io.stated_values import NumberRange
+from spinfilters.models.feature_tracks import EveryAppearance, SomeAppearances
+from spinfilters.models.process import THESIS_NOISE, ProcessNoise
 from spinfilters.models.sensor_registry import sensor_of
 from spinfilters.models.sensors.lidar_points import ANGLE_STD
 from spinfilters.models.state_layout import StateLayout
 from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings, TruthValue
-from spinfilters.simulation.bundled_example import RECOGNITION
 from spinfilters.simulation.measurement_faults import (
     Dropout,
     Fault,
@@ -38,65 +38,77 @@ from spinfilters.simulation.measurement_faults import (
     WrongAssociations,
 )
 from spinfilters.simulation.model_faults import model_faults
-from spinfilters.simulation.scenario import Scenario
+from spinfilters.simulation.scenario_record import RECOGNITION, Scenario, StudyKey
 from spinfilters.smoother.priors import FirstStatePrior
 
-RPM = NumberRange(-1e6, 1e6, "rpm")
-MOMENT = NumberRange(1e-6, 1e6)
-STD = NumberRange(1e-12, 1e6)
-SHARE = NumberRange(0.0, 1.0)
-SHAPE = NumberRange(1e-6, 1e6)
-SECONDS = NumberRange(0.0, 1e9, "s")
-PSD = NumberRange(1e-20, 1e6, zero=True)
-EPOCHS = NumberRange(5, 100_000, whole=True)
-COUNT = NumberRange(0, 100_000, whole=True)
-EPOCH = NumberRange(-100_000, 100_000, whole=True)
-EXAMPLE = Scenario()
-"""Defaults of all factors."""
-MULTIPLE = NumberRange(1e-6, 1e6)
-Triple = tuple[Annotated[float, LENGTH], Annotated[float, LENGTH], Annotated[float, LENGTH]]
+STD: Final = NumberRange(1e-12, 1e6)
+SHARE: Final = NumberRange(0.0, 1.0)
+SHAPE: Final = NumberRange(1e-6, 1e6)
+SECONDS: Final = NumberRange(0.0, 1e9, "s")
+PSD: Final = NumberRange(1e-20, 1e6, zero=True)
+COUNT: Final = NumberRange(0, 100_000, whole=True)
+EPOCH: Final = NumberRange(-100_000, 100_000, whole=True)
+MULTIPLE: Final = NumberRange(1e-6, 1e6)
+Truth = Annotated[bool, TruthValue()]
 
 
-@dataclass(frozen=True)
-class MotionFactor:
-    """Initial motion of the body, and the epochs at which it is observed.
+class ScenarioFactor:
+    """A factor whose keys are fields of a `Scenario`, with the defaults and ranges that these have there.
 
     Attributes
     ----------
-    rate_rpm : tuple[float, float, float]
-        About the principal axes.
-    velocity_m_s : tuple[float, float, float]
-        Of the centre of mass, frame i.
-    range_m : float
-        Along the camera's axis.
-    attempts : int
-        Motions drawn until one stays in view; the last is taken if none does.
+    keys : Mapping[str, str]
+        Key in the study file by the name of the scenario's field.
     """
 
-    rate_rpm: tuple[Annotated[float, RPM], Annotated[float, RPM], Annotated[float, RPM]] = EXAMPLE.rate_rpm
-    epochs: Annotated[int, EPOCHS] = EXAMPLE.epochs
-    interval_s: Annotated[float, NumberRange(1e-6, 1e5, "s")] = EXAMPLE.interval
-    velocity_m_s: tuple[Annotated[float, SPEED], Annotated[float, SPEED], Annotated[float, SPEED]] = (
-        EXAMPLE.velocity
-    )
-    range_m: Annotated[float, NumberRange(1e-3, 1e6, "m")] = EXAMPLE.range_m
-    attempts: Annotated[int, NumberRange(1, 10_000, whole=True)] = EXAMPLE.candidates
+    keys: ClassVar[Mapping[str, str]] = {}
+
+    if TYPE_CHECKING:
+
+        def __init__(self, **values: Any) -> None: ...
+
+        def __getattr__(self, name: str) -> Any: ...
+
+    @property
+    def fields_of_scenario(self) -> dict[str, Any]:
+        """Values by the names of the scenario's fields."""
+        return {name: getattr(self, key) for name, key in self.keys.items()}
 
 
-@dataclass(frozen=True)
-class BodyFactor:
-    """The body: inertia, centre of mass and landmarks.
+F = TypeVar("F", bound=ScenarioFactor)
 
-    Principal moments of any scale, centre of mass in g, axes by yaw, pitch and roll.
+
+def scenario_factor(table: str) -> Callable[[type[F]], type[F]]:
+    """Decorator: a factor, with the fields of `Scenario` that its table holds (`StudyKey`) before its own."""
+
+    def decorate(factor: type[F]) -> type[F]:
+        """The factor as a frozen dataclass."""
+        keys, hints = {}, {}
+        for each in fields(Scenario):
+            kind, *notes = get_args(each.type) if get_origin(each.type) is Annotated else (each.type,)
+            for note in notes:
+                if isinstance(note, StudyKey) and note.table == table:
+                    key = keys[each.name] = note.key or each.name
+                    hints[key] = kind if note.allowed is None else Annotated[kind, note.allowed]
+                    setattr(factor, key, each.default)
+        factor.keys = keys
+        factor.__annotations__ = hints | get_annotations(factor)
+        return dataclass(frozen=True)(factor)
+
+    return decorate
+
+
+@scenario_factor("motion")
+class MotionFactor(ScenarioFactor):
+    """Initial motion of the body, and the epochs at which it is observed.
+
+    ``attempts`` are the scenario's candidates: motions drawn until one stays in view; the last is taken if none does.
     """
 
-    principal_moments: tuple[Annotated[float, MOMENT], Annotated[float, MOMENT], Annotated[float, MOMENT]] = (
-        EXAMPLE.principal_moments
-    )
-    center_of_mass_m: Triple = EXAMPLE.center_of_mass_g
-    axes_euler_rad: Triple = EXAMPLE.axes_euler_g
-    landmarks: Annotated[int, NumberRange(4, 100_000, whole=True)] = EXAMPLE.landmarks
-    radius_m: Annotated[float, NumberRange(1e-3, 1e6, "m")] = EXAMPLE.radius_m
+
+@scenario_factor("body")
+class BodyFactor(ScenarioFactor):
+    """The body: inertia, centre of mass and landmarks."""
 
     def __post_init__(self) -> None:
         smallest, middle, largest = sorted(self.principal_moments)
@@ -107,24 +119,20 @@ class BodyFactor:
             )
 
 
-@dataclass(frozen=True)
-class SensorFactor:
+@scenario_factor("sensor")
+class SensorFactor(ScenarioFactor):
     """The sensor, and how a camera finds landmarks (`spinfilters.models.feature_tracks.FrontEnd`).
 
     Attributes
     ----------
     known_map : bool
-        Whether estimators are told where the landmarks are.
+        Whether estimators know where the landmarks are.
     recognition : tuple[float, ...]
         Two shapes of the Beta distribution of how often an appearance is known again; empty for always.
     """
 
-    kind: str = EXAMPLE.kind
-    known_map: Annotated[bool, TruthValue()] = False
-    detection: Annotated[float, NumberRange(1e-6, 1.0)] = EXAMPLE.detection
-    facing_cosine: Annotated[float, NumberRange(-1.0, 0.999)] = EXAMPLE.facing_cosine
+    known_map: Truth = False
     recognition: tuple[Annotated[float, SHAPE], ...] = RECOGNITION
-    fewest_observations: Annotated[int, COUNT] = EXAMPLE.fewest_observations
 
     def __post_init__(self) -> None:
         if len(self.recognition) not in (0, 2):
@@ -133,35 +141,37 @@ class SensorFactor:
             )
 
     @property
-    def recognised(self) -> Recognition:
-        """Re-detection model of the landmarks in view."""
-        return SomeAppearances(*self.recognition) if self.recognition else EveryAppearance()
+    def fields_of_scenario(self) -> dict[str, Any]:
+        """Values by the names of the scenario's fields, with the re-detection model of the landmarks in view."""
+        recognition = SomeAppearances(*self.recognition) if self.recognition else EveryAppearance()
+        return {**super().fields_of_scenario, "recognition": recognition}
 
 
-@dataclass(frozen=True)
-class NoiseFactor:
+@scenario_factor("noise")
+class NoiseFactor(ScenarioFactor):
     """True noise of the sensors and densities of the disturbances.
 
     Attributes
     ----------
+    force_psd : float
+        Density of the disturbing force, (m/s^2)^2/Hz.
+    torque_psd : float
+        Density of the disturbing torque, (rad/s^2)^2/Hz.
     stated : bool
-        Whether estimators are told it, unless ``settings`` say otherwise; if not, they identify it.
+        Whether the data set states it to estimators, unless ``settings`` say otherwise; if not, they identify it.
     calibrated : bool
-        Whether they are told that the calibration has no error; if not, they consider the errors that are
-        usual.
+        Whether the calibration is stated to have no error; if not, estimators consider the errors that are usual.
     """
 
-    pixel_std: Annotated[float, STD] = EXAMPLE.pixel_std
-    position_std_m: Annotated[float, STD] = EXAMPLE.position_std
-    rotation_std_rad: Annotated[float, STD] = EXAMPLE.rotation_std
-    gyro_std_rad_s: Annotated[float, STD] = EXAMPLE.gyro_std
-    gyro_bias_rad_s: tuple[Annotated[float, RATE], Annotated[float, RATE], Annotated[float, RATE]] = (
-        EXAMPLE.gyro_bias
-    )
-    force_psd: Annotated[float, PSD] = EXAMPLE.noise.force_psd
-    torque_psd: Annotated[float, PSD] = EXAMPLE.noise.torque_psd
-    stated: Annotated[bool, TruthValue()] = True
-    calibrated: Annotated[bool, TruthValue()] = True
+    force_psd: Annotated[float, PSD] = THESIS_NOISE.force_psd
+    torque_psd: Annotated[float, PSD] = THESIS_NOISE.torque_psd
+    stated: Truth = True
+    calibrated: Truth = True
+
+    @property
+    def fields_of_scenario(self) -> dict[str, Any]:
+        """Values by the names of the scenario's fields, with the densities of the disturbances."""
+        return {**super().fields_of_scenario, "noise": ProcessNoise(self.force_psd, self.torque_psd)}
 
     @property
     def levels(self) -> dict[str, float]:
@@ -300,35 +310,15 @@ class RecordingFactors:
 
         InputError: an unknown kind, a body that does not lie in front of the camera.
         """
-        motion, body, sensor, noise, model = self.motion, self.body, self.sensor, self.noise, self.fault.model
-        if model and sensor.kind not in model_faults()[model].kinds:
+        kind, model = self.sensor.kind, self.fault.model
+        if model and kind not in model_faults()[model].kinds:
             raise InputError(
-                f"fault.model {model} is none of {sensor.kind}; use {' or '.join(model_faults()[model].kinds)}"
+                f"fault.model {model} is none of {kind}; use {' or '.join(model_faults()[model].kinds)}"
             )
-        return Scenario(
-            kind=sensor.kind,
-            principal_moments=body.principal_moments,
-            rate_rpm=motion.rate_rpm,
-            epochs=motion.epochs,
-            interval=motion.interval_s,
-            range_m=motion.range_m,
-            velocity=motion.velocity_m_s,
-            center_of_mass_g=body.center_of_mass_m,
-            axes_euler_g=body.axes_euler_rad,
-            landmarks=body.landmarks,
-            radius_m=body.radius_m,
-            detection=sensor.detection,
-            facing_cosine=sensor.facing_cosine,
-            recognition=sensor.recognised,
-            fewest_observations=sensor.fewest_observations,
-            pixel_std=noise.pixel_std,
-            position_std=noise.position_std_m,
-            rotation_std=noise.rotation_std_rad,
-            gyro_std=noise.gyro_std_rad_s,
-            gyro_bias=noise.gyro_bias_rad_s,
-            noise=ProcessNoise(noise.force_psd, noise.torque_psd),
-            candidates=motion.attempts,
-        )
+        values: dict[str, Any] = {}
+        for factor in (self.motion, self.body, self.sensor, self.noise):
+            values |= factor.fields_of_scenario
+        return Scenario(**values)
 
 
 FACTORS: Final = ("motion", "body", "sensor", "noise", "fault", "belief", "settings", "estimator")

@@ -1,86 +1,143 @@
-"""A command of ``spinfilters``: its parser, the function that runs it, and arguments that several commands have.
+"""A command of ``spinfilters``: its record of arguments, the parser that is made from it, and the function that runs it.
 
 Nothing heavy is imported here, so that help is quick.
 """
 
 import argparse
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import MISSING, dataclass
+from typing import Any, Generic, TypeVar
 
-from spinfilters.api.argument_ranges import FRAMES, MOMENT
-from spinfilters.api.argument_ranges import INTERVAL as INTERVAL_RANGE
-from spinfilters.api.argument_ranges import RATE_RPM as RATE_RANGE
-from spinfilters.io.stated_values import CLOCK_UNITS, RATE_UNITS, SAMPLING_RATE, NumberRange, ReadingOptions
-from spinfilters.simulation.bundled_example import EPOCHS, INTERVAL, PRINCIPAL_MOMENTS, RATE_RPM
+from spinfilters.io.arguments import GivenField, given_fields, numbers_by_name, record_from
+from spinfilters.io.stated_values import NumberRange
 
+R = TypeVar("R")
 Subparsers = Any
 """What `argparse.ArgumentParser.add_subparsers` returns; its class is private."""
 
 
 @dataclass(frozen=True)
-class Command:
-    """A command: its parser and the function that runs it.
+class Command(Generic[R]):
+    """A command.
 
-    ``run`` takes the parsed arguments and returns the exit code. It imports what it needs when it is called, so that help is quick.
+    Attributes
+    ----------
+    name : str
+        On the command line.
+    help : str
+        One line in the list of commands.
+    arguments : type
+        Record of its arguments, each an annotated field (`spinfilters.io.arguments.Argument`).
+    run : Callable[[record], int]
+        Takes the record and returns the exit code. It imports what it needs when it is called, so that help is quick.
+    description : str
+        Above the arguments in its own help.
     """
 
-    add_parser: Callable[[Subparsers], argparse.ArgumentParser]
-    run: Callable[[argparse.Namespace], int]
+    name: str
+    help: str
+    arguments: type[R]
+    run: Callable[[R], int]
+    description: str = ""
 
     def add(self, subparsers: Subparsers) -> None:
         """Register the command's parser, with what runs it."""
-        self.add_parser(subparsers).set_defaults(command=self.run)
+        parser = subparsers.add_parser(self.name, help=self.help, description=self.description or None)
+        add_arguments(parser, self.arguments)
+        given = [each for each in given_fields(self.arguments) if each.default is MISSING]
+        parser.required = {_argparse_name(each): f"{each.usage} ({each.argument.help})" for each in given}
+        parser.set_defaults(command=self)
+
+    def run_parsed(self, options: argparse.Namespace) -> int:
+        """Run it with parsed arguments. InputError: an argument that cannot be used."""
+        return self.run(arguments_from(self.arguments, options))
 
 
-def add_motion(parser: argparse.ArgumentParser) -> None:
-    """Options of a simulated motion."""
-    parser.add_argument(
-        "--frames", type=number(FRAMES), default=EPOCHS, help=f"number of epochs (default {EPOCHS})"
-    )
-    parser.add_argument(
-        "--interval",
-        type=number(INTERVAL_RANGE),
-        default=INTERVAL,
-        help=f"seconds between epochs (default {INTERVAL:g})",
-    )
-    parser.add_argument(
-        "--rate-rpm",
-        type=number(RATE_RANGE),
-        nargs=3,
-        default=RATE_RPM,
-        metavar=("X", "Y", "Z"),
-        help=f"about the principal axes x, y, z in the order of --moments (default {_words(RATE_RPM)})",
-    )
-    parser.add_argument(
-        "--moments",
-        type=number(MOMENT),
-        nargs=3,
-        default=PRINCIPAL_MOMENTS,
-        metavar=("JX", "JY", "JZ"),
-        help=f"principal moments about x, y, z, of any scale (default {_words(PRINCIPAL_MOMENTS)})",
-    )
+@dataclass(frozen=True)
+class CommandGroup:
+    """Commands under one name, such as ``lidar scan`` and ``lidar needed``.
+
+    Attributes
+    ----------
+    default : str
+        Name of the action where the first word names none; empty where one has to be named.
+    """
+
+    name: str
+    help: str
+    actions: tuple[Command[Any], ...]
+    default: str = ""
+    description: str = ""
+
+    def add(self, subparsers: Subparsers) -> None:
+        """Register the parsers of all actions."""
+        parser = subparsers.add_parser(self.name, help=self.help, description=self.description or None)
+        actions = parser.add_subparsers(title="actions", required=True, metavar="ACTION")
+        for action in self.actions:
+            action.add(actions)
+        parser.actions, parser.default_action = tuple(action.name for action in self.actions), self.default
 
 
-def _words(numbers: tuple[float, ...]) -> str:
-    """Numbers as they are given on a command line."""
-    return " ".join(f"{each:g}" for each in numbers)
+def add_arguments(parser: argparse.ArgumentParser, record: type) -> None:
+    """Add an argument for each given field of a record, in the order of its fields."""
+    groups: dict[str, Any] = {"": parser}
+    for field in given_fields(record):
+        if field.group not in groups:
+            groups[field.group] = parser.add_argument_group(field.group)
+        flags, options = _argparse_options(field)
+        groups[field.group].add_argument(*flags, **options)
 
 
-def add_reading(parser: argparse.ArgumentParser) -> None:
-    """Options that state what a recording does not tell."""
-    group = parser.add_argument_group("what the recording does not tell")
-    group.add_argument("--unit", metavar="UNIT", help=f"of body rates: {', '.join(RATE_UNITS)}")
-    group.add_argument("--clock", metavar="UNIT", help=f"of time stamps: {', '.join(CLOCK_UNITS)}")
-    group.add_argument(
-        "--rate", type=number(SAMPLING_RATE), metavar="HZ", help="samples a second, in place of a clock"
-    )
-    group.add_argument("--topic", metavar="NAME", help="of a ROS bag, where it has several that can be read")
+def _argparse_name(field: GivenField) -> str:
+    """Name of an argument in the messages of argparse."""
+    return f"{field.argument.short}/{field.flag}" if field.argument.short else field.flag
 
 
-def reading_options(options: argparse.Namespace) -> ReadingOptions:
-    """Reading options of the arguments. InputError: an unknown unit."""
-    return ReadingOptions(options.unit, options.clock, options.rate, options.topic)
+def _argparse_options(field: GivenField) -> tuple[tuple[str, ...], dict[str, Any]]:
+    """Flags and keywords of a field's ``add_argument``."""
+    argument, required = field.argument, field.default is MISSING
+    options: dict[str, Any] = {"help": field.help.replace("%", "%%")}
+    if argument.positional:
+        flags: tuple[str, ...] = (field.name,)
+        options |= {} if required or field.count == 0 else {"nargs": "?"}
+    else:
+        flags = (argument.short, field.flag) if argument.short else (field.flag,)
+        options |= {"dest": field.name, "required": required}
+    if field.kind is bool:
+        del options["required"]
+        return flags, {**options, "action": "store_true"}
+    options["default"] = None if required else field.default
+    options |= {"metavar": argument.metavar} if argument.metavar else {}
+    if field.is_named:
+        return flags, {
+            **options,
+            "default": None,
+            "nargs": 2 if argument.bare is None else "+",
+            "action": "append",
+        }
+    if field.count is not None:
+        options["nargs"] = field.count or "+"
+    if field.is_repeated:
+        options |= {"action": "append", "default": None}
+    if field.choices is not None:
+        options |= {"choices": field.choices, "type": type(field.choices[0])}
+    elif field.allowed is not None:
+        options["type"] = number(field.allowed)
+    return flags, options
+
+
+def arguments_from(record: type[R], options: argparse.Namespace) -> R:
+    """Record of parsed arguments. InputError: one that the record refuses."""
+    values: dict[str, Any] = {}
+    for field in given_fields(record):
+        value = getattr(options, field.name)
+        if field.is_named:
+            value = numbers_by_name(field, value or ())
+        elif isinstance(value, list):
+            value = tuple(tuple(each) if isinstance(each, list) else each for each in value)
+        if value is not None or field.is_optional:
+            values[field.name] = value
+    return record_from(record, values)
 
 
 def number(allowed: NumberRange) -> Callable[[str], float | int]:

@@ -8,10 +8,11 @@ import sys
 import time
 import traceback
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Final, NoReturn
+from types import MappingProxyType
+from typing import Any, Final, NoReturn
 
 from spinfilters import __version__
 from spinfilters.cli.commands import COMMANDS
@@ -64,7 +65,7 @@ def _run(options: argparse.Namespace, pressed: Sequence[int]) -> int:
         with warnings.catch_warnings():
             # of numbers that are not finite: a status tells of them; whoever asks for warnings (-W) has asked before
             warnings.filterwarnings("ignore", category=RuntimeWarning, append=True)
-            return options.command(options)
+            return options.command.run_parsed(options)
     except SpinfiltersError as error:
         return _complain(str(error))
     except KeyboardInterrupt:
@@ -72,7 +73,10 @@ def _run(options: argparse.Namespace, pressed: Sequence[int]) -> int:
     except BrokenPipeError:
         return EXIT_BAD_INPUT
     except OSError as error:
-        return _complain(_of_system(error))
+        name = f"{error.filename}: " if error.filename else ""
+        return _complain(
+            f"{name}{error.strerror or error}; free space or choose another folder, then run again"
+        )
     except MemoryError:
         return _complain("out of memory; give a shorter recording or close other programs")
     except Exception as error:  # the last resort: what comes here is a fault of this program
@@ -80,7 +84,10 @@ def _run(options: argparse.Namespace, pressed: Sequence[int]) -> int:
             return _complain(_of_interrupt(options, begun))
         if os.environ.get(DEBUG):
             raise
-        return _complain(_of_this_program(error))
+        return _complain(
+            f"unexpected {type(error).__name__} in {_place(error)}; this is a fault of spinfilters: please report it "
+            f"with what {DEBUG}=1 shows"
+        )
 
 
 def _of_interrupt(options: argparse.Namespace, begun: float) -> str:
@@ -103,18 +110,6 @@ def _has_finished(folder: Path, begun: float) -> bool:
             if path.is_file() and path.name not in {CONFIG_FILE, LOCK_FILE}:
                 times.append(path.stat().st_mtime)
     return max(times, default=0.0) >= begun
-
-
-def _of_system(error: OSError) -> str:
-    name = f"{error.filename}: " if error.filename else ""
-    return f"{name}{error.strerror or error}; free space or choose another folder, then run again"
-
-
-def _of_this_program(error: Exception) -> str:
-    return (
-        f"unexpected {type(error).__name__} in {_place(error)}; this is a fault of spinfilters: please report it "
-        f"with what {DEBUG}=1 shows"
-    )
 
 
 def _set_logging() -> None:
@@ -161,10 +156,39 @@ def _place(error: BaseException) -> str:
 
 
 class _Parser(argparse.ArgumentParser):
-    """An argument parser whose complaint is one line."""
+    """An argument parser whose complaint is one line, and which may take a first word that names no action as its default's."""
+
+    actions: tuple[str, ...] = ()
+    default_action: str = ""
+    required: Mapping[str, str] = MappingProxyType({})
+    """How to give each required argument, by the name that argparse has for it."""
+
+    def parse_known_args(  # pyright: ignore[reportIncompatibleMethodOverride]
+        self, args: Sequence[str] | None = None, namespace: Any = None
+    ) -> tuple[argparse.Namespace, list[str]]:
+        """Parse, with the default action where the first word is none."""
+        words = sys.argv[1:] if args is None else list(args)
+        if self.default_action and words and words[0] not in (*self.actions, "-h", "--help"):
+            words = [self.default_action, *words]
+        return super().parse_known_args(words, namespace)
+
+    def parse_args(  # pyright: ignore[reportIncompatibleMethodOverride]
+        self, args: Sequence[str] | None = None, namespace: Any = None
+    ) -> argparse.Namespace:
+        """Parse all arguments, and name the first that a command does not take."""
+        options, rest = self.parse_known_args(args, namespace)
+        if rest:
+            what = "is not for this command" if rest[0].startswith("-") else "is one argument too many"
+            self.error(f"{rest[0]} {what}; leave it out")
+        return options
 
     def error(self, message: str) -> NoReturn:
         """End the command with one line on wrong arguments, exit code 2."""
+        start, required, names = message.partition("required: ")
+        if required:
+            message = (
+                f"{start}{required}{', '.join(self.required.get(name, name) for name in names.split(', '))}"
+            )
         raise SystemExit(_complain(f"{message}; see '{self.prog} --help'"))
 
 

@@ -7,7 +7,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from spinfilters.core.errors import InputError
-from spinfilters.embedded.embedded_options import EMITTED_SENSORS, EmbedOptions
+from spinfilters.embedded.embedded_options import EmbedOptions
+from spinfilters.embedded.emitted_sensors import EMITTED_SENSORS
 from spinfilters.embedded.library import load_filter
 from spinfilters.filters.estimator import (
     Belief,

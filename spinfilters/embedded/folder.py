@@ -7,7 +7,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from spinfilters.core.mass_distribution import from_inertia
-from spinfilters.embedded.embedded_options import EmbedOptions, EmittedSensor
+from spinfilters.embedded.embedded_options import EmbedOptions
+from spinfilters.embedded.emitted_sensors import EmittedSensor
 from spinfilters.embedded.library import library_texts, template
 from spinfilters.filters.landmark_map import CONFIRMED, WRONG_IN_A_ROW
 from spinfilters.filters.outlier_rejection import RobustOptions, gate

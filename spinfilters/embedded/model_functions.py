@@ -16,7 +16,8 @@ from spinfilters.core.attitude_expressions import (
     short_mrp_from_quaternion,
 )
 from spinfilters.core.mass_distribution import inertia, lower_factor, traceless
-from spinfilters.embedded.embedded_options import POINT, EmbedOptions
+from spinfilters.embedded.embedded_options import EmbedOptions
+from spinfilters.embedded.emitted_sensors import POINT
 from spinfilters.models.measurement import LandmarkSensor, MeasurementModel, row_by_row
 from spinfilters.models.process import body_acceleration
 from spinfilters.models.state_blocks import MASS_DISTRIBUTION

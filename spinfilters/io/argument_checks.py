@@ -14,6 +14,7 @@ from typing import Any, Final, ParamSpec, TypeVar
 import numpy as np
 
 from spinfilters.core.errors import InputError
+from spinfilters.io.arguments import GivenField, given_fields
 from spinfilters.io.input_file import value_text
 from spinfilters.io.stated_values import NumberRange, plain_number
 
@@ -23,33 +24,59 @@ Check = Callable[[str, Any], None]
 """Raises InputError for a value that the argument of this name cannot be."""
 
 
-def checked_arguments(**checks: Check) -> Callable[[Callable[P, T]], Callable[P, T]]:
-    """Decorator: the arguments of these names are checked before the function is called, with numbers of Python for NumPy's.
+def checked_arguments(
+    record: type | None = None, **checks: Check
+) -> Callable[[Callable[P, T]], Callable[P, T]]:
+    """Decorator: arguments are checked before the function is called, with numbers of Python for NumPy's.
+
+    Parameters
+    ----------
+    record : type or None
+        Dataclass whose given fields (`spinfilters.io.arguments`) say what the arguments of their names may be.
+    **checks : Check
+        Of further arguments, or in place of those of the record.
 
     Raises
     ------
     InputError
         At a call, for the first argument that its check refuses.
     """
+    own = {} if record is None else {field.name: check_of(field) for field in given_fields(record)}
 
     def decorate(function: Callable[P, T]) -> Callable[P, T]:
         """The function behind its checks."""
         signature = inspect.signature(function)
         assert checks.keys() <= signature.parameters.keys()
+        every = own | checks
 
         @wraps(function)
         def checked(*args: P.args, **kwargs: P.kwargs) -> T:
             """The call, its arguments checked."""
             bound = signature.bind(*args, **kwargs)
             for name, value in bound.arguments.items():
-                if name in checks:
+                if name in every:
                     bound.arguments[name] = plain_numbers(value)
-                    checks[name](name, bound.arguments[name])
+                    every[name](name, bound.arguments[name])
             return function(*bound.args, **bound.kwargs)
 
         return checked
 
     return decorate
+
+
+def check_of(field: GivenField) -> Check:
+    """Check of an argument that a record describes: by its type, its range and the values to choose from."""
+    if field.is_named:
+        return optional(numbers_by_name(f"numbers by name: {field.argument.cure}"))
+    if field.kind is bool:
+        check: Check = truth
+    elif field.allowed is not None:
+        check = number(field.allowed) if field.count is None else three_numbers(field.allowed)
+    elif field.count is not None:
+        check = names(field.argument.cure)
+    else:
+        check = text(field.argument.cure)
+    return optional(check) if field.is_optional else check
 
 
 def plain_numbers(value: Any, depth: int = 6) -> Any:

@@ -1,8 +1,8 @@
-"""Values stated by users: ranges of numbers, units and clock of a recording."""
+"""Values stated by users: ranges of numbers, arguments of commands and functions, units and clock of a recording."""
 
 import math
 from dataclasses import dataclass, fields
-from typing import Any, Final
+from typing import Annotated, Any, Final
 
 from spinfilters.core.errors import InputError
 from spinfilters.io.input_file import value_text
@@ -85,6 +85,56 @@ def plain_number(value: object) -> Any:
     return item if getattr(item, "ndim", None) is None else float(item)  # long double has no Python number
 
 
+@dataclass(frozen=True)
+class Argument:
+    """How users give a field of a record.
+
+    Attributes
+    ----------
+    help : str
+        What it is, with its unit; the default is added to it.
+    name : str
+        By which Python and the parsed arguments know it; empty for the name of the field.
+    flag : str
+        On the command line; empty for ``--name``.
+    short : str
+        Second, short flag, such as ``-o``.
+    metavar : str or tuple[str, ...]
+        Of the value or values in the help; empty for the name in capitals.
+    positional : bool
+        Whether the command line takes it by its place, without a flag.
+    cure : str
+        What to give where a value is refused; empty where the type or range says it.
+    bare : float or None
+        Value of a name alone, in a field of numbers by name; None where each name needs a number.
+    """
+
+    help: str
+    name: str = ""
+    flag: str = ""
+    short: str = ""
+    metavar: str | tuple[str, ...] = ""
+    positional: bool = False
+    cure: str = ""
+    bare: float | None = None
+
+
+@dataclass(frozen=True)
+class ArgumentGroup:
+    """A record in a field of another: its arguments are given as if they were the other's own.
+
+    Attributes
+    ----------
+    title : str
+        Above its arguments in the help; empty to list them with the others.
+    only : tuple[str, ...]
+        Names of the fields that are given; empty for all. The others keep their defaults.
+    """
+
+    title: str = ""
+    only: tuple[str, ...] = ()
+
+
 LENGTH: Final = NumberRange(-1e9, 1e9, "m")
 SPEED: Final = NumberRange(-1e9, 1e9, "m/s")
 RATE: Final = NumberRange(-1e4, 1e4, "rad/s")
@@ -109,13 +159,13 @@ class ReadingOptions:
 
     Attributes
     ----------
-    unit : str | None
+    unit : str or None
         Of body rates, a key of `RATE_UNITS`.
-    clock : str | None
+    clock : str or None
         Unit of time stamps, a key of `CLOCK_UNITS`.
-    rate : float | None
+    rate : float or None
         Samples a second, Hz, in place of a clock.
-    topic : str | None
+    topic : str or None
         Of a ROS bag.
 
     Raises
@@ -124,10 +174,31 @@ class ReadingOptions:
         An unknown unit, a rate out of its range.
     """
 
-    unit: str | None = None
-    clock: str | None = None
-    rate: float | None = None
-    topic: str | None = None
+    unit: Annotated[
+        str | None,
+        Argument(
+            f"of body rates: {', '.join(RATE_UNITS)}",
+            metavar="UNIT",
+            cure='the unit of body rates, such as "deg/s"',
+        ),
+    ] = None
+    clock: Annotated[
+        str | None,
+        Argument(
+            f"of time stamps: {', '.join(CLOCK_UNITS)}",
+            metavar="UNIT",
+            cure='the unit of time stamps, such as "ms"',
+        ),
+    ] = None
+    rate: Annotated[
+        float | None, SAMPLING_RATE, Argument("samples a second, in place of a clock", metavar="HZ")
+    ] = None
+    topic: Annotated[
+        str | None,
+        Argument(
+            "of a ROS bag, where it has several that can be read", metavar="NAME", cure="the name of a topic"
+        ),
+    ] = None
 
     def __post_init__(self) -> None:
         for name, units in (("unit", RATE_UNITS), ("clock", CLOCK_UNITS)):

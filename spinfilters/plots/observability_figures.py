@@ -20,6 +20,7 @@ from observability.conditioning import (
     conditions_over,
     double_integrator_covariance,
 )
+from observability.conditioning_report import TIME_STEPS
 from observability.cramer_rao import BLOCK_NAMES, EACH_MOMENT, MOMENTS, PLACE, Quantity
 from spinfilters.plots.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SKY, tidy
 
@@ -159,7 +160,6 @@ def _motion_panel(figure: Figure, axes: Axes, study: BoundStudy) -> None:
     figure.colorbar(picture, ax=axes, label="bound, standard deviation")
 
 
-TIME_STEPS: Final = np.geomspace(1e-2, 1e2, 161)
 LONGEST_STEP = 10.0
 """Of the full state, whose motion is integrated, s."""
 UNITS_TOP: Final = 2e10

@@ -55,7 +55,8 @@ class EmbeddedEntry(EstimatorEntry["EmbeddedFilter"]):
         from spinfilters.embedded.embedded_estimator import (
             EmbeddedFilter,  # builds expressions, rarely asked for
         )
-        from spinfilters.embedded.embedded_options import EMITTED_SENSORS, EmbedOptions
+        from spinfilters.embedded.embedded_options import EmbedOptions
+        from spinfilters.embedded.emitted_sensors import EMITTED_SENSORS
 
         sensors = setup.dataset.log.sensors
         fit = (each for each in EMITTED_SENSORS.values() if set(sensors) <= set(each.taken))

@@ -1,8 +1,7 @@
-"""The scenario: a simulated recording with its motion, inspector, sensors and truth."""
+"""Simulation of a scenario: its motion, inspector, sensors and truth."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
-from typing import Any, Final
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -19,28 +18,20 @@ from spinfilters.io.sensor_format import dataset_kinds
 from spinfilters.io.sensor_tables import KnownMap
 from spinfilters.io.truth import Truth
 from spinfilters.models.feature_tracks import (
-    EveryAppearance,
-    FrontEnd,
-    Recognition,
-    SomeAppearances,
     Surface,
     ball,
     could_stay_in_view,
     stays_in_view,
 )
-from spinfilters.models.process import THESIS_NOISE, ProcessNoise, TorqueFreeProcess
+from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.models.sensor import Scene, SimulatedStream
 from spinfilters.models.sensor_registry import has_error, sensor_of
 from spinfilters.models.state_blocks import GYRO_BIAS
 from spinfilters.models.state_layout import FULL_BLOCKS, POSE_BLOCKS, StateLayout
-from spinfilters.simulation import bundled_example
-from spinfilters.simulation.inspector import (
-    INSPECTORS,
-    STATIC,
-    InspectorPath,
-    require_inspector_errors,
-    told_trajectory,
-)
+from spinfilters.simulation.inspector import INSPECTORS, STATIC, InspectorPath, told_trajectory
+from spinfilters.simulation.scenario_record import IMAGE_KIND, RICH_RPM, THESIS_RPM, Scenario
+
+__all__ = ["RICH_RPM", "THESIS_RPM", "Motion", "Progress", "Scenario", "measured", "simulate", "without_map"]
 
 SUBSTEPS = 40
 """Noise kicks per epoch interval: the splitting error falls with its square."""
@@ -96,7 +87,18 @@ def simulate_motion(
 
     Parameters
     ----------
-    progress: called after every epoch with how many are done, and of how many.   substeps: noise kicks per interval.
+    process : TorqueFreeProcess
+        With the densities of the disturbances.
+    start : ndarray of shape (..., m)
+        State or states at ``time[0]``.
+    time : ndarray of shape (n,)
+        Epochs, s.
+    generator : np.random.Generator
+        Of the disturbances.
+    progress : Callable[[int, int], None]
+        Called after every epoch with how many are done, and of how many.
+    substeps : int
+        Noise kicks per interval.
     """
     q, blocks = process.layout.mean_slice("a"), process.disturbed_dim // 3
     states, x = [start], start
@@ -110,165 +112,25 @@ def simulate_motion(
     return np.stack(states)
 
 
-THESIS_RPM: Final = bundled_example.RATE_RPM
-"""Initial rate about the principal axes of the thesis' experiment."""
-RICH_RPM: Final = (4.0, 9.0, 3.0)
-"""Initial rate about the principal axes of a motion in which everything is well observable."""
-SHORTEST_INTERVAL: Final = 1e-6
-"""Of a sensor beside another, s."""
-_DECIMALS, _ROUNDING = 9, 1e-9  # of the epochs of several sensors, s
-
-
-@dataclass(frozen=True)
-class Scenario:
-    """Scenario of a simulation, by default the bundled example: the thesis' own problem (Tweddle 2013, chapter 6).
-
-    A SPHERES-like body at 10 rpm about its intermediate axis: about 2447 landmarks with 24,723 observations in 115 epochs, 215 in
-    each, at least two of each landmark; percentiles 10, 50, 90 and 99 of the observations of a landmark: 2, 8, 22 and 36. A
-    landmark stays for one to five epochs of a revolution and comes back after seven to ten. Of 48 motions the first is taken that
-    the disturbing force does not carry out of view. `simplified` is easier: all landmarks are recognised, less force.
-
-    Attributes
-    ----------
-    kind: of data set, such as "stereo-tracks" or "gyro" (`spinfilters.io.sensor_format.dataset_kinds`).
-    principal_moments: along the principal axes x, y, z, any scale (Tweddle 2013, section 6.5.2).
-    rate_rpm: initial rate about the principal axes, such as `THESIS_RPM` or `RICH_RPM`.
-    epochs, interval: number of epochs and seconds between them.
-    range_m: distance of the centre of mass along the camera's axis.   velocity: of the centre of mass, m/s, frame i.
-    center_of_mass_g: m.   axes_euler_g: yaw, pitch, roll of the principal axes in g, rad.
-    landmarks: on the surface of a ball of ``radius_m``, seen when they face the camera.
-    detection, facing_cosine, recognition, fewest_observations: see `FrontEnd`.
-    pixel_std px, position_std m, rotation_std rad, gyro_std rad/s: white noise of the sensors.
-    gyro_bias: constant error of the gyro's rates, g axes, rad/s.
-    noise: disturbances of the motion; the thesis' are `spinfilters.models.process.THESIS_NOISE`.
-    candidates: motions that are drawn where a sensor sees landmarks; the first that keeps the whole body in view is taken, or the
-        first of all if none does.
-    inspector: how the camera moves (`spinfilters.simulation.inspector.INSPECTORS`).
-    inspector_errors: (name, size) of what is wrong with the poses that are told of it
-        (`spinfilters.simulation.inspector.INSPECTOR_ERRORS`).
-    beside: (kind, interval s) of other sensors on the same motion; at most one sensor sees landmarks.
-    seed: of everything random.
-    """
-
-    kind: str = "stereo-tracks"
-    principal_moments: tuple[float, float, float] = bundled_example.PRINCIPAL_MOMENTS
-    rate_rpm: tuple[float, float, float] = THESIS_RPM
-    epochs: int = bundled_example.EPOCHS
-    interval: float = bundled_example.INTERVAL
-    range_m: float = 0.6
-    velocity: tuple[float, float, float] = (0.002, 0.001, -0.001)
-    center_of_mass_g: tuple[float, float, float] = (0.02, -0.015, 0.01)
-    axes_euler_g: tuple[float, float, float] = (0.5, -0.3, 0.2)
-    landmarks: int = bundled_example.LANDMARKS
-    radius_m: float = bundled_example.RADIUS_M
-    detection: float = bundled_example.DETECTION
-    facing_cosine: float = bundled_example.FACING_COSINE
-    recognition: Recognition = field(default_factory=lambda: SomeAppearances(*bundled_example.RECOGNITION))
-    fewest_observations: int = bundled_example.FEWEST_OBSERVATIONS
-    pixel_std: float = 1.0
-    position_std: float = 0.005
-    rotation_std: float = 0.01
-    gyro_std: float = 0.002
-    gyro_bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    noise: ProcessNoise = THESIS_NOISE
-    candidates: int = bundled_example.CANDIDATES
-    inspector: str = STATIC
-    inspector_errors: tuple[tuple[str, float], ...] = ()
-    beside: tuple[tuple[str, float], ...] = ()
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        kinds = dataset_kinds()
-        for kind in self.kinds:
-            if kind not in kinds:
-                raise InputError(f"scenario kind {kind!r} is unknown; use one of {', '.join(kinds)}")
-        _check_beside(self)
-        if self.epochs < 2 or not self.interval > 0:
-            raise InputError(
-                f"a scenario of {self.epochs} epochs at {self.interval} s; give at least 2 epochs and a positive interval"
-            )
-        if self.landmarks < 4 or self.candidates < 1:
-            raise InputError(
-                f"landmarks {self.landmarks} must be at least 4 and candidates {self.candidates} at least 1"
-            )
-        _ = self.front_end
-        if self.inspector not in INSPECTORS:
-            raise InputError(f"inspector {self.inspector!r} is unknown; use one of {', '.join(INSPECTORS)}")
-        if self.inspector != STATIC and not any(kinds[kind].has_landmarks for kind in self.kinds):
-            raise InputError(f"an inspector carries a camera, and a {self.kind} has none; leave it {STATIC}")
-        require_inspector_errors(dict(self.inspector_errors))
-        if self.inspector_errors and self.inspector == STATIC:
-            others = ", ".join(name for name in INSPECTORS if name != STATIC)
-            raise InputError(f"errors are of the poses of an inspector that moves; choose one: {others}")
-        if not self.range_m > self.radius_m > 0:
-            raise InputError(
-                f"the body of radius {self.radius_m} m must lie in front of the camera, range_m is {self.range_m} m"
-            )
-
-    @classmethod
-    def simplified(cls, **changes: Any) -> "Scenario":
-        """The example with all landmarks recognised and little force, or with some of the fields changed besides.
-
-        Its 925 landmarks show about 215 an epoch, as the example's; its disturbing force is a twenty-fifth in density.
-        """
-        easy = cls(
-            landmarks=925,
-            radius_m=0.11,
-            detection=0.9,
-            facing_cosine=0.35,
-            recognition=EveryAppearance(),
-            fewest_observations=0,
-            noise=ProcessNoise(),
-            candidates=1,
-        )
-        return replace(easy, **changes)
-
-    @classmethod
-    def rich(cls, seed: int = 0) -> "Scenario":
-        """The simplified body and camera in a motion that makes everything observable."""
-        return cls.simplified(rate_rpm=RICH_RPM, seed=seed)
-
-    @classmethod
-    def common_workload(cls, rate_rpm: tuple[float, float, float] = THESIS_RPM, seed: int = 0) -> "Scenario":
-        """The bundled example at another rate: what a scenario is by default."""
-        return cls(rate_rpm=rate_rpm, seed=seed)
-
-    @property
-    def kinds(self) -> tuple[str, ...]:
-        """Kinds of all sensors."""
-        return self.kind, *(kind for kind, _ in self.beside)
-
-    @property
-    def times(self) -> Mapping[str, Float[np.ndarray, " n"]]:
-        """Epochs of every kind, s; those of several fall together to the bit."""
-        own = self.interval * np.arange(self.epochs)
-        if not self.beside:
-            return {self.kind: own}
-        counts = {kind: int(own[-1] / step + _ROUNDING) + 1 for kind, step in self.beside}
-        more = {kind: step * np.arange(counts[kind]) for kind, step in self.beside}
-        return {kind: np.round(time, _DECIMALS) for kind, time in {self.kind: own, **more}.items()}
-
-    @property
-    def front_end(self) -> FrontEnd:
-        """The simulated front end."""
-        return FrontEnd(
-            self.pixel_std, self.detection, self.facing_cosine, self.recognition, self.fewest_observations
-        )
-
-
 def simulate(scenario: Scenario, progress: Progress = silent) -> Dataset:
     """A data set with truth, from a seed; tracks come with the map of their landmarks.
 
     Parameters
     ----------
-    progress: called after every epoch of the motion with how many are done, and of how many.
+    scenario : Scenario
+        Of a kind that is not rendered.
+    progress : Callable[[int, int], None]
+        Called after every epoch of the motion with how many are done, and of how many.
     """
+    if scenario.kind == IMAGE_KIND:
+        raise InputError(
+            f"{IMAGE_KIND} are rendered, not simulated; use 'spinfilters simulate --kind {IMAGE_KIND}'"
+        )
     generator = np.random.default_rng(scenario.seed)
     layout = StateLayout(FULL_BLOCKS)
     process = TorqueFreeProcess(layout, scenario.noise)
     time = np.unique(np.concatenate(list(scenario.times.values())))
-    sees = any(dataset_kinds()[kind].has_landmarks for kind in scenario.kinds)
-    candidates = scenario.candidates if sees else 1
+    candidates = scenario.candidates if scenario.sees_landmarks else 1
     starts = np.tile(first_state(scenario, layout), (candidates, 1))
     kicks = max(1, round(SUBSTEPS * scenario.epochs / len(time)))
     states = simulate_motion(process, starts, time, generator, progress, kicks)
@@ -282,7 +144,8 @@ def simulate(scenario: Scenario, progress: Progress = silent) -> Dataset:
 
 def measured(scenario: Scenario, motion: Motion, generator: np.random.Generator) -> Dataset:
     """A data set of a given true motion; surface and measurements are drawn."""
-    told = _told_inspector(scenario, motion.time)
+    path = _path_of(scenario)
+    told = None if path is None else told_trajectory(path, motion.time, dict(scenario.inspector_errors))
     surface = ball(scenario.landmarks, scenario.radius_m, generator)
     simulated = [
         _simulated(scenario, kind, motion if not scenario.beside else motion.at(time), surface, generator)
@@ -313,31 +176,10 @@ def _simulated(
     return sensor_of(dataset_kinds()[kind].name).simulate(scene)
 
 
-def _check_beside(scenario: Scenario) -> None:
-    """InputError: a kind twice, an interval that is not positive, two sensors of landmarks."""
-    kinds, forms = scenario.kinds, dataset_kinds()
-    if len(set(kinds)) < len(kinds):
-        raise InputError(f"a scenario of {', '.join(kinds)} holds a kind twice; name each once")
-    for kind, step in scenario.beside:
-        if not (np.isfinite(step) and step >= SHORTEST_INTERVAL):
-            raise InputError(
-                f"{kind} beside it every {step} s; give an interval of {SHORTEST_INTERVAL:g} s or more"
-            )
-    seeing = [kind for kind in kinds if forms[kind].has_landmarks]
-    if len(seeing) > 1:
-        raise InputError(f"{' and '.join(seeing)} both need a camera of their own; simulate one of them")
-
-
 def inspector_of(scenario: Scenario, time: Float[np.ndarray, " n"]) -> CameraTrajectory | None:
     """Inspector's true trajectory about the body's first place; None of a resting one."""
     path = _path_of(scenario)
     return None if path is None else CameraTrajectory(time, path(time - time[0]))
-
-
-def _told_inspector(scenario: Scenario, time: Float[np.ndarray, " n"]) -> CameraTrajectory | None:
-    """Trajectory that the data set tells of the inspector."""
-    path = _path_of(scenario)
-    return None if path is None else told_trajectory(path, time, dict(scenario.inspector_errors))
 
 
 def _path_of(scenario: Scenario) -> InspectorPath | None:
@@ -440,10 +282,7 @@ def motion_in_view(scenario: Scenario, generator: np.random.Generator) -> Motion
 
 
 def _path(scenario: Scenario, normal: Float[np.ndarray, "n k 2 3"]) -> Float[np.ndarray, "n 3"]:
-    """Centre of mass at every epoch but the first, m, frame i.
-
-    Straight between the kicks of its velocity.
-    """
+    """Centre of mass at every epoch but the first, m, frame i: straight lines between the kicks of its velocity."""
     h = scenario.interval / normal.shape[1]
     kicks = np.sqrt(scenario.noise.force_psd * (h / 2)) * normal.reshape(-1, 2, 3)
     after = np.cumsum(kicks.sum(axis=1), axis=0) + np.array(scenario.velocity)

@@ -65,12 +65,15 @@ REFUSED: Refused = [
     (lambda study, out: [str(study), "-o", str(out), "--shard", "half"], "give i/N"),
     (lambda study, out: [str(study), "-o", str(out), "--workers", "0"], "--workers"),
     (lambda study, out: [str(study), "-o", str(out), "--scheduler", "nowhere"], "scheduler"),
-    (lambda study, out: ["report"], "needs one folder"),
+    (lambda study, out: ["report"], "required: OUT"),
     (lambda study, out: ["report", str(study.parent)], "no campaign's folder"),
     (lambda study, out: ["report", str(out), "--resume"], "--resume is not for"),
-    (lambda study, out: ["merge", "-o", str(out)], "no folder to merge"),
+    (lambda study, out: ["merge", "-o", str(out)], "required: SHARD"),
     (lambda study, out: ["merge", str(out)], "-o OUT"),
-    (lambda study, out: ["repeat", str(out), "last"], "number of a run"),
+    (
+        lambda study, out: ["repeat", str(out), "last"],
+        "argument RUN: 'last' is not allowed; give a whole number",
+    ),
 ]
 
 

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from spinfilters.cli.compare_recording import _settings
+from spinfilters.cli.command import arguments_from
+from spinfilters.cli.commands.compare import CompareArguments, settings_of
 from spinfilters.cli.main import parser
 
 
@@ -25,4 +26,4 @@ def test_an_option_names_the_law_and_drag_alone_keeps_that_of_the_config_file(
     config = tmp_path / "config.toml"
     config.write_text(f"[process]\ndrag = {configured}\n")
     given = parser().parse_args(["compare", "recording", "--config", str(config), *options])
-    assert _settings(given).process.drag == law
+    assert settings_of(arguments_from(CompareArguments, given)).process.drag == law

@@ -28,7 +28,7 @@ def test_an_unforeseen_error_is_one_line_that_names_its_place(
     monkeypatch.delenv("SPINFILTERS_DEBUG", raising=False)
     monkeypatch.setattr(scenario, "simulate", fail)
     said = refusal(capsys, "compare")
-    assert "unexpected ValueError in spinfilters/cli/compare_recording.py:" in said
+    assert "unexpected ValueError in spinfilters/cli/commands/compare.py:" in said
     assert "_dataset" in said
     assert "SPINFILTERS_DEBUG=1" in said
 
@@ -74,7 +74,7 @@ def test_a_swallowed_ctrl_c_is_told(
             signal.raise_signal(signal.SIGINT)
         return 0.5
 
-    monkeypatch.setattr("spinfilters.cli.condition_numbers.best_time_step", swallowed)
+    monkeypatch.setattr("observability.conditioning_report.best_time_step", swallowed)
     assert main(["condition", "--time-step", "0.5", "-o", str(tmp_path / "c")]) == 0
     assert "nothing is missing" in capsys.readouterr().err
 

@@ -52,6 +52,6 @@ def test_a_run_that_was_there_before_is_not_what_an_interrupted_command_has_fini
     older.touch()
     for path in (older, older.parent):
         os.utime(path, (1e9, 1e9))
-    monkeypatch.setattr("spinfilters.cli.compare_recording._recording", interrupted)
+    monkeypatch.setattr("spinfilters.run.readers.read_dataset", interrupted)
     assert main(["compare", str(originals / "gyro"), "-o", str(tmp_path / "run")]) == 2
     assert "--resume" not in capsys.readouterr().err

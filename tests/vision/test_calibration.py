@@ -12,10 +12,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from spinfilters.api.image_recordings import example_rig
-from spinfilters.cli.calibrate_pair import stated_deviations
 from spinfilters.cli.main import main
 from spinfilters.core.errors import InputError
 from spinfilters.io.camera import read_sensor_file, told_deviations
+from spinfilters.vision.calibration_files import stated_deviations
 from spinfilters.vision.calibration_images import Board, BoardView, board_views, image_pairs
 from spinfilters.vision.depth_map import disparity_map
 from spinfilters.vision.image_folder import LossCount
@@ -86,8 +86,8 @@ def test_left_and_right_exchanged_in_one_pair_or_in_all_are_named(
     assert list(calibrate_stereo([*views[:3], exchanged[3], *views[4:]], BOARD, SIZE).dropped) == [
         "left03.png"
     ]
-    monkeypatch.setattr("spinfilters.cli.calibrate_pair.image_pairs", lambda _: [])
-    monkeypatch.setattr("spinfilters.cli.calibrate_pair.board_views", lambda *_: (exchanged, SIZE))
+    monkeypatch.setattr("spinfilters.vision.calibration_images.image_pairs", lambda _: [])
+    monkeypatch.setattr("spinfilters.vision.calibration_images.board_views", lambda *_: (exchanged, SIZE))
     call = ["calibrate", str(tmp_path), "--corners", "7x5", "--square", "0.03", "-o", str(tmp_path / "out")]
     assert main(call) == 2
     assert "not side by side with cam0 on the left; exchange them" in capsys.readouterr().err

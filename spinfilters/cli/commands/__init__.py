@@ -1,11 +1,12 @@
 """Commands of ``spinfilters``, one file each, in the order of the help.
 
-Nothing heavy is imported here, so that help is quick. One more command is a file with its parser and its function, and a name here.
+Nothing heavy is imported here, so that help is quick. One more command is a file, with the record of its arguments and the function
+that runs it, and a name here (docs/how-to/add-a-command.md).
 """
 
-from typing import Final
+from typing import Any, Final
 
-from spinfilters.cli.command import Command
+from spinfilters.cli.command import Command, CommandGroup
 from spinfilters.cli.commands import (
     calibrate,
     campaign,
@@ -24,7 +25,7 @@ from spinfilters.cli.commands import (
     track,
 )
 
-COMMANDS: Final[tuple[Command, ...]] = (
+COMMANDS: Final[tuple[Command[Any] | CommandGroup, ...]] = (
     compare.COMPARE,
     compare.ESTIMATE,
     segments.SEGMENTS,

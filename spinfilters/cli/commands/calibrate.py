@@ -1,58 +1,146 @@
-"""The command ``calibrate``."""
+"""The command ``calibrate``: a stereo calibration from images of a board, and its checkout."""
 
-import argparse
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
-from spinfilters.cli.command import Command, Subparsers, number
-from spinfilters.io.stated_values import NumberRange
+from spinfilters.cli.command import Command
+from spinfilters.core.errors import InputError
+from spinfilters.io.input_file import path_text
+from spinfilters.io.stated_values import Argument, NumberRange
 
-SQUARE = NumberRange(1e-4, 10, "m")
-WINDOW = NumberRange(2, 50, "px", whole=True)
+if TYPE_CHECKING:
+    from spinfilters.vision.image_folder import LossCount
+    from spinfilters.vision.stereo_calibration import CheckResult, StereoCalibration
 
 
-def add_calibrate(commands: Subparsers) -> argparse.ArgumentParser:
-    """Parser of ``spinfilters calibrate``."""
-    calibrate = commands.add_parser(
-        "calibrate",
-        help="stereo calibration from images of a board",
-        description="Images are named left* and right*, or lie in the EuRoC layout. Writes cam0/sensor.yaml and cam1/sensor.yaml, "
-        "which track reads, opencv.yml, and calibration.json with the uncertainty of every parameter, the error of every image and "
-        "the views that were left out, and why.",
+@dataclass(frozen=True, kw_only=True)
+class CalibrateArguments:
+    """Arguments of ``calibrate``."""
+
+    folder: Annotated[str, Argument("folder of the images", positional=True, metavar="FOLDER")]
+    corners: Annotated[str, Argument("inner corners of the board, columns x rows", metavar="9x6")]
+    square: Annotated[float, NumberRange(1e-4, 10, "m"), Argument("side of a square", metavar="METRES")]
+    charuco: Annotated[bool, Argument("the board has markers (DICT_5X5_250, 3/4 of a square)")] = False
+    window: Annotated[
+        int,
+        NumberRange(2, 50, "px", whole=True),
+        Argument(
+            "half width in which a corner is refined; smaller where corners are close together", metavar="PX"
+        ),
+    ] = 11
+    output: Annotated[str, Argument("folder of the calibration", short="-o", metavar="OUT")]
+    check: Annotated[
+        bool,
+        Argument(
+            "the checkout before use: parameters in range, rows that correspond, measured square, a disparity map in check.png"
+        ),
+    ] = False
+
+
+def calibrate(options: CalibrateArguments) -> int:
+    """Calibrate a stereo pair; write and print the result. Exit code 1 where a check fails."""
+    from spinfilters.io.output_files import output_folder, refuse_foreign
+    from spinfilters.plots.style import save_figure
+    from spinfilters.vision.calibration_files import write_calibration
+    from spinfilters.vision.calibration_images import Board, board_views, image_pairs
+    from spinfilters.vision.image_folder import LossCount
+    from spinfilters.vision.stereo_calibration import (
+        calibrate_stereo,
+        checks,
+        determination,
+        measured_board,
     )
-    calibrate.add_argument("folder", metavar="FOLDER", help="folder of the images")
-    _add_board(calibrate)
-    calibrate.add_argument("-o", "--output", metavar="OUT", required=True, help="folder of the calibration")
-    calibrate.add_argument(
-        "--check",
-        action="store_true",
-        help="the checkout before use: parameters in range, rows that correspond, measured square, a disparity map in check.png",
+
+    source, folder, losses = Path(options.folder), Path(options.output), LossCount()
+    board = Board.of(options.corners, options.square, options.charuco, options.window)
+    refuse_foreign(folder, CALIBRATE.name)
+    pairs = image_pairs(source)
+    views, size = board_views(pairs, board, losses)
+    try:
+        found = calibrate_stereo(views, board, size)
+    except InputError as error:
+        raise InputError(f"{path_text(source)}: {error}") from None
+    try:
+        measured = measured_board(found.rig, found.views, board)
+    except InputError as error:  # left and right exchanged, as a whole
+        raise InputError(f"{path_text(source)}: {error} (left* is cam0)") from None
+    results = [*determination(found), *checks(found.rig, measured, board)] if options.check else []
+    with output_folder(folder, CALIBRATE.name) as place:
+        write_calibration(place, found, measured, results, losses)
+        if options.check:
+            used = {view.name for view in found.views}
+            pair = next(pair for pair in pairs if pair[0].name in used)
+            save_figure(_figure(found, *pair), place / "check.png")
+    _print(found, results, losses, options.window, folder)
+    return 0 if all(result.passed for result in results) else 1
+
+
+def _figure(found: "StereoCalibration", left_path: Path, right_path: Path) -> Any:
+    from spinfilters.plots.measurement_figures import calibration_figure
+    from spinfilters.vision.depth_map import disparity_map
+    from spinfilters.vision.image_folder import read_image
+    from spinfilters.vision.rectification import Rectification
+
+    rectification = Rectification(found.rig)
+    (left, _), (right, _) = read_image(left_path), read_image(right_path)
+    assert left is not None  # the board was seen in both
+    assert right is not None
+    images = rectification.images(left, right)
+    return calibration_figure(
+        *images, disparity_map(*images, largest=found.rig.left.width // 4), found.view_errors
     )
-    return calibrate
 
 
-def _add_board(calibrate: argparse.ArgumentParser) -> None:
-    calibrate.add_argument(
-        "--corners", required=True, metavar="9x6", help="inner corners of the board, columns x rows"
-    )
-    calibrate.add_argument(
-        "--square", required=True, type=number(SQUARE), metavar="METRES", help="side of a square"
-    )
-    calibrate.add_argument(
-        "--charuco", action="store_true", help="the board has markers (DICT_5X5_250, 3/4 of a square)"
-    )
-    calibrate.add_argument(
-        "--window",
-        type=number(WINDOW),
-        default=11,
-        metavar="PX",
-        help="half width in which a corner is refined (default 11); smaller where corners are close together",
+def _print(
+    found: "StereoCalibration", results: "list[CheckResult]", losses: "LossCount", window: int, folder: Path
+) -> None:
+    from spinfilters.cli.console import wide_console
+    from spinfilters.vision.stereo_calibration import (
+        LARGEST_RELATIVE_STD,
+        standing_out,
+        undetermined,
+        undetermined_text,
     )
 
+    lines = losses.sentences()
+    for name, camera in zip(("left", "right"), found.cameras, strict=True):
+        K, std = camera.K, camera.std
+        lines.append(
+            f"{name}: fx {K[0, 0]:.2f} +- {std['fx']:.2f}, fy {K[1, 1]:.2f} +- {std['fy']:.2f}, "
+            f"centre {K[0, 2]:.2f}, {K[1, 2]:.2f} px; "
+            f"rms {camera.rms:.3f} px"
+        )
+    lines.append(
+        f"pair: baseline {1e3 * found.baseline:.2f} +- {1e3 * found.baseline_std:.2f} mm; "
+        f"rms {found.rms:.3f} px, {len(found.views)} views"
+    )
+    lines += [f"left out: {name}: {why}" for name, why in found.dropped.items()]
+    if found.repeated:
+        first = next(iter(found.repeated.items()))
+        lines.append(
+            f"counted as one: {len(found.repeated)} views show the board where another does ({first[0]} as {first[1]})"
+        )
+    if not results:  # the checks say it themselves
+        lines += [
+            undetermined_text(what, deviation)
+            for what, deviation in undetermined(found, LARGEST_RELATIVE_STD)
+        ]
+    lines += [f"{why}; try --window {max(3, 2 * window // 3)}" for why in standing_out(found)]
+    lines += [
+        f"{'ok  ' if result.passed else 'BAD '} {result.name}: {result.value} ({result.allowed})"
+        for result in results
+    ]
+    for line in [*lines, f"calibration in {folder}"]:
+        wide_console().print(line, highlight=False, soft_wrap=True)
 
-def run_calibrate(options: argparse.Namespace) -> int:
-    """Calibrate a stereo pair; write and print the result."""
-    from spinfilters.cli.calibrate_pair import calibrate
 
-    return calibrate(options)
-
-
-CALIBRATE = Command(add_calibrate, run_calibrate)
+CALIBRATE = Command(
+    "calibrate",
+    "stereo calibration from images of a board",
+    CalibrateArguments,
+    calibrate,
+    "Images are named left* and right*, or lie in the EuRoC layout. Writes cam0/sensor.yaml and cam1/sensor.yaml, which track "
+    "reads, opencv.yml, and calibration.json with the uncertainty of every parameter, the error of every image and the views that "
+    "were left out, and why.",
+)

@@ -1,46 +1,171 @@
-"""The command ``campaign``."""
+"""The command ``campaign``: run a study, report it, merge its shards, repeat one of its runs."""
 
-import argparse
+import json
+import shlex
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
-from spinfilters.api.argument_ranges import WORKERS
-from spinfilters.cli.command import Command, Subparsers, number
+from spinfilters.api.arguments import CampaignArguments
+from spinfilters.cli.command import Command, CommandGroup
+from spinfilters.core.errors import InputError
+from spinfilters.io.stated_values import Argument, ArgumentGroup, NumberRange
+
+if TYPE_CHECKING:
+    from spinfilters.campaigns.engine import Advance
 
 
-def add_campaign(commands: Subparsers) -> argparse.ArgumentParser:
-    """Parser of ``spinfilters campaign``."""
-    campaign = commands.add_parser(
-        "campaign",
-        help="a table of factors times seeds, run and reported",
-        description="Runs every cell of a study with every seed: spinfilters campaign STUDY.toml -o OUT. A finished or interrupted "
-        "campaign is told by: spinfilters campaign report OUT. Shards become one by: spinfilters campaign merge SHARD ... -o OUT. "
-        "One run is made again by: spinfilters campaign repeat OUT RUN.",
+@dataclass(frozen=True, kw_only=True)
+class RunStudyArguments:
+    """Arguments of ``campaign run``."""
+
+    study: Annotated[str, Argument("study file", positional=True, metavar="STUDY.toml")]
+    output: Annotated[str, Argument("folder of the rows", short="-o", metavar="OUT")]
+    how: Annotated[CampaignArguments, ArgumentGroup()] = field(default_factory=CampaignArguments)
+
+
+def run_study(options: RunStudyArguments) -> int:
+    """Run every cell of a study with every seed, with a bar of progress."""
+    last: list[Advance] = []
+    with _progress_bar() as show:
+
+        def follow(advance: "Advance") -> None:
+            """Show the progress of a campaign."""
+            last[:] = [advance]
+            show(advance)
+
+        try:
+            from spinfilters.api.campaign_frames import campaign_rows
+
+            campaign_rows(Path(options.study), Path(options.output), options.how, follow)
+        except KeyboardInterrupt:
+            if not last:
+                raise
+            raise InputError(
+                f"interrupted; {last[0].done} of {last[0].total} runs are in {options.output}, run the command again "
+                "with --resume to go on from there"
+            ) from None
+    faulty = f", {last[0].faulty} of the new ones without a result" if last[0].faulty else ""
+    report = f"spinfilters campaign report {shlex.quote(options.output)}"
+    _print_line(f"{last[0].done} of {last[0].total} runs in {options.output}{faulty}; now: {report}")
+    return 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportArguments:
+    """Arguments of ``campaign report``."""
+
+    folder: Annotated[str, Argument("folder of a campaign", positional=True, metavar="OUT")]
+
+
+def report_campaign(options: ReportArguments) -> int:
+    """Write the report of a finished or interrupted campaign."""
+    from spinfilters.api.campaign_frames import require_installed
+
+    require_installed("pyarrow")
+    from spinfilters.campaigns.campaign_report import write_report
+
+    _print_line(f"report: {write_report(Path(options.folder))}")
+    return 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class MergeArguments:
+    """Arguments of ``campaign merge``."""
+
+    folders: Annotated[
+        tuple[str, ...], Argument("folders of the shards of one campaign", positional=True, metavar="SHARD")
+    ]
+    output: Annotated[str, Argument("folder of the merged rows", short="-o", metavar="OUT")]
+
+
+def merge_shards(options: MergeArguments) -> int:
+    """Merge the rows of shards into one folder."""
+    from spinfilters.api.campaign_frames import require_installed
+
+    require_installed("pyarrow")
+    from spinfilters.campaigns.campaign_folder import merge
+
+    count = merge([Path(folder) for folder in options.folders], Path(options.output))
+    _print_line(f"{count} rows of {len(options.folders)} folders in {options.output}")
+    return 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class RepeatArguments:
+    """Arguments of ``campaign repeat``."""
+
+    folder: Annotated[str, Argument("folder of a campaign", positional=True, metavar="OUT")]
+    run: Annotated[
+        int,
+        NumberRange(0, 10**9, whole=True),
+        Argument("number of a run, such as 17", positional=True, metavar="RUN"),
+    ]
+    output: Annotated[str | None, Argument("folder of the run's data set", short="-o", metavar="DATASET")] = (
+        None
     )
-    campaign.add_argument("what", metavar="STUDY.toml", help="study file; or report, merge, repeat")
-    campaign.add_argument("arguments", metavar="...", nargs="*", help="of report, merge and repeat")
-    campaign.add_argument(
-        "-o", "--output", metavar="OUT", help="folder of the campaign, or of the repeated run's data set"
-    )
-    where = campaign.add_mutually_exclusive_group()
-    where.add_argument(
-        "--workers", type=number(WORKERS), metavar="N", help="processes (default: one per processor)"
-    )
-    where.add_argument(
-        "--scheduler", metavar="tcp://HOST:PORT", help="a Dask scheduler, whose workers make the runs"
-    )
-    campaign.add_argument(
-        "--shard", metavar="i/N", help="only every N-th recording, from the i-th, 0 the first"
-    )
-    campaign.add_argument(
-        "--resume", action="store_true", help="go on with the rows that OUT has; none is made again"
-    )
-    return campaign
 
 
-def run_campaign(options: argparse.Namespace) -> int:
-    """Run a study, report it, merge its shards or repeat one of its runs."""
-    from spinfilters.cli.campaign_actions import campaign
+def repeat_run(options: RepeatArguments) -> int:
+    """Make one run again, print its row, write its data set where a folder is given."""
+    from spinfilters.api.campaign_frames import repeated_run
 
-    return campaign(options)
+    target = None if options.output is None else Path(options.output)
+    row = repeated_run(Path(options.folder), options.run, target)
+    _print_line(
+        json.dumps({key: value for key, value in row.items() if not isinstance(value, list)}, indent=2)
+    )
+    if target is not None:
+        _print_line(f"data set of run {options.run}: {target}")
+    return 0
 
 
-CAMPAIGN = Command(add_campaign, run_campaign)
+def _print_line(text: str) -> None:
+    from spinfilters.cli.console import wide_console
+
+    wide_console().print(text, highlight=False, soft_wrap=True)
+
+
+@contextmanager
+def _progress_bar() -> "Iterator[Callable[[Advance], None]]":
+    """A bar with the time left, on standard error; silent where that is no terminal."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+
+    console = Console(stderr=True)
+    columns = (TextColumn("runs"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"))
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("", total=None)
+
+        def show(advance: "Advance") -> None:
+            """Show how many runs are done."""
+            left = advance.seconds_left
+            rest = "" if left is None else f"{_duration(left)} left"
+            bad = f", {advance.faulty} without a result" if advance.faulty else ""
+            bar.update(task, completed=advance.done, total=advance.total, description=rest + bad)
+
+        yield show
+
+
+def _duration(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    if hours:
+        return f"{hours} h {minutes:02d} min"
+    return f"{minutes} min {rest:02d} s" if minutes else f"{rest} s"
+
+
+CAMPAIGN = CommandGroup(
+    "campaign",
+    "a table of factors times seeds, run and reported",
+    (
+        Command("run", "run every cell of a study with every seed", RunStudyArguments, run_study),
+        Command("report", "report a finished or interrupted campaign", ReportArguments, report_campaign),
+        Command("merge", "make one folder of several shards", MergeArguments, merge_shards),
+        Command("repeat", "make one run again", RepeatArguments, repeat_run),
+    ),
+    default="run",
+    description="Runs every cell of a study with every seed: spinfilters campaign STUDY.toml -o OUT, short for campaign run.",
+)

@@ -1,107 +1,304 @@
-"""The commands ``compare`` and ``estimate``."""
+"""The commands ``compare`` and ``estimate``: estimators on a recording or on each of its segments, written and printed.
 
-import argparse
+What estimates, and what prints its results, is imported once there is a data set: a mistake in the arguments or the recording is
+refused in half the time.
+"""
 
-from spinfilters.api.argument_ranges import SECONDS_AHEAD, SEED
-from spinfilters.cli.command import Command, Subparsers, add_reading, number
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final, Literal
 
+from spinfilters.api.arguments import RunArguments
+from spinfilters.cli.command import Command
+from spinfilters.core.errors import InputError
+from spinfilters.io.input_file import value_text
+from spinfilters.io.stated_values import Argument, ArgumentGroup, ReadingOptions
+from spinfilters.simulation.scenario_record import SEED
 
-def add_compare(commands: Subparsers) -> argparse.ArgumentParser:
-    """Parser of ``spinfilters compare``."""
-    compare = commands.add_parser(
-        "compare",
-        help="estimators side by side on one recording",
-        description="Without DATASET the bundled example is simulated, the thesis' own problem: tracks of unknown landmarks on a "
-        "SPHERES-like body at 10 rpm about its intermediate axis, 115 epochs at 0.5 s before a stereo camera of 1 px noise, with "
-        "disturbances of 0.001 (m/s^2)/sqrt(Hz) and 0.001 (rad/s^2)/sqrt(Hz).",
-    )
-    compare.add_argument(
-        "dataset", metavar="DATASET", nargs="?", help="data set folder, phyphox export, gyro .csv or TUM .tum"
-    )
-    compare.add_argument(
-        "--estimators",
-        metavar="A,B",
-        help="mekf, ukf, smoother, smoother-latest, filterpy-ekf, filterpy-ukf, embedded, embedded-double "
-        "(default: mekf,ukf,smoother; "
-        "filterpy's too with --known-map)",
-    )
-    compare.add_argument("--seed", type=number(SEED), default=0, help="of the bundled example")
-    compare.add_argument(
-        "--known-map", action="store_true", help="of the bundled example: its landmarks are known"
-    )
-    _add_run_options(compare)
-    return compare
+if TYPE_CHECKING:
+    from spinfilters.io.dataset import Dataset
+    from spinfilters.run.estimation import Comparison
+    from spinfilters.run.optional_outputs import OptionalOutputs
+    from spinfilters.run.segment_choice import SegmentChoice
+    from spinfilters.run.segment_runs import SegmentResult
+    from spinfilters.settings.run_settings import Settings
+
+NAMES: Final = "mekf, ukf, smoother, smoother-latest, filterpy-ekf, filterpy-ukf, embedded"
+RECORDING: Final = "data set folder, phyphox export, gyro .csv or TUM .tum"
+_FLIGHTS_PRINTED: Final = 4
 
 
-def add_estimate(commands: Subparsers) -> argparse.ArgumentParser:
-    """Parser of ``spinfilters estimate``."""
-    estimate = commands.add_parser("estimate", help="one estimator on a recording")
-    estimate.add_argument(
-        "dataset", metavar="DATASET", help="data set folder, phyphox export, gyro .csv or TUM .tum"
-    )
-    estimate.add_argument(
-        "--estimator",
-        dest="estimators",
-        default="ukf",
-        metavar="NAME",
-        help="mekf, ukf, smoother, smoother-latest, filterpy-ekf, filterpy-ukf, embedded or embedded-double (default ukf)",
-    )
-    _add_run_options(estimate)
-    estimate.set_defaults(seed=0, known_map=False)
-    return estimate
+@dataclass(frozen=True, kw_only=True)
+class ComparisonArguments(RunArguments):
+    """What ``compare`` and ``estimate`` have in common."""
 
-
-def _add_run_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "-o", "--output", metavar="RUN", default="runs/latest", help="run folder (default runs/latest)"
-    )
-    parser.add_argument(
-        "--resume",
-        action="store_true",
-        help="go on from what an interrupted run has left in RUN, to the same numbers; a finished one gets what it lacks",
-    )
-    parser.add_argument(
-        "--segment",
-        metavar="N|START:END|all|auto",
-        help="a segment by its number or by its times, s; all that are marked; or all free flights that are found",
-    )
-    parser.add_argument("--drag", action="store_true", help="estimate an aerodynamic drag coefficient too")
-    parser.add_argument(
-        "--drag-law",
-        choices=("quadratic", "linear", "auto"),
-        help="of --drag: torques quadratic in the rate (as --drag alone) or linear, or the likelier of both, if any",
-    )
-    parser.add_argument(
-        "--config", metavar="FILE", help="TOML file with settings, such as config.toml of another run"
-    )
-    _add_optional_outputs(parser)
-    add_reading(parser)
-
-
-def _add_optional_outputs(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--predict",
-        type=number(SECONDS_AHEAD),
-        metavar="SECONDS",
-        help="go on for so long after the last epoch: <estimator>/prediction.csv and .npz, prediction.png",
-    )
-    parser.add_argument(
-        "--convergence",
-        action="store_true",
-        help="show how the smoother's estimates settle on tracks without a map: convergence.png, smoother/convergence.npz",
-    )
-    parser.add_argument(
-        "--explain",
-        action="store_true",
-        help="test the models, and run again with the errors that are found where the state can hold them: explanations.json",
+    output: Annotated[str, Argument("run folder", short="-o", metavar="RUN")] = "runs/latest"
+    segment: Annotated[
+        str | None,
+        Argument(
+            "a segment by its number or by its times, s; all that are marked; or all free flights that are found",
+            metavar="N|START:END|all|auto",
+        ),
+    ] = None
+    drag: Annotated[bool, Argument("estimate an aerodynamic drag coefficient too")] = False
+    drag_law: Annotated[
+        Literal["quadratic", "linear", "auto"] | None,
+        Argument(
+            "of --drag: torques quadratic in the rate (as --drag alone) or linear, or the likelier of both, if any"
+        ),
+    ] = None
+    config: Annotated[
+        str | None, Argument("TOML file with settings, such as config.toml of another run", metavar="FILE")
+    ] = None
+    reading: Annotated[ReadingOptions, ArgumentGroup("what the recording does not tell")] = field(
+        default_factory=ReadingOptions
     )
 
 
-def run_compare(options: argparse.Namespace) -> int:
-    """Run the estimators, write the run folder, print the table."""
-    from spinfilters.cli.compare_recording import compare
+@dataclass(frozen=True, kw_only=True)
+class CompareArguments:
+    """Arguments of ``compare``."""
 
-    return compare(options)
+    dataset: Annotated[str | None, Argument(RECORDING, positional=True, metavar="DATASET")] = None
+    estimators: Annotated[
+        str | None,
+        Argument(
+            f"{NAMES}, embedded-double (default: mekf,ukf,smoother; filterpy's too with --known-map)",
+            metavar="A,B",
+        ),
+    ] = None
+    seed: Annotated[int, SEED, Argument("of the bundled example")] = 0
+    known_map: Annotated[bool, Argument("of the bundled example: its landmarks are known")] = False
+    how: Annotated[ComparisonArguments, ArgumentGroup()] = field(default_factory=ComparisonArguments)
 
 
-COMPARE, ESTIMATE = Command(add_compare, run_compare), Command(add_estimate, run_compare)
+@dataclass(frozen=True, kw_only=True)
+class EstimateArguments:
+    """Arguments of ``estimate``."""
+
+    dataset: Annotated[str, Argument(RECORDING, positional=True, metavar="DATASET")]
+    estimator: Annotated[str, Argument(f"{NAMES} or embedded-double", metavar="NAME")] = "ukf"
+    how: Annotated[ComparisonArguments, ArgumentGroup()] = field(default_factory=ComparisonArguments)
+
+
+def estimate(options: EstimateArguments) -> int:
+    """Run one estimator on a recording, as `compare` runs several."""
+    return compare(CompareArguments(dataset=options.dataset, estimators=options.estimator, how=options.how))
+
+
+def compare(options: CompareArguments) -> int:
+    """Run the estimators, write the run folder and its figures, print the table."""
+    settings = settings_of(options)
+    optional_outputs = _optional_outputs(options.how)
+    choice = _segment_choice(options.how.segment)
+    if choice is not None and choice.several and options.dataset is not None:
+        if optional_outputs is not None:
+            optional_outputs.require_one_run()
+        return _compare_segments(options.dataset, choice.several, settings, options.how)
+    dataset = _dataset(options, choice)
+    from spinfilters.cli.console import progress_bars, wide_console  # a refused recording needs no estimators
+    from spinfilters.run.comparison_run import RunOutput, compare_into
+
+    folder = Path(options.how.output)
+    with progress_bars() as report:
+        output = RunOutput(folder, options.how.resume, optional_outputs)
+        written = compare_into(dataset, settings, output, report)
+    if written.comparison is None:
+        rest = f"made {', '.join(written.completed)}" if written.completed else "nothing is left to do"
+        wide_console().print(f"run folder: {folder} is complete, {rest}", highlight=False, soft_wrap=True)
+    else:
+        _print_comparison(written.comparison, folder)
+        if options.dataset is not None and choice is None:
+            _print_flights(written.comparison)
+    if optional_outputs is not None:
+        for line in (*optional_outputs.sentences(folder), optional_outputs.lacking(folder)):
+            if line is not None:
+                wide_console().print(line, highlight=False, soft_wrap=True)
+    return 0
+
+
+def settings_of(options: CompareArguments) -> "Settings":
+    """Settings of a comparison: those of its config file, changed by its options.
+
+    Raises
+    ------
+    InputError
+        A config file that cannot be used, an unknown estimator.
+    """
+    from spinfilters.run.estimators import estimator_entries
+    from spinfilters.settings.run_settings import Settings, names_in, read_settings
+
+    how = options.how
+    settings = read_settings(Path(how.config)) if how.config else Settings()
+    if options.estimators is not None:
+        settings = replace(settings, estimators=names_in(options.estimators))
+    elif options.known_map and not how.config:
+        entries = estimator_entries().values()
+        names = tuple(entry.name for entry in entries if entry.is_default or entry.is_baseline)
+        settings = replace(settings, estimators=names)
+    if how.drag or how.drag_law:
+        law = how.drag_law or settings.process.drag or True  # a law of the config file stays
+        settings = replace(settings, process=replace(settings.process, drag=law))
+    return settings
+
+
+def _optional_outputs(options: ComparisonArguments) -> "OptionalOutputs | None":
+    """Optional outputs that were asked for, or None."""
+    if options.predict is None and not options.convergence and not options.explain:
+        return None
+    from spinfilters.run.optional_outputs import OptionalOutputs
+
+    return OptionalOutputs(options.predict, options.convergence, options.explain)
+
+
+def _segment_choice(text: str | None) -> "SegmentChoice | None":
+    if text is None:
+        return None
+    from spinfilters.run.segment_choice import segment_choice
+
+    return segment_choice(text)
+
+
+def _dataset(options: CompareArguments, choice: "SegmentChoice | None") -> "Dataset":
+    """The recording, a segment of it, or the bundled example."""
+    stated = options.how.reading
+    if options.dataset is None:
+        stated.require_only((), "the bundled example")
+        if choice is not None:
+            raise InputError(
+                f"--segment {value_text(options.how.segment)} needs a recording; give its folder as DATASET"
+            )
+        from spinfilters.simulation.scenario import Scenario, simulate, without_map
+
+        example = simulate(Scenario(seed=options.seed))
+        return example if options.known_map else without_map(example)
+    if options.known_map:
+        raise InputError(
+            "--known-map is for the bundled example; the known map of a data set is its landmarks.csv"
+        )
+    if choice is not None:
+        from spinfilters.run.segment_choice import read_chosen
+
+        return read_chosen(options.dataset, choice, stated)
+    return _recording(options.dataset, stated)
+
+
+def _recording(path: str, stated: ReadingOptions) -> "Dataset":
+    """The data set of a path, or of the tracks of its stereo images, with losses."""
+    from spinfilters.io.dataset_reader import IMAGES, has_images
+    from spinfilters.run.readers import read_dataset
+
+    if not has_images(path):
+        return read_dataset(path, options=stated)
+    stated.require_only((), IMAGES)
+    from spinfilters.cli.console import progress_bars, wide_console
+    from spinfilters.vision.track_images import track_images
+
+    with progress_bars() as report:
+        tracked = track_images(Path(path), progress=report)
+    for line in tracked.losses.sentences():
+        wide_console().print(line, highlight=False, soft_wrap=True)
+    return tracked.dataset
+
+
+def _print_comparison(comparison: "Comparison", folder: Path) -> None:
+    from spinfilters.cli.console import wide_console
+    from spinfilters.evaluation.comparison_table import comparison_table
+    from spinfilters.models.status import verdict_sentences
+    from spinfilters.run.conditions import conditions_of
+    from spinfilters.run.run_folder import REPORT_FILE
+
+    console = wide_console()
+    conditions = conditions_of(comparison.setup).sentences
+    console.print(comparison_table(comparison.evaluations, conditions))
+    for sentence in verdict_sentences({each.name: each.history.status for each in comparison.evaluations}):
+        console.print(sentence, highlight=False)
+    if comparison.interrupted:
+        raise InputError(
+            f"interrupted; what was estimated is in {folder}, run the command again with --resume to go on from there"
+        )
+    console.print(f"run folder: {folder}   (look at {folder / REPORT_FILE})", highlight=False, soft_wrap=True)
+
+
+def _print_flights(comparison: "Comparison") -> None:
+    """Print a hint where only part of a recording is free flight and not every estimator is ok."""
+    if all(each.history.status.verdict == "ok" for each in comparison.evaluations):
+        return
+    from spinfilters.cli.console import wide_console
+    from spinfilters.run.free_flight import flights_within
+
+    flights = flights_within(comparison.setup.dataset)
+    if flights:
+        printed = flights[:_FLIGHTS_PRINTED]
+        stretches = ", ".join(f"{flight.start:.3f}:{flight.end:.3f}" for flight in printed)
+        more = ", ..." if len(flights) > len(printed) else ""
+        wide_console().print(
+            f"only part of the recording is free flight ({stretches}{more} s): compare that with --segment auto",
+            highlight=False,
+            soft_wrap=True,
+        )
+
+
+def _compare_segments(recording: str, which: str, settings: "Settings", options: ComparisonArguments) -> int:
+    """Run the estimators on every segment; write their folders and a picture of all, print the medians."""
+    from spinfilters.cli.console import progress_bars, wide_console
+    from spinfilters.io.output_files import made_folder
+    from spinfilters.run.run_folder import refuse_foreign_run
+    from spinfilters.run.run_lock import locked_run
+    from spinfilters.run.segment_choice import read_several
+    from spinfilters.run.segment_runs import SegmentResult, run_segments, throws_picture, write_segments
+
+    folder, refused = Path(options.output), list[SegmentResult]()
+    datasets = read_several(
+        recording,
+        which,
+        options.reading,
+        lambda number, why: refused.append(SegmentResult(number, None, why)),
+    )
+    refuse_foreign_run(folder)
+    with made_folder(folder), locked_run(folder):
+        with progress_bars() as report:
+            results = run_segments(
+                datasets, folder, settings, lambda done, total: report("segments", done, total)
+            )
+        interrupted = len(results) < len(datasets)
+        results = sorted([*refused, *results], key=lambda result: result.number)
+        write_segments(folder, results, settings)
+    _print_segments(results, settings)
+    if interrupted:
+        raise InputError(
+            f"interrupted after {len(results)} of {len(datasets) + len(refused)} segments; run the command again to go on"
+        )
+    picture = folder / throws_picture(settings.estimators[0])
+    look = f"   (look at {picture})" if picture.exists() else ""
+    wide_console().print(f"run folder: {folder}{look}", soft_wrap=True)
+    return 0
+
+
+def _print_segments(results: "Sequence[SegmentResult]", settings: "Settings") -> None:
+    """Print the table of the segments, medians and pooled ratios."""
+    from spinfilters.cli.console import wide_console
+    from spinfilters.run.segment_runs import pool, pool_accelerations, segment_medians, segment_table
+
+    console = wide_console()
+    console.print(segment_table(results, settings))
+    for name, (first, second, good, total) in segment_medians(results, settings).items():
+        medians = f"median J1/J3 {first:.4f}, J2/J3 {second:.4f} of {good} segments that are ok, of {total}"
+        console.print(f"{name}: {medians if good else f'none of {total} segments is ok'}", highlight=False)
+    for pools in (pool(results, settings), pool_accelerations(results, settings)):
+        for name, pooled in pools.items():
+            if pooled is not None:
+                console.print(f"{name}: {pooled.sentence}", highlight=False, soft_wrap=True)
+
+
+COMPARE = Command(
+    "compare",
+    "estimators side by side on one recording",
+    CompareArguments,
+    compare,
+    "Without DATASET the bundled example is simulated, the thesis' own problem: tracks of unknown landmarks on a SPHERES-like body "
+    "at 10 rpm about its intermediate axis, 115 epochs at 0.5 s before a stereo camera of 1 px noise, with disturbances of 0.001 "
+    "(m/s^2)/sqrt(Hz) and 0.001 (rad/s^2)/sqrt(Hz).",
+)
+ESTIMATE = Command("estimate", "one estimator on a recording", EstimateArguments, estimate)

@@ -1,20 +1,20 @@
 """The command ``doctor``."""
 
-import argparse
+from dataclasses import dataclass
 
-from spinfilters.cli.command import Command, Subparsers
-
-
-def add_doctor(commands: Subparsers) -> argparse.ArgumentParser:
-    """Parser of ``spinfilters doctor``."""
-    return commands.add_parser("doctor", help="print versions and check that everything works")
+from spinfilters.cli.command import Command
 
 
-def run_doctor(options: argparse.Namespace) -> int:
+@dataclass(frozen=True)
+class DoctorArguments:
+    """``doctor`` has none."""
+
+
+def run_doctor(_: DoctorArguments) -> int:
     """Examine this installation, print what was found."""
-    from spinfilters.cli.installation import run_doctor
+    from spinfilters.cli.installation import doctor
 
-    return run_doctor(options)
+    return doctor()
 
 
-DOCTOR = Command(add_doctor, run_doctor)
+DOCTOR = Command("doctor", "print versions and check that everything works", DoctorArguments, run_doctor)

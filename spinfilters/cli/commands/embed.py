@@ -1,55 +1,32 @@
-"""The command ``embed``."""
+"""The command ``embed``: the filter as C for a microcontroller."""
 
-import argparse
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated
 
-from spinfilters.cli.command import Command, Subparsers, number
-from spinfilters.io.stated_values import NumberRange
-
-COMMAND, LARGEST_MAP = "embed", 65_535
-
-
-def add_embed(commands: Subparsers) -> argparse.ArgumentParser:
-    """Parser of ``spinfilters embed``."""
-    embed = commands.add_parser(
-        "embed",
-        help="write the filter as C for a microcontroller",
-        description="Writes a small C library with the light filter: no heap, no libm, fixed work, with test vectors from Python. "
-        "`make test` in it compares with them, `make emulate` does so on an emulated Cortex-M4F and counts instructions.",
-    )
-    embed.add_argument("-o", "--output", metavar="DIR", required=True, help="folder of the library")
-    embed.add_argument(
-        "--sensor", choices=("pose", "stereo", "gyro"), default="stereo", help="default stereo"
-    )
-    embed.add_argument(
-        "--landmarks",
-        type=number(NumberRange(1, LARGEST_MAP, whole=True)),
-        default=200,
-        metavar="N",
-        help="places in the map of a stereo filter (default 200)",
-    )
-    embed.add_argument("--real", choices=("float", "double"), default="float", help="default float")
-    embed.add_argument(
-        "--substeps",
-        type=int,
-        choices=(2, 4, 8, 16, 32, 64),
-        default=2,
-        help="Runge-Kutta steps of a prediction: 2 for up to 0.16 rad between epochs (default 2)",
-    )
-    return embed
+from spinfilters.cli.command import Command
+from spinfilters.embedded.embedded_options import EmbedOptions
+from spinfilters.io.stated_values import Argument, ArgumentGroup
 
 
-def embed(options: argparse.Namespace) -> int:
+@dataclass(frozen=True, kw_only=True)
+class EmbedArguments:
+    """Arguments of ``embed``: the filter, and where its C goes."""
+
+    output: Annotated[str, Argument("folder of the library", short="-o", metavar="DIR")]
+    chosen: Annotated[EmbedOptions, ArgumentGroup()] = field(default_factory=EmbedOptions)
+
+
+def embed(options: EmbedArguments) -> int:
     """Write the C library."""
     from spinfilters.cli.console import wide_console
-    from spinfilters.embedded.embedded_options import EmbedOptions
     from spinfilters.embedded.folder import write_library
     from spinfilters.io.output_files import output_folder, refuse_foreign
 
     folder = Path(options.output)
-    refuse_foreign(folder, COMMAND)
-    chosen = EmbedOptions(options.sensor, options.landmarks, options.real, options.substeps)
-    with output_folder(folder, COMMAND) as place:
+    chosen = options.chosen
+    refuse_foreign(folder, EMBED.name)
+    with output_folder(folder, EMBED.name) as place:
         files = write_library(chosen, place)
     size = sum(len((folder / file.name).read_bytes()) for file in files)
     wide_console().print(
@@ -61,4 +38,11 @@ def embed(options: argparse.Namespace) -> int:
     return 0
 
 
-EMBED = Command(add_embed, embed)
+EMBED = Command(
+    "embed",
+    "write the filter as C for a microcontroller",
+    EmbedArguments,
+    embed,
+    "Writes a small C library with the light filter: no heap, no libm, fixed work, with test vectors from Python. `make test` in "
+    "it compares with them, `make emulate` does so on an emulated Cortex-M4F and counts instructions.",
+)

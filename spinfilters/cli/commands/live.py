@@ -1,83 +1,161 @@
-"""The command ``live``."""
+"""The command ``live``: filter and smoother side by side on measurements as they arrive."""
 
-import argparse
+import os
+import sys
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final, Literal
 
-from spinfilters.cli.command import Command, Subparsers, number
-from spinfilters.io.stated_values import NumberRange
+from spinfilters.cli.command import Command
+from spinfilters.io.stated_values import Argument, NumberRange
+
+if TYPE_CHECKING:
+    from spinfilters.live.answer import Answer, AnswerWriter, CourseRecorder
+    from spinfilters.live.executive import Executive
+    from spinfilters.live.live_options import LiveOptions
+    from spinfilters.live.sources import Source
+    from spinfilters.settings.run_settings import Settings
+
+MIB: Final = 1 << 20
 
 
-def add_live(commands: Subparsers) -> argparse.ArgumentParser:
-    """Parser of ``spinfilters live``."""
-    live = commands.add_parser(
-        "live",
-        help="filter and smoother side by side on measurements as they arrive",
-        description="DATASET tells sensors, noise, camera and the initialisation. Without --input its own measurements after that "
-        "follow at their own pace; with it, lines `sensor,time_s,columns...` come from a pipe, a socket or a growing file. Answers "
-        "go to standard output, counts to standard error in the end.",
+@dataclass(frozen=True, kw_only=True)
+class LiveArguments:
+    """Arguments of ``live``."""
+
+    dataset: Annotated[
+        str, Argument("data set folder, gyro .csv or TUM .tum", positional=True, metavar="DATASET")
+    ]
+    input: Annotated[
+        str | None,
+        Argument(
+            "- (standard input), tcp:HOST:PORT, unix:PATH, a named pipe or a growing file", metavar="PLACE"
+        ),
+    ] = None
+    speed: Annotated[float, NumberRange(1e-3, 1e6), Argument("of the replay")] = 1.0
+    filter: Annotated[Literal["mekf", "ukf", "embedded", "embedded-double"], Argument("that answers")] = (
+        "mekf"
     )
-    _add_input(live)
-    live.add_argument(
-        "--filter",
-        choices=("mekf", "ukf", "embedded", "embedded-double"),
-        default="mekf",
-        help="that answers (default mekf)",
+    no_smoother: Annotated[bool, Argument("the filter alone")] = False
+    patience: Annotated[
+        float,
+        NumberRange(0.05, 1e4, "s"),
+        Argument("without a word of the smoother, after which it begins anew", metavar="SECONDS"),
+    ] = 5.0
+    smoother_memory: Annotated[
+        float | None,
+        NumberRange(64, 1e7, "MiB"),
+        Argument("address space of the smoother's process (default: no limit)", metavar="MIB"),
+    ] = None
+    format: Annotated[Literal["lines", "tum"], Argument("JSON lines or TUM")] = "lines"
+    predict: Annotated[
+        float, NumberRange(0, 1e4, "s"), Argument("say every answer so far ahead too", metavar="SECONDS")
+    ] = 0.0
+    deadline_ms: Annotated[
+        float, NumberRange(1e-3, 1e6, "ms"), Argument("from an epoch's arrival to its answer, ms")
+    ] = 20.0
+    config: Annotated[str | None, Argument("TOML file with settings", metavar="FILE")] = None
+    summary: Annotated[str | None, Argument("write the counts as JSON, too", metavar="FILE")] = None
+    view: Annotated[bool, Argument("show a table in the terminal")] = False
+
+
+def live(options: LiveArguments) -> int:
+    """Estimate every epoch until measurements end; exit code 1 after missed deadlines, else 0."""
+    from spinfilters.cli.interrupts import require_uninterrupted, until_interrupted
+    from spinfilters.io.output_files import write_json
+    from spinfilters.live.answer import AnswerWriter, CourseRecorder
+    from spinfilters.live.executive import Executive
+    from spinfilters.live.live_options import live_setup
+    from spinfilters.live.sources import Replay, open_lines
+    from spinfilters.run.readers import read_dataset
+    from spinfilters.settings.run_settings import Settings, read_settings
+
+    settings = read_settings(Path(options.config)) if options.config else Settings()
+    dataset = read_dataset(options.dataset, None)
+    lines = None if options.input is None else open_lines(options.input, dataset.log.sensors)
+    setup = live_setup(dataset, settings, options.filter)
+    require_uninterrupted()
+    executive = Executive(setup, _live_options(options, settings))
+    source: Source = lines or Replay(dataset.log, setup.time, options.speed)
+    if options.summary:  # a place that cannot be written is said now, not when the run is over
+        write_json(Path(options.summary), executive.summary.document())
+    course = CourseRecorder(executive.summary.deadline)
+    writer = AnswerWriter(options.format, sys.stdout)
+    try:
+        with ExitStack() as stack:
+            stack.callback(writer.close)
+            show = _shown(stack, options, executive, writer)
+            for answer in executive.run(until_interrupted(source.epochs())):
+                show(answer)
+                course.keep(answer)
+    except KeyboardInterrupt:
+        pass
+    except BrokenPipeError:  # nobody reads the answers any more
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    executive.summary.events.update(source.losses)
+    if writer.dropped:
+        executive.summary.events["answer not read"] += writer.dropped
+    print(executive.summary.text(), file=sys.stderr)
+    if options.summary:
+        _write_summary(Path(options.summary), executive, course)
+    return 1 if executive.summary.missed else 0
+
+
+def _write_summary(path: Path, executive: "Executive", course: "CourseRecorder") -> None:
+    """Write the counts, and a picture of the course beside them."""
+    from spinfilters.io.output_files import write_json
+    from spinfilters.plots.live_course import live_figure
+    from spinfilters.plots.style import draw_figure
+
+    write_json(path, executive.summary.document())
+    picture = path.with_name(path.name.removesuffix(".json") + ".png")
+    draw_figure(lambda: live_figure(course.course()), picture)
+
+
+def _live_options(options: LiveArguments, settings: "Settings") -> "LiveOptions":
+    from spinfilters.live.live_options import LONG_RUN, LiveOptions
+    from spinfilters.live.smoother_process import SupervisionOptions
+
+    memory = 0 if options.smoother_memory is None else int(options.smoother_memory * MIB)
+    return LiveOptions(
+        deadline=options.deadline_ms / 1e3,
+        ahead=options.predict,
+        smoother=not options.no_smoother,
+        supervision=SupervisionOptions(options.patience),
+        sliding=settings.smoother.options(LONG_RUN),
+        landmarks=settings.landmarks,
+        memory=memory,
     )
-    _add_smoother(live)
-    _add_answers(live)
-    live.add_argument("--config", metavar="FILE", help="TOML file with settings")
-    live.add_argument("--summary", metavar="FILE", help="write the counts as JSON, too")
-    live.add_argument("--view", action="store_true", help="show a table in the terminal")
-    return live
 
 
-def _add_input(live: argparse.ArgumentParser) -> None:
-    live.add_argument("dataset", metavar="DATASET", help="data set folder, gyro .csv or TUM .tum")
-    live.add_argument(
-        "--input",
-        metavar="PLACE",
-        help="- (standard input), tcp:HOST:PORT, unix:PATH, a named pipe or a growing file",
-    )
-    live.add_argument(
-        "--speed", type=number(NumberRange(1e-3, 1e6)), default=1.0, help="of the replay (default 1)"
-    )
+def _shown(
+    stack: ExitStack, options: LiveArguments, executive: "Executive", writer: "AnswerWriter"
+) -> "Callable[[Answer], None]":
+    """Function that shows an answer: as a line, in a table, or both where they do not share one terminal."""
+    if not options.view:
+        return writer.write
+    from spinfilters.live.terminal_view import TerminalView
+
+    view = stack.enter_context(TerminalView(executive.summary))
+    if sys.stdout.isatty():
+        return view.show
+
+    def show(answer: "Answer") -> None:
+        """Write an answer and show it."""
+        writer.write(answer)
+        view.show(answer)
+
+    return show
 
 
-def _add_smoother(live: argparse.ArgumentParser) -> None:
-    live.add_argument("--no-smoother", action="store_true", help="the filter alone")
-    live.add_argument(
-        "--patience",
-        type=number(NumberRange(0.05, 1e4, "s")),
-        default=5.0,
-        metavar="SECONDS",
-        help="without a word of the smoother, after which it begins anew (default 5)",
-    )
-    live.add_argument(
-        "--smoother-memory",
-        type=number(NumberRange(64, 1e7, "MiB")),
-        metavar="MIB",
-        help="address space of the smoother's process (default: no limit)",
-    )
-
-
-def _add_answers(live: argparse.ArgumentParser) -> None:
-    live.add_argument("--format", choices=("lines", "tum"), default="lines", help="JSON lines or TUM")
-    live.add_argument(
-        "--predict",
-        type=number(NumberRange(0, 1e4, "s")),
-        default=0.0,
-        metavar="SECONDS",
-        help="say every answer so far ahead too",
-    )
-    live.add_argument(
-        "--deadline-ms", type=number(NumberRange(1e-3, 1e6, "ms")), default=20.0, help="default 20"
-    )
-
-
-def run_live(options: argparse.Namespace) -> int:
-    """Estimate every epoch until measurements end."""
-    from spinfilters.cli.live_run import live
-
-    return live(options)
-
-
-LIVE = Command(add_live, run_live)
+LIVE = Command(
+    "live",
+    "filter and smoother side by side on measurements as they arrive",
+    LiveArguments,
+    live,
+    "DATASET states sensors, noise, camera and the initialisation. Without --input its own measurements after that follow at their "
+    "own pace; with it, lines `sensor,time_s,columns...` come from a pipe, a socket or a growing file. Answers go to standard "
+    "output, counts to standard error in the end.",
+)

@@ -1,106 +1,111 @@
-"""The command ``observe``."""
+"""The command ``observe``: what a sensor determines of a motion, with proof and bounds."""
 
-import argparse
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final, Literal
 
-from spinfilters.api.argument_ranges import LANDMARKS
-from spinfilters.cli.command import Command, Subparsers, add_motion, number
-from spinfilters.io.stated_values import NumberRange
+from spinfilters.api.arguments import ObserveArguments
+from spinfilters.cli.command import Command
+from spinfilters.io.stated_values import Argument, NumberRange
 
+if TYPE_CHECKING:
+    from observability.analysis_report import Report
+    from spinfilters.api.analysis import ObservabilityResult
 
-def add_observe(commands: Subparsers) -> argparse.ArgumentParser:
-    """Parser of ``spinfilters observe``."""
-    observe = commands.add_parser(
-        "observe", help="what a sensor can determine of a motion, proved, and how well"
-    )
-    observe.add_argument(
-        "-o",
-        "--output",
-        metavar="FOLDER",
-        default="runs/observe",
-        help="text, JSON and pictures (default runs/observe)",
-    )
-    _add_question(observe)
-    _add_known_inputs(observe)
-    observe.add_argument(
-        "--study", action="store_true", help="maps of the bound against motion, duration, epochs, landmarks"
-    )
-    add_motion(observe)
-    return observe
+BODY_AXES: Final = (
+    "x, y, z of the body's principal axes, fixed in the body and known in frame g; in every chart"
+)
+CAMERA_AXES: Final = (
+    "x, y, z of the camera's axes at the first epoch (x right, y down, z forward); in every chart"
+)
 
 
-def _add_question(observe: argparse.ArgumentParser) -> None:
-    observe.add_argument(
-        "--sensor",
-        nargs="+",
-        default=["stereo"],
-        metavar="NAME",
-        help="one or several together: stereo, monocular, lidar (range, azimuth and elevation of points of the body), pose (of a "
-        "lidar's scan match or a tracker), attitude, gyro (default stereo)",
-    )
-    observe.add_argument(
-        "--landmarks",
-        type=number(LANDMARKS),
-        default=4,
-        metavar="N",
-        help="that each camera or lidar sees, its own (default 4)",
-    )
-    observe.add_argument("--known-map", action="store_true", help="the landmarks are known")
-    observe.add_argument(
-        "--chart",
-        default="principal",
-        help="coordinates of the unknowns: principal (the thesis' principal axes), tensor (inertia tensor in frame g, regular at "
-        "equal moments) or filter (the filters' state) (default principal)",
-    )
-    observe.add_argument(
-        "--unknowns",
-        default="ratios",
-        help="of the inertia in the principal chart: ratios, or moments (all three, with their scale, as in chapter 3 of the "
-        "thesis) (default ratios)",
-    )
+@dataclass(frozen=True, kw_only=True)
+class ObserveCommandArguments(ObserveArguments):
+    """Arguments of ``observe``: those of Python, known inputs axis by axis, and where the result goes."""
+
+    output: Annotated[str, Argument("text, JSON and pictures", short="-o", metavar="FOLDER")] = "runs/observe"
+    torque: Annotated[
+        tuple[Literal["x", "y", "z"], ...], Argument(f"known torques about {BODY_AXES}", metavar="AXIS")
+    ] = ()
+    manoeuvre: Annotated[
+        tuple[Literal["x", "y", "z"], ...],
+        Argument(f"known accelerations of the inspector along {CAMERA_AXES}", metavar="AXIS"),
+    ] = ()
+    torque_size: Annotated[
+        float,
+        NumberRange(1e-6, 1e6, "N m"),
+        Argument("amplitude of the torques in the bound, N m; --moments are then kg m^2", metavar="X"),
+    ] = 0.1
+    manoeuvre_size: Annotated[
+        float,
+        NumberRange(1e-6, 1e6, "m/s^2"),
+        Argument("amplitude of the accelerations in the bound, m/s^2", metavar="X"),
+    ] = 0.01
+    input_period: Annotated[
+        float,
+        NumberRange(1e-6, 1e6, "s"),
+        Argument("period of the first of them, s; each further one is faster", metavar="X"),
+    ] = 20.0
+    study: Annotated[bool, Argument("maps of the bound against motion, duration, epochs, landmarks")] = False
 
 
-def _add_known_inputs(observe: argparse.ArgumentParser) -> None:
-    body = "the body's principal axes, fixed in the body and known in frame g"
-    camera = "the camera's axes at the first epoch (x right, y down, z forward)"
-    for name, what, axes in (
-        ("--torque", "known torques about", body),
-        ("--manoeuvre", "known accelerations of the inspector along", camera),
-    ):
-        observe.add_argument(
-            name,
-            nargs="+",
-            choices=tuple("xyz"),
-            metavar="AXIS",
-            help=f"{what} x, y, z of {axes}; in every chart",
-        )
-    _add_input_sizes(observe)
-
-
-def _add_input_sizes(observe: argparse.ArgumentParser) -> None:
-    for name, unit, default, what in (
-        (
-            "--torque-size",
-            "N m",
-            0.1,
-            "amplitude of the torques in the bound, N m; --moments are then kg m^2",
-        ),
-        ("--manoeuvre-size", "m/s^2", 0.01, "amplitude of the accelerations in the bound, m/s^2"),
-        ("--input-period", "s", 20.0, "period of the first of them, s; each further one is faster"),
-    ):
-        observe.add_argument(
-            name,
-            type=number(NumberRange(1e-6, 1e6, unit)),
-            default=default,
-            metavar="X",
-            help=f"{what} (default {default:g})",
-        )
-
-
-def run_observe(options: argparse.Namespace) -> int:
+def observe(options: ObserveCommandArguments) -> int:
     """Analyse, bound, write text, JSON and a picture, print the text."""
-    from spinfilters.cli.observe_motion import observe
+    from spinfilters.cli.console import wide_console
+    from spinfilters.io.output_files import output_folder, refuse_foreign
 
-    return observe(options)
+    folder = Path(options.output)
+    refuse_foreign(folder, OBSERVE.name)
+    found = _observed(options)
+    with output_folder(folder, OBSERVE.name) as place:
+        found.write(place)
+        if options.study:
+            _write_study(found.report, options, place)
+    wide_console().print(f"{found}\nwritten to {folder}", highlight=False, soft_wrap=True)
+    return 0
 
 
-OBSERVE = Command(add_observe, run_observe)
+def _observed(options: ObserveCommandArguments) -> "ObservabilityResult":
+    from observability.cases import InputSizes
+    from spinfilters.api.analysis import KnownInputs
+    from spinfilters.api.analysis import observe as observed
+
+    sizes = InputSizes(options.torque_size, options.manoeuvre_size, options.input_period)
+    return observed(
+        ",".join(options.sensors),
+        rate_rpm=options.motion.rate_rpm,
+        moments=options.motion.principal_moments,
+        frames=options.motion.epochs,
+        interval=options.motion.interval,
+        landmarks=options.landmarks,
+        known_map=options.known_map,
+        chart=options.chart,
+        unknowns=options.unknowns,
+        known=KnownInputs(options.torque, options.manoeuvre, sizes),
+    )
+
+
+def _write_study(report: "Report", options: ObserveCommandArguments, folder: Path) -> None:
+    from observability.analysis_report import title
+    from observability.bound_study import study
+    from observability.exact_numbers import as_floats
+    from spinfilters.cli.console import progress_bars
+    from spinfilters.io.output_files import write_json
+    from spinfilters.plots.observability_figures import conditioning_figure, study_figure
+    from spinfilters.plots.style import save_figure
+
+    case, motion = report.case, options.motion
+    with progress_bars() as show:
+        found = study(case, motion.epochs, motion.interval, lambda done, total: show("study", done, total))
+    write_json(folder / "study.json", found.document())
+    save_figure(study_figure(found, title(case)), folder / "study.png")
+    save_figure(conditioning_figure(as_floats(case.motion.rate)), folder / "conditioning.png")
+
+
+OBSERVE = Command(
+    "observe",
+    "what a sensor can determine of a motion, proved, and how well",
+    ObserveCommandArguments,
+    observe,
+)

@@ -1,19 +1,21 @@
 """The command ``plot``."""
 
-import argparse
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
-from spinfilters.cli.command import Command, Subparsers
-
-
-def add_plot(commands: Subparsers) -> argparse.ArgumentParser:
-    """Parser of ``spinfilters plot``."""
-    plot = commands.add_parser("plot", help="draw the figures of a run folder again")
-    plot.add_argument("run", metavar="RUN", help="folder made by compare or estimate")
-    return plot
+from spinfilters.cli.command import Command
+from spinfilters.io.stated_values import Argument
 
 
-def draw_again(options: argparse.Namespace) -> int:
+@dataclass(frozen=True, kw_only=True)
+class PlotArguments:
+    """Arguments of ``plot``."""
+
+    run: Annotated[str, Argument("folder made by compare or estimate", positional=True, metavar="RUN")]
+
+
+def draw_again(options: PlotArguments) -> int:
     """Draw the figures of a run folder again, and write its report."""
     from spinfilters.cli.console import progress_bars, wide_console
     from spinfilters.plots.figures import draw_run
@@ -33,4 +35,4 @@ def draw_again(options: argparse.Namespace) -> int:
     return 0
 
 
-PLOT = Command(add_plot, draw_again)
+PLOT = Command("plot", "draw the figures of a run folder again", PlotArguments, draw_again)

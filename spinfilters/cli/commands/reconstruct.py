@@ -1,45 +1,33 @@
-"""The command ``reconstruct``."""
+"""The command ``reconstruct``: a dense model of the body of a run made of stereo images."""
 
-import argparse
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
-from spinfilters.cli.command import Command, Subparsers, number
-from spinfilters.io.stated_values import NumberRange
+from spinfilters.cli.command import Command
+from spinfilters.io.stated_values import Argument, NumberRange
 
 if TYPE_CHECKING:
     from spinfilters.run.reconstruction import Reconstruction
 
 
-VOXELS = NumberRange(16, 256, whole=True)
+@dataclass(frozen=True, kw_only=True)
+class ReconstructArguments:
+    """Arguments of ``reconstruct``."""
+
+    run: Annotated[
+        str, Argument("folder made by compare or estimate from stereo images", positional=True, metavar="RUN")
+    ]
+    images: Annotated[
+        str | None,
+        Argument("the stereo images, where the run does not name them or they have moved", metavar="FOLDER"),
+    ] = None
+    voxels: Annotated[
+        int, NumberRange(16, 256, whole=True), Argument("along each axis of the volume", metavar="N")
+    ] = 128
 
 
-def add_reconstruct(commands: Subparsers) -> argparse.ArgumentParser:
-    """Parser of ``spinfilters reconstruct``."""
-    reconstruct = commands.add_parser(
-        "reconstruct",
-        help="dense model of the body of a run made of stereo images",
-        description="Depth of every stereo pair, fused into one surface in principal axes by the motion that the run estimated. "
-        "Writes RUN/reconstruction/model.ply, reconstruction.json (dimensions with standard deviations), reprojection.gif, and "
-        "RUN/report.html with the model to turn.",
-    )
-    reconstruct.add_argument(
-        "run", metavar="RUN", help="folder made by compare or estimate from stereo images"
-    )
-    reconstruct.add_argument(
-        "--images", metavar="FOLDER", help="the stereo images, where the run does not tell or they have moved"
-    )
-    reconstruct.add_argument(
-        "--voxels",
-        type=number(VOXELS),
-        default=128,
-        metavar="N",
-        help="along each axis of the volume (default 128)",
-    )
-    return reconstruct
-
-
-def reconstruct(options: argparse.Namespace) -> int:
+def reconstruct(options: ReconstructArguments) -> int:
     """Write the dense model of a run folder, and its report."""
     from spinfilters.cli.console import progress_bars
     from spinfilters.run.reconstruction import reconstruct as reconstruct_run
@@ -76,4 +64,12 @@ def _print(made: "Reconstruction", folder: Path) -> None:
         wide_console().print(line, highlight=False, soft_wrap=True)
 
 
-RECONSTRUCT = Command(add_reconstruct, reconstruct)
+RECONSTRUCT = Command(
+    "reconstruct",
+    "dense model of the body of a run made of stereo images",
+    ReconstructArguments,
+    reconstruct,
+    "Depth of every stereo pair, fused into one surface in principal axes by the motion that the run estimated. Writes "
+    "RUN/reconstruction/model.ply, reconstruction.json (dimensions with standard deviations), reprojection.gif, and "
+    "RUN/report.html with the model to turn.",
+)

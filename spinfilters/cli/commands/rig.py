@@ -1,45 +1,32 @@
-"""The command ``rig``."""
+"""The command ``rig``: how well a stereo rig can measure, before it is built."""
 
-import argparse
+from dataclasses import dataclass
+from typing import Annotated, Final
 
-from spinfilters.cli.command import Command, Subparsers, number
+from spinfilters.cli.command import Command
 from spinfilters.core.errors import InputError
-from spinfilters.io.stated_values import NumberRange
+from spinfilters.io.stated_values import Argument, NumberRange
 
-FOCAL, BASELINE, DISTANCE = (
-    NumberRange(1, 1e6, "px"),
-    NumberRange(1e-4, 1e3, "m"),
-    NumberRange(1e-3, 1e6, "m"),
-)
-SIZE, PIXEL_STD = NumberRange(2, 100_000, "px", whole=True), NumberRange(1e-3, 100, "px")
+SIZE: Final = NumberRange(2, 100_000, "px", whole=True)
 
 
-def add_rig(commands: Subparsers) -> argparse.ArgumentParser:
-    """Parser of ``spinfilters rig``."""
-    rig = commands.add_parser(
-        "rig",
-        help="how well a stereo rig can measure, before it is built",
-        description="Accuracy of triangulation half-way between the cameras' axes (Tweddle 2013, section 5.3); the defaults "
-        "are the thesis' rig.",
+@dataclass(frozen=True, kw_only=True)
+class RigArguments:
+    """Arguments of ``rig``; the defaults are the thesis' rig (Tweddle 2013, section 5.3)."""
+
+    focal: Annotated[float, NumberRange(1, 1e6, "px"), Argument("focal length", metavar="PX")] = 466.7
+    baseline: Annotated[float, NumberRange(1e-4, 1e3, "m"), Argument("between the cameras", metavar="M")] = (
+        0.09
     )
-    rig.add_argument(
-        "--focal", type=number(FOCAL), default=466.7, metavar="PX", help="focal length (default 466.7)"
-    )
-    rig.add_argument("--baseline", type=number(BASELINE), default=0.09, metavar="M", help="default 0.09")
-    rig.add_argument(
-        "--width", type=number(SIZE), default=640, metavar="PX", help="of the images (default 640)"
-    )
-    rig.add_argument(
-        "--height", type=number(SIZE), default=480, metavar="PX", help="of the images (default 480)"
-    )
-    rig.add_argument("--distance", type=number(DISTANCE), default=0.5, metavar="M", help="default 0.5")
-    rig.add_argument(
-        "--pixel-std", type=number(PIXEL_STD), default=1.0, metavar="PX", help="noise (default 1)"
-    )
-    return rig
+    width: Annotated[int, SIZE, Argument("of the images", metavar="PX")] = 640
+    height: Annotated[int, SIZE, Argument("of the images", metavar="PX")] = 480
+    distance: Annotated[float, NumberRange(1e-3, 1e6, "m"), Argument("of the point", metavar="M")] = 0.5
+    pixel_std: Annotated[
+        float, NumberRange(1e-3, 100, "px"), Argument("standard deviation of the noise", metavar="PX")
+    ] = 1.0
 
 
-def print_rig(options: argparse.Namespace) -> int:
+def print_rig(options: RigArguments) -> int:
     """Print how well a rig measures at a distance."""
     from spinfilters.cli.console import wide_console
     from spinfilters.io.camera import PinholeCamera, StereoRig
@@ -47,8 +34,7 @@ def print_rig(options: argparse.Namespace) -> int:
 
     focal, width, height = options.focal, options.width, options.height
     camera = PinholeCamera(focal, focal, (width - 1) / 2, (height - 1) / 2, width, height)
-    pair = StereoRig(camera, options.baseline)
-    found = rig_accuracy(pair, options.distance, options.pixel_std)
+    found = rig_accuracy(StereoRig(camera, options.baseline), options.distance, options.pixel_std)
     if options.distance < found.nearest or options.distance >= found.farthest:
         raise InputError(
             f"--distance {options.distance:g} m is out of this rig's sight; "
@@ -70,4 +56,10 @@ def print_rig(options: argparse.Namespace) -> int:
     return 0
 
 
-RIG = Command(add_rig, print_rig)
+RIG = Command(
+    "rig",
+    "how well a stereo rig can measure, before it is built",
+    RigArguments,
+    print_rig,
+    "Accuracy of triangulation half-way between the cameras' axes (Tweddle 2013, section 5.3); the defaults are the thesis' rig.",
+)

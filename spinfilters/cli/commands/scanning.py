@@ -1,221 +1,167 @@
-"""The command ``lidar``."""
+"""The command ``lidar``: simulated scans of a body, and how many are needed."""
 
-import argparse
-from typing import Final
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
 
-from spinfilters.api.argument_ranges import FRAMES, INTERVAL, RATE_RPM, SEED
-from spinfilters.cli.command import Command, Subparsers, number
-from spinfilters.io.stated_values import LENGTH, NumberRange
+from spinfilters.cli.command import Command, CommandGroup
+from spinfilters.core.errors import InputError
+from spinfilters.io.stated_values import Argument, ArgumentGroup, NumberRange
+from spinfilters.simulation.scan_arguments import ScanArguments
 
-ANGLE: Final = NumberRange(-3600.0, 3600.0, "deg")
-FIELD: Final = NumberRange(1e-6, 179.0, "deg")
-COUNT: Final = NumberRange(1, 100_000, whole=True)
-SHARE: Final = NumberRange(0.0, 1.0)
-SCALE: Final = NumberRange(1e-12, 1e12)
-SECONDS: Final = NumberRange(0.0, 1e5, "s")
-POWER: Final = NumberRange(0.0, 1e18)
+if TYPE_CHECKING:
+    from spinfilters.lidar.scan import Scan
+    from spinfilters.simulation.scanned_scene import ScannedScene
 
 
-def add_lidar(commands: Subparsers) -> argparse.ArgumentParser:
-    """Parser of ``spinfilters lidar``."""
-    lidar = commands.add_parser("lidar", help="simulate scans of a body, tell how many are needed")
-    actions = lidar.add_subparsers(title="actions", required=True, metavar="ACTION", dest="action")
-    scan = actions.add_parser(
-        "scan",
-        help="scan a mesh with a simulated lidar",
-        description="Writes scan.ply, scan.png and metadata; with --scans a data set of scans of the tumbling body, with truth, "
-        "for 'spinfilters compare'. Frame of the lidar: x along its axis, y towards elevation, z towards azimuth.",
+@dataclass(frozen=True, kw_only=True)
+class ScanOutput:
+    """What is written of a scan."""
+
+    format: Annotated[tuple[Literal["ply", "pcd", "csv"], ...], Argument("of a single scan")] = ("ply",)
+    misses: Annotated[bool, Argument("write rays without a return too, with their flag")] = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScanCommandArguments(ScanArguments):
+    """Arguments of ``lidar scan``."""
+
+    output: Annotated[str, Argument("folder of the scan or data set", short="-o", metavar="FOLDER")]
+    written: Annotated[ScanOutput, ArgumentGroup("output")] = field(default_factory=ScanOutput)
+
+
+def scan(options: ScanCommandArguments) -> int:
+    """Simulate one scan, or a sequence as a data set."""
+    from spinfilters.cli.console import wide_console
+    from spinfilters.io.output_files import refuse_foreign
+    from spinfilters.simulation.scanned_scene import ScannedScene
+
+    folder, name = Path(options.output), f"{LIDAR.name} {SCAN.name}"
+    refuse_foreign(folder, name)
+    scene = ScannedScene.of(options)
+    console = wide_console()
+    for line in (scene.size_sentence, *(f"{scene.mesh.name}: {remark}" for remark in scene.mesh.remarks)):
+        console.print(line, highlight=False, soft_wrap=True)
+    write = _write_scan if options.body.scans is None else _write_sequence
+    console.print(f"{write(options, scene, folder, name)} in {folder}", highlight=False, soft_wrap=True)
+    return 0
+
+
+def _write_scan(options: ScanCommandArguments, scene: "ScannedScene", folder: Path, name: str) -> str:
+    """Write one scan of the body at rest; a sentence on it."""
+    import numpy as np
+
+    from spinfilters.io.output_files import output_folder
+    from spinfilters.lidar.scan import write_scan
+    from spinfilters.plots.measurement_figures import scan_figure
+    from spinfilters.plots.style import save_figure
+
+    found = scene.scanner.scan(scene.at_rest, 0.0, np.random.default_rng(options.seed))
+    found = _with_metadata(found, options, scene)
+    if not found.is_return.any():
+        raise InputError(f"none of {len(found)} rays met {scene.mesh.name}; aim at it, or give a wider --fov")
+    with output_folder(folder, name) as place:
+        for ending in dict.fromkeys(options.written.format):
+            write_scan(place / f"scan.{ending}", found, options.written.misses)
+        save_figure(scan_figure(found, Path(scene.mesh.name).name), place / "scan.png")
+    causes = [word for word in ("too weak", "saturated", "dust") if found.metadata[word]]
+    lost = "".join(f", {found.metadata[word]} {word}" for word in causes)
+    return f"{np.count_nonzero(found.is_return)} of {len(found)} rays returned{lost}"
+
+
+def _write_sequence(options: ScanCommandArguments, scene: "ScannedScene", folder: Path, name: str) -> str:
+    """Write a data set of scans of the tumbling body; a sentence on it."""
+    import numpy as np
+
+    from spinfilters.cli.console import progress_bars
+    from spinfilters.io.output_files import output_folder
+    from spinfilters.lidar.scan_streams import KIND, POINTS_KIND
+    from spinfilters.plots.measurement_figures import scan_figure
+    from spinfilters.plots.style import save_figure
+    from spinfilters.simulation.lidar_sequence import scan_sequence, scan_times, truth_of, write_sequence
+
+    body = options.body
+    motion = scene.tumbling(body.rate_rpm, body.velocity)
+    begin, epochs = scan_times(body.scans or 1, body.interval, options.beams.scan_seconds)
+    with progress_bars() as report:
+        scans = scan_sequence(
+            scene.scanner, motion, begin, options.seed, lambda done, total: report("scans", done, total)
+        )
+    scans = [_with_metadata(each, options, scene) for each in scans]
+    description = (
+        f"{len(scans)} simulated scans of {scene.mesh.name} at {body.interval} s, seed {options.seed}"
     )
-    scan.add_argument(
-        "mesh",
-        metavar="MESH",
-        nargs="?",
-        help=".stl, .obj, .ply, .tab or .txt in m (see --scale), cube or spacecraft (default: that of the preset)",
+    counts = [int(np.count_nonzero(each.is_return)) for each in scans]
+    with output_folder(folder, name) as place:
+        kind = POINTS_KIND if body.points else KIND
+        write_sequence(place, scans, truth_of(motion, epochs), description, kind)
+        best = scans[counts.index(max(counts))]
+        save_figure(scan_figure(best, Path(scene.mesh.name).name), place / "scan.png")
+    return f"{len(scans)} scans of {min(counts)} to {max(counts)} points"
+
+
+def _with_metadata(found: "Scan", options: ScanCommandArguments, scene: "ScannedScene") -> "Scan":
+    return replace(found, metadata={**found.metadata, **scene.metadata, "seed": options.seed})
+
+
+@dataclass(frozen=True, kw_only=True)
+class NeededArguments:
+    """Arguments of ``lidar needed``."""
+
+    scans: Annotated[
+        str,
+        Argument("data set of scans, such as 'lidar scan --scans' writes", positional=True, metavar="FOLDER"),
+    ]
+    output: Annotated[str, Argument("folder of the picture", short="-o", metavar="FOLDER")]
+    attitude_deg: Annotated[
+        float, NumberRange(1e-9, 180.0, "deg"), Argument("standard deviation of the mean attitude")
+    ] = 0.01
+
+
+def needed(options: NeededArguments) -> int:
+    """Print how many scans an attitude of a given accuracy takes, with a picture."""
+    import numpy as np
+
+    from spinfilters.cli.console import wide_console
+    from spinfilters.io.output_files import output_folder, refuse_foreign
+    from spinfilters.lidar.scan_pose import attitude_stds, scans_needed
+    from spinfilters.lidar.scan_streams import registered_scans
+    from spinfilters.plots.measurement_figures import scan_accuracy_figure
+    from spinfilters.plots.style import save_figure
+
+    folder, place, name = Path(options.scans), Path(options.output), f"{LIDAR.name} {NEEDED.name}"
+    wanted = np.deg2rad(options.attitude_deg)
+    refuse_foreign(place, name)
+    found = registered_scans(folder)
+    stds, count = attitude_stds(found.poses), scans_needed(found.poses, wanted)
+    with output_folder(place, name) as written:
+        save_figure(scan_accuracy_figure(stds, wanted, count, folder.name), written / "scans_needed.png")
+    console = wide_console()
+    for remark in dict.fromkeys((*found.doubts, *found.remarks)):
+        console.print(f"{folder}: {remark}", highlight=False, soft_wrap=True)
+    console.print(
+        f"{count} scans like these for an attitude of {options.attitude_deg:g} deg (1 sigma); these {len(stds)} "
+        f"together: {np.rad2deg(stds[-1]):.2g} deg; picture in {place}",
+        highlight=False,
+        soft_wrap=True,
     )
-    scan.add_argument("-o", "--output", metavar="FOLDER", required=True)
-    scan.add_argument(
-        "--preset",
-        metavar="NAME",
-        help="the thesis' own inputs: table-2.1, table-3.2, figure-2.12 ... figure-2.18",
-    )
-    scan.add_argument("--seed", type=number(SEED), default=0)
-    _add_body(scan)
-    _add_rays(scan)
-    _add_errors(scan)
-    _add_output(scan)
-    _add_needed(actions)
-    return lidar
+    return 0
 
 
-def _add_needed(actions: Subparsers) -> None:
-    needed = actions.add_parser(
-        "needed",
-        help="how many scans an attitude of a given accuracy takes",
-        description="Registers the scans of a data set of kind lidar-scans and tells how many like them a mean attitude of the "
-        "accuracy takes; writes scans_needed.png.",
-    )
-    needed.add_argument(
-        "scans", metavar="FOLDER", help="data set of scans, such as 'lidar scan --scans' writes"
-    )
-    needed.add_argument("-o", "--output", metavar="FOLDER", required=True)
-    needed.add_argument(
-        "--attitude-deg",
-        type=number(NumberRange(1e-9, 180.0, "deg")),
-        default=0.01,
-        help="standard deviation of the mean attitude (default 0.01)",
-    )
-
-
-def _add_body(parser: argparse.ArgumentParser) -> None:
-    body = parser.add_argument_group("the body")
-    body.add_argument(
-        "--scale",
-        type=number(SCALE),
-        default=1.0,
-        help="metres in a unit of the mesh: 0.001 for mm, 1000 for km",
-    )
-    _triple(body, "--rotation", ANGLE, "Z Y X", "deg: the mesh is rotated by Rx Ry Rz")
-    _triple(
-        body,
-        "--translation",
-        LENGTH,
-        "X Y Z",
-        "place of the mesh's origin, m (default: on the axis, four radii away)",
-    )
-    _add_scans(body)
-    _add_body_motion(body)
-
-
-def _add_scans(body: argparse._ArgumentGroup) -> None:
-    body.add_argument(
-        "--scans", type=number(FRAMES), help="scan the tumbling body so many times: writes a data set"
-    )
-    body.add_argument(
-        "--points",
-        action="store_true",
-        help="with --scans: points of the faces are the measurements, rather than a pose of every scan",
-    )
-    body.add_argument(
-        "--interval", type=number(INTERVAL), default=1.0, help="seconds between the scans (default 1)"
-    )
-
-
-def _add_body_motion(body: argparse._ArgumentGroup) -> None:
-    _triple(
-        body,
-        "--rate-rpm",
-        RATE_RPM,
-        "MINOR INTERMEDIATE MAJOR",
-        "initial rate about the principal axes of the body of uniform density (default 1 2 1.5)",
-    )
-    _triple(body, "--velocity", LENGTH, "X Y Z", "of the centre of mass, m/s (default 0 0 0)")
-
-
-def _add_rays(parser: argparse.ArgumentParser) -> None:
-    rays = parser.add_argument_group("the rays")
-    rays.add_argument(
-        "--fov",
-        type=number(FIELD),
-        nargs=2,
-        metavar=("AZ", "EL"),
-        help="field of view, deg (default: around the body)",
-    )
-    rays.add_argument(
-        "--rays", type=number(COUNT), nargs=2, metavar=("AZ", "EL"), help="number of rays (default 200 200)"
-    )
-    _add_windows(rays)
-    rays.add_argument(
-        "--scan-seconds",
-        type=number(SECONDS),
-        default=0.0,
-        help="duration of a scan, in which the body moves (default 0)",
-    )
-
-
-def _add_windows(rays: argparse._ArgumentGroup) -> None:
-    rays.add_argument(
-        "--window",
-        type=number(ANGLE),
-        nargs=4,
-        action="append",
-        metavar=("EL_START", "EL_SPAN", "AZ_START", "AZ_SPAN"),
-        help="high-resolution window, deg; may be repeated",
-    )
-    rays.add_argument(
-        "--multiplier",
-        type=number(NumberRange(1, 1000, whole=True)),
-        default=2,
-        help="density within windows (default 2)",
-    )
-
-
-def _add_errors(parser: argparse.ArgumentParser) -> None:
-    errors = parser.add_argument_group("errors, those of Jena-Optronik's RVS")
-    errors.add_argument(
-        "--noise",
-        choices=("none", "jitter", "encoder", "thesis"),
-        help="noise of range and angles; of the angles: the beam leaves its direction unknown, is read wrongly, or leaves it and "
-        "is read rightly (default none, or that of the preset)",
-    )
-    errors.add_argument(
-        "--long-range", action="store_true", help="0.1 m (3 sigma) of range noise instead of 0.01 m"
-    )
-    errors.add_argument("--bias", action="store_true", help="with the largest biases of the specification")
-    _add_dust(errors)
-    errors.add_argument("--reflectivity", type=number(SHARE), default=1.0, help="of the surface (default 1)")
-    errors.add_argument(
-        "--weakest",
-        type=number(POWER),
-        default=0.0,
-        help="received power that is still measured; 1 is a white surface met head-on at 500 m",
-    )
-    errors.add_argument("--strongest", type=number(POWER), help="received power that saturates the detector")
-    _triple(
-        errors,
-        "--sun",
-        NumberRange(-1.0, 1.0),
-        "X Y Z",
-        "direction towards the sun, whose glint blinds the detector",
-    )
-
-
-def _add_dust(errors: argparse._ArgumentGroup) -> None:
-    errors.add_argument(
-        "--dust", type=number(SHARE), default=0.0, help="share of the beams that dust absorbs"
-    )
-    errors.add_argument(
-        "--clutter",
-        type=number(SHARE),
-        default=0.0,
-        help="share of the returns that come from dust before the body",
-    )
-
-
-def _add_output(parser: argparse.ArgumentParser) -> None:
-    output = parser.add_argument_group("output")
-    output.add_argument(
-        "--format",
-        choices=("ply", "pcd", "csv"),
-        nargs="+",
-        default=["ply"],
-        help="of a single scan (default ply)",
-    )
-    output.add_argument(
-        "--misses", action="store_true", help="write rays without a return too, with their flag"
-    )
-
-
-def _triple(
-    group: argparse._ArgumentGroup, name: str, allowed: NumberRange, metavar: str, words: str
-) -> None:
-    group.add_argument(name, type=number(allowed), nargs=3, metavar=tuple(metavar.split()), help=words)
-
-
-def run_lidar(options: argparse.Namespace) -> int:
-    """Simulate scans, or say how many are needed."""
-    from spinfilters.cli.lidar_actions import lidar
-
-    return lidar(options)
-
-
-LIDAR = Command(add_lidar, run_lidar)
+SCAN = Command(
+    "scan",
+    "scan a mesh with a simulated lidar",
+    ScanCommandArguments,
+    scan,
+    "Writes scan.ply, scan.png and metadata; with --scans a data set of scans of the tumbling body, with truth, for "
+    "'spinfilters compare'. Frame of the lidar: x along its axis, y towards elevation, z towards azimuth.",
+)
+NEEDED = Command(
+    "needed",
+    "how many scans an attitude of a given accuracy takes",
+    NeededArguments,
+    needed,
+    "Registers the scans of a data set of kind lidar-scans and estimates how many like them a mean attitude of the accuracy takes; "
+    "writes scans_needed.png.",
+)
+LIDAR = CommandGroup("lidar", "simulate scans of a body, estimate how many are needed", (SCAN, NEEDED))

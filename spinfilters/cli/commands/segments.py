@@ -1,26 +1,25 @@
-"""The command ``segments``."""
+"""The command ``segments``: the free flights of a recording."""
 
-import argparse
+from dataclasses import dataclass, field
+from typing import Annotated
 
-from spinfilters.cli.command import Command, Subparsers, add_reading, reading_options
+from spinfilters.cli.command import Command
+from spinfilters.io.stated_values import Argument, ArgumentGroup, ReadingOptions
 
 
-def add_segments(commands: Subparsers) -> argparse.ArgumentParser:
-    """Parser of ``spinfilters segments``."""
-    segments = commands.add_parser(
-        "segments",
-        help="list the free flights of a recording",
-        description="Finds where a body flies freely: in body rates, where some inertia tensor keeps the angular momentum; in "
-        "poses, where some point of the body falls on a parabola. No inertia need be known.",
+@dataclass(frozen=True, kw_only=True)
+class SegmentsArguments:
+    """Arguments of ``segments``."""
+
+    dataset: Annotated[
+        str, Argument("gyro .csv, phone export, poses, data set folder", positional=True, metavar="RECORDING")
+    ]
+    reading: Annotated[ReadingOptions, ArgumentGroup("what the recording does not tell")] = field(
+        default_factory=ReadingOptions
     )
-    segments.add_argument(
-        "dataset", metavar="RECORDING", help="gyro .csv, phone export, poses, data set folder"
-    )
-    add_reading(segments)
-    return segments
 
 
-def list_segments(options: argparse.Namespace) -> int:
+def list_segments(options: SegmentsArguments) -> int:
     """Print the free flights of a recording and how to compare one."""
     from rich.table import Table
 
@@ -29,7 +28,7 @@ def list_segments(options: argparse.Namespace) -> int:
     from spinfilters.run.readers import read_whole
     from spinfilters.run.segment_choice import has_marks, no_flight
 
-    whole = read_whole(options.dataset, reading_options(options))
+    whole = read_whole(options.dataset, options.reading)
     flights = find_flights(whole)
     if not flights:
         raise no_flight(whole)
@@ -41,7 +40,7 @@ def list_segments(options: argparse.Namespace) -> int:
         table.add_row(str(number), *cells, flight.evidence)
     console = wide_console()
     console.print(table)
-    marked = has_marks(options.dataset, reading_options(options))
+    marked = has_marks(options.dataset, options.reading)
     one = "its times" if marked else "its number or times"
     console.print(
         f"compare all with --segment auto, one with --segment and {one} (START:END)", highlight=False
@@ -53,4 +52,11 @@ def list_segments(options: argparse.Namespace) -> int:
     return 0
 
 
-SEGMENTS = Command(add_segments, list_segments)
+SEGMENTS = Command(
+    "segments",
+    "list the free flights of a recording",
+    SegmentsArguments,
+    list_segments,
+    "Finds where a body flies freely: in body rates, where some inertia tensor keeps the angular momentum; in poses, where some "
+    "point of the body falls on a parabola. No inertia need be known.",
+)

@@ -1,82 +1,100 @@
-"""The command ``simulate``."""
+"""The command ``simulate``: a simulated recording as a data set, or rendered stereo images of it."""
 
-import argparse
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
-from spinfilters.api.argument_ranges import GYRO_BIAS, SEED
-from spinfilters.cli.command import Command, Subparsers, add_motion, number
-from spinfilters.io.stated_values import NumberRange
+from spinfilters.cli.command import Command
+from spinfilters.core.errors import InputError
+from spinfilters.io.stated_values import Argument, ArgumentGroup, NumberRange
+from spinfilters.simulation.scenario_record import IMAGE_KIND, Scenario
+
+if TYPE_CHECKING:
+    from spinfilters.io.dataset import Dataset
 
 
-def add_simulate(commands: Subparsers) -> argparse.ArgumentParser:
-    """Parser of ``spinfilters simulate``."""
-    simulate = commands.add_parser(
-        "simulate", help="write a simulated data set with truth, and a picture of it"
+@dataclass(frozen=True, kw_only=True)
+class SimulateArguments:
+    """Arguments of ``simulate``: a scenario, and where it goes."""
+
+    output: Annotated[str, Argument("folder of the data set", short="-o", metavar="DATASET")]
+    scenario: Annotated[Scenario, ArgumentGroup()] = field(default_factory=Scenario)
+    known_map: Annotated[bool, Argument("write landmarks.csv, the map of the tracks")] = False
+    shape: Annotated[
+        str | None,
+        Argument(
+            "of the body in stereo-images: spheres (default), box, octahedron, or a mesh (.obj, binary .stl, .tab, .txt)"
+        ),
+    ] = None
+    foil: Annotated[
+        float | None,
+        NumberRange(0, 1),
+        Argument("share of the surface that is crinkled metal foil, in stereo-images (default 0)"),
+    ] = None
+
+
+def simulate(options: SimulateArguments) -> int:
+    """Write a simulated data set and a picture of its true rates, or images."""
+    from spinfilters.api.recordings import simulated_dataset
+    from spinfilters.cli.console import progress_bars, wide_console
+    from spinfilters.evaluation.estimated_motion import true_rates
+    from spinfilters.io.dataset_folder import write_dataset
+    from spinfilters.io.output_files import output_folder, refuse_foreign
+    from spinfilters.plots.style import save_figure
+    from spinfilters.plots.time_courses import rates_figure
+
+    folder, scenario = Path(options.output), options.scenario
+    refuse_foreign(folder, SIMULATE.name)
+    if scenario.kind == IMAGE_KIND:
+        return _simulate_images(options, folder)
+    if options.shape is not None or options.foil is not None:
+        raise InputError(f"--shape and --foil are for --kind {IMAGE_KIND}; a {scenario.kind} has no images")
+    with progress_bars() as report:
+        dataset = simulated_dataset(
+            scenario, options.known_map, lambda done, total: report("motion", done, total)
+        )
+    assert dataset.truth is not None
+    with output_folder(folder, SIMULATE.name) as place:
+        write_dataset(dataset, place)
+        save_figure(rates_figure([true_rates(dataset.truth)]), place / "truth.png")
+    wide_console().print(_sentence(dataset, folder, scenario.epochs), highlight=False, soft_wrap=True)
+    return 0
+
+
+def _sentence(dataset: "Dataset", folder: Path, frames: int) -> str:
+    """Written files, and the number of epochs without observations, in words."""
+    count, epochs = sum(map(len, dataset.log.streams)), len(set(dataset.log.streams[0].time.tolist()))
+    lost = "" if epochs == frames else f"; the body is in view in {epochs} of {frames} epochs"
+    return f"{dataset.description}: {count} measurements in {folder}{lost}"
+
+
+def _simulate_images(options: SimulateArguments, folder: Path) -> int:
+    """Render the motion's stereo images."""
+    from spinfilters.api.image_recordings import ImageScenario, render
+    from spinfilters.cli.console import progress_bars, wide_console
+    from spinfilters.io.output_files import output_folder
+
+    scenario = options.scenario
+    if options.known_map or any(scenario.gyro_bias) or scenario.inspector_errors:
+        raise InputError(
+            f"--known-map, --gyro-bias, --beside and --inspector-error are not for --kind {IMAGE_KIND}; leave them out"
+        )
+    images = ImageScenario(
+        shape=options.shape or ImageScenario.shape,
+        rate_rpm=scenario.rate_rpm,
+        moments=scenario.principal_moments,
+        frames=scenario.epochs,
+        interval=scenario.interval,
+        seed=scenario.seed,
+        foil=options.foil or 0.0,
+        inspector=scenario.inspector,
     )
-    simulate.add_argument("-o", "--output", metavar="DATASET", required=True, help="folder of the data set")
-    simulate.add_argument(
-        "--kind",
-        default="stereo-tracks",
-        help="stereo-tracks, mono-tracks, pose, attitude, gyro, lidar-points, lidar-poses, or stereo-images, which are rendered",
-    )
-    simulate.add_argument(
-        "--beside",
-        nargs=2,
-        action="append",
-        metavar=("KIND", "SECONDS"),
-        help="another sensor on the same motion and its interval, such as gyro 0.01; may be repeated",
-    )
-    simulate.add_argument("--seed", type=number(SEED), default=0)
-    simulate.add_argument(
-        "--known-map", action="store_true", help="write landmarks.csv, the map of the tracks"
-    )
-    _add_sensor_options(simulate)
-    _add_images(simulate)
-    add_motion(simulate)
-    return simulate
+    with progress_bars() as report, output_folder(folder, SIMULATE.name) as place:
+        description = render(images, place, lambda done, total: report("images", done, total))
+    wide_console().print(f"{description}: in {folder}", highlight=False, soft_wrap=True)
+    return 0
 
 
-def _add_sensor_options(simulate: argparse.ArgumentParser) -> None:
-    simulate.add_argument(
-        "--gyro-bias",
-        type=number(GYRO_BIAS),
-        nargs=3,
-        metavar=("BX", "BY", "BZ"),
-        help="constant error of the gyro's rates, axes g, rad/s (with --kind gyro)",
-    )
-    simulate.add_argument(
-        "--inspector",
-        default="static",
-        metavar="static|circle|sway|dead-band",
-        help="how the camera moves, as inspector.tum says: circle, about the body; sway, it swings; dead-band, pulses of thrusters "
-        "keep its place",
-    )
-    simulate.add_argument(
-        "--inspector-error",
-        nargs="+",
-        action="append",
-        metavar=("NAME", "SIZE"),
-        help="what is wrong with inspector.tum: late S, turning RAD or drifting M over the recording, lever M, sparse S, "
-        "missing; may be repeated",
-    )
-
-
-def _add_images(simulate: argparse.ArgumentParser) -> None:
-    simulate.add_argument(
-        "--shape",
-        help="of the body in stereo-images: spheres (default), box, octahedron, or a mesh (.obj, binary .stl, .tab, .txt)",
-    )
-    simulate.add_argument(
-        "--foil",
-        type=number(NumberRange(0, 1)),
-        help="share of the surface that is crinkled metal foil, in stereo-images (default 0)",
-    )
-
-
-def run_simulate(options: argparse.Namespace) -> int:
-    """Write a simulated data set and a picture of its true rates."""
-    from spinfilters.cli.simulate_recording import simulate
-
-    return simulate(options)
-
-
-SIMULATE = Command(add_simulate, run_simulate)
+SIMULATE = Command(
+    "simulate", "write a simulated data set with truth, and a picture of it", SimulateArguments, simulate
+)

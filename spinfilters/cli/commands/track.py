@@ -1,47 +1,32 @@
-"""The command ``track``."""
+"""The command ``track``: stereo images to tracks of landmarks."""
 
-import argparse
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
-from spinfilters.cli.command import Command, Subparsers
+from spinfilters.cli.command import Command
 from spinfilters.core.errors import InputError
 from spinfilters.io.input_file import path_text
+from spinfilters.io.stated_values import Argument
 
 if TYPE_CHECKING:
     from spinfilters.vision.track_images import TrackedImages
 
 
-COMMAND = "track"
+@dataclass(frozen=True, kw_only=True)
+class TrackArguments:
+    """Arguments of ``track``."""
+
+    dataset: Annotated[str, Argument("folder of the images", positional=True, metavar="DATASET")]
+    output: Annotated[str, Argument("folder of the data set of tracks", short="-o", metavar="TRACKS")]
+    detector: Annotated[str, Argument("sift, or orb, which is faster and less exact")] = "sift"
+    online: Annotated[
+        bool, Argument("without looking ahead, as on a spacecraft: images in, observations out")
+    ] = False
 
 
-def add_track(commands: Subparsers) -> argparse.ArgumentParser:
-    """Parser of ``spinfilters track``."""
-    track = commands.add_parser(
-        "track",
-        help="stereo images to tracks of landmarks",
-        description="Reads stereo images in the EuRoC layout (cam0/data, cam0/data.csv, cam0/sensor.yaml; cam1), finds "
-        "landmarks and follows them through all revolutions. The result is a data set of stereo tracks with a covariance per row, "
-        "for compare; front_end.json says what was lost at which stage, and why. compare takes the images themselves too.",
-    )
-    track.add_argument("dataset", metavar="DATASET", help="folder of the images")
-    track.add_argument(
-        "-o", "--output", metavar="TRACKS", required=True, help="folder of the data set of tracks"
-    )
-    track.add_argument(
-        "--detector", default="sift", help="sift (default) or orb, which is faster and less exact"
-    )
-    track.add_argument(
-        "--online",
-        action="store_true",
-        help="without looking ahead, as on a spacecraft: images in, observations out",
-    )
-    return track
-
-
-def track(options: argparse.Namespace) -> int:
+def track(options: TrackArguments) -> int:
     """Write the tracks of a folder of stereo images, and counts of losses."""
     from spinfilters.cli.console import progress_bars
     from spinfilters.io.dataset_folder import write_dataset
@@ -56,13 +41,13 @@ def track(options: argparse.Namespace) -> int:
         raise InputError(
             f"{path_text(source)}: has no stereo images; give a folder with cam0/data and cam1/data, and no tracks.csv"
         )
-    refuse_foreign(folder, COMMAND)
+    refuse_foreign(folder, TRACK.name)
     detector(options.detector)
     follow, began = track_images_online if options.online else track_images, time.perf_counter()
     with progress_bars() as report:
         tracked = follow(source, FrontEndOptions(options.detector), report)
     seconds = time.perf_counter() - began
-    with output_folder(folder, COMMAND) as place:
+    with output_folder(folder, TRACK.name) as place:
         write_dataset(replace(tracked.dataset, path=None), place)
         write_json(place / "front_end.json", {**tracked.document, "seconds": seconds})
     _print(tracked, folder, seconds)
@@ -87,4 +72,12 @@ def _print(tracked: "TrackedImages", folder: Path, seconds: float) -> None:
     )
 
 
-TRACK = Command(add_track, track)
+TRACK = Command(
+    "track",
+    "stereo images to tracks of landmarks",
+    TrackArguments,
+    track,
+    "Reads stereo images in the EuRoC layout (cam0/data, cam0/data.csv, cam0/sensor.yaml; cam1), finds landmarks and follows them "
+    "through all revolutions. The result is a data set of stereo tracks with a covariance per row, for compare; front_end.json "
+    "says what was lost at which stage, and why. compare takes the images themselves too.",
+)

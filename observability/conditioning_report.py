@@ -1,14 +1,11 @@
-"""``spinfilters condition``: how well conditioned covariances are, by time step and units."""
+"""Report of conditioning: of the process noise over a time step, and of estimators' own covariances."""
 
-import argparse
 from collections.abc import Sequence
-from pathlib import Path
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any, Final
 
 import numpy as np
 from jaxtyping import Float
-from matplotlib.figure import Figure
-from rich.table import Table
 
 from observability.conditioning import (
     BEST_CONDITION,
@@ -17,7 +14,6 @@ from observability.conditioning import (
     best_velocity_unit,
     condition_number,
     conditions_over,
-    covariance_conditioning,
     double_integrator_covariance,
     improves,
     jacobi_scaling,
@@ -25,57 +21,56 @@ from observability.conditioning import (
     scaled,
     suggest_scaling,
 )
-from spinfilters.cli.console import wide_console
-from spinfilters.core.conventions import RPM
-from spinfilters.core.errors import InputError
-from spinfilters.io.input_file import path_text
-from spinfilters.io.output_files import output_folder, refuse_foreign, write_json, write_text
-from spinfilters.models.rotation_integrator import IntegrationError
-from spinfilters.plots.observability_figures import TIME_STEPS, conditioning_figure, covariance_figure
-from spinfilters.plots.style import save_figure
-from spinfilters.run.array_files import read_history
-from spinfilters.run.run_folder import HISTORY_FILE
 
-COMMAND = "condition"
-RESULT_FILE, TABLE_FILE, PICTURE_FILE = "condition.json", "condition.csv", "condition.png"
-TIME_STEP, RATE_RPM = 0.5, (0.5, 10.0, 0.5)
+TIME_STEPS: Final = np.geomspace(1e-2, 1e2, 161)
+"""Of the curves over the time step, s."""
 
 
-class Findings(NamedTuple):
-    """What the command writes and prints: ``condition.json``, lines of ``condition.csv``, a table and a picture."""
+@dataclass(frozen=True)
+class ConditioningReport:
+    """What is written and printed of condition numbers.
+
+    Attributes
+    ----------
+    document : dict[str, Any]
+        For JSON; ``text`` holds its sentences.
+    lines : list[str]
+        Of a CSV file, its heading first.
+    headings : tuple[str, ...]
+        Of the printed table.
+    rows : list[tuple[str, ...]]
+        Of the printed table.
+    """
 
     document: dict[str, Any]
     lines: list[str]
-    table: Table
-    figure: Figure
+    headings: tuple[str, ...]
+    rows: list[tuple[str, ...]]
+
+    @property
+    def sentences(self) -> list[str]:
+        """What the numbers say."""
+        return self.document["text"]
 
 
-def condition(options: argparse.Namespace) -> int:
-    """Compute, write JSON, CSV and a picture, print the table."""
-    folder = Path(options.output)
-    refuse_foreign(folder, COMMAND)
-    found = _of_time_step(options) if options.run is None else _of_run(options)
-    with output_folder(folder, COMMAND) as place:
-        write_text(place / TABLE_FILE, "".join(f"{line}\n" for line in found.lines))
-        save_figure(found.figure, place / PICTURE_FILE)
-        write_json(place / RESULT_FILE, found.document)
-    console = wide_console()
-    console.print(found.table)
-    console.print(
-        "\n".join([*found.document["text"], f"written to {folder}"]), highlight=False, soft_wrap=True
-    )
-    return 0
+def noise_report(dt: float, alpha: float, rate: Float[np.ndarray, " 3"]) -> ConditioningReport:
+    """Condition numbers of the process noise that gathers over a time step, in several units.
 
+    Parameters
+    ----------
+    dt : float
+        Time step, s.
+    alpha : float
+        Unit of velocity over that of position, 1/s (Tweddle 2013, Eq. 4.117).
+    rate : ndarray of shape (3,)
+        Body rate about the principal axes, rad/s.
 
-def _of_time_step(options: argparse.Namespace) -> Findings:
-    dt = TIME_STEP if options.time_step is None else options.time_step
-    alpha = best_velocity_unit(dt) if options.alpha is None else options.alpha
-    rate = RPM * np.array(options.rate_rpm or RATE_RPM)
-    try:
-        rows = _noise_rows(dt, alpha, rate)
-    except IntegrationError as error:
-        raise InputError(f"{error}; give a shorter --time-step or a slower --rate-rpm") from None
-    text = _sentences(dt, alpha, rate)
+    Raises
+    ------
+    IntegrationError
+        A rate that is too fast for the time step.
+    """
+    rows = _noise_rows(dt, alpha, rate)
     document = {
         "time_step_s": dt,
         "alpha_per_s": alpha,
@@ -84,12 +79,14 @@ def _of_time_step(options: argparse.Namespace) -> Findings:
         "best_alpha_per_s": best_velocity_unit(dt),
         "best_condition_number": float(BEST_CONDITION),
         "condition_numbers": {f"{noise}, {units}": value for noise, units, value in rows},
-        "text": text,
+        "text": _noise_sentences(dt, alpha, rate),
     }
-    table = Table("process noise over the time step", "units", "condition number")
-    for noise, units, value in rows:
-        table.add_row(noise, units, f"{value:.4g}")
-    return Findings(document, _sweep(alpha, rate), table, conditioning_figure(rate, dt, alpha))
+    return ConditioningReport(
+        document,
+        _lines_over_time_steps(alpha, rate),
+        ("process noise over the time step", "units", "condition number"),
+        [(noise, units, f"{value:.4g}") for noise, units, value in rows],
+    )
 
 
 def _noise_rows(dt: float, alpha: float, rate: Float[np.ndarray, " 3"]) -> list[tuple[str, str, float]]:
@@ -106,7 +103,7 @@ def _noise_rows(dt: float, alpha: float, rate: Float[np.ndarray, " 3"]) -> list[
     ]
 
 
-def _sentences(dt: float, alpha: float, rate: Float[np.ndarray, " 3"]) -> list[str]:
+def _noise_sentences(dt: float, alpha: float, rate: Float[np.ndarray, " 3"]) -> list[str]:
     best, value = best_time_step(alpha), condition_number(double_integrator_covariance(dt, alpha))
     return [
         f"With alpha = {alpha:.4g} 1/s the best time step is sqrt(3)/alpha = {best:.4g} s, with a condition number of "
@@ -116,8 +113,8 @@ def _sentences(dt: float, alpha: float, rate: Float[np.ndarray, " 3"]) -> list[s
     ]
 
 
-def _sweep(alpha: float, rate: Float[np.ndarray, " 3"]) -> list[str]:
-    """Lines of the CSV: condition numbers over the time steps of the picture."""
+def _lines_over_time_steps(alpha: float, rate: Float[np.ndarray, " 3"]) -> list[str]:
+    """Lines of the CSV: condition numbers over `TIME_STEPS`."""
     lines = ["time_step_s,position_velocity_si,position_velocity_alpha,whole_si,whole_jacobi"]
     for dt, *whole in zip(TIME_STEPS.tolist(), *conditions_over(TIME_STEPS, rate), strict=True):
         line = [condition_number(double_integrator_covariance(dt, unit)) for unit in (1.0, alpha)]
@@ -130,41 +127,29 @@ def _cell(value: float) -> str:
     return f"{value:.9g}" if np.isfinite(value) else ""
 
 
-def _of_run(options: argparse.Namespace) -> Findings:
-    if any(value is not None for value in (options.time_step, options.alpha, options.rate_rpm)):
-        raise InputError(
-            "a run has its own time steps and rates; give RUN, or --time-step, --alpha and --rate-rpm"
-        )
-    found = [_conditioning_of(path) for path in _histories(Path(options.run))]
-    lines = ["estimator,time_s,si,one_unit_per_block,own_deviations"]
-    table = Table("covariance of", "epochs", "units", "condition number: median", "largest")
+def covariance_report(run: str, found: Sequence[CovarianceConditioning]) -> ConditioningReport:
+    """Condition numbers of every estimator's covariance over its epochs, and the units that improve them.
+
+    Parameters
+    ----------
+    run : str
+        Name of the run.
+    found : Sequence[CovarianceConditioning]
+        Of each estimator.
+    """
+    lines, rows = ["estimator,time_s,si,one_unit_per_block,own_deviations"], []
     for each in found:
         for row in zip(each.time, each.plain, each.fixed, each.jacobi, strict=True):
             lines.append(",".join([each.name, *map(_cell, row)]))
         for units, values in _kinds(each):
-            table.add_row(each.name, str(len(values)), units, *map(_shown, _summary(values)))
+            rows.append((each.name, str(len(values)), units, *map(_shown, _summary(values))))
     document = {
-        "run": str(options.run),
+        "run": run,
         "estimators": {each.name: _document(each) for each in found},
         "text": [_improvement(each) for each in found],
     }
-    return Findings(document, lines, table, covariance_figure(found))
-
-
-def _histories(run: Path) -> list[Path]:
-    if not run.is_dir():
-        raise InputError(f"{path_text(run)}: no such folder; give a run folder made by compare or estimate")
-    paths = sorted(run.glob(f"*/{HISTORY_FILE}"))
-    if not paths:
-        raise InputError(
-            f"{path_text(run)}: holds no {HISTORY_FILE} of an estimator; give a run folder made by compare or estimate"
-        )
-    return paths
-
-
-def _conditioning_of(path: Path) -> CovarianceConditioning:
-    history = read_history(path)
-    return covariance_conditioning(history.name, history.layout, history.time, history.factor)
+    headings = ("covariance of", "epochs", "units", "condition number: median", "largest")
+    return ConditioningReport(document, lines, headings, rows)
 
 
 def _kinds(each: CovarianceConditioning) -> Sequence[tuple[str, Float[np.ndarray, " n"]]]:

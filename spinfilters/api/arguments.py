@@ -1,0 +1,112 @@
+"""Records of the arguments that functions of ``import spinfilters`` and commands have in common.
+
+Nothing heavy is imported here, so that help is quick. Those of a simulation are the fields of a
+`spinfilters.simulation.scenario_record.Scenario`.
+"""
+
+from dataclasses import dataclass, field
+from typing import Annotated, Final
+
+from spinfilters.io.stated_values import Argument, ArgumentGroup, NumberRange
+from spinfilters.simulation.scenario_record import Scenario
+
+SEGMENT: Final = NumberRange(0, 10**9 - 1, whole=True)
+MOTION: Final = ("epochs", "interval", "rate_rpm", "principal_moments")
+"""Fields of a scenario that are the motion alone."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunArguments:
+    """What a comparison writes, and where it goes on; of `compare` and of the commands ``compare`` and ``estimate``."""
+
+    resume: Annotated[
+        bool,
+        Argument(
+            "go on from what an interrupted run has left in RUN, to the same numbers; a finished one gets what it lacks"
+        ),
+    ] = False
+    predict: Annotated[
+        float | None,
+        NumberRange(1e-9, 1e9, "s"),
+        Argument(
+            "go on for so long after the last epoch: <estimator>/prediction.csv and .npz, prediction.png",
+            metavar="SECONDS",
+        ),
+    ] = None
+    convergence: Annotated[
+        bool,
+        Argument(
+            "show how the smoother's estimates settle on tracks without a map: convergence.png, smoother/convergence.npz"
+        ),
+    ] = False
+    explain: Annotated[
+        bool,
+        Argument(
+            "test the models, and run again with the errors that are found where the state can hold them: explanations.json"
+        ),
+    ] = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class CampaignArguments:
+    """How a study is run; of `campaign` and of the command ``campaign run``."""
+
+    workers: Annotated[
+        int | None,
+        NumberRange(1, 1024, whole=True),
+        Argument("processes (default: one per processor)", metavar="N"),
+    ] = None
+    scheduler: Annotated[
+        str | None,
+        Argument(
+            "a Dask scheduler, whose workers make the runs",
+            metavar="tcp://HOST:PORT",
+            cure="the address of a Dask scheduler",
+        ),
+    ] = None
+    shard: Annotated[
+        str | None,
+        Argument(
+            "only every N-th recording, from the i-th, 0 the first", metavar="i/N", cure="i/N, such as 0/3"
+        ),
+    ] = None
+    resume: Annotated[bool, Argument("go on with the rows that OUT has; none is made again")] = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class ObserveArguments:
+    """Question to the analyser; of `observe` and of the command of that name."""
+
+    sensors: Annotated[
+        tuple[str, ...],
+        Argument(
+            "one or several together: stereo, monocular, lidar (range, azimuth and elevation of points of the body), pose (of a "
+            "lidar's scan match or a tracker), attitude, gyro",
+            flag="--sensor",
+            metavar="NAME",
+            cure='names of sensors such as "stereo,gyro", or a list of at least one',
+        ),
+    ] = ("stereo",)
+    landmarks: Annotated[
+        int,
+        NumberRange(1, 200, whole=True),
+        Argument("that each camera or lidar sees, its own", metavar="N"),
+    ] = 4
+    known_map: Annotated[bool, Argument("the landmarks are known")] = False
+    chart: Annotated[
+        str,
+        Argument(
+            "coordinates of the unknowns: principal (the thesis' principal axes), tensor (inertia tensor in frame g, regular at "
+            "equal moments) or filter (the filters' state)",
+            cure='"principal", "tensor" or "filter"',
+        ),
+    ] = "principal"
+    unknowns: Annotated[
+        str,
+        Argument(
+            "of the inertia in the principal chart: ratios, or moments (all three, with their scale, as in chapter 3 of the "
+            "thesis)",
+            cure='"ratios" or "moments"',
+        ),
+    ] = "ratios"
+    motion: Annotated[Scenario, ArgumentGroup(only=MOTION)] = field(default_factory=Scenario)

@@ -1,0 +1,78 @@
+"""The page of all commands, made from the records of their arguments."""
+
+import sys
+from collections.abc import Iterator
+from dataclasses import MISSING
+from pathlib import Path
+from typing import Any, Final
+
+from spinfilters.cli.command import Command, CommandGroup
+from spinfilters.cli.commands import COMMANDS
+from spinfilters.io.arguments import GivenField, default_text, given_fields
+from spinfilters.io.output_files import write_text
+
+HEAD: Final = """# All commands
+
+This page is made from the code by `python -m spinfilters.cli.commands_page docs/reference/commands.md`; a test compares the two.
+Each argument is a field of a record (`spinfilters.io.arguments`), from which the parser, its help and the checks of `import
+spinfilters` are made, too. `spinfilters COMMAND --help` prints the same.
+"""
+
+
+def page() -> str:
+    """The page as Markdown."""
+    return HEAD + "".join(_sections())
+
+
+def _sections() -> Iterator[str]:
+    for each in COMMANDS:
+        if isinstance(each, CommandGroup):
+            yield f"\n## `{each.name}`\n\n{_sentence(each.help)}\n"
+            for action in each.actions:
+                yield _section(action, f"### `{each.name} {action.name}`")
+        else:
+            yield _section(each, f"## `{each.name}`")
+
+
+def _section(command: Command[Any], heading: str) -> str:
+    rows = "".join(_row(field) for field in given_fields(command.arguments))
+    table = f"\n| argument | default | range | what it is |\n|---|---|---|---|\n{rows}" if rows else ""
+    description = f" {command.description}" if command.description else ""
+    return f"\n{heading}\n\n{_sentence(command.help)}{description}\n{table}"
+
+
+def _sentence(text: str) -> str:
+    return f"{text[0].upper()}{text[1:]}."
+
+
+def _row(field: GivenField) -> str:
+    metavar = field.argument.metavar
+    names = " ".join(metavar) if isinstance(metavar, tuple) else metavar
+    shown = field.flag if field.argument.positional else f"{field.flag} {names}".strip()
+    short = f"`{field.argument.short}`, " if field.argument.short else ""
+    default = "must be given" if field.default is MISSING else default_text(field.default) or "-"
+    return f"| {short}`{_cell(shown)}` | {_cell(default)} | {_cell(_range_text(field))} | {_cell(field.argument.help)} |\n"
+
+
+def _range_text(field: GivenField) -> str:
+    if field.choices is not None:
+        return ", ".join(map(str, field.choices))
+    return "" if field.allowed is None else str(field.allowed)
+
+
+def _cell(text: str) -> str:
+    """Text of a cell: a bar in it would end the cell, angle brackets would be HTML."""
+    return text.replace("|", "\\|").replace("<", "&lt;").replace(">", "&gt;")
+
+
+def main(arguments: list[str]) -> int:
+    """Write the page to a file, or print it."""
+    if not arguments:
+        sys.stdout.write(page())
+        return 0
+    write_text(Path(arguments[0]), page())
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main(sys.argv[1:]))

@@ -1,0 +1,95 @@
+"""Sensors that the embedded filter can take."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.models.camera_landmarks import StereoLandmark
+from spinfilters.models.measurement import LandmarkSensor, MeasurementModel
+from spinfilters.models.sensors.gyro import Gyro
+from spinfilters.models.sensors.pose import Pose, pose_parameters
+from spinfilters.models.state_layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
+
+POINT: Final = 3
+"""Parameters that are a landmark's point; they come first."""
+
+
+@dataclass(frozen=True, eq=False)
+class EmittedSensor:
+    """A sensor of a generated filter.
+
+    Attributes
+    ----------
+    model : Callable[[StateLayout], MeasurementModel]
+        Over a layout.
+    blocks : tuple[str, ...]
+        Of the state of a filter that is generated for it.
+    also : tuple[str, ...]
+        Sensors that such a filter takes too.
+    landmark_model : Callable[[StateLayout], LandmarkSensor] or None
+        The same model of a sensor of landmarks, which the C holds in a map; None of another.
+    macros : Callable[[MeasurementModel, int], Mapping[str, int]]
+        Of the C, by name, from the model and the size of the map.
+    example : ndarray of shape (p,) or None
+        Parameters of the measurements of the test vectors; of a sensor of landmarks these come with the
+        scene.
+    quaternion : int or None
+        First of four numbers of a value that are a unit quaternion.
+    """
+
+    name: str
+    model: Callable[[StateLayout], MeasurementModel]
+    blocks: tuple[str, ...]
+    also: tuple[str, ...] = ()
+    landmark_model: Callable[[StateLayout], LandmarkSensor] | None = None
+    macros: Callable[[MeasurementModel, int], Mapping[str, int]] = lambda model, landmarks: {}
+    example: Float[np.ndarray, " p"] | None = None
+    quaternion: int | None = None
+
+    @property
+    def taken(self) -> tuple[str, ...]:
+        """Names of all sensors that a filter generated for this one takes."""
+        return (self.name, *self.also)
+
+    def normalised(self, value: Float[np.ndarray, " v"]) -> Float[np.ndarray, " v"]:
+        """A value with its quaternion, where it has one, of unit length."""
+        if self.quaternion is None:
+            return value
+        unit = value.copy()
+        unit[self.quaternion :] /= np.linalg.norm(value[self.quaternion :])
+        return unit
+
+
+def _stereo_macros(model: MeasurementModel, landmarks: int) -> Mapping[str, int]:
+    return {"SF_LANDMARKS": landmarks, "SF_STEREO_PARAMETERS": model.parameter_dim - POINT}
+
+
+def _gyro_macros(model: MeasurementModel, landmarks: int) -> Mapping[str, int]:
+    return {"SF_GYRO_PARAMETERS": model.parameter_dim}
+
+
+_POSE_NOISE: Final = np.diag([1.6e-5] * 3 + [2.5e-5] * 3)
+EMITTED_SENSORS: Final = MappingProxyType(
+    {
+        each.name: each
+        for each in (
+            EmittedSensor(
+                "pose", Pose, FULL_BLOCKS, example=pose_parameters(_POSE_NOISE[None])[0], quaternion=3
+            ),
+            EmittedSensor(
+                "stereo",
+                StereoLandmark,
+                FULL_BLOCKS,
+                also=("pose",),
+                landmark_model=StereoLandmark,
+                macros=_stereo_macros,
+            ),
+            EmittedSensor("gyro", Gyro, ROTATION_BLOCKS, macros=_gyro_macros, example=np.array([0.01, 0.0])),
+        )
+    }
+)
+"""All that the C has an update for, by name."""
