@@ -6,8 +6,10 @@ from spinfilters.core.errors import InputError
 from spinfilters.reproduction.item import Item
 from spinfilters.reproduction.tweddle.polhodes import POLHODES
 from spinfilters.reproduction.tweddle.spin_thresholds import SPIN_THRESHOLDS
+from spinfilters.reproduction.tweddle.stereo_rig import STEREO_RIG
+from spinfilters.reproduction.tweddle.time_step_conditioning import CONDITIONING
 
-ITEMS: Final[tuple[Item, ...]] = (SPIN_THRESHOLDS, *POLHODES)
+ITEMS: Final[tuple[Item, ...]] = (SPIN_THRESHOLDS, *POLHODES, *CONDITIONING, STEREO_RIG)
 
 
 def chosen_items(names: tuple[str, ...]) -> tuple[Item, ...]:
