@@ -1,6 +1,6 @@
 """One numbered table or figure of a source: what is printed, what this package computes, what is possible, and why they differ.
 
-An item is a function that makes an `Outcome`: rows of numbers, figures and tables. It stands in one file with what it needs; the
+An item is a function that makes an `ItemResult`: rows of numbers, figures and tables. It stands in one file with what it needs; the
 tuple in `items.py` names it. Every row ends ``agrees``, ``better`` or ``differs``, and one that differs says why.
 """
 
@@ -27,7 +27,7 @@ class Agreement(Enum):
 
 
 @dataclass(frozen=True)
-class Row:
+class ComparedNumber:
     """One number: printed, ours, and the bound where there is one.
 
     Parameters
@@ -81,12 +81,12 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class ItemResult:
     """What an item gives.
 
     Parameters
     ----------
-    rows : sequence of Row
+    rows : sequence of ComparedNumber
         At least one: every item ends with a number.
     figures : mapping
         Figures by the name of their file, without an ending.
@@ -96,7 +96,7 @@ class Outcome:
         What was simulated in place of lost data, or what the print gets wrong; empty for nothing.
     """
 
-    rows: Sequence[Row]
+    rows: Sequence[ComparedNumber]
     figures: Mapping[str, Figure] = field(default_factory=dict)
     tables: Mapping[str, Sequence[Mapping[str, float | int | str]]] = field(default_factory=dict)
     note: str = ""
@@ -137,5 +137,5 @@ class Item:
     source: str
     number: str
     title: str
-    make: Callable[[], Outcome]
+    make: Callable[[], ItemResult]
     seconds: float = 1.0

@@ -24,7 +24,7 @@ from spinfilters.io.input_file import path_text, read_settings_text
 from spinfilters.io.output_files import made_folder, output_folder, write_json, write_text
 from spinfilters.plots.page import image, note, page, table
 from spinfilters.plots.style import save_figure
-from spinfilters.reproduction.item import Agreement, Item, Outcome, Row
+from spinfilters.reproduction.item import Agreement, ComparedNumber, Item, ItemResult
 from spinfilters.version import __version__
 
 COMMAND: Final = "reproduce"
@@ -130,7 +130,7 @@ def _make(item: Item, place: Path) -> Finished:
         "title": item.title,
     }
     document |= {"schema": SCHEMA, "version": __version__}
-    outcome: Outcome | None = None
+    outcome: ItemResult | None = None
     try:
         outcome = item.make()
     except SpinfiltersError as error:
@@ -154,7 +154,7 @@ def _make(item: Item, place: Path) -> Finished:
     return Finished(item.name, document["result"], document, False)
 
 
-def _row_document(row: Row) -> dict[str, Any]:
+def _row_document(row: ComparedNumber) -> dict[str, Any]:
     return {
         "what": row.what,
         "unit": row.unit,

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from spinfilters.core.errors import InputError
-from spinfilters.reproduction.item import TWEDDLE, Agreement, Item, Outcome, Row
+from spinfilters.reproduction.item import TWEDDLE, Agreement, ComparedNumber, Item, ItemResult
 from spinfilters.reproduction.items import ITEMS, chosen_items
 from spinfilters.reproduction.results import reproduce
 
@@ -27,18 +27,18 @@ def test_names_are_unique_and_say_source_and_kind() -> None:
 
 
 def test_rows_agree_within_the_printed_digits_only() -> None:
-    assert Row("rate", 2.204, printed=2.20, tolerance=0.005).agreement is Agreement.AGREES
-    assert Row("error", 1.0, printed=2.0, smaller_is_better=True).agreement is Agreement.BETTER
+    assert ComparedNumber("rate", 2.204, printed=2.20, tolerance=0.005).agreement is Agreement.AGREES
+    assert ComparedNumber("error", 1.0, printed=2.0, smaller_is_better=True).agreement is Agreement.BETTER
     assert (
-        Row("error", 3.0, printed=2.0, smaller_is_better=True, why="other data").agreement
+        ComparedNumber("error", 3.0, printed=2.0, smaller_is_better=True, why="other data").agreement
         is Agreement.DIFFERS
     )
     with pytest.raises(InputError, match="nothing says why"):
-        Row("rate", 2.21, printed=2.20, tolerance=0.005)
+        ComparedNumber("rate", 2.21, printed=2.20, tolerance=0.005)
     with pytest.raises(InputError, match="nothing says why"):
-        Row("rate", float("nan"), printed=2.20, tolerance=0.005)
+        ComparedNumber("rate", float("nan"), printed=2.20, tolerance=0.005)
     with pytest.raises(InputError, match="what is printed"):
-        Row("rate", 2.21)
+        ComparedNumber("rate", 2.21)
 
 
 def item(make: object, name: str = "tweddle-table-1.1") -> Item:
@@ -48,9 +48,11 @@ def item(make: object, name: str = "tweddle-table-1.1") -> Item:
 def test_what_is_there_is_kept_and_made_again_on_demand(tmp_path: Path) -> None:
     made = []
 
-    def make() -> Outcome:
+    def make() -> ItemResult:
         made.append(1)
-        return Outcome([Row("rate", 1.0, printed=1.0)], tables={"course": [{"time": 0.5, "rate": 2}]})
+        return ItemResult(
+            [ComparedNumber("rate", 1.0, printed=1.0)], tables={"course": [{"time": 0.5, "rate": 2}]}
+        )
 
     one = item(make)
     assert not reproduce([one], tmp_path)[0].kept
@@ -62,7 +64,7 @@ def test_what_is_there_is_kept_and_made_again_on_demand(tmp_path: Path) -> None:
 
 
 def test_an_item_that_cannot_be_made_says_why_and_is_tried_again(tmp_path: Path) -> None:
-    def fail() -> Outcome:
+    def fail() -> ItemResult:
         raise InputError("the scan is empty; give points")
 
     failed = reproduce([item(fail)], tmp_path)[0]
@@ -72,7 +74,7 @@ def test_an_item_that_cannot_be_made_says_why_and_is_tried_again(tmp_path: Path)
 
 
 def test_damaged_results_are_made_again_or_refused(tmp_path: Path) -> None:
-    one = item(lambda: Outcome([Row("rate", 1.0, printed=1.0)]))
+    one = item(lambda: ItemResult([ComparedNumber("rate", 1.0, printed=1.0)]))
     place = tmp_path / one.name
     reproduce([one], tmp_path)
     (place / "own.txt").write_text("mine")

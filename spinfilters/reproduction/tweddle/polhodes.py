@@ -11,7 +11,7 @@ from spinfilters.core.axis_stability import axis_stability
 from spinfilters.core.polhode import PolhodeKind, polhode_of_moments
 from spinfilters.core.rolling_motion import RollingMotion, cones, rolling_motion
 from spinfilters.plots.free_rotation import cones_figure, polhode_figure
-from spinfilters.reproduction.item import TWEDDLE, Item, Outcome, Row
+from spinfilters.reproduction.item import TWEDDLE, ComparedNumber, Item, ItemResult
 
 PRINTED_MOMENTS: Final = np.array([3.0, 1.0, 1.0 / 3.0])
 POSSIBLE_MOMENTS: Final = np.array([1.3, 1.0, 1.0 / 3.0])
@@ -24,7 +24,7 @@ DISTURBED: Final = np.array([0.0, 2.0, 2e-3])
 """The printed rate (0, 2, 0), which stays as it is, with a thousandth about z."""
 
 
-def make_intermediate_axis() -> Outcome:
+def make_intermediate_axis() -> ItemResult:
     """Figure 2-6: the rate turns over, again and again."""
     printed, possible = (
         rolling_motion(moments, DISTURBED) for moments in (PRINTED_MOMENTS, POSSIBLE_MOMENTS)
@@ -34,14 +34,20 @@ def make_intermediate_axis() -> Outcome:
     small = (possible.time < 0.25 * possible.period) & (disturbed > 0.01) & (disturbed < 0.1)
     slope = np.polyfit(possible.time[small], np.log(disturbed[small]), 1)[0]
     rows = [
-        Row("turns over in one period, printed moments", _turns_over(printed.body_rate[:, 1]), printed=2.0),
-        Row("turns over in one period, a possible body", _turns_over(possible.body_rate[:, 1]), printed=2.0),
-        Row("growth of a disturbance over that of Eq. 2.77", float(slope) / growth, expected=(0.95, 1.05)),
+        ComparedNumber(
+            "turns over in one period, printed moments", _turns_over(printed.body_rate[:, 1]), printed=2.0
+        ),
+        ComparedNumber(
+            "turns over in one period, a possible body", _turns_over(possible.body_rate[:, 1]), printed=2.0
+        ),
+        ComparedNumber(
+            "growth of a disturbance over that of Eq. 2.77", float(slope) / growth, expected=(0.95, 1.05)
+        ),
     ]
-    return Outcome(rows, _both_figures(DISTURBED), note=IMPOSSIBLE)
+    return ItemResult(rows, _both_figures(DISTURBED), note=IMPOSSIBLE)
 
 
-def make_stable_axis(rate: tuple[float, float, float], kind: PolhodeKind, axis: int) -> Outcome:
+def make_stable_axis(rate: tuple[float, float, float], kind: PolhodeKind, axis: int) -> ItemResult:
     """Figures 2-7 and 2-9: the polhode is closed about the axis of largest or smallest inertia."""
     w = np.array(rate)
     rows = []
@@ -50,17 +56,17 @@ def make_stable_axis(rate: tuple[float, float, float], kind: PolhodeKind, axis: 
         one = motion.time <= motion.period
         winding = np.unwrap(np.arctan2(*np.delete(motion.body_rate[one], axis, axis=1).T))
         rows += [
-            Row(f"goes {kind.value}, {name}", float(found.kind is kind), printed=1.0),
-            Row(
+            ComparedNumber(f"goes {kind.value}, {name}", float(found.kind is kind), printed=1.0),
+            ComparedNumber(
                 f"turns about that axis in one period, {name}",
                 float(abs(winding[-1] - winding[0])) / (2 * math.pi),
                 expected=(0.98, 1.0),
             ),
         ]
-    return Outcome(rows, _both_figures(w), note=IMPOSSIBLE)
+    return ItemResult(rows, _both_figures(w), note=IMPOSSIBLE)
 
 
-def make_cones(moments: tuple[float, float, float], sense: str) -> Outcome:
+def make_cones(moments: tuple[float, float, float], sense: str) -> ItemResult:
     """Figures 2-8 and 2-10: the body cone rolls on the space cone."""
     J, w = np.array(moments), np.array([0.5, 0.0, 1.0])
     found, motion = cones(J, w), rolling_motion(J, w)
@@ -70,24 +76,24 @@ def make_cones(moments: tuple[float, float, float], sense: str) -> Outcome:
     nutation = float(np.arccos(motion.axes[:, 2, 2]).mean())
     together = found.body_half_angle + (-1.0 if inside else 1.0) * found.space_half_angle
     rows = [
-        Row(f"nutation is {sense}", float(found.sense == sense), printed=1.0),
-        Row(
+        ComparedNumber(f"nutation is {sense}", float(found.sense == sense), printed=1.0),
+        ComparedNumber(
             "herpolhode: largest over least distance from the momentum",
             high / low,
             expected=(1.0, 1.0 + 1e-9),
         ),
-        Row(
+        ComparedNumber(
             f"half angle of the body cone {'less' if inside else 'and'} that of the space cone, over the nutation angle",
             together / nutation,
             expected=(1.0 - 1e-9, 1.0 + 1e-9),
         ),
-        Row(
+        ComparedNumber(
             "rolls without slip: path of the rate on body over that in space",
             _rolled(motion),
             expected=(1 - 1e-5, 1 + 1e-5),
         ),
     ]
-    return Outcome(
+    return ItemResult(
         rows,
         {"cones": cones_figure(J, w)},
         note=f"The thesis prints no numbers for this drawing; here J = {moments}, rate (0.5, 0, 1) rad/s.",

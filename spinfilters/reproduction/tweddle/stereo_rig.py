@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from spinfilters.io.camera import PinholeCamera, StereoRig
 from spinfilters.plots.style import BLUE, GREEN, RED, tidy
-from spinfilters.reproduction.item import TWEDDLE, Item, Outcome, Row
+from spinfilters.reproduction.item import TWEDDLE, ComparedNumber, Item, ItemResult
 from spinfilters.vision.stereo_geometry import rig_accuracy
 
 PIXEL, FOCAL, BASELINE, DISTANCE = 6e-6, 2.8e-3, 0.09, 0.5
@@ -17,7 +17,7 @@ COLUMNS, ROWS = {752: 4.51, 640: 3.84}, 480
 """Columns of the imager and of the used image, with the printed width of the sensor in mm."""
 
 
-def make_rig_numbers() -> Outcome:
+def make_rig_numbers() -> ItemResult:
     """Angles of view, nearest and farthest distance, and what an error of one pixel does."""
     horizontal, vertical = (_angle_of_view(count * PIXEL) for count in (640, ROWS))
     one_pixel = math.atan(PIXEL / FOCAL)
@@ -26,28 +26,36 @@ def make_rig_numbers() -> Outcome:
     by_column, by_row = 1e3 * np.asarray(found.by_column), 1e3 * np.asarray(found.by_row)
     rows = [
         *(
-            Row(f"width of the sensor, {n} pixels", 1e3 * n * PIXEL, printed=mm, unit="mm", tolerance=0.005)
+            ComparedNumber(
+                f"width of the sensor, {n} pixels", 1e3 * n * PIXEL, printed=mm, unit="mm", tolerance=0.005
+            )
             for n, mm in COLUMNS.items()
         ),
-        Row("horizontal angle of view", math.degrees(horizontal), printed=68.9, unit="deg", tolerance=0.05),
-        Row(
+        ComparedNumber(
+            "horizontal angle of view", math.degrees(horizontal), printed=68.9, unit="deg", tolerance=0.05
+        ),
+        ComparedNumber(
             "vertical angle of view",
             math.degrees(vertical),
             printed=54.4,
             unit="deg",
             tolerance=0.05,
         ),
-        Row(
+        ComparedNumber(
             "nearest distance (Eq. 5.2)",
             100.0 * _distance(horizontal),
             printed=6.56,
             unit="cm",
             tolerance=0.005,
         ),
-        Row("angle of one pixel", math.degrees(one_pixel), printed=0.123, unit="deg", tolerance=0.0005),
-        Row("farthest distance (Eq. 5.2)", _distance(one_pixel), printed=42.0, unit="m", tolerance=0.05),
+        ComparedNumber(
+            "angle of one pixel", math.degrees(one_pixel), printed=0.123, unit="deg", tolerance=0.0005
+        ),
+        ComparedNumber(
+            "farthest distance (Eq. 5.2)", _distance(one_pixel), printed=42.0, unit="m", tolerance=0.05
+        ),
         *(
-            Row(
+            ComparedNumber(
                 f"1 px in a column moves the point along {axis}",
                 abs(float(ours)),
                 printed=printed,
@@ -57,7 +65,7 @@ def make_rig_numbers() -> Outcome:
             for axis, ours, printed in zip("xyz", by_column, (0.5, 0.0, 5.9), strict=True)
         ),
         *(
-            Row(
+            ComparedNumber(
                 f"1 px in the rows moves the point along {axis}",
                 abs(float(ours)),
                 printed=printed,
@@ -67,7 +75,7 @@ def make_rig_numbers() -> Outcome:
             for axis, ours, printed in zip("xyz", by_row, (0.0, 1.1, 0.0), strict=True)
         ),
     ]
-    return Outcome(rows, {"accuracy": _figure(rig)})
+    return ItemResult(rows, {"accuracy": _figure(rig)})
 
 
 def _angle_of_view(size: float) -> float:

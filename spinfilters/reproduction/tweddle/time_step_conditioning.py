@@ -12,7 +12,7 @@ from observability.conditioning import (
     double_integrator_covariance,
 )
 from spinfilters.plots.observability_figures import TIME_STEPS, conditioning_figure
-from spinfilters.reproduction.item import TWEDDLE, Item, Outcome, Row
+from spinfilters.reproduction.item import TWEDDLE, ComparedNumber, Item, ItemResult
 
 ALPHAS: Final = (0.1, 1.0, 10.0)
 SLIP: Final[str] = (
@@ -22,20 +22,20 @@ SLIP: Final[str] = (
 DAY, HOUR = 86_400.0, 3_600.0
 
 
-def make_condition_numbers() -> Outcome:
+def make_condition_numbers() -> ItemResult:
     """Figure 4-6: the condition number has its minimum at sqrt(3) s."""
     steps = np.geomspace(0.1, 30.0, 20_001)
     numbers = np.array([condition_number(double_integrator_covariance(float(dt))) for dt in steps])
     best = float(steps[np.argmin(numbers)])
     rows = [
-        Row("best time step", best, printed=math.sqrt(3.0), unit="s", tolerance=2e-3),
-        Row("condition number there", float(numbers.min()), printed=13.9, tolerance=0.05),
-        Row(
+        ComparedNumber("best time step", best, printed=math.sqrt(3.0), unit="s", tolerance=2e-3),
+        ComparedNumber("condition number there", float(numbers.min()), printed=13.9, tolerance=0.05),
+        ComparedNumber(
             "condition number at 0.1 s over that",
             float(numbers[0] / numbers.min()),
             expected=(10.0, math.inf),
         ),
-        Row(
+        ComparedNumber(
             "condition number at 30 s over that",
             float(numbers[-1] / numbers.min()),
             expected=(10.0, math.inf),
@@ -46,39 +46,39 @@ def make_condition_numbers() -> Outcome:
         {"time_step_s": float(dt), "condition_number": float(n)}
         for dt, n in zip(steps[::50], numbers[::50], strict=True)
     ]
-    return Outcome(rows, {"conditioning": figure}, {"condition_numbers": table})
+    return ItemResult(rows, {"conditioning": figure}, {"condition_numbers": table})
 
 
-def make_uncertainty_ellipses() -> Outcome:
+def make_uncertainty_ellipses() -> ItemResult:
     """Figure 4-7: the ellipse is upright at small steps and lies down at large ones; 45 degrees at the best one with alpha = 1."""
     rows = [
-        Row(
+        ComparedNumber(
             "angle of the long axis from position, 0.1 s", _long_axis(0.1), expected=(80.0, 90.0), unit="deg"
         ),
-        Row(
+        ComparedNumber(
             "angle of the long axis at sqrt(3) s",
             _long_axis(math.sqrt(3.0)),
             printed=45.0,
             unit="deg",
             tolerance=1e-6,
         ),
-        Row("angle of the long axis, 10 s", _long_axis(10.0), expected=(0.0, 15.0), unit="deg"),
+        ComparedNumber("angle of the long axis, 10 s", _long_axis(10.0), expected=(0.0, 15.0), unit="deg"),
     ]
     table = [{"time_step_s": float(dt), "long_axis_deg": _long_axis(float(dt))} for dt in TIME_STEPS]
     figure = conditioning_figure(np.array([0.0, 1.0, 0.0]), math.sqrt(3.0), 1.0)
-    return Outcome(
+    return ItemResult(
         rows, {"conditioning": figure}, {"ellipses": table}, "The 45 degrees hold for alpha = 1 alone."
     )
 
 
-def make_velocity_units() -> Outcome:
+def make_velocity_units() -> ItemResult:
     """Figure 4-8 and both examples: the minimum moves with the unit of velocity, its height does not."""
     rows = []
     for alpha in ALPHAS:
         dt = best_time_step(alpha)
         least = condition_number(double_integrator_covariance(dt, alpha))
         rows.append(
-            Row(
+            ComparedNumber(
                 f"condition number at sqrt(3) / alpha, alpha = {alpha:g} 1/s",
                 least,
                 printed=13.9,
@@ -86,7 +86,7 @@ def make_velocity_units() -> Outcome:
             )
         )
     rows += [
-        Row(
+        ComparedNumber(
             "example of a car: millimetres a day as alpha",
             1e-3 / DAY,
             printed=1e-9,
@@ -94,7 +94,7 @@ def make_velocity_units() -> Outcome:
             tolerance=5e-10,
             why="a millimetre a day is 1.16e-8 m/s",
         ),
-        Row(
+        ComparedNumber(
             "example of a car: its best time step",
             best_time_step(1e-9),
             printed=11e-9,
@@ -102,7 +102,7 @@ def make_velocity_units() -> Outcome:
             tolerance=5e-10,
             why=f"{SLIP} Neither form gives 11 ns from 1e-9.",
         ),
-        Row(
+        ComparedNumber(
             "alpha for a time step of an hour",
             best_velocity_unit(HOUR),
             printed=2078.0,
@@ -110,7 +110,7 @@ def make_velocity_units() -> Outcome:
             tolerance=0.5,
             why=SLIP,
         ),
-        Row(
+        ComparedNumber(
             "alpha of the printed formula for an hour, dt / sqrt(3)",
             HOUR / math.sqrt(3.0),
             printed=2078.0,
@@ -118,7 +118,7 @@ def make_velocity_units() -> Outcome:
         ),
     ]
     figure = conditioning_figure(np.array([0.0, 1.0, 0.0]), 0.5, ALPHAS[-1])
-    return Outcome(rows, {"conditioning": figure}, note=SLIP)
+    return ItemResult(rows, {"conditioning": figure}, note=SLIP)
 
 
 def _long_axis(dt: float) -> float:
