@@ -181,8 +181,9 @@ def _csv(rows: Sequence[Mapping[str, Any]]) -> str:
 def _kept(place: Path) -> Mapping[str, Any] | None:
     """What an earlier call of this version wrote, unless it failed."""
     document = _read(place)
-    same = document is not None and (document.get("schema"), document.get("version")) == (SCHEMA, __version__)
-    return document if same and document["result"] != FAILED else None
+    if document is None or (document.get("schema"), document.get("version")) != (SCHEMA, __version__):
+        return None
+    return None if document["result"] == FAILED else document
 
 
 def _read(place: Path) -> dict[str, Any] | None:
