@@ -74,7 +74,7 @@ class ComparedNumber:
         low, high = self.expected or (0.0, 0.0)
         if self.printed is not None:
             low, high = self.printed - self.tolerance, self.printed + self.tolerance
-        slack = 1e-9 * max(abs(low), abs(high))
+        slack = 1e-9 * max(abs(end) for end in (low, high, 0.0) if math.isfinite(end))
         if math.isfinite(self.ours) and low - slack <= self.ours <= high + slack:
             return Agreement.AGREES
         return Agreement.BETTER if self.smaller_is_better and self.ours < low else Agreement.DIFFERS
@@ -139,3 +139,21 @@ class Item:
     title: str
     make: Callable[[], ItemResult]
     seconds: float = 1.0
+
+
+def decoust_item(
+    number: str, place: str, title: str, make: Callable[[], ItemResult], seconds: float = 1.0
+) -> Item:
+    """An item of Decoust (2008), named after its number: ``Figure 3.3`` is ``decoust-figure-3.3``."""
+    return Item(
+        f"decoust-{number.lower().replace(' ', '-')}", DECOUST, f"{number}, {place}", title, make, seconds
+    )
+
+
+def tweddle_item(
+    number: str, place: str, title: str, make: Callable[[], ItemResult], seconds: float = 1.0
+) -> Item:
+    """An item of Tweddle (2013), named after its number: ``Figure 2-6`` is ``tweddle-figure-2-6``."""
+    return Item(
+        f"tweddle-{number.lower().replace(' ', '-')}", TWEDDLE, f"{number}, {place}", title, make, seconds
+    )

@@ -3,13 +3,22 @@
 from typing import Final
 
 from spinfilters.core.errors import InputError
+from spinfilters.reproduction.decoust.parameter_influence import PARAMETER_INFLUENCE
+from spinfilters.reproduction.decoust.snapshots import SNAPSHOTS
 from spinfilters.reproduction.item import Item
 from spinfilters.reproduction.tweddle.polhodes import POLHODES
 from spinfilters.reproduction.tweddle.spin_thresholds import SPIN_THRESHOLDS
 from spinfilters.reproduction.tweddle.stereo_rig import STEREO_RIG
 from spinfilters.reproduction.tweddle.time_step_conditioning import CONDITIONING
 
-ITEMS: Final[tuple[Item, ...]] = (SPIN_THRESHOLDS, *POLHODES, *CONDITIONING, STEREO_RIG)
+ITEMS: Final[tuple[Item, ...]] = (
+    SPIN_THRESHOLDS,
+    *POLHODES,
+    *CONDITIONING,
+    STEREO_RIG,
+    *PARAMETER_INFLUENCE,
+    *SNAPSHOTS,
+)
 
 
 def chosen_items(names: tuple[str, ...]) -> tuple[Item, ...]:

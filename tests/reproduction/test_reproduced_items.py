@@ -37,6 +37,8 @@ def test_rows_agree_within_the_printed_digits_only() -> None:
         ComparedNumber("rate", 2.21, printed=2.20, tolerance=0.005)
     with pytest.raises(InputError, match="nothing says why"):
         ComparedNumber("rate", float("nan"), printed=2.20, tolerance=0.005)
+    with pytest.raises(InputError, match="nothing says why"):
+        ComparedNumber("surfaces", 3.0, expected=(4.0, float("inf")))
     with pytest.raises(InputError, match="what is printed"):
         ComparedNumber("rate", 2.21)
 
