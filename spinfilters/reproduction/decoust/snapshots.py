@@ -212,14 +212,15 @@ def make_transitions(number: int, printed: Float[np.ndarray, "n 9"]) -> ItemResu
     gap = np.abs(theirs[:, :, np.newaxis] - ours[:, np.newaxis]).max(
         axis=3
     )  # (transition, printed triple, our triple)
-    equal = int(np.count_nonzero(np.nan_to_num(gap, nan=np.inf).min(axis=2) < DIGITS))
+    least = np.nan_to_num(gap, nan=np.inf).min(axis=2)
+    equal, largest = int(np.count_nonzero(least < DIGITS)), float(least[np.isfinite(least)].max(initial=0.0))
     lost = sum(each is None for each in found.snapshots)
     numbers = [
         ComparedNumber(
             f"triples that agree within {DIGITS} deg, of {3 * len(theirs)}",
             float(equal),
             printed=float(3 * len(theirs)),
-            why=f"{CHOICE}; the largest gap of a triple is {np.nanmax(np.nanmin(gap, axis=2)) if equal else np.nan:.2g} deg, "
+            why=f"{CHOICE}; the largest gap of a triple is {largest:.2g} deg, "
             f"{lost} snapshots have no corner here, and boundary corners are numbered anew in each snapshot",
         ),
         ComparedNumber(
