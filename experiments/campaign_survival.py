@@ -1,10 +1,10 @@
-"""Campaigns through interruptions, shards and cluster failures, compared with an undisturbed one.
+"""Campaigns through interruptions and cluster failures, compared with an undisturbed one.
 
-    python -m experiments.campaign_survival [interruptions] [shards] [cluster] [--moments 20] [--seeds 60]
+    python -m experiments.campaign_survival [interruptions] [cluster] [--moments 20] [--seeds 60]
 
-Makes the same study again with Ctrl-C and kill -9 in turn at random moments and --resume after each; as shards 0/3, 1/3, 2/3 that
-are merged; on a Dask cluster of two workers, one of which is killed twice, and whose scheduler is restarted once. Prints for each
-whether the rows are those of a serial campaign bit for bit, columns of time and place aside, with none missing and none twice.
+Makes the same study again with Ctrl-C and kill -9 in turn at random moments and --resume after each; and on a Dask cluster of two
+workers, one of which is killed twice, and whose scheduler is restarted once. Prints for each whether the rows are those of a serial
+campaign bit for bit, columns of time and place aside, with none missing and none twice.
 """
 
 import argparse
@@ -49,7 +49,7 @@ COMMAND = (sys.executable, "-c", "import sys; from spinfilters.cli.main import m
 def main() -> None:
     """Run what is asked for, all by default."""
     kinds: dict[str, Callable[[Path, argparse.Namespace], str]]
-    kinds = {"interruptions": _interruptions, "shards": _shards, "cluster": _cluster}
+    kinds = {"interruptions": _interruptions, "cluster": _cluster}
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -92,16 +92,6 @@ def _interruptions(folder: Path, given: argparse.Namespace) -> str:
         running.wait()
     _begun(folder, "interruptions", "--resume").wait()
     return f"{count} of {given.moments} moments"
-
-
-def _shards(folder: Path, _given: argparse.Namespace) -> str:
-    """Three shards, merged in another order."""
-    for number in range(3):
-        _begun(folder, f"shard-{number}", "--shard", f"{number}/3", "--workers", "1").wait()
-    shards = [str(folder / f"shard-{number}") for number in (2, 0, 1)]
-    command = [*COMMAND, "campaign", "merge", *shards, "-o", str(folder / "shards")]
-    subprocess.run(command, stdout=subprocess.DEVNULL, check=True)
-    return "0/3, 1/3, 2/3 merged"
 
 
 def _cluster(folder: Path, _given: argparse.Namespace) -> str:

@@ -28,7 +28,7 @@ from jaxtyping import Bool, Float
 
 from experiments.command_line import run_study
 from spinfilters.campaigns.campaign_folder import read_folder
-from spinfilters.campaigns.row_columns import BLOCKS, ERRORS, LEVELS
+from spinfilters.campaigns.row_columns import BLOCKS, ERRORS, noise_levels
 from spinfilters.campaigns.rows_folder import read_rows
 from spinfilters.filters.noise_levels import DISTURBANCES, TOLD_LOG_STD
 from spinfilters.verdict.check import LARGEST_MOMENT_STD
@@ -135,7 +135,7 @@ def _numbers(silent: pd.DataFrame, stated: pd.DataFrame, seeds: pd.Index) -> Ite
 def levels_right(rows: pd.DataFrame) -> Bool[np.ndarray, " n"]:
     """Of every identified level, whether the true one lies within its deviations or below its bound."""
     found = []
-    for name in LEVELS:
+    for name in noise_levels():
         true, value, log_std = (rows[f"{what}_{name}"].to_numpy() for what in ("true", "found", "log_std"))
         half = 1.0 if name in DISTURBANCES else 0.5
         away = np.log(true / value) / half / log_std

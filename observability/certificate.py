@@ -15,7 +15,6 @@ import numpy as np
 from jaxtyping import Float, Num
 
 from observability.codistribution import (
-    FIELD,
     Elimination,
     InputSeries,
     SensorCodistribution,
@@ -25,6 +24,7 @@ from observability.codistribution import (
 )
 from observability.exact_numbers import PrimeField, Rationals
 from observability.explanation import Explained, explained, tangent_symmetries, tangent_vectors
+from observability.residue_matrices import FIELD
 from observability.system import System, is_linear_in_body_axes
 
 STEADY_ORDERS = 13

@@ -9,12 +9,14 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
-from jaxtyping import Bool, Int, Num
+from jaxtyping import Num
 
-from observability.exact_numbers import PRIME, Arithmetic, PrimeField, Rationals
+from observability.exact_numbers import Arithmetic, Rationals
+from observability.function_values import branch_decisions
 from observability.power_series import Series
+from observability.residue_matrices import FIELD, Reduced, null_vectors, product_of, reduce_columns
 from observability.system import System, SystemSensor
-from observability.tape import Tape, branch_decisions
+from observability.tape import Tape
 from spinfilters.core.errors import InputError, ShapeError
 
 InputSeries = Sequence[Rationals]
@@ -78,7 +80,9 @@ def motion_series(
     state[0, :, 0, 1:] = _directions(system, point, arithmetic)
     padded = [tuple(given[:orders]) + (Fraction(0),) * (orders - len(given)) for given in inputs]
     start = [[point], [tuple(given[0] for given in padded)]]
-    series = Series(system.motion, branch_decisions(system.motion, start), arithmetic, (orders, 1, width))
+    series = Series(
+        system.motion, branch_decisions(system.motion, start, arithmetic), arithmetic, (orders, 1, width)
+    )
     for order in range(orders):
         series.put(0, order, state[order])
         series.put(1, order, _constants([tuple(given[order] for given in padded)], width, arithmetic))
@@ -103,7 +107,9 @@ def _rows(
     for k in range(unknown):
         parameters[k, :, width + k] = 1
     points = [[point] * count, list(sensor.parameters)]
-    series = Series(tape, branch_decisions(tape, points), arithmetic, (orders, count, width + unknown))
+    series = Series(
+        tape, branch_decisions(tape, points, arithmetic), arithmetic, (orders, count, width + unknown)
+    )
     values = []
     for order in range(orders):
         series.put(0, order, state[order])
@@ -123,7 +129,7 @@ def _constants(items: Sequence[Rationals], width: int, arithmetic: Arithmetic) -
 
 def _directions(system: System, point: Rationals, arithmetic: Arithmetic) -> Num[np.ndarray, "n e"]:
     tape = system.directions
-    series = Series(tape, branch_decisions(tape, [[point]]), arithmetic, (1, 1, 1))
+    series = Series(tape, branch_decisions(tape, [[point]], arithmetic), arithmetic, (1, 1, 1))
     series.put(0, 0, _constants([point], 1, arithmetic))
     return series.advance(0)[:, 0, 0].reshape(system.chart.error_dim, system.chart.mean_dim).T
 
@@ -140,61 +146,6 @@ def _check(system: System, point: Rationals, orders: int, inputs: InputSeries) -
         raise InputError(
             f"the system has {len(system.inputs)} known inputs, got {len(inputs)} series; give the Taylor coefficients of each"
         )
-
-
-FIELD = PrimeField()
-
-
-@dataclass(frozen=True)
-class Reduced:
-    """A batch of matrices of residues brought to reduced echelon form in their first ``columns`` columns.
-
-    Attributes
-    ----------
-    rows : ndarray of shape (b, r, c)
-        The matrices after elimination.
-    pivots : ndarray of shape (b, p)
-        (b, columns) the row that holds each column's pivot, scaled to 1, or -1.
-    """
-
-    rows: Num[np.ndarray, "b r c"]
-    pivots: Int[np.ndarray, "b p"]
-
-    @property
-    def rank(self) -> Int[np.ndarray, " b"]:
-        """Pivots of each matrix."""
-        return (self.pivots >= 0).sum(axis=1)
-
-    @property
-    def rest(self) -> Num[np.ndarray, "b r c"]:
-        """The rows without a pivot; those with one are set to 0."""
-        rest = self.rows.copy()
-        item, column = np.nonzero(self.pivots >= 0)
-        rest[item, self.pivots[item, column]] = 0
-        return rest
-
-
-def reduce_columns(matrices: Num[np.ndarray, "b r c"], columns: int) -> Reduced:
-    """Gauss-Jordan elimination of the first columns, for every matrix of the batch at once."""
-    rows, batch = matrices.copy(), np.arange(len(matrices))
-    free: Bool[np.ndarray, "b r"] = np.ones(rows.shape[:2], dtype=bool)
-    pivots = np.full((len(rows), columns), -1)
-    for column in range(columns):
-        candidates = (rows[:, :, column] != 0) & free
-        pivot, found = candidates.argmax(axis=1), candidates.any(axis=1)
-        if not found.any():
-            continue
-        at, item = pivot[found], batch[found]
-        inverse = FIELD.inverse(rows[item, at, column])
-        scaled = FIELD.product(rows[item, at], inverse[:, np.newaxis])
-        factors = rows[item, :, column]
-        factors[np.arange(len(item)), at] = 0
-        taken = FIELD.product(factors[:, :, np.newaxis], scaled[:, np.newaxis])
-        rows[item] = FIELD.reduced(rows[item] + FIELD.negative(taken))
-        rows[item, at] = scaled
-        free[item, at] = False
-        pivots[item, column] = at
-    return Reduced(rows, pivots)
 
 
 @dataclass(frozen=True)
@@ -245,33 +196,6 @@ def eliminate(sensors: list[SensorCodistribution]) -> Elimination:
     return Elimination(
         sum(int(reduced.rank.sum()) for reduced in own) + int(common.rank[0]), tuple(own), common
     )
-
-
-def null_vectors(reduced: Reduced, columns: int) -> Num[np.ndarray, "c d"]:
-    """Basis of the null space of the first (only) matrix: one vector for each column without a pivot."""
-    pivots = reduced.pivots[0]
-    free, bound = np.flatnonzero(pivots < 0), np.flatnonzero(pivots >= 0)
-    space = np.zeros((columns, len(free)), dtype=np.uint64)
-    space[free, np.arange(len(free))] = 1
-    space[bound] = FIELD.negative(reduced.rows[0][pivots[bound]][:, free])
-    return space
-
-
-def rank_of(matrix: Num[np.ndarray, "r c"]) -> int:
-    """Rank of a matrix of residues."""
-    if matrix.size == 0:
-        return 0
-    return int(reduce_columns(matrix[np.newaxis], matrix.shape[1]).rank[0])
-
-
-def product_of(a: Num[np.ndarray, "i j"], b: Num[np.ndarray, "j k"]) -> Num[np.ndarray, "i k"]:
-    """Matrix product of residues.
-
-    Through halves of 16 bits so that sums of 2^15 products stay below 2^63.
-    """
-    low, high = a & np.uint64(0xFFFF), a >> np.uint64(16)
-    upper = FIELD.reduced(FIELD.reduced(high @ b) * np.uint64(1 << 16))
-    return (upper + FIELD.reduced(low @ b)) % np.uint64(PRIME)
 
 
 def _answered(reduced: Reduced, base: Num[np.ndarray, "n d"]) -> Num[np.ndarray, "o d"]:

@@ -1,8 +1,10 @@
 """Numbers of the analysis: exact fractions, floats, and residues of a prime, in which a rank is a rank.
 
-A number of the analysis lies in the ring that the rationals and exp of rationals generate. By Lindemann and Weierstrass the
-exponentials of different rationals are linearly independent over the rationals, so that ring maps to residues by n/d -> n d^-1 and
-exp(n/d) -> b^(n d^-1) for any b whose order is a prime that divides no d. A map of rings can lose rank and never adds any: a rank
+A number of the analysis lies in the ring that the rationals and values of exp, log, roots and turns generate. It is mapped to
+residues of a prime p = 4 q + 1 with q prime: a fraction n/d to n d^-1, exp(a) to a power of a fixed base of order q whose exponent
+is a modulo q, a root to the root of order q, and exp(i a) to a power of a second base, since -1 has a root modulo p. By Lindemann
+and Weierstrass exponentials of different rationals are linearly independent over the rationals, so this map has no contradiction;
+with logarithms and powers together that leans on Schanuel's conjecture. A map of rings can lose rank and never adds any: a rank
 found here is a lower bound of the true one, whatever the prime, and by Schwartz and Zippel equal to it with a chance of some
 1 - 1e-6.
 """
@@ -79,6 +81,11 @@ class Arithmetic(ABC):
 
     dtype: np.dtype
 
+    @property
+    def field(self) -> "PrimeField | None":
+        """The field, where numbers are residues of one."""
+        return None
+
     @abstractmethod
     def numbers(self, values: Sequence[Fraction]) -> Num[np.ndarray, " n"]:
         """These fractions as numbers."""
@@ -100,8 +107,8 @@ class Arithmetic(ABC):
         """1 / a; NotRegularError where a is 0."""
 
     @abstractmethod
-    def exponential(self, a: np.ndarray, exact: Sequence[Fraction]) -> np.ndarray:
-        """exp(a), with a also given as fractions, in the order of a's elements."""
+    def exponential(self, a: np.ndarray) -> np.ndarray:
+        """exp(a)."""
 
     @abstractmethod
     def root(self, a: np.ndarray) -> np.ndarray:
@@ -113,6 +120,10 @@ class Arithmetic(ABC):
     @abstractmethod
     def logarithm(self, a: np.ndarray) -> np.ndarray:
         """log(a); NotRegularError where there is no number for it."""
+
+    @abstractmethod
+    def times_i(self, a: np.ndarray) -> np.ndarray:
+        """The imaginary unit times a; NotRegularError where there is none."""
 
 
 class NotRegularError(ArithmeticError):
@@ -146,7 +157,7 @@ class Reals(Arithmetic):
             raise NotRegularError("division by 0")
         return 1 / a
 
-    def exponential(self, a: np.ndarray, exact: Sequence[Fraction]) -> np.ndarray:
+    def exponential(self, a: np.ndarray) -> np.ndarray:
         """exp(a)."""
         return np.exp(a)
 
@@ -162,39 +173,55 @@ class Reals(Arithmetic):
             raise NotRegularError("logarithm of a number that is not positive")
         return np.log(a)
 
+    def times_i(self, a: np.ndarray) -> np.ndarray:
+        """Refused: these numbers are real."""
+        raise NotRegularError("sines and turns are computed in residues only")
 
-PRIME = 2147483579
-"""The largest prime below 2^31 for which (p - 1)/2 is prime too: products of residues fit into 64 bits."""
-ORDER = (PRIME - 1) // 2
-"""Order of the squares, a prime: exponents live here."""
-_P = np.uint64(PRIME)
+
+PRIME = 2147411429
+"""A prime p = 4 q + 1 below 2^31 with q prime, so that products of residues fit into 64 bits; 5, 6, 7 and 11 are fourth powers."""
+ORDER = (PRIME - 1) // 4
+"""q, the order of the fourth powers: exponents live here."""
 
 
 class PrimeField(Arithmetic):
-    """uint64 residues below `PRIME`.
+    """uint64 residues below a prime p = 4 q + 1.
+
+    Values of functions are found beforehand, at a point (`function_values`): here an exponential has no exponent to go by.
 
     Parameters
     ----------
     base : int
-        Stands for e: any residue but -1, 0 and 1; its square generates the squares.
+        Its fourth power is the image of e and generates all fourth powers.
+    prime : int
+        p, below 2^31.
     """
 
     dtype = np.dtype(np.uint64)
 
-    def __init__(self, base: int = 314159265) -> None:
-        self._base = pow(base, 2, PRIME)
+    def __init__(self, base: int = 314159265, prime: int = PRIME) -> None:
+        self.prime, self.order = prime, (prime - 1) // 4
+        self._p = np.uint64(prime)
+        self.base = pow(base, 4, prime)
+        self.turn_base = pow(base, 4 * (base % 1009 + 1013), prime)
+        self._imaginary = np.array(_fourth_root(prime), dtype=np.uint64)
+
+    @property
+    def field(self) -> "PrimeField":
+        """Itself."""
+        return self
 
     def numbers(self, values: Sequence[Fraction]) -> Num[np.ndarray, " n"]:
         """Residues of the fractions."""
-        return np.array([residue(value, PRIME) for value in values], dtype=np.uint64)
+        return np.array([residue(value, self.prime) for value in values], dtype=np.uint64)
 
     def reduced(self, a: np.ndarray) -> np.ndarray:
         """The sum modulo p."""
-        return a - (a // _P) * _P
+        return a - (a // self._p) * self._p
 
     def negative(self, a: np.ndarray) -> np.ndarray:
         """p - a."""
-        return np.where(a == 0, a, _P - a)
+        return np.where(a == 0, a, self._p - a)
 
     def product(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """a b modulo p."""
@@ -204,25 +231,42 @@ class PrimeField(Arithmetic):
         """1 / a modulo p; NotRegularError where a is 0."""
         if not np.all(a):
             raise NotRegularError("division by 0")
-        inverses = [pow(int(number), -1, PRIME) for number in a.ravel()]
+        inverses = [pow(number, -1, self.prime) for number in a.ravel().tolist()]
         return np.array(inverses, dtype=np.uint64).reshape(a.shape)
 
-    def exponential(self, a: np.ndarray, exact: Sequence[Fraction]) -> np.ndarray:
-        """Powers of a fixed base, which obey the same rules."""
-        powers = [pow(self._base, residue(value, ORDER), PRIME) for value in exact]
-        return np.array(powers, dtype=np.uint64).reshape(a.shape)
+    def exponential(self, a: np.ndarray) -> np.ndarray:
+        """Exponential of 0 alone; NotRegularError of other numbers."""
+        if not np.all(a == 0):
+            raise NotRegularError("an exponential needs its exponent modulo q")
+        return np.ones_like(a)
 
     def root(self, a: np.ndarray) -> np.ndarray:
-        """Root of 1 alone; NotRegularError of other numbers."""
-        if not np.all(a == 1):
-            raise NotRegularError("an exact square root is taken of 1 only")
-        return a
+        """Root of a fourth power, a fourth power again; NotRegularError of other numbers."""
+        roots = []
+        for number in a.ravel().tolist():
+            if pow(number, self.order, self.prime) != 1:
+                raise NotRegularError("an exact square root is taken of fourth powers only")
+            roots.append(pow(number, (self.order + 1) // 2, self.prime))
+        return np.array(roots, dtype=np.uint64).reshape(a.shape)
 
     def logarithm(self, a: np.ndarray) -> np.ndarray:
         """Logarithm of 1 alone; NotRegularError of other numbers."""
         if not np.all(a == 1):
             raise NotRegularError("an exact logarithm is taken of 1 only")
         return np.zeros_like(a)
+
+    def times_i(self, a: np.ndarray) -> np.ndarray:
+        """A root of -1 times a."""
+        return self.product(a, self._imaginary)
+
+
+def _fourth_root(prime: int) -> int:
+    """A number of order 4."""
+    return next(
+        root
+        for base in range(2, prime)
+        if pow(root := pow(base, (prime - 1) // 4, prime), 2, prime) == prime - 1
+    )
 
 
 def residue(value: Fraction, prime: int) -> int:

@@ -8,13 +8,15 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Bool, Float, Num
 
-from observability.codistribution import FIELD, InputSeries, SensorCodistribution, product_of, reduce_columns
+from observability.codistribution import InputSeries, SensorCodistribution
 from observability.exact_numbers import Rationals, Reals, as_floats
+from observability.function_values import BranchDecisions, branch_decisions
 from observability.named_symmetries import candidates
 from observability.power_series import Series
+from observability.residue_matrices import FIELD, product_of, reduce_columns
 from observability.symmetry import State, Symmetry
 from observability.system import System
-from observability.tape import BranchDecisions, branch_decisions, evaluate, float_branch_decisions, tape_of
+from observability.tape import evaluate, float_choices, tape_of
 
 ORDERS = 22
 """With steps that turn by at most 0.6 rad the first term left out is below 1e-16 of the state."""
@@ -66,7 +68,7 @@ def _after(
 
 def _smooth(system: System, x: Float[np.ndarray, "n b"], inputs: InputSeries) -> BranchDecisions:
     known = np.array([[float(given[0])] * x.shape[1] for given in inputs]).reshape(-1, x.shape[1])
-    return float_branch_decisions(system.motion, [x, known])
+    return BranchDecisions(float_choices(system.motion, [x, known]), {})
 
 
 def _measured(
@@ -182,7 +184,7 @@ def _tangents(system: System, point: Rationals, symmetries: Sequence[Symmetry]) 
     errors, flat = _errors(system, symmetries, x, parameters, amount)
     tape = tape_of("a symmetry", [flat, amount], errors)
     numbers = _flat(system, point)
-    series = Series(tape, branch_decisions(tape, [[numbers], [(Fraction(0),)]]), FIELD, (1, 1, 2))
+    series = Series(tape, branch_decisions(tape, [[numbers], [(Fraction(0),)]], FIELD), FIELD, (1, 1, 2))
     values = np.zeros((len(numbers), 1, 2), dtype=np.uint64)
     values[:, 0, 0] = FIELD.numbers(numbers)
     series.put(0, 0, values)

@@ -11,7 +11,8 @@ import numpy as np
 from jaxtyping import Num
 
 from observability.exact_numbers import Arithmetic, NotRegularError
-from observability.tape import BranchDecisions, Group, Tape
+from observability.function_values import BranchDecisions
+from observability.tape import Group, Tape
 from spinfilters.core.errors import InputError
 
 
@@ -38,6 +39,7 @@ class Series:
         orders, batch, width = shape
         self._tape, self._branch_decisions, self._arithmetic = tape, branch_decisions, arithmetic
         self._registers = np.zeros((orders, tape.size, batch, width), dtype=arithmetic.dtype)
+        self._shares: dict[int, np.ndarray] = {}
         for register, value in tape.constants:
             self._registers[0, register, :, 0] = arithmetic.numbers([value])[0]
 
@@ -81,10 +83,12 @@ class Series:
                 return self._quotient(group, order)
             case "sqrt":
                 return self._root(group, order)
-            case "exp":
+            case "times_i":
+                return self._arithmetic.times_i(now[group.left])
+            case "exp" | "cis":
                 return self._exponential(index, group, order)
-            case "log":
-                return self._logarithm(group, order)
+            case "log" | "arg":
+                return self._logarithm(index, group, order)
             case _:
                 return self._chosen(index, group, order)
 
@@ -132,23 +136,34 @@ class Series:
         return self._arithmetic.product(a, inverse[..., np.newaxis])
 
     def _exponential(self, index: int, group: Group, order: int) -> Num[np.ndarray, "g b m"]:
-        """c = exp(a): c_k = sum_{0<j<=k} (j/k) a_j c_{k-j}."""
-        now = self._registers[order, group.left]
+        """c = exp(a): c_k = sum_{0<j<=k} (j/k) a_j c_{k-j}, times i for c = exp(i a)."""
+        now, turns = self._registers[order, group.left], group.operation == "cis"
         if order == 0:
-            power = self._arithmetic.exponential(now[..., 0], self._branch_decisions.exponents.get(index, []))
-            return self._with_value(power, self._arithmetic.product(now, power[..., np.newaxis]))
-        return self._convolved(group.left, group.out, range(1, order + 1), order, weighted=True)
+            power = self._branch_decisions.values.get(index)
+            if power is None:
+                power = self._arithmetic.exponential(self._turned(now, turns)[..., 0])
+            tangents = self._arithmetic.product(self._turned(now, turns), power[..., np.newaxis])
+            return self._with_value(power, tangents)
+        rest = self._convolved(group.left, group.out, range(1, order + 1), order, weighted=True)
+        return self._turned(rest, turns)
 
-    def _logarithm(self, group: Group, order: int) -> Num[np.ndarray, "g b m"]:
-        """c = log(a): c_k = (a_k - sum_{0<j<k} (j/k) c_j a_{k-j}) / a_0."""
-        now = self._registers[order, group.left]
+    def _logarithm(self, index: int, group: Group, order: int) -> Num[np.ndarray, "g b m"]:
+        """c = log(a): c_k = (a_k - sum_{0<j<k} (j/k) c_j a_{k-j}) / a_0, with -i a_k for c = log(a) / i."""
+        above, turns = self._registers[order, group.left], group.operation == "arg"
+        if turns:
+            above = self._arithmetic.negative(self._arithmetic.times_i(above))
+        first = self._registers[0, group.left]
         if order == 0:
-            inverse = self._arithmetic.inverse(now[..., 0])[..., np.newaxis]
-            return self._with_value(
-                self._arithmetic.logarithm(now[..., 0]), self._arithmetic.product(now, inverse)
-            )
+            inverse = self._arithmetic.inverse(first[..., 0])[..., np.newaxis]
+            value = self._branch_decisions.values.get(index)
+            if value is None:
+                value = self._arithmetic.logarithm(first[..., 0])
+            return self._with_value(value, self._arithmetic.product(above, inverse))
         rest = self._convolved(group.out, group.left, range(1, order), order, weighted=True)
-        return self._divided(self._difference(now, rest), self._registers[0, group.left])
+        return self._divided(self._difference(above, rest), first)
+
+    def _turned(self, a: Num[np.ndarray, "g b m"], turns: bool) -> Num[np.ndarray, "g b m"]:
+        return self._arithmetic.times_i(a) if turns else a
 
     def _convolved(
         self, left: np.ndarray, right: np.ndarray, terms: range, order: int, weighted: bool = False
@@ -161,14 +176,19 @@ class Series:
             self._registers[order - steps[:, np.newaxis], right],
         )
         if weighted:
-            weights = self._arithmetic.numbers([Fraction(int(j), order) for j in steps])
-            a = product(a, weights[:, np.newaxis, np.newaxis, np.newaxis])
+            a = product(a, self._weights(order)[steps][:, np.newaxis, np.newaxis, np.newaxis])
         value = reduced(product(a[..., 0], b[..., 0]).sum(axis=0))
         if a.shape[-1] == 1:
             return value[..., np.newaxis]
         result = reduced(product(a[..., :1], b).sum(axis=0)) + reduced(product(a, b[..., :1]).sum(axis=0))
         result[..., 0] = value
         return reduced(result)
+
+    def _weights(self, order: int) -> Num[np.ndarray, " k"]:
+        """j / order for all j up to it."""
+        if order not in self._shares:
+            self._shares[order] = self._arithmetic.numbers([Fraction(j, order) for j in range(order + 1)])
+        return self._shares[order]
 
     def _divided(self, a: Num[np.ndarray, "g b m"], b: Num[np.ndarray, "g b m"]) -> Num[np.ndarray, "g b m"]:
         """a / b with tangents: (da - (a/b) db) / b."""

@@ -12,16 +12,7 @@ from scipy.linalg import eigh
 from observability.canonical_motions import equal_moments, point_of
 from observability.cases import Case
 from observability.certificate import STEADY_ORDERS, joined
-from observability.codistribution import (
-    FIELD,
-    Elimination,
-    codistribution,
-    eliminate,
-    null_vectors,
-    product_of,
-    rank_of,
-    reduce_columns,
-)
+from observability.codistribution import Elimination, codistribution, eliminate
 from observability.cramer_rao import (
     BLOCK_NAMES,
     EACH_MOMENT,
@@ -33,6 +24,7 @@ from observability.cramer_rao import (
     quantity_jacobian,
 )
 from observability.reference_trajectory import ReferenceTrajectory
+from observability.residue_matrices import FIELD, null_vectors, product_of, rank_of, reduce_columns
 from observability.system import System, SystemSensor
 from spinfilters.core.attitude_expressions import Expression, rotate
 from spinfilters.models.measurement import MeasurementModel

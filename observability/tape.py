@@ -1,23 +1,29 @@
-"""Instructions of a CasADi expression as groups of array operations, with their branches and exact exponents at a point."""
+"""Instructions of a CasADi expression as groups of array operations, with their branches at a point."""
 
 from collections import defaultdict
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cached_property
 from itertools import pairwise
 
 import casadi as ca
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from observability.exact_numbers import Rationals, as_floats, rational
+from observability.elementary_functions import LOWERED
+from observability.exact_numbers import rational
 from spinfilters.core.errors import InputError
 
 NAMES = {value: name[3:].lower() for name, value in vars(ca).items() if name.startswith("OP_")}
 """Of CasADi's operations."""
 LINEAR = {"add", "sub", "neg", "twice", "assign"}
-PRODUCTS = {"mul", "sq", "div", "inv", "sqrt", "exp", "log"}
+TRANSCENDENTAL = {"exp", "log", "cis", "arg"}
+"""Values that residues do not compute from their operand's value alone: `function_values` finds them beforehand."""
+TURNS = {"cis", "arg", "times_i"}
+"""exp(i a), the angle of a number of modulus 1, and i a: sines and their inverses are written with them."""
+PRODUCTS = {"mul", "sq", "div", "inv", "sqrt"} | TRANSCENDENTAL | {"times_i"}
 CHOICES = {"fmax", "fmin", "if_else_zero", "fabs"}
-"""Piecewise: smooth except where the alternatives meet, which `BranchDecisions` refuses."""
+"""Piecewise: smooth except where the alternatives meet, which `float_choices` refuses."""
 CONDITIONS = {"lt", "le", "eq", "ne", "not", "and", "or"}
 KNOWN = LINEAR | PRODUCTS | CHOICES | CONDITIONS
 
@@ -59,6 +65,24 @@ class Tape:
     groups: tuple[Group, ...]
     output: Int[np.ndarray, " _"]
 
+    @cached_property
+    def operations(self) -> frozenset[str]:
+        """Which operations there are."""
+        return frozenset(group.operation for group in self.groups)
+
+    @cached_property
+    def exponents(self) -> frozenset[int]:
+        """Registers that the argument of an exponential or turn depends on."""
+        needed: set[int] = set()
+        for group in reversed(self.groups):
+            taken = group.operation in ("exp", "cis")
+            for out, *operands in zip(
+                group.out.tolist(), group.left.tolist(), group.right.tolist(), strict=True
+            ):
+                if taken or out in needed:
+                    needed.update(operands)
+        return frozenset(needed)
+
 
 def tape_of(name: str, inputs: list[ca.SX], output: ca.SX) -> Tape:
     """The tape of an expression.
@@ -87,6 +111,8 @@ class _Reader:
         self.constants: list[tuple[int, Fraction]] = []
         self.outputs: dict[int, int] = {}
         self._current: dict[int, int] = {}
+        self._written: dict[tuple[str, int, int], int] = {}
+        self._constant_registers: dict[Fraction, int] = {}
         self._instructions: dict[tuple[int, str], list[tuple[int, int, int]]] = defaultdict(list)
 
     def read(self, function: ca.Function, k: int, edges: Int[np.ndarray, " _"]) -> None:
@@ -98,25 +124,44 @@ class _Reader:
         elif operation == "input":
             self._current[written[0]] = int(edges[read[0]]) + read[1]
         elif operation == "const":
-            self.constants.append((len(self.levels), rational(function.instruction_constant(k))))
-            self._write(written[0], 0)
+            self._current[written[0]] = self.constant(rational(function.instruction_constant(k)))
         else:
             self._operate(operation, [self._current[register] for register in read], written[0])
 
     def _operate(self, operation: str, operands: list[int], written: int) -> None:
-        if operation not in KNOWN:
+        if operation in LOWERED:
+            self._current[written] = LOWERED[operation](self, *operands)
+        elif operation in KNOWN:
+            self._current[written] = self.emit(operation, *operands)
+        else:
             raise InputError(
-                f"{self._name} contains {operation}, which has no power series here; write it with + - * / sqrt, exp, log, "
-                "fmin, fmax or if_else"
+                f"{self._name} contains {operation}, which has no power series here; write it with + - * / powers, sqrt, exp, "
+                "log, sin, cos, tan, their inverses, tanh, fmin, fmax or if_else"
             )
-        level = 1 + max(self.levels[register] for register in operands)
-        entry = (len(self.levels), operands[0], operands[-1])
-        self._instructions[(level, operation)].append(entry)
-        self._write(written, level)
 
-    def _write(self, register: int, level: int) -> None:
-        self._current[register] = len(self.levels)
+    def emit(self, operation: str, *operands: int) -> int:
+        """The register of an operation, the same for the same operands."""
+        entry = (operation, operands[0], operands[-1])
+        if entry not in self._written:
+            level = 1 + max(self.levels[register] for register in operands)
+            self._instructions[(level, operation)].append((len(self.levels), operands[0], operands[-1]))
+            self._written[entry] = self._register(level)
+        return self._written[entry]
+
+    def constant(self, value: Fraction) -> int:
+        """The register of a constant."""
+        if value not in self._constant_registers:
+            self.constants.append((len(self.levels), value))
+            self._constant_registers[value] = self._register(0)
+        return self._constant_registers[value]
+
+    def constant_of(self, register: int) -> Fraction | None:
+        """The constant in a register, if there is one."""
+        return dict(self.constants).get(register)
+
+    def _register(self, level: int) -> int:
         self.levels.append(level)
+        return len(self.levels) - 1
 
     def groups(self) -> tuple[Group, ...]:
         """The instructions by depth and operation, as array operations."""
@@ -128,7 +173,8 @@ class _Reader:
 
 def evaluate(tape: Tape, inputs: list[Float[np.ndarray, "_ b"]]) -> Float[np.ndarray, "registers b"]:
     """Every register as floats, for ``b`` points at once."""
-    registers = np.zeros((tape.size, inputs[0].shape[1]))
+    turns = not TURNS.isdisjoint(tape.operations)
+    registers = np.zeros((tape.size, inputs[0].shape[1]), dtype=complex if turns else float)
     for where, values in zip(tape.inputs, inputs, strict=True):
         registers[where] = values
     for register, value in tape.constants:
@@ -153,6 +199,9 @@ _FLOATS = {
     "sqrt": lambda a, _: np.sqrt(a),
     "exp": lambda a, _: np.exp(a),
     "log": lambda a, _: np.log(a),
+    "cis": lambda a, _: np.exp(1j * a),
+    "arg": lambda a, _: np.angle(a),
+    "times_i": lambda a, _: 1j * a,
     "fmax": np.fmax,
     "fmin": np.fmin,
     "fabs": lambda a, _: np.abs(a),
@@ -171,49 +220,29 @@ COMPARED = {"fmax", "fmin", "lt", "le", "eq", "ne"}
 PIECEWISE = CHOICES | CONDITIONS
 
 
-@dataclass(frozen=True)
-class BranchDecisions:
-    """Decisions of a tape at a batch of points, by the number of the group.
+Choices = dict[int, Bool[np.ndarray, "g b"]]
+"""Decisions of a tape at a batch of points, by the number of the group.
 
-    Attributes
-    ----------
-    choices : dict[int, ndarray of shape (g, b)]
-        (g, b) whether a piecewise group takes its left operand, or what a condition says.
-    exponents : dict[int, list[Fraction]]
-        Arguments of exp as fractions, register by register, point by point.
-    """
-
-    choices: dict[int, Bool[np.ndarray, "g b"]]
-    exponents: dict[int, list[Fraction]]
+Whether a piecewise group takes its left operand, or what a condition says.
+"""
 
 
-def branch_decisions(tape: Tape, points: list[list[Rationals]]) -> BranchDecisions:
-    """The guide of a tape at exact points, given per input and item.
+def float_choices(tape: Tape, points: list[Float[np.ndarray, "_ b"]]) -> Choices:
+    """Branch decisions of a tape at points in floats, (n, b) per input.
 
     Raises
     ------
     InputError
         At a point where the alternatives of a piecewise expression meet: it has no derivative there.
     """
-    operations = {group.operation for group in tape.groups}
-    floats = [np.stack([as_floats(item) for item in items], axis=1) for items in points]
-    exponents = _exponents(tape, points) if "exp" in operations else {}
-    return BranchDecisions(float_branch_decisions(tape, floats).choices, exponents)
-
-
-def float_branch_decisions(tape: Tape, points: list[Float[np.ndarray, "_ b"]]) -> BranchDecisions:
-    """Branch decisions of a tape at points in floats.
-
-    (n, b) per input: without exponents, which floats need not; errors as `branch_decisions`.
-    """
-    choices: dict[int, Bool[np.ndarray, "g b"]] = {}
-    if any(group.operation in PIECEWISE for group in tape.groups):
-        registers = evaluate(tape, points)
+    choices: Choices = {}
+    if not PIECEWISE.isdisjoint(tape.operations):
+        registers = np.real(evaluate(tape, points))
         for index, group in enumerate(tape.groups):
             choice = _choice(tape.name, group, registers)
             if choice is not None:
                 choices[index] = choice
-    return BranchDecisions(choices, {})
+    return choices
 
 
 def _choice(
@@ -240,56 +269,3 @@ def _choice(
             return out != 0
         case _:
             return None
-
-
-def _exponents(tape: Tape, points: list[list[Rationals]]) -> dict[int, list[Fraction]]:
-    """Arguments of every exp, from a pass in fractions over what they depend on."""
-    needed = _ancestors(tape)
-    passes = [_exact_pass(tape, needed, [items[k] for items in points]) for k in range(len(points[0]))]
-    return {
-        index: [values[register] for register in group.left for values in passes]
-        for index, group in enumerate(tape.groups)
-        if group.operation == "exp"
-    }
-
-
-def _ancestors(tape: Tape) -> set[int]:
-    needed: set[int] = set()
-    for group in reversed(tape.groups):
-        for out, left, right in zip(group.out, group.left, group.right, strict=True):
-            if group.operation == "exp" or int(out) in needed:
-                needed |= {int(left), int(right)}
-    return needed
-
-
-def _exact_pass(tape: Tape, needed: set[int], inputs: list[Rationals]) -> dict[int, Fraction]:
-    values = dict(tape.constants)
-    for where, item in zip(tape.inputs, inputs, strict=True):
-        values |= dict(zip(map(int, where), item, strict=True))
-    for group in tape.groups:
-        for out, left, right in zip(group.out, group.left, group.right, strict=True):
-            if int(out) in needed:
-                values[int(out)] = _exactly(tape.name, group.operation, values[int(left)], values[int(right)])
-    return values
-
-
-def _exactly(name: str, operation: str, a: Fraction, b: Fraction) -> Fraction:
-    match operation:
-        case "add":
-            return a + b
-        case "sub":
-            return a - b
-        case "neg":
-            return -a
-        case "twice":
-            return 2 * a
-        case "mul":
-            return a * b
-        case "div":
-            return a / b
-        case "sq":
-            return a * a
-        case _:
-            raise InputError(
-                f"{name}: the argument of exp contains {operation}; keep it rational in the state"
-            )

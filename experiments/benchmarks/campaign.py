@@ -13,7 +13,8 @@ import time
 from pathlib import Path
 
 from experiments.command_line import run_study
-from spinfilters.campaigns.engine import Processes, run_campaign
+from spinfilters.campaigns.dask_cluster import DaskCluster
+from spinfilters.campaigns.engine import run_campaign
 from spinfilters.campaigns.row_columns import TIMES
 from spinfilters.campaigns.rows_folder import read_rows
 from spinfilters.campaigns.study import Study, study_from
@@ -39,7 +40,7 @@ def _line(study: Study, workers: int) -> str:
     begin, before = time.perf_counter(), _processor_time()
     with tempfile.TemporaryDirectory(prefix="spinfilters-campaign-") as place:
         folder = Path(place) / "rows"
-        run_campaign(study, folder, Processes(workers))
+        run_campaign(study, folder, DaskCluster(processes=workers))
         wall, spent = time.perf_counter() - begin, _processor_time() - before
         rows = read_rows(folder, study.columns)
     parts = sum(value or 0.0 for name in TIMES for value in rows[f"time_{name}_s"].to_pylist())

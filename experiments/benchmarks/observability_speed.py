@@ -16,8 +16,9 @@ from observability import system as sensors
 from observability.canonical_motions import CANONICAL_MOTIONS, CanonicalMotion, landmarks, point_of
 from observability.cases import Case
 from observability.certificate import STEADY_ORDERS, certify
-from observability.codistribution import FIELD, codistribution, eliminate
+from observability.codistribution import codistribution, eliminate
 from observability.coordinates import Chart, FilterChart, PrincipalChart, TensorChart
+from observability.residue_matrices import FIELD
 from observability.system import System
 
 CHARTS: Final[tuple[Chart, ...]] = (PrincipalChart(), TensorChart(), FilterChart())

@@ -5,10 +5,13 @@ Nothing heavy is imported here, so that help is quick. Those of a simulation are
 """
 
 from dataclasses import dataclass, field
-from typing import Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Final, Literal
 
 from spinfilters.io.stated_values import Argument, ArgumentGroup, NumberRange
 from spinfilters.simulation.scenario_record import Scenario
+
+if TYPE_CHECKING:
+    from spinfilters.run.optional_outputs import OptionalOutputs
 
 SEGMENT: Final = NumberRange(0, 10**9 - 1, whole=True)
 MOTION: Final = ("epochs", "interval", "rate_rpm", "principal_moments")
@@ -17,7 +20,7 @@ MOTION: Final = ("epochs", "interval", "rate_rpm", "principal_moments")
 
 @dataclass(frozen=True, kw_only=True)
 class RunArguments:
-    """What a comparison writes, and where it goes on; of `compare` and of the commands ``compare`` and ``estimate``."""
+    """What a comparison writes, where it goes on and how it is judged; of `compare`, and of the command and ``estimate``."""
 
     resume: Annotated[
         bool,
@@ -46,6 +49,24 @@ class RunArguments:
         ),
     ] = False
 
+    verdict: Annotated[
+        Literal["full", "filter"] | None,
+        Argument(
+            "judge by all checks (full, the default), or by those alone that need no smoothed motion (filter): these take less "
+            "time, and leave every estimate degraded at best",
+            cure='"full" or "filter"',
+        ),
+    ] = None
+
+    @property
+    def optional_outputs(self) -> "OptionalOutputs | None":
+        """Optional outputs that are asked for, or None."""
+        if self.predict is None and not self.convergence and not self.explain:
+            return None
+        from spinfilters.run.optional_outputs import OptionalOutputs
+
+        return OptionalOutputs(self.predict, self.convergence, self.explain)
+
 
 @dataclass(frozen=True, kw_only=True)
 class CampaignArguments:
@@ -62,12 +83,6 @@ class CampaignArguments:
             "a Dask scheduler, whose workers make the runs",
             metavar="tcp://HOST:PORT",
             cure="the address of a Dask scheduler",
-        ),
-    ] = None
-    shard: Annotated[
-        str | None,
-        Argument(
-            "only every N-th recording, from the i-th, 0 the first", metavar="i/N", cure="i/N, such as 0/3"
         ),
     ] = None
     resume: Annotated[bool, Argument("go on with the rows that OUT has; none is made again")] = False

@@ -1,7 +1,6 @@
 """Campaigns of runs: a study's table of factors times seeds, as a data frame."""
 
 import os
-import re
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,7 +12,7 @@ from spinfilters.io.argument_checks import called, checked_arguments, one_of, op
 from spinfilters.io.input_file import value_text
 
 if TYPE_CHECKING:
-    from spinfilters.campaigns.engine import Advance, Executor, Progress, Shard
+    from spinfilters.campaigns.engine import Advance, Progress
     from spinfilters.campaigns.study import Study
 
 
@@ -33,7 +32,6 @@ def campaign(
     *,
     workers: int | None = None,
     scheduler: str | None = None,
-    shard: str | None = None,
     resume: bool = False,
     progress: "Progress | None" = None,
 ) -> Any:
@@ -50,8 +48,6 @@ def campaign(
         Processes, by default one per processor.
     scheduler : str or None
         Address of a Dask scheduler whose workers make the runs instead.
-    shard : str or None
-        "i/N" makes every N-th recording.
     resume : bool
         Whether to go on with the rows that ``output`` has; none is made again.
     progress : Callable[[Advance], None] or None
@@ -74,11 +70,9 @@ def campaign(
         if resume:
             raise InputError("resume needs the folder of the rows; give output")
         with tempfile.TemporaryDirectory(prefix="spinfilters-") as place:
-            return campaign(
-                study, place, workers=workers, scheduler=scheduler, shard=shard, progress=progress
-            )
+            return campaign(study, place, workers=workers, scheduler=scheduler, progress=progress)
     folder = Path(output)
-    how = CampaignArguments(workers=workers, scheduler=scheduler, shard=shard, resume=resume)
+    how = CampaignArguments(workers=workers, scheduler=scheduler, resume=resume)
     campaign_rows(study, folder, how, progress)
     from spinfilters.campaigns.rows_folder import read_rows
 
@@ -90,12 +84,15 @@ def campaign_rows(
     study: AnyStudy, folder: Path, how: CampaignArguments, progress: "Progress | None" = None
 ) -> "Advance":
     """Make the rows of a study that a folder lacks. Parameters and errors: `campaign`."""
-    require_installed("pyarrow")
+    if how.workers is not None and how.scheduler is not None:
+        raise InputError("workers are processes of this machine, a scheduler has its own; give one of both")
+    for package in ("pyarrow", "distributed"):
+        require_installed(package)
+    from spinfilters.campaigns.dask_cluster import DaskCluster, usable_processors
     from spinfilters.campaigns.engine import run_campaign
 
-    checked, share = _study(study), shard_of(how.shard)
-    executor = _executor(how.workers, how.scheduler)
-    return run_campaign(checked, folder, executor, share, how.resume, progress or (lambda _: None))
+    executor = DaskCluster(how.scheduler, how.workers or usable_processors())
+    return run_campaign(_study(study), folder, executor, how.resume, progress or (lambda _: None))
 
 
 def repeated_run(folder: Path, run: int, dataset_folder: Path | None) -> dict[str, Any]:
@@ -120,33 +117,6 @@ def repeated_run(folder: Path, run: int, dataset_folder: Path | None) -> dict[st
         with output_folder(dataset_folder, "campaign repeat") as place:
             write_dataset(runner.recording(study.run(run)), place)
     return runner.row(run)
-
-
-def shard_of(text: str | None) -> "Shard":
-    """The shard that a text such as "0/3" names. InputError: it names none."""
-    from spinfilters.campaigns.engine import Shard
-
-    if text is None:
-        return Shard()
-    found = re.fullmatch(r"([0-9]{1,6})/([0-9]{1,6})", text) if isinstance(text, str) else None
-    if found is None:
-        raise InputError(f"shard {value_text(text)} is none; give i/N, such as 0/3")
-    return Shard(int(found[1]), int(found[2]))
-
-
-def _executor(workers: int | None, scheduler: str | None) -> "Executor":
-    from spinfilters.campaigns.engine import Processes, usable_processors
-
-    if scheduler is not None:
-        if workers is not None:
-            raise InputError(
-                "workers are processes of this machine, a scheduler has its own; give one of both"
-            )
-        require_installed("distributed")
-        from spinfilters.campaigns.dask_cluster import DaskCluster
-
-        return DaskCluster(scheduler)
-    return Processes(workers or usable_processors())
 
 
 def _study(study: AnyStudy) -> "Study":

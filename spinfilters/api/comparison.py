@@ -44,7 +44,6 @@ from spinfilters.io.input_file import path_text, value_text
 from spinfilters.models.body import BodyEstimate
 from spinfilters.models.status import verdict_sentences
 from spinfilters.run.comparison_run import RunOutput, compare_dataset, compare_into, silent, write_comparison
-from spinfilters.run.conditions import conditions_of
 from spinfilters.run.estimation import Comparison, Progress
 from spinfilters.run.run_folder import CONFIG_FILE, MAP_FILE, SEGMENTS_FOLDER, read_figure_data
 from spinfilters.run.run_summary import SUMMARY_FILE, read_summary, summary
@@ -52,8 +51,6 @@ from spinfilters.settings.run_settings import Settings, names_in, read_settings,
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-    from spinfilters.run.optional_outputs import OptionalOutputs
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,9 +157,10 @@ class Run(Mapping[str, EstimatorResult]):
     def from_comparison(cls, comparison: Comparison, settings: Settings, folder: Path | None = None) -> "Run":
         """Run of a comparison that has just ended."""
         results = {e.name: EstimatorResult(e, comparison.maps.get(e.name)) for e in comparison.evaluations}
-        setup = comparison.setup
-        conditions = tuple(conditions_of(setup).sentences)
-        return cls(setup.dataset, settings, results, conditions, summary(comparison), comparison, folder)
+        conditions = tuple(comparison.conditions.sentences)
+        return cls(
+            comparison.setup.dataset, settings, results, conditions, summary(comparison), comparison, folder
+        )
 
     @classmethod
     def from_folder(cls, folder: Path, settings: Settings) -> "Run":
@@ -222,13 +220,12 @@ class Run(Mapping[str, EstimatorResult]):
         return Path(folder)
 
     def to_dataframe(self) -> Any:
-        """The numbers of ``summary.json`` as a pandas.DataFrame, a row per estimator.
-
-        Tables as ``a.b``, lists as ``a_1``.
+        """The numbers of ``summary.json`` as a pandas.DataFrame, a row per estimator; tables as ``a.b``, lists as ``a_1``.
 
         Raises
         ------
-        ImportError: pandas is not installed.
+        ImportError
+            pandas is not installed.
         """
         rows = [{"estimator": name} | dict(flattened(self.summary["estimators"][name], "")) for name in self]
         names = dict.fromkeys(name for row in rows for name in row)
@@ -343,6 +340,7 @@ def compare(
     predict: float | None = None,
     convergence: bool = False,
     explain: bool = False,
+    verdict: str | None = None,
     progress: Progress = silent,
 ) -> Run:
     """Estimators side by side on one recording, as ``spinfilters compare`` runs them.
@@ -368,6 +366,9 @@ def compare(
         Whether to show how the smoother settles.
     explain : bool
         Whether to run again with the errors of the models that are found.
+    verdict : str or None
+        "full" judges by all checks, "filter" by those alone that need no smoothed motion, which leave every estimate degraded at
+        best. None takes that of the settings.
     progress : Callable[[str, int, int], None]
         Called with what is being done, steps done and steps in all.
 
@@ -383,15 +384,15 @@ def compare(
     KeyboardInterrupt
         Ctrl-C; what was estimated is in ``output``, if given, for ``resume`` to go on from.
     """
-    chosen = _settings(settings, estimators)
+    chosen = _settings(settings, estimators, verdict)
     dataset = _dataset(data, segment)
-    optional_outputs = _additions(predict, convergence, explain)
+    how = RunArguments(resume=resume, predict=predict, convergence=convergence, explain=explain)
     if output is None:
-        if resume or optional_outputs is not None:
+        if resume or how.optional_outputs is not None:
             raise InputError("resume, predict, convergence and explain work in a run folder; give output")
         return Run.from_comparison(_whole(compare_dataset(dataset, chosen, progress), None), chosen)
     folder = Path(output)
-    written = compare_into(dataset, chosen, RunOutput(folder, resume, optional_outputs), progress)
+    written = compare_into(dataset, chosen, RunOutput(folder, how.resume, how.optional_outputs), progress)
     if written.comparison is None:
         return Run.from_folder(folder, chosen)
     return Run.from_comparison(_whole(written.comparison, folder), chosen, folder)
@@ -437,7 +438,9 @@ def _whole(comparison: Comparison, folder: Path | None) -> Comparison:
     return comparison
 
 
-def _settings(settings: AnySettings | None, estimators: Sequence[str] | str | None) -> Settings:
+def _settings(
+    settings: AnySettings | None, estimators: Sequence[str] | str | None, verdict: str | None
+) -> Settings:
     if settings is None:
         chosen = Settings()
     elif isinstance(settings, Settings):
@@ -446,9 +449,9 @@ def _settings(settings: AnySettings | None, estimators: Sequence[str] | str | No
         chosen = settings_from(settings, "settings")
     else:
         chosen = read_settings(Path(settings))
-    if estimators is None:
-        return chosen
-    return replace(chosen, estimators=_names(estimators))
+    if verdict is not None:
+        chosen = replace(chosen, verdict=verdict)
+    return chosen if estimators is None else replace(chosen, estimators=_names(estimators))
 
 
 def _names(estimators: Sequence[str] | str) -> tuple[str, ...]:
@@ -465,12 +468,3 @@ def _dataset(data: Dataset | str | os.PathLike[str], segment: int | str | None) 
             raise InputError(f"segment {segment} is of a recording's folder; give its path, not a data set")
         return data
     return load(data, segment)
-
-
-def _additions(predict: float | None, convergence: bool, explain: bool) -> "OptionalOutputs | None":
-    """Optional outputs that were asked for, or None."""
-    if predict is None and not convergence and not explain:
-        return None
-    from spinfilters.run.optional_outputs import OptionalOutputs
-
-    return OptionalOutputs(predict, convergence, explain)

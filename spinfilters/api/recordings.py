@@ -105,9 +105,7 @@ def simulate(
     beside: Mapping[str, float] | None = None,
     progress: Progress = silent,
 ) -> Dataset:
-    """Simulated data set with truth, as ``spinfilters simulate`` writes it.
-
-    Body, camera, noise and disturbances are the thesis'.
+    """Simulated data set with truth, as ``spinfilters simulate`` writes it; body, camera, noise and disturbances are the thesis'.
 
     Parameters
     ----------

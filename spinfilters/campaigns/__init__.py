@@ -1,4 +1,4 @@
 """Campaigns of simulated recordings: a table of factors times seeds.
 
-They run on processes, a cluster or shards, are kept as Parquet and told in a report.
+They run on processes of this machine or a Dask cluster, are kept as Parquet and have a report.
 """

@@ -2,16 +2,16 @@
 
 import json
 import platform
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
 
-from spinfilters.campaigns.rows_folder import ROWS, read_rows, write_table
+from spinfilters.campaigns.rows_folder import ROWS
 from spinfilters.campaigns.study import Study, read_study
 from spinfilters.core.errors import InputError
 from spinfilters.io.input_file import path_text, read_settings_text
-from spinfilters.io.output_files import make_folder, write_json, write_toml
+from spinfilters.io.output_files import write_json, write_toml
 from spinfilters.run.provenance import git_commit
 
 STUDY_FILE: Final = "campaign.toml"
@@ -43,7 +43,7 @@ def open_folder(folder: Path, study: Study, resume: bool) -> None:
 
 
 def keep_study(folder: Path, study: Study, done: Collection[int]) -> None:
-    """Write the study beside the rows of its runs.
+    """Write the study into the folder of its rows.
 
     InputError: there are rows of more seeds than it has.
     """
@@ -108,41 +108,6 @@ def _begun(folder: Path) -> dict[str, Any]:
             f"{path_text(folder / BEGUN_FILE)}: is damaged or of another version; run the campaign again"
         )
     return document
-
-
-def merge(shards: Sequence[Path], output: Path) -> int:
-    """Merge rows of several folders of one study into a new one.
-
-    The merged study has the largest number of seeds; returns the number of rows.
-
-    Raises
-    ------
-    InputError
-        No shard, folders of different studies, an output that is not empty.
-    """
-    if not shards:
-        raise InputError("no folder to merge; give those of the shards")
-    studies = [read_folder(folder) for folder in shards]
-    first, document = studies[0]
-    for folder, (study, _) in zip(shards, studies, strict=True):
-        if study.fingerprint != first.fingerprint:
-            raise InputError(
-                f"{path_text(folder)}: is of another study than {path_text(shards[0])}; merge shards of one study"
-            )
-    if output.exists() and any(output.iterdir()):
-        raise InputError(f"{path_text(output)}: is not empty; choose another folder with -o")
-    import pyarrow as pa
-
-    table = pa.concat_tables([read_rows(folder, first.columns, levels=first.levels) for folder in shards])
-    table = table.sort_by("run")
-    runs = table["run"].to_numpy()
-    table = table.filter(pa.array([True, *(runs[1:] != runs[:-1]).tolist()]))
-    make_folder(output / ROWS)
-    write_table(output / ROWS / "000001.parquet", table)
-    longest = max((study for study, _ in studies), key=len)
-    write_toml(output / STUDY_FILE, dict(longest.document))
-    write_json(output / BEGUN_FILE, document)
-    return len(table)
 
 
 def _require_same(folder: Path, study: Study) -> None:

@@ -4,13 +4,14 @@ Motion, body, sensor and noise are groups of the fields of a `Scenario`: keys, d
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from inspect import get_annotations
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, TypeVar, get_args, get_origin
 
 import numpy as np
 from jaxtyping import Float
 
+from spinfilters.campaigns.row_columns import noise_levels
 from spinfilters.core.errors import InputError
 from spinfilters.evaluation.consistency import true_states
 from spinfilters.inference.initial_estimate import InitialEstimate
@@ -22,7 +23,6 @@ from spinfilters.io.stated_values import NumberRange
 from spinfilters.models.feature_tracks import EveryAppearance, SomeAppearances
 from spinfilters.models.process import THESIS_NOISE, ProcessNoise
 from spinfilters.models.sensor_registry import sensor_of
-from spinfilters.models.sensors.lidar_points import ANGLE_STD
 from spinfilters.models.state_layout import StateLayout
 from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings, TruthValue
@@ -38,7 +38,7 @@ from spinfilters.simulation.measurement_faults import (
     WrongAssociations,
 )
 from spinfilters.simulation.model_faults import model_faults
-from spinfilters.simulation.scenario_record import RECOGNITION, Scenario, StudyKey
+from spinfilters.simulation.scenario_record import RECOGNITION, Scenario
 from spinfilters.smoother.priors import FirstStatePrior
 
 STD: Final = NumberRange(1e-12, 1e6)
@@ -86,10 +86,10 @@ def scenario_factor(table: str) -> Callable[[type[F]], type[F]]:
         keys, hints = {}, {}
         for each in fields(Scenario):
             kind, *notes = get_args(each.type) if get_origin(each.type) is Annotated else (each.type,)
-            for note in notes:
-                if isinstance(note, StudyKey) and note.table == table:
-                    key = keys[each.name] = note.key or each.name
-                    hints[key] = kind if note.allowed is None else Annotated[kind, note.allowed]
+            for place in (note.study_key for note in notes):
+                if place is not None and place.table == table:
+                    key = keys[each.name] = place.key or each.name
+                    hints[key] = kind if place.allowed is None else Annotated[kind, place.allowed]
                     setattr(factor, key, each.default)
         factor.keys = keys
         factor.__annotations__ = hints | get_annotations(factor)
@@ -157,6 +157,8 @@ class NoiseFactor(ScenarioFactor):
         Density of the disturbing force, (m/s^2)^2/Hz.
     torque_psd : float
         Density of the disturbing torque, (rad/s^2)^2/Hz.
+    sensors : Mapping[str, float]
+        By noise option, as in the settings' table [sensors], where it differs from the levels that sensors share.
     stated : bool
         Whether the data set states it to estimators, unless ``settings`` say otherwise; if not, they identify it.
     calibrated : bool
@@ -165,29 +167,17 @@ class NoiseFactor(ScenarioFactor):
 
     force_psd: Annotated[float, PSD] = THESIS_NOISE.force_psd
     torque_psd: Annotated[float, PSD] = THESIS_NOISE.torque_psd
+    sensors: Mapping[str, Annotated[float, STD]] = field(default_factory=dict)
     stated: Truth = True
     calibrated: Truth = True
 
     @property
     def fields_of_scenario(self) -> dict[str, Any]:
-        """Values by the names of the scenario's fields, with the densities of the disturbances."""
-        return {**super().fields_of_scenario, "noise": ProcessNoise(self.force_psd, self.torque_psd)}
-
-    @property
-    def levels(self) -> dict[str, float]:
-        """Noise levels by the name of their option or density."""
+        """Values by the names of the scenario's fields, with the sensors' own noise and the densities of the disturbances."""
         return {
-            "pixel_std": self.pixel_std,
-            "pose_position_std": self.position_std_m,
-            "pose_rotation_std": self.rotation_std_rad,
-            "gyro_noise_std": self.gyro_std_rad_s,
-            "attitude_std": self.rotation_std_rad,
-            "lidar_position_std": self.position_std_m,
-            "lidar_rotation_std": self.rotation_std_rad,
-            "lidar_range_std": self.position_std_m,
-            "lidar_angle_std": ANGLE_STD,
-            "force_psd": self.force_psd,
-            "torque_psd": self.torque_psd,
+            **super().fields_of_scenario,
+            "sensor_noise": tuple(self.sensors.items()),
+            "noise": ProcessNoise(self.force_psd, self.torque_psd),
         }
 
 
@@ -319,6 +309,13 @@ class RecordingFactors:
         for factor in (self.motion, self.body, self.sensor, self.noise):
             values |= factor.fields_of_scenario
         return Scenario(**values)
+
+    @property
+    def levels(self) -> dict[str, float]:
+        """True noise levels by the name of their option or density."""
+        scenario = self.scenario
+        true = {"force_psd": scenario.noise.force_psd, "torque_psd": scenario.noise.torque_psd}
+        return {name: true[name] if name in true else scenario.level(name) for name in noise_levels()}
 
 
 FACTORS: Final = ("motion", "body", "sensor", "noise", "fault", "belief", "settings", "estimator")

@@ -14,7 +14,8 @@ from spinfilters.evaluation.metrics import span_errors
 from spinfilters.evaluation.stated_errors import LARGEST_STATED_ERROR, stated_errors
 from spinfilters.evaluation.trajectory_errors import BodyErrors, RmsErrors, TruthErrors, common_stamps
 from spinfilters.filters.history import EstimateHistory
-from spinfilters.filters.noise_levels import VarianceComponent
+from spinfilters.filters.noise_levels import DISTURBANCES, VarianceComponent
+from spinfilters.io.sensor_format import noise_options
 from spinfilters.io.truth import Truth
 from spinfilters.models.status import QUANTITIES, Verdict
 
@@ -24,20 +25,6 @@ BODY_ERRORS: Final = ("moment_1", "moment_2", "k1", "k2", "center_of_mass_m")
 """At the last epoch; moments relative to the largest."""
 BLOCKS: Final = ("t", "a", "v", "w", "c", "s")
 """Of the state, whose NEES per degree of freedom is kept."""
-LEVELS: Final = (
-    "pixel_std",
-    "pose_position_std",
-    "pose_rotation_std",
-    "gyro_noise_std",
-    "attitude_std",
-    "lidar_position_std",
-    "lidar_rotation_std",
-    "lidar_range_std",
-    "lidar_angle_std",
-    "force_psd",
-    "torque_psd",
-)
-"""Of noise: true, as identified (absent where it is stated), and the deviation of its ln variance."""
 TIMES: Final[tuple[str, ...]] = ("simulate", "initialise", "estimate", "evaluate")
 """Seconds of processor time of one run's parts."""
 OUTCOMES: Final = ("done", "refused", "raised", "timeout", "killed")
@@ -73,9 +60,6 @@ _FIXED: Final[tuple[tuple[str, pa.DataType], ...]] = (
     *((f"error_{name}", _NUMBER) for name in BODY_ERRORS),
     *((f"std_{name}", _NUMBER) for name in BODY_ERRORS[:4]),
     *((f"bound_{name}", _NUMBER) for name in (*ERRORS, *BODY_ERRORS)),
-    *((f"true_{name}", _NUMBER) for name in LEVELS),
-    *((f"found_{name}", _NUMBER) for name in LEVELS),
-    *((f"log_std_{name}", _NUMBER) for name in LEVELS),
     ("nees_time_s", pa.list_(pa.float32())),
     ("nees_over_time", pa.list_(pa.float32())),
     ("version", _TEXT),
@@ -87,14 +71,21 @@ _FIXED: Final[tuple[tuple[str, pa.DataType], ...]] = (
 )
 
 
+def noise_levels() -> tuple[str, ...]:
+    """Noise levels of the rows: every option of a sensor that data sets state, and the densities of the disturbances."""
+    return (*(each.name for each in noise_options().values() if each.in_dataset), *DISTURBANCES)
+
+
 def schema(factors: list[str]) -> pa.Schema:
     """Schema of the rows of a study with these factors.
 
     ``run``, ``cell``, ``seed``; a column of text per factor; then what came out. NEES are per degree of freedom, means over the
-    estimator's own epochs; errors are lengths; ``bound_`` stands in the place of ``error_``.
+    estimator's own epochs; errors are lengths; ``bound_`` stands in the place of ``error_``. A noise level has three columns: true,
+    as identified (absent where it is stated), and the standard deviation of the logarithm of its variance.
     """
     asked = [("run", _WHOLE), ("cell", _WHOLE), ("seed", _WHOLE), *((name, _TEXT) for name in factors)]
-    return pa.schema([*asked, *_FIXED])
+    noise = [(f"{what}_{name}", _NUMBER) for what in ("true", "found", "log_std") for name in noise_levels()]
+    return pa.schema([*asked, *_FIXED, *noise])
 
 
 def is_volatile(column: str) -> bool:
@@ -134,7 +125,7 @@ def noise_metrics(identified: Sequence[VarianceComponent], true: Mapping[str, fl
     """Columns of identified noise levels beside the true ones."""
     found: dict[str, Any] = {f"true_{name}": level for name, level in true.items()}
     for each in identified:
-        if each.name in LEVELS:
+        if each.name in noise_levels():
             found |= {f"found_{each.name}": each.value, f"log_std_{each.name}": each.log_std}
     return found
 

@@ -114,7 +114,7 @@ ROWS: Final = "rows"
 PART_ROWS: Final = 5_000
 """Rows of a part, at most."""
 LARGEST_PART: Final = 4 << 30
-"""Bytes of a part that are read: merged campaigns are one part."""
+"""Bytes of a part that are read: merged campaigns of earlier versions are one part."""
 _PART, _JOURNAL = ".parquet", ".jsonl"
 
 
@@ -209,7 +209,7 @@ class RowsFolder:
 
 
 def _take_over(journal: Path, rules: RowRules) -> None:
-    """Put a part in the place of a journal, and what is no row beside it."""
+    """Put a part in the place of a journal, and what is no row into a file of its own."""
     part = journal.with_suffix(_PART)
     if not part.exists():
         rows, damaged = read_journal(journal, rules)

@@ -31,7 +31,13 @@ from spinfilters.simulation.scenario import Motion, measured, motion_in_view, wi
 
 @dataclass(frozen=True)
 class RunSeeds:
-    """Independent generators of one seed, the same for every cell."""
+    """Independent generators of one seed, the same for every cell.
+
+    Attributes
+    ----------
+    motion, measurements, faults, belief, factors : np.random.SeedSequence
+        Of the drawn motion, the noise, the faults, the initial belief, and numbers of factors that are drawn.
+    """
 
     motion: np.random.SeedSequence
     measurements: np.random.SeedSequence
@@ -122,7 +128,7 @@ class Runner:
     def _levels(self, run: CampaignRun, evaluation: Evaluation) -> Row:
         """True and identified levels of noise."""
         identified = evaluation.history.noise or self.setup(run).identified
-        return noise_metrics(identified, self._factors(run).noise.levels)
+        return noise_metrics(identified, self._factors(run).levels)
 
     def _motion_bound(self, run: CampaignRun) -> dict[str, Any]:
         """The bound of the cell's first seed."""
@@ -148,16 +154,16 @@ class Runner:
             if model := factors.fault.model:
                 fault, drawn = model_faults()[model], (seeds.motion, seeds.measurements, seeds.faults)
                 dataset = faulty_recording(scenario, fault, factors.fault.model_size * fault.size, drawn)
-                return self._told(dataset, factors, seeds)
+                return self._hide_from_estimators(dataset, factors, seeds)
             key = (run.seed, factors.motion, factors.body, scenario.noise, scenario.kind)
             motion: Motion = self._once(
                 "motion", key, lambda: motion_in_view(scenario, np.random.default_rng(seeds.motion))
             )
             dataset = measured(scenario, motion, np.random.default_rng(seeds.measurements))
-            return self._told(dataset, factors, seeds)
+            return self._hide_from_estimators(dataset, factors, seeds)
 
-    def _told(self, dataset: Dataset, factors: RecordingFactors, seeds: RunSeeds) -> Dataset:
-        """Recording as estimators get it, with the faults of its measurements."""
+    def _hide_from_estimators(self, dataset: Dataset, factors: RecordingFactors, seeds: RunSeeds) -> Dataset:
+        """Recording as estimators get it: without what the study leaves unstated, with the faults of its measurements."""
         if not factors.sensor.known_map:
             dataset = without_map(dataset)
         if not factors.noise.stated:
@@ -173,7 +179,7 @@ class Runner:
         return prepared_with_drawn_belief(dataset, cell.settings, cell.belief, generator)
 
     def _once(self, what: str, key: object, make: Callable[[], T]) -> T:
-        """Latest result, cached for an equal question."""
+        """The latest result, made again where its key differs."""
         if what not in self._latest or self._latest[what][0] != key:
             self._latest.pop(what, None)
             self._latest[what] = (key, make())
@@ -201,7 +207,7 @@ def ended(study: Study, index: int, outcome: str, reason: str, seconds: float) -
 
 
 def when_and_where() -> Row:
-    """The columns that tell when and where a run was made."""
+    """When and where a run was made."""
     return {"finished": datetime.now(UTC).isoformat(timespec="milliseconds"), "host": platform.node()}
 
 

@@ -80,7 +80,7 @@ def _root(square: Interval) -> Interval:
 QUANTITIES: Final = (*ERRORS, *BODY_ERRORS)
 VERDICTS: Final = ("ok", "degraded", "failed")
 FEWEST_SHARE: Final = 0.5
-"""Of a cell's runs that have an epoch, below which it is not drawn: initialisations are of different lengths."""
+"""Share of a cell's runs that must have an epoch for it to be drawn: initialisations are of different lengths."""
 
 
 @dataclass(frozen=True)
@@ -157,9 +157,8 @@ def cell_summaries(study: Study, table: pa.Table) -> Iterator[CellSummary]:
 
 def _summary(cell: int, levels: Mapping[str, str], rows: Any, over_time: NeesOverTime) -> CellSummary:
     verdicts = confusion(rows)
-    ok, right = (
-        sum(verdicts.get(("ok", was), 0) for was in told) for told in (("right", "wrong"), ("right",))
-    )
+    right = verdicts.get(("ok", "right"), 0)
+    ok = right + verdicts.get(("ok", "wrong"), 0)
     all_ok = int((rows["verdict"] == "ok").sum())
     last, dof = mean(_numbers(rows, "nees_last")), _numbers(rows, "dof")
     return CellSummary(

@@ -35,6 +35,8 @@ from spinfilters.settings.run_settings import Settings, settings_from
 from spinfilters.settings.setting_validation import validated
 
 LOG_UNIFORM: Final = "log_uniform"
+INNER_TABLES: Final = ("sensors",)
+"""Tables within a table of factors, here of noise."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +59,13 @@ class DrawnNumber:
 
 def drawn_numbers(kind: str, table: Mapping[str, Any]) -> tuple[DrawnNumber, ...]:
     """Drawn numbers of a table of factors. InputError: limits that do not ascend."""
-    return tuple(_number(kind, key, value) for key, value in table.items() if isinstance(value, Mapping))
+    found: list[DrawnNumber] = []
+    for key, value in table.items():
+        if isinstance(value, Mapping) and key in INNER_TABLES:
+            found += [replace(each, key=f"{key}.{each.key}") for each in drawn_numbers(kind, value)]
+        elif isinstance(value, Mapping):
+            found.append(_number(kind, key, value))
+    return tuple(found)
 
 
 def with_draws(
@@ -65,8 +73,10 @@ def with_draws(
 ) -> RecordingFactors:
     """Factors of one seed with its drawn values."""
     for number in drawn:
-        table = getattr(factors, number.table)
-        factors = replace(factors, **{number.table: replace(table, **{number.key: number.at(seeds)})})
+        table, value = getattr(factors, number.table), number.at(seeds)
+        key, _, inner = number.key.partition(".")
+        changed = {**getattr(table, key), inner: value} if inner else value
+        factors = replace(factors, **{number.table: replace(table, **{key: changed})})
     return factors
 
 
@@ -313,8 +323,12 @@ class _TableMaker:
         if kind != "settings":
             drawn = () if kind == "belief" else drawn_numbers(kind, table)
             for number in drawn:
-                _ = validated(_StudyFile, {kind: {number.key: number.largest}})
-            fixed = table | {number.key: number.smallest for number in drawn}
+                _ = validated(_StudyFile, {kind: _nested(number.key.split("."), number.largest)})
+            fixed = table
+            for number in drawn:
+                key, _, inner = number.key.partition(".")
+                smallest = {**fixed[key], inner: number.smallest} if inner else number.smallest
+                fixed = fixed | {key: smallest}
             return _Part(validated(_StudyFile, {kind: fixed})[kind], drawn)
         if "estimators" in table:
             raise InputError("settings.estimators is given by the factor estimator; leave it out")

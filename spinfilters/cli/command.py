@@ -1,6 +1,6 @@
 """A command of ``spinfilters``: its record of arguments, the parser that is made from it, and the function that runs it.
 
-Nothing heavy is imported here, so that help is quick.
+Nothing heavy is imported here, so that help and refusals are quick.
 """
 
 import argparse
@@ -8,12 +8,10 @@ from collections.abc import Callable
 from dataclasses import MISSING, dataclass
 from typing import Any, Generic, TypeVar
 
-from spinfilters.io.arguments import GivenField, given_fields, numbers_by_name, record_from
+from spinfilters.io.argument_fields import GivenField, given_fields, numbers_by_name, record_from
 from spinfilters.io.stated_values import NumberRange
 
 R = TypeVar("R")
-Subparsers = Any
-"""What `argparse.ArgumentParser.add_subparsers` returns; its class is private."""
 
 
 @dataclass(frozen=True)
@@ -24,25 +22,30 @@ class Command(Generic[R]):
     ----------
     name : str
         On the command line.
-    help : str
-        One line in the list of commands.
     arguments : type
-        Record of its arguments, each an annotated field (`spinfilters.io.arguments.Argument`).
+        Record of its arguments, each an annotated field (`spinfilters.io.stated_values.Argument`).
     run : Callable[[record], int]
-        Takes the record and returns the exit code. It imports what it needs when it is called, so that help is quick.
+        Takes the record and returns the exit code. It imports what it needs when it is called: a refused argument needs nothing.
     description : str
         Above the arguments in its own help.
+    help : str
+        One line in the list of actions; of a command that is no action, the table of commands has it.
     """
 
     name: str
-    help: str
     arguments: type[R]
     run: Callable[[R], int]
     description: str = ""
+    help: str = ""
 
-    def add(self, subparsers: Subparsers) -> None:
-        """Register the command's parser, with what runs it."""
-        parser = subparsers.add_parser(self.name, help=self.help, description=self.description or None)
+    @property
+    def parts(self) -> "tuple[tuple[str, Command[Any]], ...]":
+        """What can be run under its name, with the words that call it: itself."""
+        return ((self.name, self),)
+
+    def fill(self, parser: Any) -> None:
+        """Add the description, the arguments and what runs it to a parser."""
+        parser.description = self.description or None
         add_arguments(parser, self.arguments)
         given = [each for each in given_fields(self.arguments) if each.default is MISSING]
         parser.required = {_argparse_name(each): f"{each.usage} ({each.argument.help})" for each in given}
@@ -64,17 +67,21 @@ class CommandGroup:
     """
 
     name: str
-    help: str
     actions: tuple[Command[Any], ...]
     default: str = ""
     description: str = ""
 
-    def add(self, subparsers: Subparsers) -> None:
-        """Register the parsers of all actions."""
-        parser = subparsers.add_parser(self.name, help=self.help, description=self.description or None)
+    @property
+    def parts(self) -> tuple[tuple[str, Command[Any]], ...]:
+        """What can be run under its name, with the words that call it: its actions."""
+        return tuple((f"{self.name} {action.name}", action) for action in self.actions)
+
+    def fill(self, parser: Any) -> None:
+        """Add the description and the parsers of all actions to a parser."""
+        parser.description = self.description or None
         actions = parser.add_subparsers(title="actions", required=True, metavar="ACTION")
         for action in self.actions:
-            action.add(actions)
+            action.fill(actions.add_parser(action.name, help=action.help))
         parser.actions, parser.default_action = tuple(action.name for action in self.actions), self.default
 
 

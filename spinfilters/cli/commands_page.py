@@ -6,15 +6,15 @@ from dataclasses import MISSING
 from pathlib import Path
 from typing import Any, Final
 
-from spinfilters.cli.command import Command, CommandGroup
+from spinfilters.cli.command import Command
 from spinfilters.cli.commands import COMMANDS
-from spinfilters.io.arguments import GivenField, default_text, given_fields
+from spinfilters.io.argument_fields import GivenField, default_text, given_fields
 from spinfilters.io.output_files import write_text
 
 HEAD: Final = """# All commands
 
 This page is made from the code by `python -m spinfilters.cli.commands_page docs/reference/commands.md`; a test compares the two.
-Each argument is a field of a record (`spinfilters.io.arguments`), from which the parser, its help and the checks of `import
+Each argument is a field of a record (`spinfilters.io.argument_fields`), from which the parser, its help and the checks of `import
 spinfilters` are made, too. `spinfilters COMMAND --help` prints the same.
 """
 
@@ -25,20 +25,16 @@ def page() -> str:
 
 
 def _sections() -> Iterator[str]:
-    for each in COMMANDS:
-        if isinstance(each, CommandGroup):
-            yield f"\n## `{each.name}`\n\n{_sentence(each.help)}\n"
-            for action in each.actions:
-                yield _section(action, f"### `{each.name} {action.name}`")
-        else:
-            yield _section(each, f"## `{each.name}`")
+    for listed in COMMANDS:
+        for words, command in listed.load().parts:
+            yield _section(command, f"## `{words}`", command.help or listed.help)
 
 
-def _section(command: Command[Any], heading: str) -> str:
+def _section(command: Command[Any], heading: str, help_line: str) -> str:
     rows = "".join(_row(field) for field in given_fields(command.arguments))
     table = f"\n| argument | default | range | what it is |\n|---|---|---|---|\n{rows}" if rows else ""
     description = f" {command.description}" if command.description else ""
-    return f"\n{heading}\n\n{_sentence(command.help)}{description}\n{table}"
+    return f"\n{heading}\n\n{_sentence(help_line)}{description}\n{table}"
 
 
 def _sentence(text: str) -> str:

@@ -15,7 +15,7 @@ from types import MappingProxyType
 from typing import Any, Final, NoReturn
 
 from spinfilters import __version__
-from spinfilters.cli.commands import COMMANDS
+from spinfilters.cli.commands import COMMANDS, ListedCommand
 from spinfilters.cli.interrupts import noted_interrupts
 from spinfilters.core.errors import SpinfiltersError
 from spinfilters.io.input_file import printable
@@ -158,6 +158,8 @@ def _place(error: BaseException) -> str:
 class _Parser(argparse.ArgumentParser):
     """An argument parser whose complaint is one line, and which may take a first word that names no action as its default's."""
 
+    listed: ListedCommand | None = None
+    """The command whose arguments are added when it is parsed; None once they are there."""
     actions: tuple[str, ...] = ()
     default_action: str = ""
     required: Mapping[str, str] = MappingProxyType({})
@@ -167,6 +169,9 @@ class _Parser(argparse.ArgumentParser):
         self, args: Sequence[str] | None = None, namespace: Any = None
     ) -> tuple[argparse.Namespace, list[str]]:
         """Parse, with the default action where the first word is none."""
+        if self.listed is not None:
+            listed, self.listed = self.listed, None
+            listed.load().fill(self)
         words = sys.argv[1:] if args is None else list(args)
         if self.default_action and words and words[0] not in (*self.actions, "-h", "--help"):
             words = [self.default_action, *words]
@@ -197,8 +202,8 @@ def parser() -> argparse.ArgumentParser:
     parser = _Parser(prog="spinfilters", description="How does that unknown object spin?")
     parser.add_argument("--version", action="version", version=f"spinfilters {__version__}")
     subparsers = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
-    for command in COMMANDS:
-        command.add(subparsers)
+    for listed in COMMANDS:
+        subparsers.add_parser(listed.name, help=listed.help).listed = listed
     return parser
 
 

@@ -76,14 +76,21 @@ def rigid_motions(
 ) -> tuple[Float[np.ndarray, "h 3 3"], Float[np.ndarray, "h 3"]]:
     """Rigid motions (R_ab, t_ab) between h sets of matched points, all weights equal.
 
-    R_ab = U V' from the singular value decomposition of sum p_a p_b' (Kabsch 1976), with the sign that makes it a rotation.
+    R_ab is the rotation nearest to sum p_a p_b' (Kabsch 1976).
     """
     mean_a, mean_b = points_a.mean(axis=1), points_b.mean(axis=1)
     M = np.swapaxes(points_a - mean_a[:, None], 1, 2) @ (points_b - mean_b[:, None])
-    U, _, Vt = np.linalg.svd(M)
-    U[:, :, 2] *= np.sign(np.linalg.det(U @ Vt))[:, None]
-    R = U @ Vt
+    R = nearest_rotation(M)
     return R, mean_a - (R @ mean_b[..., None])[..., 0]
+
+
+def nearest_rotation(M: Float[np.ndarray, "*h 3 3"]) -> Float[np.ndarray, "*h 3 3"]:
+    """The rotation nearest to a matrix, of one or of many: U V' of M = U S V', with determinant one (Wahba's problem)."""
+    U, _, Vt = np.linalg.svd(M)
+    U[..., 2] *= np.sign(np.linalg.det(U @ Vt))[
+        ..., None
+    ]  # the direction of the least singular value, if any, is reversed
+    return U @ Vt
 
 
 def _horn_matrices(S: Float[np.ndarray, "h 3 3"]) -> Float[np.ndarray, "h 4 4"]:

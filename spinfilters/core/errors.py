@@ -38,5 +38,26 @@ class InputError(SpinfiltersError):
     """A file, value or option that cannot be used; the text names it, says what is wrong and how to correct it."""
 
 
+class RowError(InputError):
+    """A measurement that cannot be used. Readers of files catch it and name the file and the line of that row.
+
+    Attributes
+    ----------
+    name : str
+        Of the measurements.
+    row : int
+        Of the measurement, from 0.
+    text : str
+        What is wrong, and the cure.
+    """
+
+    def __init__(self, name: str, row: int, text: str) -> None:
+        super().__init__(name, row, text)
+        self.name, self.row, self.text = name, row, text
+
+    def __str__(self) -> str:
+        return f"{self.name} row {self.row}: {self.text}"
+
+
 class ShapeError(InputError):
     """An array whose shape is not the documented one."""

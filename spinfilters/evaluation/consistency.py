@@ -23,8 +23,7 @@ from spinfilters.core.linear_algebra import (
 from spinfilters.core.mass_distribution import from_inertia
 from spinfilters.evaluation.trajectory_errors import common_stamps
 from spinfilters.filters.history import EstimateHistory
-from spinfilters.io.truth import BODY_KEYS, Truth
-from spinfilters.io.truth_frame import truth_in_moved_frame
+from spinfilters.io.truth import BODY_KEYS, Truth, truth_in_moved_frame
 from spinfilters.models.state_blocks import BLOCKS, MASS_DISTRIBUTION, POSITION, RATE
 from spinfilters.models.state_layout import StateLayout
 

@@ -12,8 +12,7 @@ from spinfilters.core.errors import InputError
 from spinfilters.core.linear_algebra import STRETCH, by_stretches
 from spinfilters.evaluation.estimated_motion import Trajectory
 from spinfilters.filters.history import EstimateHistory
-from spinfilters.io.truth import Truth
-from spinfilters.io.truth_frame import truth_in_moved_frame
+from spinfilters.io.truth import Truth, truth_in_moved_frame
 from spinfilters.models.body import BodyEstimate
 from spinfilters.models.state_layout import POSE_BLOCKS
 

@@ -27,7 +27,17 @@ class BatchEstimator(Protocol):
     def smooth(
         self, timeline: "Timeline", initial: "InitialEstimate", on_epoch: "OnEpoch"
     ) -> "EstimateHistory":
-        """States and covariances of every epoch, those of the initialisation among them."""
+        """States and covariances of every epoch, those of the initialisation among them.
+
+        Parameters
+        ----------
+        timeline : Timeline
+            All epochs.
+        initial : InitialEstimate
+            Smoothed first epochs, where the iterations may begin.
+        on_epoch : OnEpoch
+            Called with the number of epochs done and of all.
+        """
         ...
 
 
@@ -39,11 +49,18 @@ class EstimatorEntry(NamedEstimator, ABC, Generic[Built]):
 
     Attributes
     ----------
-    name: as in ``--estimators``; also its folder in a run.
-    order: of the table and of messages.   is_default: whether a comparison has it where nobody names estimators.
-    holds_landmarks: whether tracks without a known map are something for it.
-    is_baseline: another's estimator to compare with, whose disagreement says nothing of ours.
-    continues: whether it continues from the initialisation, so that doubts about that are doubts about it.
+    name : str
+        As in ``--estimators``; also its folder in a run.
+    order : int
+        Place in the table and in messages.
+    is_default : bool
+        Whether a comparison has it where no estimators are named.
+    holds_landmarks : bool
+        Whether it takes tracks without a known map.
+    is_baseline : bool
+        Whether it is another project's estimator to compare with, whose disagreement says nothing of ours.
+    continues : bool
+        Whether it continues from the initialisation, so that doubts about that are doubts about it.
     """
 
     holds_landmarks: bool = False
@@ -52,37 +69,103 @@ class EstimatorEntry(NamedEstimator, ABC, Generic[Built]):
 
     @abstractmethod
     def build(self, setup: "Setup", settings: "Settings") -> Built:
-        """The recursive estimator, not begun."""
+        """The recursive estimator, not begun.
+
+        Parameters
+        ----------
+        setup : Setup
+            Process, timeline and initialisation of the data set.
+        settings : Settings
+            Of the run.
+
+        Returns
+        -------
+        Estimator
+            That `begin` starts.
+
+        Raises
+        ------
+        InputError
+            It cannot take these measurements.
+        """
 
     def batch(self, setup: "Setup", settings: "Settings") -> BatchEstimator | None:
-        """The batch estimator of a data set; None where it is taken epoch by epoch."""
+        """The batch estimator of a data set; None where it is taken epoch by epoch.
+
+        Parameters
+        ----------
+        setup, settings : Setup, Settings
+            As of `build`.
+        """
         return None
 
     def begin(self, estimator: Built, setup: "Setup") -> None:
-        """Let it begin at the end of the initialisation."""
+        """Let it begin at the end of the initialisation.
+
+        Parameters
+        ----------
+        estimator : Estimator
+            From `build`.
+        setup : Setup
+            Holds the belief that it begins with.
+        """
         estimator.start(setup.initial.belief)
 
     def final(self, estimator: Built, passed: "EstimateHistory", setup: "Setup") -> "EstimateHistory | None":
         """Final estimates of all epochs, those of the initialisation among them.
 
-        None where that is what it said of each as it came. ``passed`` holds the epochs behind the initialisation.
+        Parameters
+        ----------
+        estimator : Estimator
+            After its last epoch.
+        passed : EstimateHistory
+            Its estimates of the epochs behind the initialisation, as they came.
+        setup : Setup
+            Of the data set.
+
+        Returns
+        -------
+        EstimateHistory or None
+            None where the estimates as they came are final.
         """
         return None
 
     def noise(
         self, estimator: Built, history: "EstimateHistory", setup: "Setup"
     ) -> "tuple[VarianceComponent, ...]":
-        """Identified levels of noise that it ended with; none where they are those of the initialisation."""
+        """Identified levels of noise that it ended with; none where they are those of the initialisation.
+
+        Parameters
+        ----------
+        estimator : Estimator
+            After its last epoch.
+        history : EstimateHistory
+            Its final estimates.
+        setup : Setup
+            Of the data set.
+        """
         return history.noise
 
     def points(
         self, estimator: Built, history: "EstimateHistory", setup: "Setup"
     ) -> Float[np.ndarray, "k 3"] | None:
-        """Landmarks that it ended with, m, frame g; None without any."""
+        """Landmarks (k, 3) that it ended with, m, frame g; None without any.
+
+        Parameters
+        ----------
+        estimator, history, setup : Estimator, EstimateHistory, Setup
+            As of `noise`.
+        """
         return setup.map_points
 
     def false_alarm_probability(self, setup: "Setup", settings: "Settings") -> float:
-        """Probability of rejecting a measurement whose noise is as stated."""
+        """Probability of rejecting a measurement whose noise is as stated.
+
+        Parameters
+        ----------
+        setup, settings : Setup, Settings
+            As of `build`.
+        """
         return 0.0
 
 

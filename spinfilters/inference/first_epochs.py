@@ -1,7 +1,8 @@
-"""Smoothed first epochs of a data set, from which all estimators continue, and how many they are."""
+"""Smoothed first epochs of a data set, from which all estimators continue: how many, and the noise that they identify."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
@@ -9,9 +10,11 @@ from spinfilters.core.errors import NUMERICAL_ERRORS, InputError, numerical
 from spinfilters.core.linear_algebra import normalised_square
 from spinfilters.filters.ekf import MultiplicativeEkf
 from spinfilters.filters.estimator import ProcessModel
+from spinfilters.filters.noise_levels import VarianceComponent
 from spinfilters.filters.outlier_rejection import RobustOptions
 from spinfilters.filters.timeline import CameraView, SensorNoise, Timeline, build_timeline, run, times_of
-from spinfilters.inference.identified_noise import NoisyModels
+from spinfilters.inference.identification import Identified, identify
+from spinfilters.inference.identified_noise import Unstated, noise_model
 from spinfilters.inference.initial_estimate import InitialEstimate
 from spinfilters.inference.initialisation import initialise, initialised_again
 from spinfilters.io.dataset import Dataset
@@ -26,8 +29,10 @@ from spinfilters.models.sensor_registry import sensor_of
 from spinfilters.models.state_blocks import RATE
 from spinfilters.models.state_layout import Gaussian, StateLayout
 from spinfilters.models.status import Verdict
-from spinfilters.settings.run_settings import InitialisationOptions, Settings
+from spinfilters.settings.run_settings import InitialisationOptions
+from spinfilters.smoother.landmark_factors import OBSERVATIONS_NEEDED
 from spinfilters.smoother.motion_factors import without_refused
+from spinfilters.smoother.problem import problem_of
 
 DETERMINED_STD = 0.12
 """Of a principal moment relative to the largest: what the first epochs must reach for filters to go on from them. On simulated
@@ -183,7 +188,7 @@ def is_bent(belief: Gaussian) -> bool:
 
 
 LEADING_EPOCHS = 16
-"""Of the sensor that tells most of a motion, in an initialisation, where faster sensors stand beside it."""
+"""Of the sensor that shows most of a motion, in an initialisation, where there are faster sensors too."""
 COMPARED_EPOCHS = 480
 """Of which two models of a motion are compared, or all of a shorter recording."""
 
@@ -306,52 +311,10 @@ class FirstEpochs:
 
         With a fast gyro the first epochs would otherwise hold one or two of a camera.
         """
-        leading = max(self.dataset.log.streams, key=_told).epoch_times
+        leading = max(self.dataset.log.streams, key=_shown).epoch_times
         last = leading[min(LEADING_EPOCHS, len(leading)) - 1]
         count = int(np.searchsorted(times_of(self.timeline), last, "right"))
         return replace(options, epochs=max(options.epochs, count))
-
-
-@dataclass(frozen=True)
-class BoundLog:
-    """A log to be bound to models, with an initialisation made or given.
-
-    Attributes
-    ----------
-    likely : InitialEstimate or None
-        Estimate beside which this one is made, of epochs that do not depend on either.
-    """
-
-    dataset: Dataset
-    view: CameraView | None
-    layout: StateLayout
-    settings: Settings
-    initial: GivenInitialisation | None
-    likely: InitialEstimate | None
-
-    def __call__(
-        self, process: TorqueFreeProcess, noise: SensorNoise, before: InitialEstimate | None
-    ) -> NoisyModels:
-        timeline = build_timeline(self.dataset.log, self.layout, noise, self.view)
-        require_motion(len(timeline))
-        if self.initial is not None:
-            return NoisyModels(process, noise, timeline, self.initial(self.layout))
-        first = self._first(process, noise, timeline)
-        options = self.settings.initialisation
-        if self.likely is not None:
-            return NoisyModels(process, noise, timeline, first.near(self.likely, options, before))
-        return NoisyModels(process, noise, timeline, first.smoothed(options, before))
-
-    def beyond_share(self, made: NoisyModels) -> NoisyModels | None:
-        """The models with a longer initialisation; None where filters need or get none."""
-        if self.likely is not None:
-            return None
-        first = self._first(made.process, made.noise, made.timeline)
-        start = first.beyond_share(self.settings.initialisation, made.start)
-        return None if start is None else replace(made, start=start)
-
-    def _first(self, process: TorqueFreeProcess, noise: SensorNoise, timeline: Timeline) -> FirstEpochs:
-        return FirstEpochs(self.dataset, self.view, process, timeline, noise)
 
 
 def initial_samples(
@@ -362,19 +325,166 @@ def initial_samples(
     Raises
     ------
     InputError
-        Streams that do not tell a motion.
+        Streams that do not show a motion, or show rates alone where others refer to frame i.
     """
-    for stream in sorted(streams, key=_told, reverse=True):
+    for stream in sorted(streams, key=_shown, reverse=True):
         samples = sensor_of(stream.sensor).initial_motion(stream, noise, view)
-        if samples is not None:
-            return samples
+        if samples is None:
+            continue
+        fixed = [s.sensor for s in streams if sensor_of(s.sensor).tells_frames]
+        if samples.attitude is None and fixed:
+            raise InputError(
+                f"{' and '.join(fixed)} measurements refer to frame i, and {stream.sensor} measurements do not tell the attitude "
+                "in it; give poses or attitudes too"
+            )
+        return samples
     raise InputError(
         f"{' and '.join(s.sensor for s in streams)} measurements do not tell how the body moves at first; "
         "give those of another sensor too"
     )
 
 
-def _told(stream: MeasurementStream) -> tuple[bool, ...]:
-    """Comparable measure of the motion that a stream tells."""
+def _shown(stream: MeasurementStream) -> tuple[bool, ...]:
+    """Comparable measure of the motion that a stream shows."""
     sensor = sensor_of(stream.sensor)
     return sensor_format(stream.sensor).has_landmarks, sensor.sees_place, sensor.tells_frames
+
+
+@dataclass(frozen=True)
+class NoisyModels:
+    """Models at some levels of noise, and the initialisation with them."""
+
+    process: TorqueFreeProcess
+    noise: SensorNoise
+    timeline: Timeline
+    start: InitialEstimate
+
+    def levels(self, unstated: Unstated) -> dict[str, float]:
+        """Variances and densities that the initialisation was made with."""
+        levels = {name: getattr(self.noise, name) ** 2 for name in unstated.options}
+        return levels | {name: getattr(self.process.noise, name) for name in unstated.densities}
+
+    def identified(self, unstated: Unstated, from_residuals: bool) -> Identified | None:
+        """Levels identified from the median residuals, or from those of the initialisation."""
+        start = self.start
+        if start.has_failed or not np.isfinite(start.mean).all():
+            return None
+        epochs = self.timeline[: len(start.mean)]
+        problem = problem_of(self.process, epochs, start.ids, start.prior, OBSERVATIONS_NEEDED)
+        model = noise_model(problem, self.noise, unstated)
+        if model is None:
+            return None
+        first = None if from_residuals else np.zeros(len(model.components) + len(model.densities))
+        found = identify(model, start.mean, start.points, first)
+        return found if found is not None and found.converged else None
+
+
+@dataclass(frozen=True)
+class Initialiser:
+    """A log whose first epochs are smoothed with models at any levels of noise.
+
+    Attributes
+    ----------
+    likely : InitialEstimate or None
+        Estimate with which this one is compared, of epochs that depend on neither.
+    """
+
+    dataset: Dataset
+    view: CameraView | None
+    layout: StateLayout
+    options: InitialisationOptions
+    likely: InitialEstimate | None = None
+
+    def at(
+        self, process: TorqueFreeProcess, noise: SensorNoise, before: InitialEstimate | None = None
+    ) -> NoisyModels:
+        """The initialisation at this noise, from that at other noise where there is one."""
+        timeline = build_timeline(self.dataset.log, self.layout, noise, self.view)
+        require_motion(len(timeline))
+        first = FirstEpochs(self.dataset, self.view, process, timeline, noise)
+        if self.likely is not None:
+            return NoisyModels(process, noise, timeline, first.near(self.likely, self.options, before))
+        return NoisyModels(process, noise, timeline, first.smoothed(self.options, before))
+
+    def beyond_share(self, made: NoisyModels) -> NoisyModels | None:
+        """The models with a longer initialisation; None where filters need or get none."""
+        if self.likely is not None:
+            return None
+        first = FirstEpochs(self.dataset, self.view, made.process, made.timeline, made.noise)
+        start = first.beyond_share(self.options, made.start)
+        return None if start is None else replace(made, start=start)
+
+
+ROUNDS: Final[int] = 3
+"""Initialisations at most: each linearises about what the noise of the one before made of the epochs."""
+ALIKE: Final[float] = 0.2
+"""Change of every ln variance below which the initialisation just made is the last."""
+SAME_STATES: Final[float] = 0.3
+"""Standard deviations of an epoch's whole state, within which two solutions are one."""
+LONGER_ROUNDS: Final[int] = 2
+"""Initialisations at most of more epochs than the share."""
+
+
+def with_identified_noise(
+    initialiser: Initialiser,
+    process: TorqueFreeProcess,
+    noise: SensorNoise,
+    unstated: Unstated,
+    rounds: int = ROUNDS,
+) -> tuple[NoisyModels, tuple[VarianceComponent, ...]]:
+    """The initialisation with the noise that its own epochs identify; without it where they identify none.
+
+    The density of a disturbance is taken for its mean (`VarianceComponent.expected`), and covariances widen by what is not known of
+    the levels (`Identified`).
+
+    Parameters
+    ----------
+    process, noise : TorqueFreeProcess, SensorNoise
+        At the levels of the first initialisation.
+    unstated : Unstated
+        Levels to be identified.
+    rounds : int
+        Initialisations at most; 2 where noise is nearly known before the first.
+    """
+    made, found = _with_levels(initialiser, initialiser.at(process, noise), unstated, rounds)
+    longer = initialiser.beyond_share(made)
+    if longer is not None:
+        made, found = _with_levels(initialiser, longer, unstated, LONGER_ROUNDS)
+    if found is None:
+        return made, ()
+    start = made.start
+    if found.sensitivity.shape[1] == len(start.factor):  # else it has got other epochs with the levels
+        made = replace(made, start=replace(start, factor=found.widened(start.factor)))
+    return made, found.components
+
+
+def _with_levels(
+    initialiser: Initialiser, made: NoisyModels, unstated: Unstated, rounds: int
+) -> tuple[NoisyModels, Identified | None]:
+    """Repeat an initialisation with the noise levels that its epochs identify; None of the levels without any."""
+    found = None
+    for _ in range(rounds - 1 if unstated else 0):
+        identified = made.identified(unstated, from_residuals=found is None)
+        if identified is None:
+            break
+        before, found = made.levels(unstated), identified
+        # process and sensors at the expected levels, and the first epochs smoothed again from the states of the identification
+        densities = {each.name: each.expected for each in found.components if each.is_density}
+        stds = {each.name: each.expected for each in found.components if not each.is_density}
+        process = made.process.with_noise(replace(made.process.noise, **densities))
+        made = initialiser.at(
+            process, replace(made.noise, **stds), replace(made.start, mean=found.trajectory)
+        )
+        after = made.levels(unstated)
+        are_alike = all(abs(np.log(after[name] / before[name])) < ALIKE for name in after)
+        if _agree(made.start, found) or are_alike:
+            break
+    return made, found
+
+
+def _agree(start: InitialEstimate, found: Identified) -> bool:
+    """Whether an initialisation has kept the states with which its levels are the likeliest."""
+    if found.trajectory.shape != start.mean.shape or not np.isfinite(start.factor).all():
+        return False
+    away = start.layout.local(start.mean, found.trajectory)
+    return bool(normalised_square(away, start.factor).max() < SAME_STATES**2)

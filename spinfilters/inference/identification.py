@@ -86,6 +86,7 @@ class WorkingSolutions:
         if left is not None:
             left = replace(left, gradient=np.zeros_like(left.gradient))
         steps = here.dynamics.steps.copy()
+        # per step J'y over the columns [moving k | moving k + 1 | constants], and y'y in the last entry
         gradient = np.einsum("kdc,kd->kc", here.dynamics.rows[:, :, :-1], right.steps)
         steps[:, :-1, -1] = steps[:, -1, :-1] = gradient
         steps[:, -1, -1] = np.einsum("kd,kd->k", right.steps, right.steps)
@@ -150,7 +151,7 @@ SMALLEST_SHARE: Final[float] = 0.01
 """Of a level in what tells it, below which it makes no difference."""
 TINY: Final[float] = float(np.finfo(float).tiny)
 NEGLIGIBLE: Final[float] = 1e-3
-"""Of ln variance: a change that nobody would see."""
+"""Of ln variance: a change that no estimate shows."""
 
 
 @dataclass(frozen=True)
@@ -357,7 +358,7 @@ LEAST_SHARE: Final = 1e-9
 
 @dataclass(frozen=True)
 class LevelTest:
-    """A noise level beside the data.
+    """A noise level compared with the data.
 
     Attributes
     ----------

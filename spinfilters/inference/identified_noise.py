@@ -2,16 +2,14 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
 from jaxtyping import Float
 
 from spinfilters.core.errors import NUMERICAL_ERRORS, InputError, numerical
-from spinfilters.core.linear_algebra import normalised_square
-from spinfilters.filters.noise_levels import DISTURBANCES, FORCE_PSD, ComponentRows, VarianceComponent
-from spinfilters.filters.timeline import SensorNoise, Timeline, build_timeline
-from spinfilters.inference.identification import Identified, identify
+from spinfilters.filters.noise_levels import DISTURBANCES, FORCE_PSD, ComponentRows
+from spinfilters.filters.timeline import SensorNoise, build_timeline
 from spinfilters.inference.initial_estimate import InitialEstimate
 from spinfilters.inference.initialisation import initialise
 from spinfilters.inference.noise_model import NoiseModel
@@ -24,8 +22,7 @@ from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.models.sensor import MotionSamples, Sensor
 from spinfilters.models.sensor_registry import sensor_of
 from spinfilters.settings.run_settings import InitialisationOptions
-from spinfilters.smoother.landmark_factors import OBSERVATIONS_NEEDED
-from spinfilters.smoother.problem import Problem, problem_of
+from spinfilters.smoother.problem import Problem
 
 WHOLE_RECORDING = 400
 """Samples, at most, from which the error of a rate sensor is identified."""
@@ -154,41 +151,9 @@ def _unidentified(sensor: Sensor, why: str) -> InputError:
     )
 
 
-ROUNDS: Final[int] = 3
-"""Initialisations at most: each linearises about what the noise of the one before made of the epochs."""
-ALIKE: Final[float] = 0.2
-"""Change of every ln variance below which the initialisation just made is the last."""
-SAME_STATES: Final[float] = 0.3
-"""Standard deviations of an epoch's whole state, within which two solutions are one."""
-LONGER_ROUNDS: Final[int] = 2
-"""Initialisations at most of more epochs than the share."""
 SMALLEST_SHARE_OF_DEFAULT: Final[float] = 1e-4
 """Of a noise option's default, the least level that is identified: no such sensor is better. Less is a simulation without
 noise, whose residuals are those of rounding and of integration (1e-9 of a step) and tell no level."""
-
-
-@dataclass(frozen=True)
-class NoisyModels:
-    """Models with identified noise, and the initialisation with them."""
-
-    process: TorqueFreeProcess
-    noise: SensorNoise
-    timeline: Timeline
-    start: InitialEstimate
-
-
-class Initialise(Protocol):
-    """Binds a data set to noise and makes its initialisation."""
-
-    def __call__(
-        self, process: TorqueFreeProcess, noise: SensorNoise, before: InitialEstimate | None
-    ) -> NoisyModels:
-        """The initialisation at this noise, from that at other noise where there is one."""
-        ...
-
-    def beyond_share(self, made: NoisyModels) -> NoisyModels | None:
-        """The models with a longer initialisation; None where filters need or get none."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -211,66 +176,13 @@ class Unstated:
 
     @classmethod
     def of_all(cls, log: MeasurementLog, noise: ProcessNoise) -> "Unstated":
-        """All levels that a recording has, as if nobody stated them."""
+        """All levels that a recording has, as if none were stated."""
         options: dict[str, dict[str, tuple[int, ...]]] = {}
         for stream in log.streams:
             for option in sensor_format(stream.sensor).noise:
                 if option.components is not None:
                     options.setdefault(option.name, {})[stream.sensor] = option.components
         return cls(options, tuple(name for name in DISTURBANCES if getattr(noise, name) > 0))
-
-
-def with_identified_noise(
-    make: Initialise,
-    process: TorqueFreeProcess,
-    noise: SensorNoise,
-    unstated: Unstated,
-    rounds: int = ROUNDS,
-) -> tuple[NoisyModels, tuple[VarianceComponent, ...]]:
-    """The initialisation with the noise that its own epochs identify; without it where they identify none.
-
-    The density of a disturbance is taken for its mean (`VarianceComponent.expected`), and covariances widen by what is not known of
-    the levels (`Identified`).
-
-    Parameters
-    ----------
-    rounds : int
-        Initialisations at most; 2 where noise is nearly known before the first.
-    """
-    made, found = _with_levels(make, make(process, noise, None), unstated, rounds)
-    longer = make.beyond_share(made)
-    if longer is not None:
-        made, found = _with_levels(make, longer, unstated, LONGER_ROUNDS)
-    return (
-        (made, ()) if found is None else (replace(made, start=_widened(made.start, found)), found.components)
-    )
-
-
-def _with_levels(
-    make: Initialise, made: NoisyModels, unstated: Unstated, rounds: int
-) -> tuple[NoisyModels, Identified | None]:
-    """Repeat an initialisation with the noise levels that its epochs identify; None of the levels without any."""
-    found = None
-    for _ in range(rounds - 1 if unstated else 0):
-        identified = _identified(made, unstated, found is None)
-        if identified is None:
-            break
-        before, found = _levels(made, unstated), identified
-        made = make(*_expected(made, identified), replace(made.start, mean=found.trajectory))
-        after = _levels(made, unstated)
-        if _agree(made.start, found) or all(
-            abs(np.log(after[name] / before[name])) < ALIKE for name in after
-        ):
-            break
-    return made, found
-
-
-def _agree(start: InitialEstimate, found: Identified) -> bool:
-    """Whether an initialisation has kept the states with which its levels are the likeliest."""
-    if found.trajectory.shape != start.mean.shape or not np.isfinite(start.factor).all():
-        return False
-    away = start.layout.local(start.mean, found.trajectory)
-    return bool(normalised_square(away, start.factor).max() < SAME_STATES**2)
 
 
 def smallest_level(option: str) -> float:
@@ -299,39 +211,6 @@ def noise_model(problem: Problem, noise: SensorNoise, unstated: Unstated) -> Noi
     return NoiseModel(problem, tuple(components), densities) if components or densities else None
 
 
-def _identified(made: NoisyModels, unstated: Unstated, from_residuals: bool) -> Identified | None:
-    """Levels identified from the median residuals, or from those of the initialisation."""
-    start = made.start
-    if start.has_failed or not np.isfinite(start.mean).all():
-        return None
-    epochs = made.timeline[: len(start.mean)]
-    problem = problem_of(made.process, epochs, start.ids, start.prior, OBSERVATIONS_NEEDED)
-    model = noise_model(problem, made.noise, unstated)
-    if model is None:
-        return None
-    first = None if from_residuals else np.zeros(len(model.components) + len(model.densities))
-    found = identify(model, start.mean, start.points, first)
-    return found if found is not None and found.converged else None
-
-
-def _expected(made: NoisyModels, found: Identified) -> tuple[TorqueFreeProcess, SensorNoise]:
-    """Process and sensor noise at the expected levels."""
-    densities = {each.name: each.expected for each in found.components if each.is_density}
-    stds = {each.name: each.expected for each in found.components if not each.is_density}
-    process = made.process.with_noise(replace(made.process.noise, **densities))
-    return process, replace(made.noise, **stds)
-
-
-def _widened(start: InitialEstimate, found: Identified) -> InitialEstimate:
-    """The belief widened by the uncertainty of the noise levels.
-
-    It stays as it is where it has got other epochs with them.
-    """
-    if found.sensitivity.shape[1] != len(start.factor):
-        return start
-    return replace(start, factor=found.widened(start.factor))
-
-
 def innovation_rows(model: MeasurementModel, components: tuple[int, ...]) -> tuple[int, ...]:
     """Components of the innovation that a noise reaches.
 
@@ -339,9 +218,3 @@ def innovation_rows(model: MeasurementModel, components: tuple[int, ...]) -> tup
     """
     every = tuple(range(model.dim))
     return every if sensor_format(model.name).has_landmarks else tuple(k for k in components if k in every)
-
-
-def _levels(made: NoisyModels, unstated: Unstated) -> dict[str, float]:
-    """Variances and densities that the initialisation was made with."""
-    levels = {name: getattr(made.noise, name) ** 2 for name in unstated.options}
-    return levels | {name: getattr(made.process.noise, name) for name in unstated.densities}

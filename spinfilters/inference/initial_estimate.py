@@ -144,7 +144,7 @@ class InitialEstimate:
 
 
 MOST_MASKED = 2
-"""Measurements that are refused beside those that the gates refuse, at most."""
+"""Measurements that are refused besides those that the gates refuse, at most."""
 
 
 @dataclass(frozen=True)

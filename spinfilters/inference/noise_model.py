@@ -191,7 +191,11 @@ def residuals_of(
     marginals = Marginals(normal.system, normal.eliminated)
     steps = steps_after(problem, here, marginals)
     sensors = [_sensor_after(problem, here, marginals, k) for k in range(len(problem.motion.sensors))]
-    nothing = _zeros(here, steps, sensors)
+    # a right-hand side of zeros, to which each source adds its own rows
+    seen = None if here.linear is None else np.zeros_like(here.linear.innovation)
+    nothing = WhitenedRows(
+        tuple(np.zeros_like(each.rest) for each in sensors), np.zeros_like(steps.rest), seen
+    )
     spent = steps.leverage + sum(each.leverage for each in sensors)
     spent += _prior_leverage(problem, here, marginals)
     sources, redundancy = [], []
@@ -205,6 +209,7 @@ def residuals_of(
         redundancy.append(free)
     squares = [each.dot(each) for each in sources]
     for W in source_factors(problem, here, densities):
+        # per step: W'r is what a disturbance explains of the residual, W W'r the working variable, with r of d rows
         explained = np.einsum("kdi,kd->ki", W, steps.rest)
         squares.append(float(np.vdot(explained, explained)))
         redundancy.append(steps.redundancy(W))
@@ -254,7 +259,7 @@ class _SensorAfter:
     def deleted(self) -> Float[np.ndarray, " r"]:
         """Probability of larger residuals of each measurement about states of all others (Cook and Weisberg 1982).
 
-        Component by component; of those that few others tell as if a fifth were told.
+        Component by component; where few others determine one, with a redundancy of a fifth.
         """
         squares = (self.rest**2 / np.maximum(self.free, LEAST_FREE)).sum(axis=1)
         return np.asarray(chi_square_tail(squares, self.rest.shape[1]))
@@ -272,6 +277,7 @@ def _explained_steps(
     problem: Problem, here: LinearizationPoint, errors: Float[np.ndarray, "k n"]
 ) -> Float[np.ndarray, "j d"]:
     ordering, moving = problem.ordering, errors[:, problem.ordering.moving]
+    # columns of a step's rows: moving errors of its first epoch, of its second, then the constants
     both = np.concatenate([moving[:-1], moving[1:], errors[:-1, ordering.constant]], axis=1)
     return np.einsum("kdc,kc->kd", here.dynamics.rows[:, :, :-1], both)
 
@@ -289,6 +295,7 @@ def _explained_observations(here: LinearizationPoint, normal: NormalEquations) -
     fit, linear, solution = normal.eliminated, here.linear, normal.system
     assert fit is not None
     assert linear is not None
+    # of each observation the errors of its epoch's pose, then of its landmark: the columns of its rows
     poses = solution.poses[fit.observations.epoch]
     points = fit.points_step(solution.poses)[fit.observations.landmark]
     moved = np.einsum("nic,nc->ni", linear.rows[:, :, :-1], np.concatenate([poses, points], axis=1))
@@ -297,15 +304,10 @@ def _explained_observations(here: LinearizationPoint, normal: NormalEquations) -
 
 def steps_after(problem: Problem, here: LinearizationPoint, marginals: Marginals) -> StepsAfter:
     """Whitened residuals of the steps, and what their states' covariance leaves of them."""
+    # rows [J | y] of every step: residual y - J x, and J F for the share J P J' = (J F)(J F)'
     J, y = here.dynamics.rows[:, :, :-1], here.dynamics.rows[:, :, -1]
     explained = _explained_steps(problem, here, marginals.solution.errors)
     return StepsAfter(y - explained, J @ marginals.step_rows())
-
-
-def _zeros(here: LinearizationPoint, steps: StepsAfter, sensors: Sequence[_SensorAfter]) -> WhitenedRows:
-    """A right-hand side of nothing."""
-    seen = None if here.linear is None else np.zeros_like(here.linear.innovation)
-    return WhitenedRows(tuple(np.zeros_like(each.rest) for each in sensors), np.zeros_like(steps.rest), seen)
 
 
 def _sensor_residuals(
@@ -325,6 +327,7 @@ def _sensor_after(
 ) -> _SensorAfter:
     sensor, made = problem.motion.sensors[number], here.sensor_rows(problem.motion, number)
     each = EpochRows(made.rows, sensor.epoch)
+    # leverage of each component i of a row r: (J P J')_ii, with P = F F' of the row's epoch
     factors = marginals.factors[:, sensor.model.columns]
     leverage = np.einsum("rij,rij->ri", each.products(factors @ factors.swapaxes(1, 2)), each.jacobian)
     rest = made.rows[:, :, -1] - _explained_by_sensor(problem, here, marginals.solution.errors, number)
@@ -334,6 +337,7 @@ def _sensor_after(
 def _prior_leverage(problem: Problem, here: LinearizationPoint, marginals: Marginals) -> float:
     if problem.motion.prior is None:
         return 0.0
+    # rows of the prior are in the ordering's columns, those of the factor in the layout's
     J = prior_rows(problem.ordering, here.trajectory[0], problem.motion.prior)[:, :-1]
     spread = J @ marginals.factors[0][problem.ordering.order]
     return float(np.vdot(spread, spread))
@@ -355,6 +359,7 @@ def _free_observations(problem: Problem, normal: NormalEquations, spent: float) 
     """
     fit, ordering = normal.eliminated, problem.ordering
     assert fit is not None
+    # unknowns in all: constants and gauge (separator), moving errors of every epoch, and the landmarks that are determined
     values = sum(int(np.count_nonzero(fit.used[g.rows])) * g.model.dim for g in fit.observations.groups)
     count = (
         ordering.separator_dim
@@ -372,6 +377,7 @@ def source_factors(
     noise = here.dynamics.noise
     if noise is None:
         noise = motion.process.linearise_steps(here.trajectory[:-1], here.trajectory[1:], motion.dt)[2]
+    # noise factor of the moving rows; its columns are those of the torque, then of the force
     G = noise[:, moving]
     Q = G @ np.swapaxes(G, 1, 2) + NOISE_FLOOR**2 * np.eye(len(moving))
     W = np.linalg.solve(np.linalg.cholesky(Q), G)

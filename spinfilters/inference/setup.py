@@ -103,7 +103,7 @@ class Setup:
 
 
 def knows_frames(dataset: Dataset) -> bool:
-    """Whether a data set, by map or sensor, tells frames i and g."""
+    """Whether a data set, by map or sensor, determines frames i and g."""
     return dataset.known_map is not None or sensor_of(dataset.sensor).tells_frames
 
 

@@ -189,12 +189,6 @@ def stated_models(
     return StatedModels(process, replace(noise, **{option: found.scale_std}), found, unknown)
 
 
-def models_beside(beside: Setup, layout: StateLayout, settings: Settings) -> StatedModels:
-    """Process and noise of another setup of the recording, over a layout."""
-    process = TorqueFreeProcess(layout, beside.process.noise, settings.process.tolerance)
-    return StatedModels(process, beside.noise, beside.gyro_noise)
-
-
 STATED, PRIOR = "stated", "prior"
 
 
@@ -222,8 +216,8 @@ def considered_deviations(
 def identified_scales(setup: Setup) -> dict[str, NoiseScale]:
     """Scales that the initialisation has identified, by source.
 
-    The most probable level beside what the process and sensors are told, with the information 2 / var that it rests on. A
-    sensor has one scale, and none where a part of its noise is stated.
+    The most probable level over that of the process and the sensors, with the information 2 / var that it rests on. A sensor has
+    one scale, and none where a part of its noise is stated.
     """
     found = {each.name: each for each in setup.identified}
     scales = {}
@@ -246,13 +240,13 @@ def adapted_levels(setup: Setup, level: Callable[[str], NoiseScale]) -> tuple[Va
     levels = []
     for each in setup.identified:
         source = next((s for s, options in sources.items() if each.name in options and s in first), None)
-        levels.append(each if source is None else _adapted(each, first[source], level(source)))
+        if source is None:
+            levels.append(each)
+            continue
+        before, after = first[source], level(source)
+        share = before.information / after.information
+        levels.append(each.scaled(after.logarithm - before.logarithm, share**0.5))
     return tuple(levels)
-
-
-def _adapted(found: VarianceComponent, before: NoiseScale, after: NoiseScale) -> VarianceComponent:
-    share = before.information / after.information
-    return found.scaled(after.logarithm - before.logarithm, share**0.5)
 
 
 def _sources(setup: Setup) -> dict[str, tuple[str, ...]]:

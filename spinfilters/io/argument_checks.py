@@ -14,7 +14,7 @@ from typing import Any, Final, ParamSpec, TypeVar
 import numpy as np
 
 from spinfilters.core.errors import InputError
-from spinfilters.io.arguments import GivenField, given_fields
+from spinfilters.io.argument_fields import GivenField, given_fields
 from spinfilters.io.input_file import value_text
 from spinfilters.io.stated_values import NumberRange, plain_number
 
@@ -32,7 +32,7 @@ def checked_arguments(
     Parameters
     ----------
     record : type or None
-        Dataclass whose given fields (`spinfilters.io.arguments`) say what the arguments of their names may be.
+        Dataclass whose given fields (`spinfilters.io.argument_fields`) say what the arguments of their names may be.
     **checks : Check
         Of further arguments, or in place of those of the record.
 

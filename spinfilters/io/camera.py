@@ -12,10 +12,10 @@ from jaxtyping import Float
 
 from spinfilters.core.errors import InputError
 from spinfilters.io.consider_parameter import consider_parameters
-from spinfilters.io.input_file import path_text, read_settings_text, reason, value_text
+from spinfilters.io.document import numbers, read_yaml
+from spinfilters.io.input_file import path_text, value_text
 from spinfilters.io.output_files import make_folder, write_text
 from spinfilters.io.stated_values import LENGTH, NumberRange
-from spinfilters.io.text_table import numbers
 
 ROTATION_TOLERANCE: Final[float] = 1e-4
 """Largest entry by which a rotation may miss orthonormality, or a pair parallelism: 0.05 px at f = 500."""
@@ -28,8 +28,6 @@ _INTRINSICS_DEVIATION, _PLACE_DEVIATION = (
     NumberRange(0, 1e4, "px"),
     NumberRange(0, 1e3, "m"),
 )
-_MOST_NESTED = 20  # of brackets and blocks in YAML, whose reader works from nested calls
-_MOST_NODES = 20_000  # of a YAML file: a calibration has a hundred
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,60 +174,6 @@ def _pose(path: Path, value: Any) -> Float[np.ndarray, "4 4"]:
             f"{path_text(path)}: T_BS is {value_text(pose.tolist())}, not a rotation and a shift; correct it"
         )
     return pose
-
-
-def read_yaml(path: Path) -> dict[str, Any]:
-    """Mapping of a YAML file of at most 1 MiB.
-
-    Plain values only: no object tags, no aliases, no merge keys.
-    A few aliases in one another name more values than memory holds, so they are refused before any is looked up.
-
-    Raises
-    ------
-    InputError
-        Unreadable file, text that is not YAML, tags such as !!python, aliases, too many or too deeply nested
-        values, or no mapping at the top.
-    """
-    import yaml  # here alone: few recordings have a camera's file
-
-    text = read_settings_text(path)
-    try:
-        _refuse_growth(path, text)
-        document = yaml.safe_load(text)
-    except yaml.MarkedYAMLError as error:
-        line = error.problem_mark.line + 1 if error.problem_mark else 1
-        problem = reason(ValueError(error.problem))
-        raise InputError(
-            f"{path_text(path)}: line {line}: is not plain YAML ({problem}); correct that line"
-        ) from None
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise InputError(f"{path_text(path)}: is not YAML ({reason(error)}); correct it") from None
-    if not isinstance(document, dict):
-        raise InputError(
-            f"{path_text(path)}: holds {value_text(document)}, expected 'key: value' lines; copy it again"
-        )
-    return document
-
-
-def _refuse_growth(path: Path, text: str) -> None:
-    """Refuse YAML that would become larger or deeper than it looks."""
-    import yaml
-
-    depth = nodes = 0
-    for event in yaml.parse(text, Loader=yaml.SafeLoader):
-        line = f"{path_text(path)}: line {event.start_mark.line + 1}: "
-        if isinstance(event, yaml.AliasEvent):
-            raise InputError(
-                f"{line}refers to another value (*{value_text(event.anchor)[1:-1]}); write the value itself"
-            )
-        if isinstance(event, yaml.ScalarEvent) and event.value == "<<":
-            raise InputError(f"{line}has a merge key (<<); write the keys themselves")
-        nodes += isinstance(event, yaml.NodeEvent)
-        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
-        if depth > _MOST_NESTED or nodes > _MOST_NODES:
-            raise InputError(
-                f"{line}nests values more than {_MOST_NESTED} deep or holds more than {_MOST_NODES}; copy the file again"
-            )
 
 
 RIG_FILES: Final[tuple[Path, Path]] = (Path("cam0/sensor.yaml"), Path("cam1/sensor.yaml"))
@@ -455,7 +399,7 @@ def _baseline(path: Path, shift: Float[np.ndarray, "3"]) -> float:
     return float(shift[0])
 
 
-def told_deviations(folder: Path) -> Mapping[str, float]:
+def camera_deviations(folder: Path) -> Mapping[str, float]:
     """Calibration deviations of a folder's cameras, the larger of two.
 
     Raises
@@ -476,12 +420,12 @@ def told_deviations(folder: Path) -> Mapping[str, float]:
 
 def _of_camera(camera: SensorFile, pair: list[SensorFile]) -> dict[str, float]:
     """Deviations relative to focal length and baseline, and of the principal point in px."""
-    told: dict[str, float] = {}
+    stated: dict[str, float] = {}
     if camera.intrinsics_std is not None:
         focal, centre = camera.intrinsics_std[:2] / camera.intrinsics[:2], camera.intrinsics_std[2:]
-        told |= {"focal_std": float(focal.max()), "center_std": float(centre.max())}
+        stated |= {"focal_std": float(focal.max()), "center_std": float(centre.max())}
     if camera.position_std is not None and len(pair) > 1:
         baseline = float(np.linalg.norm(pair[1].pose[:3, 3] - pair[0].pose[:3, 3]))
         if baseline > 0:
-            told["baseline_std"] = camera.position_std / baseline
-    return told
+            stated["baseline_std"] = camera.position_std / baseline
+    return stated

@@ -31,7 +31,7 @@ class ConsiderParameter:
     allowed : NumberRange
         Range of the deviation, with its unit.
     default : float
-        Deviation where nobody states one.
+        Deviation where none is stated.
     sensors : tuple[str, ...]
         That it is of, by name; none of the clock, by which all durations are scaled.
     size : int

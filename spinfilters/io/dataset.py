@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from spinfilters.core.errors import InputError
-from spinfilters.io.camera import Rig, told_deviations
+from spinfilters.io.camera import Rig, camera_deviations
 from spinfilters.io.consider_parameter import consider_parameters
 from spinfilters.io.input_file import path_text, printable, value_text
 from spinfilters.io.measurement_log import Acceleration, MeasurementLog, MeasurementStream
@@ -88,8 +88,8 @@ class DatasetOptions:
         stated = {k: v for k, v in given.items() if v is not None and k not in DENSITIES}
         _check_calibration(calibration or {})
         INFLATION.require("covariance_inflation", covariance_inflation)
-        told = frames, dict(notes or {}), dict(calibration or {}), float(covariance_inflation)
-        values = (stated, force_psd, torque_psd, *told)
+        others = frames, dict(notes or {}), dict(calibration or {}), float(covariance_inflation)
+        values = (stated, force_psd, torque_psd, *others)
         for name, value in zip(_FIELDS, values, strict=True):
             object.__setattr__(self, name, value)
 
@@ -148,7 +148,7 @@ def options_from_toml(path: Path, document: Mapping[str, Any]) -> DatasetOptions
         raise InputError(f"{path_text(path)}: {error}; correct it") from None
 
 
-def with_told_deviations(options: DatasetOptions, folder: Path) -> DatasetOptions:
+def with_stated_deviations(options: DatasetOptions, folder: Path) -> DatasetOptions:
     """Options completed by the calibration deviations in the folder's `sensor.yaml` files.
 
     Raises
@@ -156,7 +156,7 @@ def with_told_deviations(options: DatasetOptions, folder: Path) -> DatasetOption
     InputError
         As `read_sensor_file`; a deviation out of the range of its parameter.
     """
-    return replace(options, calibration={**told_deviations(folder), **options.calibration})
+    return replace(options, calibration={**camera_deviations(folder), **options.calibration})
 
 
 def _is_number(key: str) -> bool:

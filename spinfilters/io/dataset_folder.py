@@ -17,7 +17,7 @@ from spinfilters.io.dataset import (
     calibrations_of,
     options_from_toml,
     require_cover,
-    with_told_deviations,
+    with_stated_deviations,
 )
 from spinfilters.io.dataset_reader import DatasetReader, RawDataReader
 from spinfilters.io.input_file import (
@@ -113,18 +113,19 @@ def _read_folder(folder: Path, front_end: Callable[[str], RawDataReader | None])
         raise InputError(
             f"{path_text(path)}: kind is {value_text(kind)}, expected one of {', '.join(kinds)}; correct it"
         )
-    log, options = _read_log(folder, kinds[kind]), options_from_toml(path, document)
+    log = MeasurementLog(tuple(_with_own_covariance(form, folder) for form in _stored(folder, kinds[kind])))
+    options = options_from_toml(path, document)
     landmarks, cameras = folder / LANDMARK_FILE, calibrations_of(log)
     return Dataset(
         kind=kind,
         log=log,
         path=folder,
         description=description,
-        truth=_told_truth(folder),
+        truth=_truth_of(folder),
         rig=cameras[0].read(folder) if cameras else None,
         known_map=read_landmarks(landmarks) if os.path.lexists(landmarks) else None,
         inspector=_read_inspector(folder, log),
-        options=with_told_deviations(options, folder) if cameras else options,
+        options=with_stated_deviations(options, folder) if cameras else options,
     )
 
 
@@ -145,7 +146,7 @@ def _undescribed(folder: Path, recordings: Sequence[Path]) -> InputError:
 
 def _read_raw(folder: Path, reader: RawDataReader, description: str, options: DatasetOptions) -> Dataset:
     """Measurements made from raw data, with those of other sensors in the folder."""
-    made = reader.read(folder, _told_truth(folder))
+    made = reader.read(folder, _truth_of(folder))
     read = [_with_own_covariance(form, folder) for form in _stored(folder, None)]
     log = MeasurementLog((made.stream, *read))
     options = replace(options, covariance_inflation=made.inflation)
@@ -158,13 +159,13 @@ def _read_raw(folder: Path, reader: RawDataReader, description: str, options: Da
         truth=made.truth,
         rig=cameras[0].read(folder) if cameras else None,
         inspector=_read_inspector(folder, log) if cameras else None,
-        options=with_told_deviations(options, folder) if cameras else options,
+        options=with_stated_deviations(options, folder) if cameras else options,
         doubts=made.doubts,
     )
 
 
-def _told_truth(folder: Path) -> Truth | None:
-    """Truth that a folder tells, None without its files. InputError: `read_truth`."""
+def _truth_of(folder: Path) -> Truth | None:
+    """Truth of a folder, None without its files. InputError: `read_truth`."""
     return read_truth(folder) if any(os.path.lexists(folder / name) for name in TRUTH_FILES) else None
 
 
@@ -179,10 +180,6 @@ def _read_inspector(folder: Path, log: MeasurementLog) -> MeasurementStream | No
     except InputError as error:
         raise InputError(f"{path_text(path)}: {error}") from None
     return stream
-
-
-def _read_log(folder: Path, required: SensorFormat) -> MeasurementLog:
-    return MeasurementLog(tuple(_with_own_covariance(form, folder) for form in _stored(folder, required)))
 
 
 def _with_own_covariance(form: SensorFormat, folder: Path) -> MeasurementStream:

@@ -6,12 +6,12 @@ All of ours are named in `spinfilters.run.readers`.
 import os
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from spinfilters.io.dataset import Dataset
-from spinfilters.io.stated_values import ReadingOptions
+from spinfilters.io.stated_values import NOTHING_STATED, ReadingOptions
 
 if TYPE_CHECKING:
     from spinfilters.io.measurement_log import MeasurementStream
@@ -35,7 +35,7 @@ class DatasetReader(ABC):
         In which readers are asked; the first that recognises a path reads it. Ours are at 0, other folders at 90,
         files at 100.
     has_segments : bool
-        Whether a recording may hold several data sets, told by number.
+        Whether a recording may hold several data sets, chosen by number.
     """
 
     name: str
@@ -79,6 +79,23 @@ class DatasetReader(ABC):
             it.
         """
         return [self.read(path, None)]
+
+
+@dataclass(frozen=True)
+class StatedReader(DatasetReader):
+    """Reader of a format that has a use for what the user states of a recording.
+
+    Attributes
+    ----------
+    options : ReadingOptions
+        What the user states; `read` refuses what is of no use (`ReadingOptions.require_only`).
+    """
+
+    options: ReadingOptions = NOTHING_STATED
+
+    def stating(self, options: ReadingOptions) -> DatasetReader:
+        """The same reader with what the user states about a recording."""
+        return replace(self, options=options)
 
 
 IMAGES: Final = "stereo images"

@@ -117,8 +117,8 @@ def _no_file(path: Path) -> InputError:
     return InputError(f"{path_text(path)}: is a device or pipe, expected a file; copy its content to a file")
 
 
-def plain_number(text: str | bytes) -> float:
-    """Number of a text of any length, nearest float64; ValueError: none, or one in Python's own notation (1_0).
+def parse_number(text: str | bytes) -> float:
+    """Number of a text of any length, nearest float64. ValueError: no number, or one in Python's own notation (1_0).
 
     Arrays of fixed-width text cut long numbers off in silence, so that readers take this instead.
     """
@@ -139,31 +139,36 @@ def require_folder(path: Path) -> None:
         raise InputError(f"{path_text(path)}: permission denied; make the folder readable (chmod u+rx)")
 
 
-def require_text_table(path: Path) -> None:
-    """Raise InputError unless it can be a table: `require_file`, no NUL byte, rows and lines bounded."""
+def require_text_table(path: Path, encoding: str = "utf-8") -> None:
+    """Require a file that can be a table of text, whose rows and lines are bounded, before memory is taken for it.
+
+    Raises
+    ------
+    InputError
+        As `require_file`; a NUL byte, unless the encoding has them; too many rows; an endless line.
+    """
     require_file(path, MAX_TABLE_BYTES)
     rows = 0
     try:
         with open(path, "rb") as stream:
             while chunk := stream.read(MAX_LINE_BYTES):
+                if b"\0" in chunk and encoding.startswith("utf-8"):
+                    line = rows + chunk[: chunk.index(b"\0")].count(b"\n") + 1
+                    raise InputError(
+                        f"{path_text(path)}: line {line}: holds NUL bytes, so it is not UTF-8 text; export it as UTF-8 text"
+                    )
                 breaks = max(chunk.count(b"\n"), chunk.count(b"\r"))
+                if breaks == 0 and len(chunk) == MAX_LINE_BYTES:
+                    raise InputError(
+                        f"{path_text(path)}: has a line of more than {MAX_LINE_BYTES} bytes; give a table of numbers"
+                    )
                 rows += breaks
-                _check_chunk(path, chunk, breaks, rows)
+                if rows > MAX_TABLE_ROWS:
+                    raise InputError(
+                        f"{path_text(path)}: has more than {MAX_TABLE_ROWS} rows; cut it into smaller files"
+                    )
     except OSError as error:
         raise InputError(f"{path_text(path)}: cannot be read ({reason(error)}); copy it again") from None
-
-
-def _check_chunk(path: Path, chunk: bytes, breaks: int, rows: int) -> None:
-    if b"\0" in chunk:
-        raise InputError(
-            f"{path_text(path)}: holds NUL bytes, so it is not UTF-8 text; export it as UTF-8 text"
-        )
-    if breaks == 0 and len(chunk) == MAX_LINE_BYTES:
-        raise InputError(
-            f"{path_text(path)}: has a line of more than {MAX_LINE_BYTES} bytes; give a table of numbers"
-        )
-    if rows > MAX_TABLE_ROWS:
-        raise InputError(f"{path_text(path)}: has more than {MAX_TABLE_ROWS} rows; cut it into smaller files")
 
 
 def read_settings_text(path: Path) -> str:

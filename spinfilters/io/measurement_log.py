@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinfilters.core.errors import InputError, ShapeError
+from spinfilters.core.errors import InputError, RowError, ShapeError
 from spinfilters.core.linear_algebra import is_definite
 from spinfilters.io.sensor_format import SensorFormat, sensor_format
 
@@ -47,7 +47,9 @@ class MeasurementStream:
     Raises
     ------
     InputError
-        Unknown sensor, not finite, out of order, not a unit quaternion, not positive definite.
+        Unknown sensor.
+    RowError
+        A row that is not finite, out of order, without a unit quaternion or a positive definite covariance.
     ShapeError
         Arrays of other shapes.
     """
@@ -160,26 +162,40 @@ class MeasurementLog:
 _LARGEST_KEY = 1 << 62  # of whole numbers that are sorted
 
 
-def first_disorder(time: Float[np.ndarray, " n"], repeats: bool) -> int | None:
-    """First row whose time (s) is before its predecessor's, or equal to it unless `repeats`; None if in order."""
+def require_order(name: str, time: Float[np.ndarray, " n"], repeats: bool = False) -> None:
+    """Require times (s) that increase, or that do not decrease where they may repeat. RowError: the first that does not."""
     step = np.diff(time)
     rows = np.flatnonzero(step < 0.0 if repeats else step <= 0.0)
-    return int(rows[0]) + 1 if rows.size else None
+    if not rows.size:
+        return
+    row = int(rows[0]) + 1
+    before, after = float(time[row - 1]), float(time[row])
+    if before == after:
+        raise RowError(name, row, f"time {after!r} s occurs twice; keep one line of each time")
+    cure = "correct the wrong one of the two, or sort the lines by time"
+    raise RowError(name, row, f"time {after!r} s follows {before!r} s: it runs backwards; {cure}")
 
 
-def first_repeated_landmark(time: Float[np.ndarray, " n"], ids: Int[np.ndarray, " n"]) -> int | None:
-    """First row that repeats a landmark at the same time, or None."""
-    if not _repeats(time, ids):
-        return None
-    order = np.lexsort((ids, time))
-    same = (np.diff(time[order]) == 0.0) & (np.diff(ids[order]) == 0)
-    return int(order[1:][same].min()) if same.any() else None
+def require_distinct_landmarks(
+    name: str, time: Float[np.ndarray, " n"] | None, ids: Int[np.ndarray, " n"]
+) -> None:
+    """Require no landmark twice at one time, or none twice at all where there are no times. RowError: the first repetition."""
+    times = np.zeros(len(ids)) if time is None else time
+    if not _may_repeat(times, ids):
+        return
+    order = np.lexsort((ids, times))
+    same = (np.diff(times[order]) == 0.0) & (np.diff(ids[order]) == 0)
+    if same.any():
+        row = int(order[1:][same].min())
+        when = "" if time is None else f" at {float(time[row])!r} s"
+        raise RowError(name, row, f"landmark {ids[row]} occurs twice{when}; keep one line")
 
 
-def _repeats(time: Float[np.ndarray, " n"], ids: Int[np.ndarray, " n"]) -> bool:
+def _may_repeat(time: Float[np.ndarray, " n"], ids: Int[np.ndarray, " n"]) -> bool:
     """Whether a pair of time and id may stand twice."""
     if not len(ids):
         return False
+    # one whole number for each pair: epochs and ids, counted from 0, as two digits
     first, last = int(ids.min()), int(ids.max())
     epoch = np.cumsum(np.diff(time, prepend=time[0]) != 0.0)
     span = last - first + 1
@@ -192,20 +208,38 @@ def _repeats(time: Float[np.ndarray, " n"], ids: Int[np.ndarray, " n"]) -> bool:
     return bool((keys[1:] == keys[:-1]).any())
 
 
-def first_not_unit(quaternion: Float[np.ndarray, "n 4"]) -> int | None:
-    """First row whose norm is not 1 within `QUATERNION_NORM_TOLERANCE`, None when there is none."""
+def require_unit_quaternions(name: str, quaternion: Float[np.ndarray, "n 4"]) -> None:
+    """Require norms of 1 within `QUATERNION_NORM_TOLERANCE`. RowError: the first quaternion of another."""
     with np.errstate(over="ignore"):  # a number of 300 digits is not unit either
-        rows = np.flatnonzero(np.abs(np.linalg.norm(quaternion, axis=1) - 1.0) > QUATERNION_NORM_TOLERANCE)
-    return int(rows[0]) if rows.size else None
+        norm = np.linalg.norm(quaternion, axis=1)
+    rows = np.flatnonzero(np.abs(norm - 1.0) > QUATERNION_NORM_TOLERANCE)
+    if rows.size:
+        row = int(rows[0])
+        raise RowError(
+            name,
+            row,
+            f"quaternion {quaternion[row].tolist()} has norm {norm[row]:.6g}, not 1 as a unit quaternion; "
+            "correct or delete the line",
+        )
 
 
-def first_not_definite(covariance: Float[np.ndarray, "n k k"]) -> int | None:
-    """First row whose matrix is not positive definite beyond rounding, None when there is none."""
+def _require_covariances(name: str, covariance: Float[np.ndarray, "n k k"]) -> None:
+    """Require finite, symmetric and positive definite matrices. RowError: the first that is not."""
+    finite = np.isfinite(covariance).all(axis=(1, 2))
+    if not finite.all():
+        raise RowError(name, int(np.argmin(finite)), "the covariance is not finite; leave out that line")
+    std = np.sqrt(np.abs(np.diagonal(covariance, axis1=1, axis2=2)))
+    asymmetry = np.abs(covariance - covariance.transpose(0, 2, 1))
+    symmetric = (asymmetry <= _ASYMMETRY * std[:, :, None] * std[:, None, :]).all(axis=(1, 2))
+    if not symmetric.all():
+        raise RowError(name, int(np.argmin(symmetric)), "the covariance is not symmetric; give (P + P') / 2")
     for start in range(0, len(covariance), _ROWS):  # a good table needs a call for thousands of rows
         if not is_definite(covariance[start : start + _ROWS]):
             rows = range(start, min(start + _ROWS, len(covariance)))
-            return next(row for row in rows if not is_definite(covariance[row]))
-    return None
+            row = next(row for row in rows if not is_definite(covariance[row]))
+            raise RowError(
+                name, row, "the covariance is not positive definite; give every component a variance"
+            )
 
 
 def normalised(quaternion: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 4"]:
@@ -248,51 +282,19 @@ def _check_shapes(stream: MeasurementStream, form: SensorFormat) -> None:
 
 
 def _check_values(stream: MeasurementStream, form: SensorFormat) -> None:
+    """Require rows that are finite, in order and of the sensor's format. RowError: the first that is not."""
     finite = np.isfinite(stream.time) & np.isfinite(stream.values).all(axis=1)
     if not finite.all():
         row = int(np.argmin(finite))
-        raise InputError(f"{stream.sensor} row {row} is {_row(stream, row)}, not finite; leave out that row")
-    row = first_disorder(stream.time, form.many_rows_an_epoch)
-    if row is not None:
-        before, after = stream.time[row - 1], stream.time[row]
-        raise InputError(
-            f"{stream.sensor} row {row} at {after} s follows {before} s; sort rows, drop repeated times"
-        )
-    row = first_repeated_landmark(stream.time, stream.ids) if stream.ids is not None else None
-    if row is not None and stream.ids is not None:
-        raise InputError(
-            f"{stream.sensor} row {row}: landmark {stream.ids[row]} occurs twice at {stream.time[row]} s; keep one"
-        )
-    first = form.quaternion
-    row = None if first is None else first_not_unit(stream.values[:, first : first + 4])
-    if row is not None:
-        raise InputError(
-            f"{stream.sensor} row {row} is {_row(stream, row)}: not a unit quaternion; normalise it or drop the row"
-        )
+        text = f"{stream.time[row]} s, {stream.values[row].tolist()} is not finite; leave out that line"
+        raise RowError(stream.sensor, row, text)
+    require_order(stream.sensor, stream.time, form.many_rows_an_epoch)
+    if stream.ids is not None:
+        require_distinct_landmarks(stream.sensor, stream.time, stream.ids)
+    if form.quaternion is not None:
+        require_unit_quaternions(stream.sensor, stream.values[:, form.quaternion : form.quaternion + 4])
     if stream.covariance is not None:
-        _check_covariance(stream, stream.covariance)
-
-
-def _check_covariance(stream: MeasurementStream, covariance: Float[np.ndarray, "n k k"]) -> None:
-    finite = np.isfinite(covariance).all(axis=(1, 2))
-    if not finite.all():
-        row = int(np.argmin(finite))
-        raise InputError(f"{stream.sensor} covariance of row {row}: not finite; leave out that row")
-    std = np.sqrt(np.abs(np.diagonal(covariance, axis1=1, axis2=2)))
-    asymmetry = np.abs(covariance - covariance.transpose(0, 2, 1))
-    symmetric = (asymmetry <= _ASYMMETRY * std[:, :, None] * std[:, None, :]).all(axis=(1, 2))
-    if not symmetric.all():
-        row = int(np.argmin(symmetric))
-        raise InputError(f"{stream.sensor} covariance of row {row}: not symmetric; give (P + P') / 2")
-    row = first_not_definite(covariance)
-    if row is not None:
-        raise InputError(
-            f"{stream.sensor} covariance of row {row}: not positive definite; give every component a variance"
-        )
-
-
-def _row(stream: MeasurementStream, row: int) -> str:
-    return f"{stream.time[row]} s, {stream.values[row].tolist()}"
+        _require_covariances(stream.sensor, stream.covariance)
 
 
 @dataclass(frozen=True, eq=False)

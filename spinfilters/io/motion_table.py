@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from spinfilters.core.errors import InputError
 from spinfilters.io.dataset import DATASET_FILE, LANDMARK_FILE, Dataset
-from spinfilters.io.dataset_reader import DatasetReader
+from spinfilters.io.dataset_reader import StatedReader
 from spinfilters.io.input_file import path_text, printable, value_text
 from spinfilters.io.measurement_log import Acceleration, MeasurementLog, MeasurementStream
 from spinfilters.io.motion_columns import (
@@ -23,17 +23,15 @@ from spinfilters.io.motion_columns import (
     motion_columns,
 )
 from spinfilters.io.sensor_format import sensor_format, sensor_formats
-from spinfilters.io.sensor_tables import require_times, require_turns, require_unit_quaternions
+from spinfilters.io.sensor_tables import require_clock, require_turns
 from spinfilters.io.stated_values import (
     CLOCK_UNITS,
     LENGTH,
-    NOTHING_STATED,
     RATE,
     RATE_UNITS,
-    NumberRange,
     ReadingOptions,
 )
-from spinfilters.io.text_table import TextLayout, TextTable, read_columns, read_layout
+from spinfilters.io.text_table import Table, TableLayout, read_columns, read_layout
 from spinfilters.io.truth import TRUTH_TABLE
 
 SLOWEST: Final = 1.0
@@ -137,7 +135,7 @@ def read_motion_table(path: Path, options: ReadingOptions, bare: Quantity | None
     Raises
     ------
     InputError
-        As `read_layout`, `motion_columns`, `read_columns` and `require_times`; no such columns; a unit that is in
+        As `read_layout`, `motion_columns`, `read_columns` and `require_clock`; no such columns; a unit that is in
         doubt or contradicts what is stated; numbers out of their range.
     """
     options.require_only(("unit", "clock", "rate"), "a table")
@@ -159,7 +157,7 @@ def read_acceleration(path: Path, options: ReadingOptions) -> Acceleration | Non
     return _acceleration(path, layout, columns, options)
 
 
-def _rates(path: Path, layout: TextLayout, columns: MotionColumns, options: ReadingOptions) -> MotionTable:
+def _rates(path: Path, layout: TableLayout, columns: MotionColumns, options: ReadingOptions) -> MotionTable:
     vector, remarks = columns.vectors["rate"], []
     table = _read(path, layout, columns, ("rate",))
     unit = _rate_unit(table, vector, options, "seconds_elapsed" in layout.names)
@@ -168,16 +166,17 @@ def _rates(path: Path, layout: TextLayout, columns: MotionColumns, options: Read
     values[:, -3:] *= RATE_UNITS[unit]
     table, speed = replace(table, values=values), np.linalg.norm(values[:, -3:], axis=1)
     table, clock = _timed(table, columns, options, layout, speed)
-    _require(table, RATE, "rad/s")
+    table.require(slice(1, 4), RATE)
     if table.incomplete:
         remarks.append(f"{table.incomplete} rows without rates left out")
     if clock != "s":
         remarks.append(clock)
-    stream = MeasurementStream("gyro", table.values[:, 0], table.values[:, 1:])
+    with table.naming_lines():
+        stream = MeasurementStream("gyro", table.values[:, 0], table.values[:, 1:])
     return MotionTable(stream, _acceleration(path, layout, columns, options), tuple(remarks))
 
 
-def _require_measurable(table: TextTable, unit: str, is_stated: bool) -> None:
+def _require_measurable(table: Table, unit: str, is_stated: bool) -> None:
     """Require rates that a gyro measures.
 
     InputError: one that is faster, with its cell; degrees are no cure of what is too fast in degrees, too.
@@ -202,7 +201,7 @@ def _require_measurable(table: TextTable, unit: str, is_stated: bool) -> None:
     )
 
 
-def _poses(path: Path, layout: TextLayout, columns: MotionColumns, options: ReadingOptions) -> MotionTable:
+def _poses(path: Path, layout: TableLayout, columns: MotionColumns, options: ReadingOptions) -> MotionTable:
     """Poses, or attitudes where no position is there.
 
     Rates beside them are taken as derived and left out.
@@ -215,25 +214,22 @@ def _poses(path: Path, layout: TextLayout, columns: MotionColumns, options: Read
         values = table.values.copy()
         values[:, 1:4] *= KNOWN_UNITS["position"][columns.vectors["position"].unit or "m"]
         table = replace(table, values=values)
-        _require(table, LENGTH, "m")
-    require_unit_quaternions(table, 4 if has_position else 1)
-    sensor = "pose" if has_position else "attitude"
-    remarks = () if clock == "s" else (clock,)
-    return MotionTable(MeasurementStream(sensor, table.values[:, 0], table.values[:, 1:]), None, remarks)
+        table.require(slice(1, 4), LENGTH)
+    with table.naming_lines():
+        stream = MeasurementStream(
+            "pose" if has_position else "attitude", table.values[:, 0], table.values[:, 1:]
+        )
+    return MotionTable(stream, None, () if clock == "s" else (clock,))
 
 
-def _read(
-    path: Path, layout: TextLayout, columns: MotionColumns, quantities: tuple[Quantity, ...]
-) -> TextTable:
+def _read(path: Path, layout: TableLayout, columns: MotionColumns, quantities: tuple[Quantity, ...]) -> Table:
     """Clock, where there is one, and quantities."""
     chosen = [k for quantity in quantities for k in columns.vectors[quantity].indices]
     clock = [] if columns.time is None else [columns.time[0]]
     return read_columns(path, layout, [*clock, *chosen], keys=len(clock))
 
 
-def _rate_unit(
-    table: TextTable, vector: VectorColumns, options: ReadingOptions, is_known_export: bool
-) -> str:
+def _rate_unit(table: Table, vector: VectorColumns, options: ReadingOptions, is_known_export: bool) -> str:
     """Unit of body rates, from the header, the user, or the convention of the name.
 
     Raises
@@ -257,17 +253,17 @@ def _rate_unit(
 
 
 def _timed(
-    table: TextTable,
+    table: Table,
     columns: MotionColumns,
     options: ReadingOptions,
-    layout: TextLayout,
+    layout: TableLayout,
     speed: Float[np.ndarray, " n"] | None,
-) -> tuple[TextTable, str]:
+) -> tuple[Table, str]:
     """Table with time in s as its first column, and a remark on the clock's unit (just "s" for seconds)."""
     if columns.time is None:
         time = np.arange(len(table.values)) / (options.rate or 1.0)
         table = replace(table, names=("time", *table.names), values=np.column_stack([time, table.values]))
-        require_times(table, repeats=False)
+        require_clock(table)
         return table, f"clock of {options.rate:g} Hz as stated"
     index, stated = columns.time
     if stated and options.clock not in (None, stated):
@@ -278,7 +274,7 @@ def _timed(
     stamps = table.values[:, 0]
     unit = stated or options.clock or clock_unit(table.path, layout.names[index], stamps, speed)
     table = replace(table, values=np.column_stack([stamps * CLOCK_UNITS[unit], table.values[:, 1:]]))
-    require_times(table, repeats=False)
+    require_clock(table)
     if speed is not None:
         require_turns(table, speed)
     step = float(np.median(np.diff(table.values[:, 0])))
@@ -289,26 +285,8 @@ def _timed(
     return table, unit if unit == "s" else f"clock in {unit}"
 
 
-def _require(table: TextTable, allowed: NumberRange, unit: str) -> None:
-    """Require every value of the first vector, whose numbers follow the time, to be in range.
-
-    Raises
-    ------
-    InputError
-        A value that is not.
-    """
-    values = table.values[:, 1:4]
-    outside = np.argwhere((values < allowed.smallest) | (values > allowed.largest))
-    if outside.size:
-        row, column = map(int, outside[0])
-        raise table.error(
-            row,
-            f"{table.names[1 + column]} is {float(values[row, column])!r} {unit}; correct or delete the line, give {allowed}",
-        )
-
-
 def _acceleration(
-    path: Path, layout: TextLayout, columns: MotionColumns, options: ReadingOptions
+    path: Path, layout: TableLayout, columns: MotionColumns, options: ReadingOptions
 ) -> Acceleration | None:
     """Accelerometer of a table; None without one, or where its unit is in doubt."""
     if "acceleration" not in columns.vectors:
@@ -326,7 +304,7 @@ def _acceleration(
 
 
 def _acceleration_times(
-    table: TextTable, columns: MotionColumns, options: ReadingOptions
+    table: Table, columns: MotionColumns, options: ReadingOptions
 ) -> Float[np.ndarray, " n"]:
     """Times of an accelerometer's samples, s.
 
@@ -365,17 +343,9 @@ _SUFFIXES = (".csv", ".tsv")
 _ALONE = "gyro.csv"  # the one table of a folder that is a data set without it
 
 
-@dataclass(frozen=True)
-class MotionFileReader(DatasetReader):
-    """Reader of a motion table; see `spinfilters.io.motion_table`.
+class MotionFileReader(StatedReader):
+    """Reader of a motion table; see `spinfilters.io.motion_table`."""
 
-    Attributes
-    ----------
-    options : ReadingOptions
-        What the user states of the recording.
-    """
-
-    options: ReadingOptions = NOTHING_STATED
     name, order = "motion-table", 95
     words = "a gyro .csv"
 
@@ -387,10 +357,6 @@ class MotionFileReader(DatasetReader):
         """Data set of the table; its columns are known by their names."""
         bare: Quantity | None = "rate" if path.stem.lower().startswith("gyro") else None
         return motion_dataset(path, path.name, read_motion_table(path, self.options, bare))
-
-    def stating(self, options: ReadingOptions) -> DatasetReader:
-        """The reader with what the user states of units and clock."""
-        return MotionFileReader(options)
 
 
 def motion_dataset(path: Path, name: str, table: MotionTable) -> Dataset:

@@ -68,7 +68,12 @@ def write_text(path: Path, text: str) -> None:
 def write_json(path: Path, document: object) -> None:
     """Write a document as indented JSON, atomically; numbers that are not finite are written as `null`.
 
-    It may hold dicts, lists, strings, numbers and None.
+    Parameters
+    ----------
+    path : Path
+        The file.
+    document : object
+        Dicts, lists, strings, numbers and None.
 
     Raises
     ------
@@ -161,7 +166,7 @@ def output_folder(folder: Path, command: str) -> Iterator[Path]:
         write_json(stage / _NEW / LIST_FILE, {"schema": SCHEMA, "command": command, "files": digests})
         refuse_foreign(folder, command)
         _publish(stage, target)
-    except InputError as error:  # what was to be written is told by the name that it was to have
+    except InputError as error:  # the message names the file that was to be written
         raise InputError(str(error).replace(path_text(stage / _NEW), path_text(folder))) from None
     except OSError as error:
         raise InputError(

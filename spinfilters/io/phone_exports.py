@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from spinfilters.core.errors import InputError
 from spinfilters.io.dataset import PHYPHOX_TABLE, Dataset, Segment
-from spinfilters.io.dataset_reader import DatasetReader, OnRefused
+from spinfilters.io.dataset_reader import OnRefused, StatedReader
 from spinfilters.io.input_file import path_text, printable, read_settings_text, value_text
 from spinfilters.io.motion_table import MotionTable, motion_dataset, read_acceleration, read_motion_table
 from spinfilters.io.sensor_tables import require_two_epochs
@@ -25,17 +25,9 @@ ACCELEROMETER_TABLES: Final = ("TotalAcceleration.csv", "Accelerometer.csv", "Ac
 """In the order in which they are looked for: Sensor Logger calls Accelerometer what is left without gravity."""
 
 
-@dataclass(frozen=True)
-class PhoneExportReader(DatasetReader):
-    """Folder of Sensor Logger, of phyphox' experiments of several sensors and of alike apps.
+class PhoneExportReader(StatedReader):
+    """Folder of Sensor Logger, of phyphox' experiments of several sensors and of alike apps."""
 
-    Attributes
-    ----------
-    options : ReadingOptions
-        What the user states of the recording.
-    """
-
-    options: ReadingOptions = NOTHING_STATED
     name, order = "phone-export", 20
     words = "a phone export"
 
@@ -51,10 +43,6 @@ class PhoneExportReader(DatasetReader):
         if table.acceleration is not None or beside is None or self.options.rate is not None:
             return dataset
         return replace(dataset, acceleration=read_acceleration(beside, self.options))
-
-    def stating(self, options: ReadingOptions) -> DatasetReader:
-        """The reader with what the user states of units and clock."""
-        return PhoneExportReader(options)
 
 
 def _table(folder: Path, names: tuple[str, ...]) -> Path | None:
@@ -156,17 +144,9 @@ def _seconds(where: str, cell: str) -> float | None:
     return value
 
 
-@dataclass(frozen=True)
-class PhyphoxReader(DatasetReader):
-    """Reader of phyphox exports; see `spinfilters.io.phone_exports`.
+class PhyphoxReader(StatedReader):
+    """Reader of phyphox exports; see `spinfilters.io.phone_exports`."""
 
-    Attributes
-    ----------
-    options : ReadingOptions
-        What the user states of the recording.
-    """
-
-    options: ReadingOptions = NOTHING_STATED
     name, order = "phyphox", 10
     words = "a phyphox export"
     has_segments = True
@@ -189,10 +169,6 @@ class PhyphoxReader(DatasetReader):
         folder, recording = self._recording(path)
         whole = _dataset(folder, recording)
         return [_trial(whole, segment) for segment in phyphox_trials(folder, recording, on_refused)]
-
-    def stating(self, options: ReadingOptions) -> DatasetReader:
-        """The reader with what the user states of units and clock."""
-        return PhyphoxReader(options)
 
     def _recording(self, path: Path) -> tuple[Path, PhyphoxRecording]:
         folder = _phyphox_folder(path) or path

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from spinfilters.core.errors import InputError
-from spinfilters.io.input_file import path_text, plain_number, read_bytes, value_text
+from spinfilters.io.input_file import parse_number, path_text, read_bytes, value_text
 from spinfilters.io.output_files import write_bytes
 
 MAX_PLY_BYTES: Final = 1 << 30
@@ -100,15 +100,10 @@ def write_ply(
     triangles: Int[np.ndarray, "f 3"] | None = None,
 ) -> None:
     """Write a binary PLY of points and triangles with float64, int32 or uint8 properties, atomically."""
-    kinds = {"f": ("double", "<f8"), "i": ("int", "<i4"), "u": ("uchar", "u1")}
-    layout = [(name, kinds[values.dtype.kind][1]) for name, values in columns.items()]
-    count = len(next(iter(columns.values())))
-    table = np.empty(count, layout)
-    for name, values in columns.items():
-        table[name] = values
+    table, names = packed_columns(columns), {"f": "double", "i": "int", "u": "uchar"}
     lines = ["ply", "format binary_little_endian 1.0", *(f"comment {line}" for line in comments)]
-    lines += [f"element vertex {count}"]
-    lines += [f"property {kinds[values.dtype.kind][0]} {name}" for name, values in columns.items()]
+    lines += [f"element vertex {len(table)}"]
+    lines += [f"property {names[table.dtype[name].kind]} {name}" for name in columns]
     body = table.tobytes()
     if triangles is not None:
         lines += [f"element face {len(triangles)}", "property list uchar int vertex_indices"]
@@ -116,6 +111,16 @@ def write_ply(
         faces["count"], faces["corners"] = 3, triangles
         body += faces.tobytes()
     write_bytes(path, "\n".join([*lines, "end_header\n"]).encode("ascii", "replace") + body)
+
+
+def packed_columns(columns: dict[str, np.ndarray]) -> np.ndarray:
+    """Rows of equally long columns as records of little-endian float64, int32 and uint8."""
+    kinds = {"f": "<f8", "i": "<i4", "u": "u1"}
+    layout = [(name, kinds[values.dtype.kind]) for name, values in columns.items()]
+    table = np.empty(len(next(iter(columns.values()))), layout)
+    for name, values in columns.items():
+        table[name] = values
+    return table
 
 
 def _parsed(data: bytes) -> PlyContent:
@@ -194,7 +199,7 @@ class _AsciiRows:
     def table(self, element: _Element) -> dict[str, np.ndarray]:
         """Columns of an element of single numbers, by name."""
         words = b" ".join(self._take(element.count)).split()
-        values = np.fromiter(map(plain_number, words), np.float64, len(words))
+        values = np.fromiter(map(parse_number, words), np.float64, len(words))
         values = values.reshape(element.count, len(element.properties))
         return {each[0]: values[:, k] for k, each in enumerate(element.properties)}
 
@@ -219,7 +224,7 @@ class _AsciiRows:
 
 
 def _whole(word: bytes) -> int:
-    number = plain_number(word)
+    number = parse_number(word)
     if not number.is_integer():
         raise ValueError(f"{value_text(word)} is no whole number")
     return int(number)

@@ -4,7 +4,6 @@ import os
 import struct
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 
@@ -13,11 +12,10 @@ from jaxtyping import Float
 
 from spinfilters.core.errors import InputError
 from spinfilters.io.dataset import Dataset
-from spinfilters.io.dataset_reader import DatasetReader
+from spinfilters.io.dataset_reader import StatedReader
 from spinfilters.io.input_file import MAX_TABLE_ROWS, path_text, printable, reason, require_file, value_text
 from spinfilters.io.measurement_log import Acceleration, MeasurementStream
 from spinfilters.io.motion_table import MotionTable, motion_dataset
-from spinfilters.io.stated_values import NOTHING_STATED, ReadingOptions
 
 LARGEST_BAG: Final = 64 * 1024**3
 """Bytes: messages are read one by one, so that a bag with images may be large."""
@@ -100,17 +98,9 @@ _MESSAGES: Final[dict[str, Callable[[Any], list[float]]]] = {
 """Numbers of a message of each type that is read: rates and specific force, or position and unit quaternion."""
 
 
-@dataclass(frozen=True)
-class RosBagReader(DatasetReader):
-    """One topic of a bag.
+class RosBagReader(StatedReader):
+    """One topic of a bag."""
 
-    Attributes
-    ----------
-    options : ReadingOptions
-        With the topic, where a bag has several that can be read.
-    """
-
-    options: ReadingOptions = NOTHING_STATED
     name, order = "ros-bag", 40
     words = "a ROS bag (.bag, .mcap)"
 
@@ -121,7 +111,8 @@ class RosBagReader(DatasetReader):
         return path.suffix.lower() in FIRST_BYTES
 
     def read(self, path: Path, segment: int | None) -> Dataset:
-        """Rates or poses of one topic."""
+        """Rates or poses of one topic, which the user states where a bag has several."""
+        self.options.require_only(("topic",), "a ROS bag")
         topic, kind, rows = _messages(path, self.options.topic)
         order = np.argsort(rows[:, 0], kind="stable")
         stamps, values = rows[order, 0], rows[order, 1:]
@@ -139,11 +130,6 @@ class RosBagReader(DatasetReader):
         force = values[:, 3:] if is_unit and values[:, 3:].any() else None
         acceleration = None if force is None else Acceleration(time, force)
         return motion_dataset(path, path.name, MotionTable(stream, acceleration, tuple(remarks)))
-
-    def stating(self, options: ReadingOptions) -> DatasetReader:
-        """The reader of the topic that the user states."""
-        options.require_only(("topic",), "a ROS bag")
-        return RosBagReader(options)
 
 
 def _rows(path: Path, bag: Any, connection: Any) -> list[list[float]]:

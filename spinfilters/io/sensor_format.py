@@ -35,6 +35,11 @@ class NoiseOption:
         Of the covariance of a row that it is the standard deviation of; None for what no covariance tells.
     in_dataset : bool
         Whether dataset.toml may state it.
+    simulated : float | None
+        True value in a simulated scene; None is ``default``.
+    scene_level : str
+        Level of a `Scenario` that sensors share and that it takes instead (`position_std`, `rotation_std`, `gyro_std` or
+        `pixel_std`); "" for a value of its own.
     """
 
     name: str
@@ -43,6 +48,8 @@ class NoiseOption:
     default: float
     components: tuple[int, ...] | None = None
     in_dataset: bool = True
+    simulated: float | None = None
+    scene_level: str = ""
 
 
 @dataclass(frozen=True)

@@ -1,31 +1,27 @@
-"""Tables of sensors in files: rows, covariances, poses in the TUM format, gyro rates and known landmarks, checked, read and
-written.
+"""Tables of sensors in files: rows, covariances, poses in the TUM format and known landmarks, checked, read and written.
 
 Time stamps are in order, in seconds, and at least two.
 """
 
-import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from spinfilters.core.errors import InputError, ShapeError
-from spinfilters.io.input_file import path_text, value_text
+from spinfilters.io.input_file import path_text
 from spinfilters.io.measurement_log import (
     MeasurementStream,
-    first_disorder,
-    first_not_definite,
-    first_not_unit,
-    first_repeated_landmark,
     freeze_arrays,
+    require_distinct_landmarks,
+    require_order,
 )
 from spinfilters.io.output_files import atomic_file
 from spinfilters.io.sensor_format import SensorFormat, sensor_format
-from spinfilters.io.stated_values import LENGTH, RATE, NumberRange
-from spinfilters.io.text_table import Table, read_blank_separated, read_csv, read_header, write_csv
+from spinfilters.io.stated_values import LENGTH, NumberRange
+from spinfilters.io.text_table import Table, read_blank_separated, read_csv, write_csv
 
 LATEST_SECONDS: Final[float] = 1e11
 """Beyond the year 5000 counted from 1970: such a stamp is in milli- or nanoseconds, not in seconds."""
@@ -40,48 +36,26 @@ EPOCHS_OF_MOTION: Final[int] = 5
 """Fewest that a motion is estimated from."""
 
 
-class RowsOfFile(Protocol):
-    """Rows of numbers with their lines in a file."""
-
-    @property
-    def path(self) -> Path:
-        """The file."""
-        ...
-
-    @property
-    def values(self) -> Float[np.ndarray, "n m"]:
-        """(n, m) numbers of the rows."""
-        ...
-
-    def error(self, row: int, text: str) -> InputError:
-        """An InputError that names the file and the line of a row."""
-        ...
-
-
 def read_sensor_file(form: SensorFormat, path: Path) -> MeasurementStream:
     """Stream of a sensor's table, without covariances.
 
     Raises
     ------
     InputError
-        As `read_csv` and `require_times`; a value out of its range, a quaternion that is not a unit one, a
+        As `read_csv` and `require_clock`; a value out of its range, a quaternion that is not a unit one, a
         landmark twice at one time; what a check or reader of the sensor's own raises.
     """
     if form.read is not None:
         return form.read(path)
     table = read_csv(path, form.header)
-    require_times(table, repeats=form.many_rows_an_epoch)
+    require_clock(table, form.many_rows_an_epoch)
     first = len(form.header) - len(form.columns)
     table.require(slice(first, None), form.allowed)
-    time, ids = table.values[:, 0], table.landmark_ids(1) if form.has_landmarks else None
-    if form.quaternion is not None:
-        require_unit_quaternions(table, first + form.quaternion)
-    row = None if ids is None else first_repeated_landmark(time, ids)
-    if ids is not None and row is not None:
-        raise table.error(row, f"landmark {ids[row]} occurs twice at {float(time[row])!r} s; keep one line")
+    ids = table.landmark_ids(1) if form.has_landmarks else None
     if form.check is not None:
         form.check(table)
-    return MeasurementStream(form.name, time, table.values[:, first:], ids)
+    with table.naming_lines():
+        return MeasurementStream(form.name, table.values[:, 0], table.values[:, first:], ids)
 
 
 def write_sensor_file(form: SensorFormat, path: Path, stream: MeasurementStream) -> None:
@@ -93,31 +67,28 @@ def write_sensor_file(form: SensorFormat, path: Path, stream: MeasurementStream)
     write_csv(path, form.header, [stream.time, *ids, *stream.values.T])
 
 
-def require_times(table: RowsOfFile, repeats: bool) -> None:
-    """Check the first column of a table as time in s.
+def require_clock(table: Table, repeats: bool = False) -> None:
+    """Require the first column of a table to be the time in s.
 
     Parameters
     ----------
+    table : Table
+        Of one sensor, or of the truth.
     repeats : bool
         Whether a stamp may occur on several lines (stereo tracks).
 
     Raises
     ------
     InputError
-        Not seconds, stamps closer than `SHORTEST_STEP`, going backwards or repeated (with line and both values),
-        or less than two distinct stamps.
+        Stamps that are not in seconds, out of order or closer than `SHORTEST_STEP` (with line and value), or fewer
+        than two epochs.
     """
     time = table.values[:, 0]
     unit = np.flatnonzero(np.abs(time) > LATEST_SECONDS)
     if unit.size:
         raise table.error(int(unit[0]), f"time {time[unit[0]]:.17g} is not in seconds; convert it to seconds")
-    row = first_disorder(time, repeats)
-    if row is not None:
-        before, after = float(time[row - 1]), float(time[row])
-        if before == after:
-            raise table.error(row, f"time {after!r} s occurs twice; keep one line of each time")
-        cure = "correct the wrong one of the two, or sort the lines by time"
-        raise table.error(row, f"time {after!r} s follows {before!r} s: it runs backwards; {cure}")
+    with table.naming_lines():
+        require_order(table.path.name, time, repeats)
     step = np.diff(time)
     short = np.flatnonzero((step > 0) & (step < SHORTEST_STEP))
     if short.size:
@@ -129,12 +100,12 @@ def require_times(table: RowsOfFile, repeats: bool) -> None:
     require_two_epochs(table.path, np.unique(time).size)
 
 
-def require_turns(table: RowsOfFile, speed: Float[np.ndarray, " n"]) -> None:
+def require_turns(table: Table, speed: Float[np.ndarray, " n"]) -> None:
     """Raise InputError for clocks that imply excessive rotation between samples.
 
     Parameters
     ----------
-    table : RowsOfFile
+    table : Table
         With the time in s in its first column.
     speed : Float[np.ndarray, ' n']
         |body rate| of its rows, rad/s.
@@ -162,19 +133,6 @@ def require_motion(epochs: int) -> None:
 def too_few_epochs(epochs: int) -> str:
     """Refusal of a recording of fewer epochs than a motion needs, with the cure."""
     return f"has {epochs} epoch{'s' * (epochs != 1)}, a motion needs at least {EPOCHS_OF_MOTION}; record a longer stretch"
-
-
-def require_unit_quaternions(table: RowsOfFile, column: int) -> None:
-    """Raise InputError unless the four columns from `column` on are unit quaternions (scalar last)."""
-    quaternion: Float[np.ndarray, "n 4"] = table.values[:, column : column + 4]
-    row = first_not_unit(quaternion)
-    if row is not None:
-        with np.errstate(over="ignore"):
-            norm = float(np.linalg.norm(quaternion[row]))
-        raise table.error(
-            row,
-            f"quaternion {quaternion[row].tolist()} has norm {norm:.6g}, not 1; correct or delete the line",
-        )
 
 
 ENTRY: Final = NumberRange(-1e18, 1e18)
@@ -215,10 +173,8 @@ def with_covariance(stream: MeasurementStream, path: Path) -> MeasurementStream:
             f"{float(stream.time[row])!r} s",
         )
     covariance = _matrices(table, sensor_format(stream.sensor).dimension)
-    try:
+    with table.naming_lines():
         return MeasurementStream(stream.sensor, stream.time, stream.values, stream.ids, covariance)
-    except InputError as error:
-        raise InputError(f"{path_text(path)}: {error}") from None
 
 
 def _matrices(table: Table, dimension: int) -> Float[np.ndarray, "n d d"]:
@@ -232,9 +188,6 @@ def _matrices(table: Table, dimension: int) -> Float[np.ndarray, "n d d"]:
         raise table.error(
             int(small[0]), f"a variance is not positive or below {SMALLEST_VARIANCE:g}; correct it"
         )
-    row = first_not_definite(covariance)
-    if row is not None:
-        raise table.error(row, "the covariance is not positive definite; give every component a variance")
     return covariance
 
 
@@ -259,14 +212,14 @@ def read_tum(path: Path) -> MeasurementStream:
     Raises
     ------
     InputError
-        As `read_blank_separated` and `require_times`, a position beyond `LENGTH`, or a quaternion that is not a
+        As `read_blank_separated` and `require_clock`, a position beyond `LENGTH`, or a quaternion that is not a
         unit one.
     """
     table = read_blank_separated(path, TUM_COLUMNS)
-    require_times(table, repeats=False)
+    require_clock(table)
     table.require(slice(1, 4), LENGTH)
-    require_unit_quaternions(table, 4)
-    return MeasurementStream("pose", table.values[:, 0], table.values[:, 1:])
+    with table.naming_lines():
+        return MeasurementStream("pose", table.values[:, 0], table.values[:, 1:])
 
 
 def write_tum(path: Path, stream: MeasurementStream) -> None:
@@ -289,82 +242,6 @@ def write_poses(
 
 def _decimal(number: float) -> str:
     return np.format_float_positional(number, unique=True, trim="k", min_digits=_DECIMALS)
-
-
-GYRO_COLUMNS: Final[tuple[str, ...]] = ("time_s", "wx", "wy", "wz")
-"""Header of gyro.csv: s and rad/s, g axes."""
-FLAT_TOP: Final[float] = 1e-3
-NEAR_TOP: Final[float] = 2e-2
-"""Of the largest |rate| of an axis: clipped samples lie within the first of it (offsets are corrected after clipping), and few
-others within the second. Of the samples within the second, a smooth peak has the square root of their ratio within the first."""
-FEWEST_CLIPPED: Final[int] = 3
-"""Samples that can make a flat top."""
-CHANCE: Final[float] = 1e-4
-"""Probability of a smooth peak below which a flat top is clipped, whatever the full scale."""
-FULL_SCALES: Final = np.deg2rad(125.0 * 2.0 ** np.arange(6))
-"""Of usual gyros, rad/s: at them a flat top of few samples is clipped."""
-FULL_SCALE_TOLERANCE: Final[float] = 5e-3
-"""Of a full scale."""
-
-_DEGREES = re.compile(r"(?<![a-z])(deg(ree)?s?|dps|degps)(?![a-z])|°(?!\s*[CF])", re.IGNORECASE)
-"""Degrees as a whole word: deg/s, deg_s, dps, but neither radps nor degC."""
-
-
-def read_gyro_csv(path: Path) -> MeasurementStream:
-    """Gyro stream of the table of a data set folder, with the header `time_s,wx,wy,wz` (s, rad/s, g axes).
-
-    Raises
-    ------
-    InputError
-        As `read_csv`, `require_times` and `require_turns`, or a column in degrees.
-    """
-    names = read_header(path)
-    for name in names if names != GYRO_COLUMNS else ():
-        if _DEGREES.search(name):
-            raise InputError(
-                f"{path_text(path)}: line 1: column {value_text(name)} is in degrees; multiply it by pi/180 and name it rad/s"
-            )
-    table = read_csv(path, GYRO_COLUMNS)
-    require_times(table, repeats=False)
-    table.require(slice(1, 4), RATE)
-    require_turns(table, np.linalg.norm(table.values[:, 1:], axis=1))
-    return MeasurementStream("gyro", table.values[:, 0], table.values[:, 1:])
-
-
-def write_gyro_csv(path: Path, stream: MeasurementStream) -> None:
-    """Write a gyro stream atomically, so that reading gives the same bits; its covariance is not written."""
-    write_csv(path, GYRO_COLUMNS, [stream.time, *stream.values.T])
-
-
-def saturated(rate: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
-    """Whether a component of the rate is clipped at its largest magnitude.
-
-    An axis that is there most of the time spins steadily and is not taken for clipped; nor is a peak whose top is as flat by
-    chance, or by the resolution.
-    """
-    clipped = np.zeros(len(rate), dtype=bool)
-    for axis in np.asarray(rate).T:
-        clipped |= _flat_top(np.abs(axis), np.sign(axis))
-    return clipped
-
-
-def _flat_top(size: Float[np.ndarray, " n"], sign: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
-    """Clipped samples of an axis."""
-    from scipy.special import bdtrc  # here alone: every command lists the sensors, few ask for this
-
-    largest, nothing = size.max(initial=0.0), np.zeros(len(size), dtype=bool)
-    if not 0 < largest < np.inf:
-        return nothing
-    resolution = np.diff(np.unique(size)).min(initial=largest) / largest
-    flat = max(FLAT_TOP, 1.5 * resolution)
-    top, near = size >= (1 - flat) * largest, size >= (1 - flat * NEAR_TOP / FLAT_TOP) * largest
-    together = bool(np.any(top[1:] & top[:-1] & (sign[1:] == sign[:-1])))
-    count, others = np.count_nonzero(top), np.count_nonzero(near)
-    if not together or not FEWEST_CLIPPED <= count <= len(size) / 2 or 2 * count <= others:
-        return nothing
-    usual = bool(np.any(np.abs(largest / FULL_SCALES - 1) < FULL_SCALE_TOLERANCE))
-    by_chance = float(bdtrc(count - 1, others, np.sqrt(FLAT_TOP / NEAR_TOP)))
-    return top if usual or by_chance < CHANCE else nothing
 
 
 LANDMARK_COLUMNS: Final[tuple[str, ...]] = ("landmark_id", "x", "y", "z")
@@ -394,9 +271,7 @@ class KnownMap:
             )
         if not np.isfinite(points).all():
             raise InputError("known map: a point is not finite; leave out that landmark")
-        row = first_repeated_landmark(np.zeros(ids.size), ids)
-        if row is not None:
-            raise InputError(f"known map: landmark {ids[row]} occurs twice; keep one")
+        require_distinct_landmarks("known map", None, ids)
         order = np.argsort(ids)
         object.__setattr__(self, "ids", ids[order])
         object.__setattr__(self, "points", points[order])
@@ -409,10 +284,8 @@ def read_landmarks(path: Path) -> KnownMap:
     table = read_csv(path, LANDMARK_COLUMNS)
     table.require(slice(1, 4), LENGTH)
     ids = table.landmark_ids(0)
-    row = first_repeated_landmark(np.zeros(ids.size), ids)
-    if row is not None:
-        raise table.error(row, f"landmark {ids[row]} occurs twice; keep one line")
-    return KnownMap(ids, table.values[:, 1:])
+    with table.naming_lines():
+        return KnownMap(ids, table.values[:, 1:])
 
 
 def write_landmarks(path: Path, known_map: KnownMap) -> None:

@@ -8,8 +8,35 @@ from spinfilters.core.errors import InputError
 from spinfilters.io.input_file import value_text
 
 
+class FieldNote:
+    """Note in the annotation of a record's field: a range, an argument, a group of arguments, or a key of a study file.
+
+    Each kind of note is found under its own name, and is None of the other kinds.
+    """
+
+    @property
+    def range(self) -> "NumberRange | None":
+        """Range of the field's numbers."""
+        return None
+
+    @property
+    def argument(self) -> "Argument | None":
+        """How users give the field."""
+        return None
+
+    @property
+    def group(self) -> "ArgumentGroup | None":
+        """How users give the fields of the record in the field."""
+        return None
+
+    @property
+    def study_key(self) -> "StudyKey | None":
+        """Place of the field in a study file."""
+        return None
+
+
 @dataclass(frozen=True)
-class NumberRange:
+class NumberRange(FieldNote):
     """Range of finite numbers, optionally with zero apart from it.
 
     Attributes
@@ -27,6 +54,11 @@ class NumberRange:
     unit: str = ""
     zero: bool = False
     whole: bool = False
+
+    @property
+    def range(self) -> "NumberRange":
+        """Itself."""
+        return self
 
     def __contains__(self, value: object) -> bool:
         """Whether a value is a number of the range, NumPy's among them; truth values are none."""
@@ -86,7 +118,7 @@ def plain_number(value: object) -> Any:
 
 
 @dataclass(frozen=True)
-class Argument:
+class Argument(FieldNote):
     """How users give a field of a record.
 
     Attributes
@@ -118,9 +150,14 @@ class Argument:
     cure: str = ""
     bare: float | None = None
 
+    @property
+    def argument(self) -> "Argument":
+        """Itself."""
+        return self
+
 
 @dataclass(frozen=True)
-class ArgumentGroup:
+class ArgumentGroup(FieldNote):
     """A record in a field of another: its arguments are given as if they were the other's own.
 
     Attributes
@@ -133,6 +170,35 @@ class ArgumentGroup:
 
     title: str = ""
     only: tuple[str, ...] = ()
+
+    @property
+    def group(self) -> "ArgumentGroup":
+        """Itself."""
+        return self
+
+
+@dataclass(frozen=True)
+class StudyKey(FieldNote):
+    """Place of a field in a study file.
+
+    Attributes
+    ----------
+    table : str
+        Factor whose tables have it.
+    key : str
+        Empty for the name of the field.
+    allowed : NumberRange or None
+        Range of its number there; None of several numbers, whose type has it, and of words.
+    """
+
+    table: str
+    key: str = ""
+    allowed: NumberRange | None = None
+
+    @property
+    def study_key(self) -> "StudyKey":
+        """Itself."""
+        return self
 
 
 LENGTH: Final = NumberRange(-1e9, 1e9, "m")

@@ -1,25 +1,29 @@
-"""Tables of numbers in text files, read and written: encodings, delimiters, comments, decimal commas, lines of errors."""
+"""Tables of numbers in text files, read and written: encodings, delimiters, comments, decimal commas, lines of errors.
+
+Two kinds of table share one reader. Our own formats have their header on the first line and nothing but numbers below; tables
+that others export begin with settings, have comment lines, quoted cells and rows without values.
+"""
 
 import codecs
 import csv
 import math
 import os
+import re
 from array import array
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
-from dataclasses import dataclass
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinfilters.core.errors import InputError
+from spinfilters.core.errors import InputError, RowError
 from spinfilters.io.input_file import (
-    MAX_LINE_BYTES,
     MAX_TABLE_BYTES,
-    MAX_TABLE_ROWS,
     ignored_warnings,
+    parse_number,
     path_text,
     printable,
     reason,
@@ -31,108 +35,235 @@ from spinfilters.io.output_files import atomic_file
 from spinfilters.io.stated_values import NumberRange
 
 COMMENTS: Final = ("#", "//", "!")
-"""Marks of a line that is a comment; '%' begins the header of some exports and is dropped there."""
+"""Marks of comment lines in tables of others; '%' begins the header of some exports and is dropped there."""
 PREAMBLE_LINES: Final = 200
-"""Lines before the header, at most: a flight log tells its settings first."""
+"""Lines before the header, at most: a flight log begins with its settings."""
 _DELIMITERS = ",;\t|"
+_OWN_DELIMITERS = ",;\t"
 _BYTE_ORDER_MARKS = (
     (codecs.BOM_UTF8, "utf-8-sig"),
     (codecs.BOM_UTF16_LE, "utf-16"),
     (codecs.BOM_UTF16_BE, "utf-16"),
 )
+_DEGREES = re.compile(r"(?<![a-z])(deg(ree)?s?|dps|degps)(?![a-z])|°(?!\s*[CF])", re.IGNORECASE)
+"""Degrees as a whole word: deg/s, deg_s, dps, but neither radps nor degC."""
+_LARGEST_ID = 2.0**53  # above it float64 does not tell whole numbers apart
+_WRITE_ROWS = 4096  # rows turned into text at a time, which bounds the memory of a writer
 
 
 @dataclass(frozen=True)
-class TextLayout:
+class TableLayout:
     """Layout of a text table.
 
     Attributes
     ----------
+    names : tuple[str, ...]
+        Of the columns.
     encoding : str
         Of the text.
     header_line : int
-        Number of the line of column names, from 1.
+        Number of the line of column names, from 1; 0 for a table without one.
     delimiter : str | None
         None for blanks.
     decimal_comma : bool
         Whether the decimal mark is a comma.
-    names : tuple[str, ...]
-        Of the columns.
+    comments : tuple[str, ...]
+        Marks of comment lines. Without any the table is strict, as our own formats are: no quotes and no empty cells.
     """
 
-    encoding: str
-    header_line: int
-    delimiter: str | None
-    decimal_comma: bool
     names: tuple[str, ...]
+    encoding: str = "utf-8-sig"
+    header_line: int = 1
+    delimiter: str | None = ","
+    decimal_comma: bool = False
+    comments: tuple[str, ...] = ()
 
-    def cells(self, line: str) -> list[str]:
-        """Cells of a line, without quotes and blanks around them."""
-        if '"' in line and self.delimiter is not None:
+    @property
+    def comment(self) -> str | None:
+        """Mark of a comment behind the cells of a line; None where there are no comments."""
+        if not self.comments:
+            return None
+        return "#" if self.delimiter is None else " #"
+
+    @property
+    def quote(self) -> str | None:
+        """Mark around cells; None where they have none."""
+        return '"' if self.comments and self.delimiter is not None else None
+
+    def content(self, line: str) -> str:
+        """A line without its break and its comment; empty where no cells are left."""
+        text = line.rstrip("\r\n")
+        if self.comment is not None:
+            text = "" if text.lstrip().startswith(self.comments) else text.split(self.comment, 1)[0]
+            return text if text.strip(" \t;,|") else ""
+        return text if text.strip() else ""
+
+    def cells(self, text: str) -> list[str]:
+        """Cells of a line's content, without quotes and blanks around them, with points as decimal marks.
+
+        An empty cell behind all columns is left out where the table is not strict.
+        """
+        cells: list[str] | None = None
+        if self.quote is not None and self.quote in text:
             with suppress(csv.Error):  # of a cell beyond all measure
-                return [cell.strip() for cell in next(csv.reader([line], delimiter=self.delimiter), [])]
-        return [cell.strip() for cell in line.split(self.delimiter)]
+                cells = next(csv.reader([text], delimiter=self.delimiter or " "), [])
+        cells = [cell.strip() for cell in (text.split(self.delimiter) if cells is None else cells)]
+        if self.comments and cells[-1:] == [""] and len(cells) == len(self.names) + 1:
+            cells.pop()
+        return cells
 
 
 @dataclass(frozen=True, eq=False)
-class TextTable:
-    """Finite numbers of some columns of a table.
+class Table:
+    """Finite numbers of the columns of a table, one row per line that has them.
 
     Attributes
     ----------
+    path : Path
+        The file.
+    layout : TableLayout
+        Of the file.
+    names : tuple[str, ...]
+        Of the columns that are read.
     values : Float[np.ndarray, 'n m']
-        Of the rows that have them.
-    lines : Sequence[int]
-        Of the file, from 1, on which they stand.
+        Of the rows.
+    lines : Sequence[int] | None
+        Numbers of their lines in the file, from 1; None where no row is left out, so that a second walk finds them.
     incomplete : int
-        Rows left out because every chosen column but the first ones was empty.
+        Rows left out because every column but the key columns was empty.
     """
 
     path: Path
+    layout: TableLayout
     names: tuple[str, ...]
     values: Float[np.ndarray, "n m"]
-    lines: Sequence[int]
-    incomplete: int
+    lines: Sequence[int] | None = None
+    incomplete: int = 0
+
+    def line(self, row: int) -> int:
+        """Line number (from 1) of a row (from 0), for error messages."""
+        if self.lines is not None:
+            return self.lines[row]
+        for index, (number, _) in enumerate(_data_lines(self.path, self.layout)):
+            if index == row:
+                return number
+        raise IndexError(f"{path_text(self.path)} has no row {row}")
 
     def error(self, row: int, text: str) -> InputError:
         """An InputError that names the file and the line of the row."""
-        return InputError(f"{path_text(self.path)}: line {self.lines[row]}: {text}")
+        return InputError(f"{path_text(self.path)}: line {self.line(row)}: {text}")
+
+    @contextmanager
+    def naming_lines(self) -> Iterator[None]:
+        """Within it a `RowError` becomes an InputError that names the file and the line of the row."""
+        try:
+            yield
+        except RowError as error:
+            raise self.error(error.row, error.text) from None
+
+    def require(self, columns: slice, allowed: NumberRange) -> None:
+        """Require all numbers of the columns to be in range.
+
+        Raises
+        ------
+        InputError
+            One that is not, with its line, its column and the range.
+        """
+        chosen = self.values[:, columns]
+        outside = np.argwhere((chosen < allowed.smallest) | (chosen > allowed.largest))
+        if outside.size:
+            row, column = map(int, outside[0])
+            name = value_text(self.names[columns][column])
+            raise self.error(
+                row, f"{name} is {float(chosen[row, column])!r}; correct or delete the line, give {allowed}"
+            )
+
+    def landmark_ids(self, column: int) -> Int[np.ndarray, " n"]:
+        """Landmark ids of a column. InputError: one that is no whole number."""
+        ids = self.values[:, column]
+        bad = np.flatnonzero((ids != np.round(ids)) | (np.abs(ids) > _LARGEST_ID))
+        if bad.size:
+            raise self.error(
+                int(bad[0]), f"landmark_id {float(ids[bad[0]])!r} is not a whole number; renumber it"
+            )
+        return ids.astype(np.int64)
 
 
-def read_layout(path: Path) -> TextLayout:
-    """Layout of a table by its header.
-
-    That is its first line with letters behind comments, settings and blank lines.
+def read_header(path: Path) -> tuple[str, ...]:
+    """Column names in the first line of a table of our own formats (delimited by comma, semicolon or tab).
 
     Raises
     ------
     InputError
-        As `require_file`; not text; no line of column names.
+        Not a text table, or a first line of numbers.
     """
-    require_file(path, MAX_TABLE_BYTES)
-    encoding = _encoding(path)
-    held: list[tuple[int, str]] = []
-    for number, line in _lines(path, encoding):
-        if number > PREAMBLE_LINES:
-            break
-        if line.strip():
-            held.append((number, line))
-    for index, (number, line) in enumerate(held):
-        found = _header(line, held[index + 1][1] if index + 1 < len(held) else "")
-        if found is not None:
-            return TextLayout(encoding, number, *found)
-        if _is_numbers(line):
-            raise InputError(
-                f"{path_text(path)}: line {number}: {value_text(line.strip())} is no header; add a line of column names"
-            )
-    raise InputError(f"{path_text(path)}: has no line of column names; add one, such as time_s,wx,wy,wz")
+    return _own_layout(path).names
 
 
-def read_columns(path: Path, layout: TextLayout, columns: Sequence[int], keys: int = 0) -> TextTable:
-    """Numbers of some columns.
+def read_csv(path: Path, names: Sequence[str] | None = None) -> Table:
+    """Table of our own formats: a header line, cells delimited by comma, semicolon or tab (then also with decimal commas).
 
     Parameters
     ----------
+    path : Path
+        The file.
+    names : Sequence[str] | None
+        The exact column names that the file must have, or None for any.
+
+    Raises
+    ------
+    InputError
+        Missing, binary, empty or too large a file, another header, no rows, a line with another number of cells,
+        a cell that is not a finite number.
+    """
+    layout = _own_layout(path)
+    if names is not None and layout.names != tuple(names):
+        raise _other_header(path, layout.names, names)
+    return _read_rows(path, layout)
+
+
+def read_blank_separated(path: Path, names: Sequence[str]) -> Table:
+    """Table of blank-separated numbers without header, '#' starting a comment. InputError: as `read_csv`."""
+    require_text_table(path)
+    return _read_rows(path, TableLayout(tuple(names), header_line=0, delimiter=None, comments=("#",)))
+
+
+def read_layout(path: Path) -> TableLayout:
+    """Layout of a table that others export, by its header: the first line of words above a line of numbers.
+
+    Raises
+    ------
+    InputError
+        As `require_text_table`; not text; no line of column names.
+    """
+    require_file(path, MAX_TABLE_BYTES)
+    encoding = _encoding(path)
+    require_text_table(path, encoding)
+    # no cell is known before the header is found, so that delimiters alone leave a line empty
+    preamble = TableLayout((), encoding, header_line=0, comments=COMMENTS)
+    held: list[tuple[int, str]] = []
+    for number, line in _data_lines(path, preamble):
+        if number > PREAMBLE_LINES:
+            break
+        held.append((number, line))
+    for index, (number, line) in enumerate(held):
+        found = _header(line, held[index + 1][1] if index + 1 < len(held) else "")
+        if found is not None:
+            return replace(found, encoding=encoding, header_line=number, comments=COMMENTS)
+        if _is_numbers(line):
+            raise _no_header(path, number, line)
+    raise InputError(f"{path_text(path)}: has no line of column names; add one, such as time_s,wx,wy,wz")
+
+
+def read_columns(path: Path, layout: TableLayout, columns: Sequence[int], keys: int = 0) -> Table:
+    """Numbers of some columns of a table that others export.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    layout : TableLayout
+        See `read_layout`.
     columns : Sequence[int]
         Indices.
     keys : int
@@ -141,78 +272,159 @@ def read_columns(path: Path, layout: TextLayout, columns: Sequence[int], keys: i
     Raises
     ------
     InputError
-        No rows, a row without one of the columns, a cell that is not a finite number, a table that is too large.
+        No rows, a row without one of the columns, a cell that is not a finite number.
     """
-    names = tuple(layout.names[k] for k in columns)
-    fast = _plain_columns(path, layout, columns)
-    if fast is not None:
-        return TextTable(path, names, *fast, 0)
-    lines, incomplete, numbers = array("q"), 0, array("d")
-    for number, line in _data_lines(path, layout):
+    return _read_rows(path, layout, columns, keys)
+
+
+def _own_layout(path: Path) -> TableLayout:
+    """Layout of a table of our own formats by its first two lines. InputError: as `read_header`."""
+    require_text_table(path)
+    try:
+        with open(path, encoding="utf-8-sig") as stream:
+            first, second = stream.readline(), stream.readline()
+    except UnicodeDecodeError as error:
+        raise _not_text(path, "utf-8-sig", error) from None
+    delimiter = max(_OWN_DELIMITERS, key=first.count)
+    try:
+        cells = next(csv.reader([first.rstrip("\r\n")], delimiter=delimiter), [])
+    except csv.Error as error:
+        raise InputError(
+            f"{path_text(path)}: line 1: is no header ({error}); give a line of column names"
+        ) from None
+    names = tuple(cell.strip() for cell in cells)
+    if not any(names) or _is_numbers(first):
+        raise _no_header(path, 1, first)
+    return TableLayout(names, delimiter=delimiter, decimal_comma=_has_decimal_comma(delimiter, second))
+
+
+def _header(line: str, below: str) -> TableLayout | None:
+    """Names, delimiter and decimal mark of a header above numbers; None of another line."""
+    text = line.strip().lstrip("%").strip()
+    delimiter = max(_DELIMITERS, key=text.count)
+    separator = delimiter if delimiter in text else None
+    try:
+        cells = next(csv.reader([text], delimiter=separator)) if separator else text.split()
+    except csv.Error:
+        return None
+    names = tuple(cell.strip().strip('"').strip() for cell in cells)
+    if len(names) < 3 or _is_numbers(line) or not any(character.isalpha() for character in text):
+        return None
+    # settings in front of a header have two cells or no numbers below
+    if below and len(below.split(separator)) < min(3, len(names)):
+        return None
+    return TableLayout(names, delimiter=separator, decimal_comma=_has_decimal_comma(separator, below))
+
+
+def _has_decimal_comma(delimiter: str | None, line: str) -> bool:
+    """Whether the numbers of a line have a comma as decimal mark."""
+    return delimiter != "," and "," in line and "." not in line
+
+
+def _is_numbers(line: str) -> bool:
+    """Whether a line holds numbers and no more."""
+    cells = line.replace(";", " ").replace(",", " ").split()
+    try:
+        for cell in cells:
+            float(cell)
+    except ValueError:
+        return False
+    return bool(cells)
+
+
+def _no_header(path: Path, number: int, line: str) -> InputError:
+    return InputError(
+        f"{path_text(path)}: line {number}: {value_text(line.strip())} is no header; add a line of column names"
+    )
+
+
+def _other_header(path: Path, found: Sequence[str], expected: Sequence[str]) -> InputError:
+    """InputError for columns of other names; those in degrees, a common mistake, are named."""
+    degrees = next((name for name in found if _DEGREES.search(name)), None)
+    if degrees is not None:
+        return InputError(
+            f"{path_text(path)}: line 1: column {value_text(degrees)} is in degrees; multiply it by pi/180 and name it rad/s"
+        )
+    return InputError(
+        f"{path_text(path)}: line 1: the header is {value_text(','.join(found))}, expected '{','.join(expected)}'; "
+        "rename or reorder the columns and convert their units"
+    )
+
+
+def _read_rows(path: Path, layout: TableLayout, columns: Sequence[int] | None = None, keys: int = 0) -> Table:
+    """Numbers of some columns, or of all: at once where the table is regular, else line by line."""
+    names = layout.names if columns is None else tuple(layout.names[k] for k in columns)
+    try:
+        values = _load(path, layout, columns)
+    except UnicodeError as error:
+        raise _not_text(path, layout.encoding, error) from None
+    except (ValueError, OverflowError):
+        values = None
+    if values is None or values.shape[1] != len(names) or not np.isfinite(values).all():
+        return _read_each_line(path, layout, columns, keys)
+    return Table(path, layout, names, values)
+
+
+def _load(path: Path, layout: TableLayout, columns: Sequence[int] | None) -> Float[np.ndarray, "n m"] | None:
+    """Numbers of a table that NumPy reads; None of an empty one. ValueError: a row that must be read alone."""
+    with open(path, encoding=layout.encoding) as stream, ignored_warnings(UserWarning):  # "no data"
+        for _ in range(layout.header_line):
+            stream.readline()
+        lines = stream if columns is None and not layout.decimal_comma else _regular_lines(stream, layout)
+        values = np.loadtxt(
+            lines,
+            delimiter=layout.delimiter,
+            comments=layout.comment if lines is stream else None,
+            quotechar=layout.quote,
+            usecols=columns,
+            ndmin=2,
+        )
+    return values if values.size else None
+
+
+def _regular_lines(lines: Iterator[str], layout: TableLayout) -> Iterator[str]:
+    """Lines of numbers with points as decimal marks. ValueError: one with more or fewer cells than columns."""
+    delimiter, width, is_strict = layout.delimiter, len(layout.names) - 1, not layout.comments
+    for line in lines:
+        text = layout.content(line)
+        if not text:
+            continue
+        if not is_strict and (delimiter is None or text.count(delimiter) != width):
+            raise ValueError(
+                "this row must be read alone"
+            )  # NumPy counts no cells behind those that it takes
+        yield text.replace(",", ".") if layout.decimal_comma else text
+
+
+def _read_each_line(path: Path, layout: TableLayout, columns: Sequence[int] | None, keys: int) -> Table:
+    """Numbers of some columns, line by line. InputError: names the first line that is wrong."""
+    indices = range(len(layout.names)) if columns is None else columns
+    names = tuple(layout.names[k] for k in indices)
+    lines, numbers, incomplete = array("q"), array("d"), 0
+    for number, text in _data_lines(path, layout):
         where = f"{path_text(path)}: line {number}: "
-        cells = _whole_row(where, line, layout)
-        chosen = [cells[k] for k in columns]
-        if not any(chosen[keys:]):
+        cells = layout.cells(text)
+        if len(cells) != len(layout.names):
+            raise InputError(
+                f"{where}{value_text(text.strip())} has {len(cells)} cells, expected {len(layout.names)}; "
+                "correct or delete the line"
+            )
+        chosen = [cells[k] for k in indices]
+        if layout.comments and not any(chosen[keys:]):
             incomplete += 1
             continue
         numbers.extend([_number(where, name, cell, layout) for name, cell in zip(names, chosen, strict=True)])
         lines.append(number)
-        if len(lines) > MAX_TABLE_ROWS:
-            raise InputError(
-                f"{path_text(path)}: has more than {MAX_TABLE_ROWS} rows; cut it into smaller files"
-            )
     if not lines:
         raise InputError(f"{path_text(path)}: has no rows of numbers; export or copy it again")
-    values = np.frombuffer(numbers, dtype=np.float64).reshape(len(lines), len(columns)).copy()
-    return TextTable(path, names, values, lines, incomplete)
+    values = np.frombuffer(numbers, dtype=np.float64).reshape(len(lines), len(names)).copy()
+    return Table(path, layout, names, values, lines, incomplete)
 
 
-def _whole_row(where: str, line: str, layout: TextLayout) -> list[str]:
-    """Cells of a line, one per column, but an empty last one."""
-    cells = layout.cells(line)
-    if cells[-1:] == [""] and len(cells) == len(layout.names) + 1:
-        cells.pop()
-    if len(cells) != len(layout.names):
-        raise InputError(
-            f"{where}{value_text(line.strip())} has {len(cells)} cells, expected {len(layout.names)}; "
-            "correct or delete the line"
-        )
-    return cells
-
-
-def _plain_columns(
-    path: Path, layout: TextLayout, columns: Sequence[int]
-) -> tuple[Float[np.ndarray, "n m"], Sequence[int]] | None:
-    """Numbers and line numbers of a table of complete rows, else None."""
-    delimiter = layout.delimiter
-    if delimiter is None:
-        return None
-    lines, width = array("q"), len(layout.names) - 1
-
-    def texts() -> Iterator[str]:
-        """Lines of numbers."""
-        for number, line in _data_lines(path, layout):
-            lines.append(number)
-            if line.count(delimiter) != width or len(lines) > MAX_TABLE_ROWS:
-                raise ValueError("a row that is looked at alone")
-            yield line.replace(",", ".") if layout.decimal_comma else line
-
+def _number(where: str, name: str, cell: str, layout: TableLayout) -> float:
+    """Finite number of a cell. InputError: another cell, with its line and column."""
     try:
-        with ignored_warnings(UserWarning):  # "no data": the caller says so
-            values = np.loadtxt(
-                texts(), delimiter=delimiter, usecols=columns, ndmin=2, comments=None, quotechar='"'
-            )
-    except (ValueError, OverflowError):
-        return None
-    return (
-        (values, lines) if values.size and len(values) == len(lines) and np.isfinite(values).all() else None
-    )
-
-
-def _number(where: str, name: str, cell: str, layout: TextLayout) -> float:
-    text = cell.replace(",", ".") if layout.decimal_comma else cell
-    try:
-        value = float(text) if text.isascii() and "_" not in text else None
+        value = parse_number(cell.replace(",", ".") if layout.decimal_comma else cell)
     except ValueError:
         value = None
     if value is None or not math.isfinite(value):
@@ -222,49 +434,17 @@ def _number(where: str, name: str, cell: str, layout: TextLayout) -> float:
     return value
 
 
-def _data_lines(path: Path, layout: TextLayout) -> Iterator[tuple[int, str]]:
-    for number, line in _lines(path, layout.encoding):
-        if number > layout.header_line and line.strip(" \t\r\n;,|"):
-            yield number, line
-
-
-def _lines(path: Path, encoding: str) -> Iterator[tuple[int, str]]:
-    """Numbered lines without comments. InputError: bytes of another encoding, endless lines."""
-    number = 0
+def _data_lines(path: Path, layout: TableLayout) -> Iterator[tuple[int, str]]:
+    """Numbers and contents of the lines below the header that have cells. InputError: bytes of another encoding."""
     try:
-        with open(path, encoding=encoding, newline=None) as stream:
-            while line := stream.readline(MAX_LINE_BYTES):
-                number += 1
-                if "\0" in line:
-                    raise InputError(
-                        f"{path_text(path)}: line {number}: holds NUL bytes, so it is not UTF-8 text; export it so"
-                    )
-                if len(line) >= MAX_LINE_BYTES:
-                    raise InputError(
-                        f"{path_text(path)}: has a line of more than {MAX_LINE_BYTES} bytes; give a table of numbers"
-                    )
-                text = line.rstrip("\r\n")
-                yield number, "" if text.lstrip().startswith(COMMENTS) else text.split(" #", 1)[0]
+        with open(path, encoding=layout.encoding) as stream:
+            for number, line in enumerate(stream, start=1):
+                if number > layout.header_line and (text := layout.content(line)):
+                    yield number, text
     except UnicodeError as error:
-        raise _not_text(path, encoding, number, error) from None
+        raise _not_text(path, layout.encoding, error) from None
     except OSError as error:
         raise InputError(f"{path_text(path)}: cannot be read ({reason(error)}); copy it again") from None
-
-
-def _not_text(path: Path, encoding: str, number: int, error: UnicodeError) -> InputError:
-    """InputError for the first byte that is not of the encoding."""
-    if not encoding.startswith("utf-8"):
-        return InputError(
-            f"{path_text(path)}: line {number + 1}: is not UTF-16 ({reason(error)}); save it as UTF-8 text"
-        )
-    with open(path, "rb") as stream:
-        for index, line in enumerate(stream, start=1):
-            try:
-                line.decode("utf-8")
-            except UnicodeDecodeError as bad:
-                where = f"{path_text(path)}: line {index}: byte 0x{line[bad.start]:02x}"
-                return InputError(f"{where} is not UTF-8; save the file as UTF-8 text")
-    return InputError(f"{path_text(path)}: is not UTF-8; save it as UTF-8 text")
 
 
 def _encoding(path: Path) -> str:
@@ -284,148 +464,18 @@ def _encoding(path: Path) -> str:
     return "utf-8"
 
 
-def _header(line: str, below: str) -> tuple[str | None, bool, tuple[str, ...]] | None:
-    """Delimiter, decimal comma and names of a header above numbers, or None."""
-    text = line.strip().lstrip("%").strip()
-    delimiter = max(_DELIMITERS, key=text.count)
-    separator = delimiter if delimiter in text else None
-    try:
-        cells = next(csv.reader([text], delimiter=separator)) if separator else text.split()
-    except csv.Error:
-        return None
-    names = tuple(cell.strip().strip('"').strip() for cell in cells)
-    if len(names) < 3 or _is_numbers(line) or not any(character.isalpha() for character in text):
-        return None
-    decimal_comma = separator != "," and "," in below and "." not in below
-    count = len(below.split(separator))
-    # settings in front of a header have two cells or no numbers below
-    return (separator, decimal_comma, names) if not below or count >= min(3, len(names)) else None
-
-
-def _is_numbers(line: str) -> bool:
-    """Whether a line holds numbers and no more."""
-    cells = [cell.strip() for cell in line.replace(";", ",").replace("\t", ",").replace(" ", ",").split(",")]
-    filled = [cell for cell in cells if cell]
-    try:
-        for cell in filled:
-            float(cell)
-    except ValueError:
-        return False
-    return bool(filled)
-
-
-_WRITE_ROWS = 4096  # rows turned into text at a time, which bounds the memory of a writer
-
-
-@dataclass(frozen=True)
-class TableFormat:
-    """Format of a table: delimiter (None for blanks), comment mark, header line, and whether decimals have a comma."""
-
-    delimiter: str | None
-    comment: str | None = None
-    header: bool = True
-    decimal_comma: bool = False
-
-    def cells(self, line: str) -> list[str]:
-        """Cells of one line as text; empty for a line that is blank or only a comment."""
-        text = line.split(self.comment, 1)[0] if self.comment else line.rstrip("\r\n")
-        if not text.strip() and (self.delimiter is None or not text):
-            return []
-        cells = [cell.strip() for cell in text.split(self.delimiter)]
-        return [cell.replace(",", ".") for cell in cells] if self.decimal_comma else cells
-
-
-TUM_FORMAT = TableFormat(delimiter=None, comment="#", header=False)
-"""Blank-separated numbers without a header; '#' starts a comment."""
-_LARGEST_ID = 2.0**53  # above it float64 does not tell whole numbers apart
-
-
-@dataclass(frozen=True, eq=False)
-class Table:
-    """Finite numbers of a file with column names, one row per line that is neither blank nor a comment."""
-
-    path: Path
-    names: tuple[str, ...]
-    values: Float[np.ndarray, "n m"]
-    layout: TableFormat
-
-    def line(self, row: int) -> int:
-        """Line number (from 1) of a row (from 0), for error messages."""
-        for index, (number, _) in enumerate(_table_files_data_lines(self.path, self.layout)):
-            if index == row:
-                return number
-        raise IndexError(f"{path_text(self.path)} has no row {row}")
-
-    def error(self, row: int, text: str) -> InputError:
-        """An InputError that names the file and the line of the row."""
-        return InputError(f"{path_text(self.path)}: line {self.line(row)}: {text}")
-
-    def require(self, columns: slice, allowed: NumberRange) -> None:
-        """Require all numbers of the columns to be in range.
-
-        InputError: one that is not, with line, column and range.
-        """
-        chosen = self.values[:, columns]
-        outside = np.argwhere((chosen < allowed.smallest) | (chosen > allowed.largest))
-        if outside.size:
-            row, column = map(int, outside[0])
-            name = self.names[columns][column]
-            raise self.error(
-                row,
-                f"{value_text(name)} is {float(chosen[row, column])!r}; correct or delete the line, give {allowed}",
-            )
-
-    def landmark_ids(self, column: int) -> Int[np.ndarray, " n"]:
-        """Landmark ids of a column. InputError: one that is no whole number."""
-        ids = self.values[:, column]
-        bad = np.flatnonzero((ids != np.round(ids)) | (np.abs(ids) > _LARGEST_ID))
-        if bad.size:
-            raise self.error(
-                int(bad[0]), f"landmark_id {float(ids[bad[0]])!r} is not a whole number; renumber it"
-            )
-        return ids.astype(np.int64)
-
-
-def read_header(path: Path) -> tuple[str, ...]:
-    """Column names in the first line of a delimited table (comma, semicolon or tab).
-
-    Raises
-    ------
-    InputError
-        Not a text table, or a first line of numbers.
-    """
-    require_text_table(path)
-    return _table_files_header(path)[0]
-
-
-def read_csv(path: Path, names: Sequence[str] | None = None) -> Table:
-    """Table with a header line, delimited by comma, semicolon or tab (then also with decimal commas).
-
-    Parameters
-    ----------
-    names : Sequence[str] | None
-        The exact column names that the file must have, or None for any.
-
-    Raises
-    ------
-    InputError
-        Missing, binary, empty or too large a file, another header, no rows, a line with another number of cells,
-        a cell that is not a finite number.
-    """
-    require_text_table(path)
-    found, layout = _table_files_header(path)
-    if names is not None and found != tuple(names):
-        raise InputError(
-            f"{path_text(path)}: line 1: the header is {value_text(','.join(found))}, expected '{','.join(names)}'; "
-            "rename or reorder the columns and convert their units"
-        )
-    return _table(path, found, layout)
-
-
-def read_blank_separated(path: Path, names: Sequence[str]) -> Table:
-    """Table of blank-separated numbers without header, '#' starting a comment; errors as `read_csv`."""
-    require_text_table(path)
-    return _table(path, tuple(names), TUM_FORMAT)
+def _not_text(path: Path, encoding: str, error: UnicodeError) -> InputError:
+    """InputError for the first byte that is not of the encoding."""
+    if not encoding.startswith("utf-8"):
+        return InputError(f"{path_text(path)}: is not UTF-16 ({reason(error)}); save it as UTF-8 text")
+    with open(path, "rb") as stream:
+        for number, line in enumerate(stream, start=1):
+            try:
+                line.decode("utf-8")
+            except UnicodeDecodeError as bad:
+                where = f"{path_text(path)}: line {number}: byte 0x{line[bad.start]:02x}"
+                return InputError(f"{where} is not UTF-8; save the file as UTF-8 text")
+    return InputError(f"{path_text(path)}: is not UTF-8; save it as UTF-8 text")
 
 
 def write_csv(path: Path, names: Sequence[str], columns: Sequence[np.ndarray]) -> None:
@@ -436,138 +486,3 @@ def write_csv(path: Path, names: Sequence[str], columns: Sequence[np.ndarray]) -
             lists = [column[start : start + _WRITE_ROWS].tolist() for column in columns]
             lines = [",".join(map(repr, row)) + "\n" for row in zip(*lists, strict=True)]
             stream.write("".join(lines).encode())
-
-
-def numbers(path: Path, key: str, value: object, shape: tuple[int, ...]) -> Float[np.ndarray, "..."]:
-    """Finite numbers of a key as an array of this shape; text such as '1e-3', which YAML reads as text, is accepted.
-
-    Raises
-    ------
-    InputError
-        Another shape, a cell that is no finite number; the text names the file, the key and the value.
-    """
-    items = value if isinstance(value, list) else [value]
-    if len(shape) == 2:
-        if len(items) != shape[0]:
-            raise _wrong_shape(path, key, value, shape)
-        rows = [numbers(path, key, row, shape[1:]) for row in items]
-        return np.array(rows)
-    if (len(items),) != (shape or (1,)) or (isinstance(value, list) != bool(shape)):
-        raise _wrong_shape(path, key, value, shape)
-    return np.array([_table_files_number(path, key, item) for item in items]).reshape(shape)
-
-
-def _table(path: Path, names: tuple[str, ...], layout: TableFormat) -> Table:
-    try:
-        values = _load(path, layout)
-    except UnicodeDecodeError:
-        raise _not_utf8(path) from None
-    except (ValueError, OverflowError) as error:
-        raise _first_bad_line(path, names, layout) or _unreadable(path, error) from None
-    if values.size == 0:
-        raise InputError(f"{path_text(path)}: has no rows of numbers; export or copy it again")
-    if values.shape[1] != len(names) or not np.isfinite(values).all():
-        raise _first_bad_line(path, names, layout) or _unreadable(path, ValueError("unequal rows"))
-    return Table(path, names, values, layout)
-
-
-def _load(path: Path, layout: TableFormat) -> Float[np.ndarray, "n m"]:
-    # "no data" is reported by the caller as an error
-    with open(path, encoding="utf-8-sig") as stream, ignored_warnings(UserWarning):
-        if layout.header:
-            stream.readline()
-        lines = (line.replace(",", ".") for line in stream) if layout.decimal_comma else stream
-        return np.loadtxt(lines, delimiter=layout.delimiter, comments=layout.comment, ndmin=2)
-
-
-def _table_files_header(path: Path) -> tuple[tuple[str, ...], TableFormat]:
-    with open(path, encoding="utf-8-sig", errors="surrogateescape") as stream:
-        first, second = stream.readline(), stream.readline()
-    if any("\ud800" <= character <= "\udfff" for character in first):
-        raise _not_utf8(path)
-    delimiter = max(",;\t", key=first.count)
-    try:
-        names = tuple(
-            cell.strip() for cell in next(csv.reader([first.rstrip("\r\n")], delimiter=delimiter), [])
-        )
-    except csv.Error as error:
-        raise InputError(
-            f"{path_text(path)}: line 1: is no header ({error}); give a line of column names"
-        ) from None
-    if not any(names) or all(_is_number(name) for name in names):
-        raise InputError(
-            f"{path_text(path)}: line 1: {value_text(first.strip())} is no header; add a line of column names"
-        )
-    decimal_comma = delimiter != "," and "," in second and "." not in second
-    return names, TableFormat(delimiter, decimal_comma=decimal_comma)
-
-
-def _table_files_data_lines(path: Path, layout: TableFormat) -> Iterator[tuple[int, list[str]]]:
-    with open(path, encoding="utf-8-sig", errors="surrogateescape") as stream:
-        for number, line in enumerate(stream, start=1):
-            if number == 1 and layout.header:
-                continue
-            if cells := layout.cells(line):
-                yield number, cells
-
-
-def _first_bad_line(path: Path, names: tuple[str, ...], layout: TableFormat) -> InputError | None:
-    for number, cells in _table_files_data_lines(path, layout):
-        where = f"{path_text(path)}: line {number}: "
-        if len(cells) != len(names):
-            row = value_text((layout.delimiter or " ").join(cells))
-            return InputError(
-                f"{where}{row} has {len(cells)} cells, expected {len(names)}; correct or delete the line"
-            )
-        for name, cell in zip(names, cells, strict=True):
-            if not _is_number(cell):
-                return InputError(
-                    f"{where}{name} is {value_text(cell)}, not a number; correct or delete the line"
-                )
-            if not math.isfinite(float(cell)):
-                return InputError(
-                    f"{where}{name} is {value_text(cell)}, not finite; correct or delete the line"
-                )
-    return None
-
-
-def _unreadable(path: Path, error: Exception) -> InputError:
-    return InputError(f"{path_text(path)}: is no table of numbers ({reason(error)}); export it again as CSV")
-
-
-def _not_utf8(path: Path) -> InputError:
-    with open(path, "rb") as stream:
-        for number, line in enumerate(stream, start=1):
-            try:
-                line.decode()
-            except UnicodeDecodeError as error:
-                where = f"{path_text(path)}: line {number}: byte 0x{line[error.start]:02x}"
-                return InputError(f"{where} is not UTF-8; save the file as UTF-8 text")
-    return InputError(f"{path_text(path)}: is not UTF-8; save it as UTF-8 text")
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return cell.isascii() and "_" not in cell  # Python reads more than a file format should
-
-
-def _table_files_number(path: Path, key: str, item: object) -> float:
-    number = math.nan
-    if isinstance(item, int | float | str) and not isinstance(item, bool):
-        try:
-            number = float(item)
-        except (ValueError, OverflowError):
-            number = math.nan
-    if not math.isfinite(number):
-        raise InputError(
-            f"{path_text(path)}: {key} holds {value_text(item)}, not a finite number; correct it"
-        )
-    return number
-
-
-def _wrong_shape(path: Path, key: str, value: object, shape: tuple[int, ...]) -> InputError:
-    expected = "x".join(map(str, shape)) + " numbers" if shape else "a number"
-    return InputError(f"{path_text(path)}: {key} is {value_text(value)}, expected {expected}; correct it")

@@ -1,20 +1,27 @@
 """Ground truth: trajectory (`truth.csv`) and mass properties (`truth.toml`)."""
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.core.errors import InputError, ShapeError
+from spinfilters.core.attitude_conversions import inverse, multiply, rotate
+from spinfilters.core.errors import InputError, RowError, ShapeError
+from spinfilters.io.document import numbers
 from spinfilters.io.input_file import path_text, read_toml, require_folder, value_text
-from spinfilters.io.measurement_log import first_disorder, first_not_unit, freeze_arrays, normalised
+from spinfilters.io.measurement_log import (
+    freeze_arrays,
+    normalised,
+    require_order,
+    require_unit_quaternions,
+)
 from spinfilters.io.output_files import write_toml
-from spinfilters.io.sensor_tables import require_times, require_unit_quaternions
+from spinfilters.io.sensor_tables import require_clock
 from spinfilters.io.stated_values import LENGTH, RATE, SPEED, NumberRange
-from spinfilters.io.text_table import numbers, read_csv, write_csv
+from spinfilters.io.text_table import read_csv, write_csv
 
 TRUTH_COLUMNS: Final[tuple[str, ...]] = (
     *("time_s", "rx", "ry", "rz", "qx", "qy", "qz", "qw"),
@@ -105,27 +112,49 @@ class Truth:
         return {name: value for name, value in known.items() if value is not None}
 
 
+def truth_in_moved_frame(truth: Truth, turn: Float[np.ndarray, "4"], shift: Float[np.ndarray, "3"]) -> Truth:
+    """The truth in another frame g.
+
+    Parameters
+    ----------
+    turn : Float[np.ndarray, '4']
+        Maps the new g to that of the truth.
+    shift : Float[np.ndarray, '3']
+        Origin of the new g in that of the truth, m.
+    """
+    axes, centre, bias = truth.principal_axes_g, truth.center_of_mass_g, truth.gyro_bias
+    back = inverse(turn)
+    return replace(
+        truth,
+        q_ig=multiply(truth.q_ig, np.broadcast_to(turn, truth.q_ig.shape)),
+        principal_axes_g=None if axes is None else rotate(back, axes),
+        center_of_mass_g=None if centre is None else rotate(back, centre - shift),
+        gyro_bias=None if bias is None else rotate(back, bias),
+    )
+
+
 def read_truth(folder: Path) -> Truth:
     """Truth of a folder: `truth.csv`, and `truth.toml` if there is one.
 
     Raises
     ------
     InputError
-        As `read_csv`, `require_times` and `read_toml`; a truth.toml without truth.csv; an unknown key; what
+        As `read_csv`, `require_clock` and `read_toml`; a truth.toml without truth.csv; an unknown key; what
         `Truth` refuses.
     """
     require_folder(folder)
     path, settings = folder / TRUTH_TABLE, folder / TRUTH_BODY
     table = read_csv(path, TRUTH_COLUMNS)
-    require_times(table, repeats=False)
+    require_clock(table)
     for columns, allowed in ((slice(1, 4), LENGTH), (slice(8, 11), SPEED), (slice(11, 14), RATE)):
         table.require(columns, allowed)
-    require_unit_quaternions(table, 4)
     body: dict[str, Any] = _read_body(settings) if os.path.lexists(settings) else {}
     columns = np.split(table.values, [1, 4, 8, 11], axis=1)
     try:
         time, center_of_mass, q_ig, velocity, rate_i = columns
         return Truth(time[:, 0], center_of_mass, q_ig, velocity, rate_i, **body)
+    except RowError as error:
+        raise table.error(error.row, error.text) from None
     except InputError as error:
         raise InputError(f"{path_text(settings)}: {error}") from None
 
@@ -163,16 +192,10 @@ def _check_trajectory(truth: Truth) -> None:
             raise ShapeError(f"truth {name} has shape {array.shape}, expected {(rows, columns)}")
         if not np.isfinite(array).all():
             raise InputError(f"truth {name} is not finite; leave out those rows")
-    row = first_disorder(truth.time, repeats=False) if np.isfinite(truth.time).all() else 0
-    if row is not None:
-        raise InputError(
-            f"truth row {row}: time {truth.time[row]} s is not finite or not after the row before; sort it"
-        )
-    row = first_not_unit(truth.q_ig)
-    if row is not None:
-        raise InputError(
-            f"truth row {row}: quaternion {truth.q_ig[row].tolist()} is not a unit one; normalise it"
-        )
+    if not np.isfinite(truth.time).all():
+        raise InputError("truth time is not finite; leave out those rows")
+    require_order("truth", truth.time)
+    require_unit_quaternions("truth", truth.q_ig)
 
 
 def _check_body(truth: Truth) -> None:

@@ -4,15 +4,15 @@ import os
 import tempfile
 import zipfile
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
 from typing import Final
 
 from spinfilters.core.errors import InputError
 from spinfilters.io.dataset import Dataset
-from spinfilters.io.dataset_reader import DatasetReader, OnRefused
+from spinfilters.io.dataset_reader import DatasetReader, OnRefused, StatedReader
 from spinfilters.io.input_file import MAX_TABLE_BYTES, path_text, reason, require_file
-from spinfilters.io.stated_values import NOTHING_STATED, ReadingOptions
+from spinfilters.io.stated_values import ReadingOptions
 
 MOST_MEMBERS: Final = 1000
 SMALL, LARGEST_RATIO = 64 << 20, 100
@@ -22,19 +22,16 @@ _CHUNK = 1024**2
 
 
 @dataclass(frozen=True)
-class ZipReader(DatasetReader):
+class ZipReader(StatedReader):
     """Unpacks text tables into a temporary folder and asks the other readers.
 
     Attributes
     ----------
     reader_of : Callable[[Path, ReadingOptions], DatasetReader]
         Gives the reader of what an archive holds, with what the user states.
-    options : ReadingOptions
-        What the user states of the recording.
     """
 
-    reader_of: Callable[[Path, ReadingOptions], DatasetReader]
-    options: ReadingOptions = NOTHING_STATED
+    reader_of: Callable[[Path, ReadingOptions], DatasetReader] = field(kw_only=True)
     name, order = "zip", 30
     words = "a .zip of an export"
     has_segments = True
@@ -63,10 +60,6 @@ class ZipReader(DatasetReader):
                 _named(path, each)
                 for each in self.reader_of(folder, self.options).segments(folder, on_refused)
             ]
-
-    def stating(self, options: ReadingOptions) -> DatasetReader:
-        """The reader with what the user states of units and clock."""
-        return ZipReader(self.reader_of, options)
 
 
 class _Unpacked:

@@ -76,7 +76,9 @@ def expected_ranges(
     largest = _Variable(np.full(count, np.nan), nothing[:, :, 0], np.zeros(count), nothing[:, 0], nothing)
     for number, face in enumerate(faces):
         if face.offset + R @ face.normal @ t < 0:
-            largest = _larger(largest, _of_face(u, by_angles, face, R, t, number, size))
+            largest = _larger_of_normals(
+                largest, _expected_ranges_of_face(u, by_angles, face, R, t, number, size)
+            )
     std = np.sqrt(largest.variance + noise.range_std**2 + 1e-20)
     by_pose, by_faces = np.zeros((count, 6)), np.zeros((count, 3 * len(faces)))
     for number, face in enumerate(faces):
@@ -97,7 +99,7 @@ def _deviations(angles: Float[np.ndarray, "n 2"], noise: PointNoise) -> Float[np
     return np.stack([by_azimuth, by_elevation], axis=1)
 
 
-def _of_face(
+def _expected_ranges_of_face(
     u: Float[np.ndarray, "n 3"],
     by_angles: Float[np.ndarray, "n 2 3"],
     face: Face,
@@ -125,7 +127,7 @@ def _of_face(
     return _Variable(np.where(front, r, np.nan), slopes, np.sum(slopes**2, axis=1), by, slopes_by)
 
 
-def _larger(a: _Variable, b: _Variable) -> _Variable:
+def _larger_of_normals(a: _Variable, b: _Variable) -> _Variable:
     """Clark's maximum of two normal variables; NaN is none."""
     both = ~(np.isnan(a.mean) | np.isnan(b.mean))
     first = np.where(np.isnan(a.mean), 0.0, 1.0)
@@ -157,7 +159,7 @@ def _larger(a: _Variable, b: _Variable) -> _Variable:
 FITTING: Final = 1.5
 """Reduced chi-square of all points, at most: above, the body is not the convex one of these faces."""
 _MOST, _STEPS = 4000, 6
-_LARGE = 4.0  # standard deviations beyond which a point counts less (Huber)
+_LARGE = 4.0  # standard deviations beyond which a point counts less
 
 
 class _RangeFit(NamedTuple):
@@ -168,7 +170,7 @@ class _RangeFit(NamedTuple):
     chi: float
 
 
-def _fit(expected: ExpectedRanges, measured: Float[np.ndarray, " n"]) -> _RangeFit | None:
+def _fit_ranges(expected: ExpectedRanges, measured: Float[np.ndarray, " n"]) -> _RangeFit | None:
     """Fit of ranges, m, to those expected.
 
     None where a tenth of the rays misses the body.
@@ -178,10 +180,15 @@ def _fit(expected: ExpectedRanges, measured: Float[np.ndarray, " n"]) -> _RangeF
     if good.mean() < 0.9:
         return None
     J = np.nan_to_num(expected.by_pose / expected.std[:, None]) * good[:, None]
-    weight = np.minimum(1.0, _LARGE / np.maximum(np.abs(residual), 1e-12))
+    weight = _huber_weights(residual)
     residual = np.nan_to_num(residual)
     chi = float(np.mean(np.minimum(residual[good] ** 2, _LARGE**2)))
     return _RangeFit((J * weight[:, None]).T @ J, J.T @ (weight * residual), chi)
+
+
+def _huber_weights(residual: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    """Weights of residuals in standard deviations, one up to `_LARGE` (Huber 1964)."""
+    return np.minimum(1.0, _LARGE / np.maximum(np.abs(residual), 1e-12))
 
 
 def with_edges(
@@ -213,7 +220,7 @@ def with_edges(
     R, t = pose.rotation, pose.translation
     H, chi, prior = np.zeros((6, 6)), np.inf, np.diag(np.repeat([1.0, 1 / size], 3) ** 2)
     for _ in range(_STEPS):
-        fit = _fit(expected_ranges(angles, faces, R, t, noise), measured)
+        fit = _fit_ranges(expected_ranges(angles, faces, R, t, noise), measured)
         if fit is None:
             return pose
         H, chi = fit.information, fit.chi
@@ -272,8 +279,8 @@ class RangeEvidence:
 
     def of(self, tracked: TrackedFaces, number: int, robust: bool) -> FaceInformation:
         """See `FaceEvidence`; the information is smaller where residuals are larger than the noise."""
-        J, residual = self._linearised(tracked, number)
-        weight = np.minimum(1.0, _LARGE / np.maximum(np.abs(residual), 1e-12)) if robust else 1.0
+        J, residual = self._linearise_ranges(tracked, number)
+        weight = _huber_weights(residual) if robust else 1.0
         scale = max(1.0, _reduced(residual))
         weighted = (J.T * weight) / scale
         H, b = weighted @ J, weighted @ residual
@@ -281,9 +288,9 @@ class RangeEvidence:
 
     def reduced_chi_square(self, tracked: TrackedFaces) -> float:
         """Reduced chi-square of the scan that fits worst."""
-        return max(_reduced(self._linearised(tracked, k)[1]) for k in range(len(self.ranges)))
+        return max(_reduced(self._linearise_ranges(tracked, k)[1]) for k in range(len(self.ranges)))
 
-    def _linearised(
+    def _linearise_ranges(
         self, tracked: TrackedFaces, number: int
     ) -> tuple[Float[np.ndarray, "n m"], Float[np.ndarray, " n"]]:
         """Derivatives of the whitened ranges by pose and faces, and their residuals; rays without a face are left out."""
@@ -313,24 +320,24 @@ def edge_adjusted(
     """
     rays = [inner_rays(points, noise, MOST_RAYS + 1) for points in clouds]
     if not tracked.faces or any(each is None or len(each) > MOST_RAYS for each in rays):
-        return _posed_with_edges(tracked, clouds, noise, size)
+        return _fit_poses_with_edges(tracked, clouds, noise, size)
     chosen = [points[rows] for points, rows in zip(clouds, rays, strict=True) if rows is not None]
     angles = [np.stack(angles_of(points), axis=1) for points in chosen]
     evidence = RangeEvidence(angles, [np.linalg.norm(points, axis=1) for points in chosen], noise, size)
     found = adjusted_faces(tracked, evidence, size)
     sound = all(np.isfinite(pose.translation).all() for pose in found.poses)
     if not sound or evidence.reduced_chi_square(found) > FITTING:
-        return _posed_with_edges(tracked, clouds, noise, size)
+        return _fit_poses_with_edges(tracked, clouds, noise, size)
     bare = tuple(
         replace(new, covariance=old.covariance - more)
         for new, old, more in zip(found.poses, tracked.poses, tracked.common, strict=True)
     )
     none = tuple(np.zeros((6, 6)) for _ in bare)
-    posed = _posed_with_edges(replace(found, poses=bare, common=none), clouds, noise, size)
+    posed = _fit_poses_with_edges(replace(found, poses=bare, common=none), clouds, noise, size)
     return replace(with_map_errors(posed, evidence, size), contradicted=tracked.contradicted)
 
 
-def _posed_with_edges(
+def _fit_poses_with_edges(
     tracked: TrackedFaces, clouds: Sequence[Float[np.ndarray, "n 3"]], noise: PointNoise, size: float
 ) -> TrackedFaces:
     poses = (
@@ -341,4 +348,5 @@ def _posed_with_edges(
 
 
 def _reduced(residual: Float[np.ndarray, " n"]) -> float:
+    """Mean square of residuals in standard deviations, each bounded at `_LARGE`."""
     return float(np.mean(np.minimum(residual**2, _LARGE**2))) if len(residual) else np.inf

@@ -1,6 +1,6 @@
 """Map of the body's plane faces: identification across scans, adjustment of faces and poses, and its consistency.
 
-Gauss-Newton over the faces, every pose marginalised. Planes alone do not tell how far apart faces are that no scan sees
+Gauss-Newton over the faces, every pose marginalised. Planes alone do not determine how far apart faces are that no scan sees
 together; that the origin of g drifts uniformly, to a scatter that is measured, ties them and makes the origin the centre of
 rotation.
 
@@ -137,7 +137,7 @@ def face_jacobian(
 FEWEST_FOR_DRIFT: Final = 6
 """Scans from which a uniform drift of the centre of rotation is fitted."""
 LARGE: Final = 25.0
-"""Squared length of a plane's residual, in standard deviations, at which its weight is halved (Cauchy)."""
+"""Squared residual of a plane or a pose, in standard deviations, at which its weight is halved (Cauchy)."""
 STRICTEST: Final = 1e-7
 """Scatter about the uniform drift, in sizes of the body, below which it is taken as exact."""
 SAME_ANGLE: Final = np.deg2rad(3.0)
@@ -196,11 +196,14 @@ def adjusted_faces(tracked: TrackedFaces, evidence: FaceEvidence, size: float) -
     """Faces and poses of robust least squares; ``size`` of the body in m."""
     for _ in range(_STEPS):
         drift = uniform_drift(tracked, size)
-        blocks = [_blocks(tracked, drift, k, evidence, size, robust=True) for k in range(len(tracked.poses))]
-        free = _free(tracked, size)
-        S, side = _marginal(blocks, size)
+        blocks = [
+            _normal_equations_of_scan(tracked, drift, k, evidence, size, robust=True)
+            for k in range(len(tracked.poses))
+        ]
+        free = _directions_without_gauge(tracked, size)
+        S, side = _eliminate_poses(blocks, size)
         step = free @ np.linalg.solve(free.T @ S @ free, free.T @ side)
-        tracked = _moved(tracked, blocks, step)
+        tracked = _apply_step(tracked, blocks, step)
         if step @ side < SETTLED:
             break
     return tracked
@@ -214,9 +217,9 @@ def merged_faces(tracked: TrackedFaces, size: float) -> TrackedFaces:
     first, faces = list(range(len(tracked.faces))), tracked.faces
     for j, face in enumerate(faces):
         for i in (k for k in range(j) if first[k] == k):
-            beside = any({i, j} <= {first[k] for k in match} | set(match) for match in tracked.matches)
+            together = any({i, j} <= {first[k] for k in match} | set(match) for match in tracked.matches)
             near = abs(faces[i].offset - face.offset) < SAME_OFFSET * size
-            if near and not beside and faces[i].normal @ face.normal > np.cos(SAME_ANGLE):
+            if near and not together and faces[i].normal @ face.normal > np.cos(SAME_ANGLE):
                 first[j] = i
                 break
     kept = sorted(set(first))
@@ -227,13 +230,13 @@ def merged_faces(tracked: TrackedFaces, size: float) -> TrackedFaces:
 def with_map_errors(tracked: TrackedFaces, evidence: FaceEvidence, size: float) -> TrackedFaces:
     """Faces and poses with the covariance of the faces."""
     drift, count = uniform_drift(tracked, size), 3 * len(tracked.faces)
-    blocks = [_blocks(tracked, drift, k, evidence, size) for k in range(len(tracked.poses))]
-    free = _free(tracked, size)
-    M = (free @ np.linalg.solve(free.T @ _marginal(blocks, size)[0] @ free, free.T))[:count, :count]
-    own = _without_freedom(tracked, blocks)
+    blocks = [_normal_equations_of_scan(tracked, drift, k, evidence, size) for k in range(len(tracked.poses))]
+    free = _directions_without_gauge(tracked, size)
+    M = (free @ np.linalg.solve(free.T @ _eliminate_poses(blocks, size)[0] @ free, free.T))[:count, :count]
+    own = _projection_without_gauge(tracked, blocks)
     M = own @ M @ own.T
     loose = replace(drift, scatter=np.inf)
-    alone = [_blocks(tracked, loose, k, evidence, size) for k in range(len(tracked.poses))]
+    alone = [_normal_equations_of_scan(tracked, loose, k, evidence, size) for k in range(len(tracked.poses))]
     arms = [
         body_side(-np.linalg.solve(each.own, each.cross[:, :count]), pose.rotation)
         for each, pose in zip(alone, tracked.poses, strict=True)
@@ -263,7 +266,7 @@ def uniform_drift(tracked: TrackedFaces, size: float) -> Drift:
     return Drift(found.reshape(-1), times, scatter)
 
 
-def _blocks(
+def _normal_equations_of_scan(
     tracked: TrackedFaces,
     drift: Drift,
     number: int,
@@ -275,10 +278,11 @@ def _blocks(
 
     The drift (6) comes after the faces; the prior says that the pose is somewhere near.
     """
-    told, pose, count = evidence.of(tracked, number, robust), tracked.poses[number], 3 * len(tracked.faces)
-    own = told.own + np.diag(np.repeat([ROTATION_PRIOR, size], 3) ** -2.0)
-    cross, shared = np.pad(told.cross, ((0, 0), (0, 6))), np.pad(told.shared, (0, 6))
-    own_side, shared_side = told.own_side.copy(), np.pad(told.shared_side, (0, 6))
+    seen, pose, count = evidence.of(tracked, number, robust), tracked.poses[number], 3 * len(tracked.faces)
+    own = seen.own + np.diag(np.repeat([ROTATION_PRIOR, size], 3) ** -2.0)
+    cross, shared = np.pad(seen.cross, ((0, 0), (0, 6))), np.pad(seen.shared, (0, 6))
+    own_side, shared_side = seen.own_side.copy(), np.pad(seen.shared_side, (0, 6))
+    # the drift as a measurement of the place: t = along . motion, whose columns come after those of the faces
     along, weight = drift.along(number), drift.scatter**-2.0
     off = weight * (pose.translation - along @ drift.motion)
     own[3:, 3:] += weight * np.eye(3)
@@ -289,63 +293,67 @@ def _blocks(
     return FaceInformation(own, cross, shared, own_side, shared_side)
 
 
-def _marginal(
+def _eliminate_poses(
     blocks: Sequence[FaceInformation], size: float
 ) -> tuple[Float[np.ndarray, "m m"], Float[np.ndarray, " m"]]:
     """Normal equations of what is shared, the poses eliminated.
 
-    A face that no scan tells of is known to a radian and ``size``.
+    A face that no scan sees is known to a radian and ``size``.
     """
     faces = (blocks[0].shared.shape[0] - 6) // 3
     S = np.diag(np.concatenate([np.tile([1.0, 1.0, size**-2.0], faces), np.zeros(6)]))
     side = np.zeros(len(S))
-    for each in blocks:
+    for each in blocks:  # Schur complement of the pose's own 6 by 6 block: shared - cross' own^-1 cross
         gain = np.linalg.solve(each.own, each.cross).T
         S = S + each.shared - gain @ each.cross
         side = side + each.shared_side - gain @ each.own_side
     return S, side
 
 
-def _free(tracked: TrackedFaces, size: float) -> Float[np.ndarray, "m f"]:
+def _directions_without_gauge(tracked: TrackedFaces, size: float) -> Float[np.ndarray, "m f"]:
     """Directions of (faces, drift) without the gauge freedom of frame g.
 
     Free are its rotation, and its shift without a drift.
     """
     drifts = len(tracked.poses) >= FEWEST_FOR_DRIFT
-    gauge = np.concatenate([*map(_freedom, tracked.faces), np.zeros((6, 6))])[:, : 3 if drifts else 6]
+    # columns of the gauge: rotation of g (3), then its shift (3), which a drift fixes; rows of the drift (6) stay zero
+    gauge = np.concatenate([*map(_gauge_jacobian, tracked.faces), np.zeros((6, 6))])[:, : 3 if drifts else 6]
     scale = np.concatenate([np.tile([1.0, 1.0, size], len(tracked.faces)), np.full(6, size)])
+    # in scaled unknowns, the left singular vectors beyond those of the gauge span its complement
     return np.linalg.svd(gauge / scale[:, None])[0][:, gauge.shape[1] :] * scale[:, None]
 
 
-def _without_freedom(tracked: TrackedFaces, blocks: Sequence[FaceInformation]) -> Float[np.ndarray, "f f"]:
-    """Errors of the faces without a common rotation and shift.
+def _projection_without_gauge(
+    tracked: TrackedFaces, blocks: Sequence[FaceInformation]
+) -> Float[np.ndarray, "f f"]:
+    """Projection of errors of the faces that leaves out a common rotation and shift.
 
-    Each face weighs as much as scans tell of it.
+    Each face weighs by the information that the scans have of it.
     Which way g is turned and where its origin lies are definitions, and no error of a pose in that g. With equal weights a face
     that was hardly seen would turn g, and all poses with it.
     """
-    G = np.concatenate([_freedom(face) for face in tracked.faces])
+    G = np.concatenate([_gauge_jacobian(face) for face in tracked.faces])
     W = np.zeros((len(G), len(G)))
     for k in range(len(tracked.faces)):
-        at = slice(3 * k, 3 * k + 3)
+        at = slice(3 * k, 3 * k + 3)  # two tangents of the normal and the offset of face k
         W[at, at] = sum(each.shared[at, at] for each in blocks)
     return np.eye(len(G)) - G @ np.linalg.pinv(G.T @ W @ G, hermitian=True) @ G.T @ W
 
 
-def _freedom(face: Face) -> Float[np.ndarray, "3 6"]:
+def _gauge_jacobian(face: Face) -> Float[np.ndarray, "3 6"]:
     """Change of a face by a rotation and by a shift of frame g."""
     return np.block(
         [[face.tangents.T @ -skew(face.normal), np.zeros((2, 3))], [np.zeros((1, 3)), face.normal[None]]]
     )
 
 
-def _moved(
+def _apply_step(
     tracked: TrackedFaces, blocks: Sequence[FaceInformation], step: Float[np.ndarray, " m"]
 ) -> TrackedFaces:
     """Faces after a step, and the poses that it leads to."""
     poses, faces = [], []
     for pose, each in zip(tracked.poses, blocks, strict=True):
-        own = np.linalg.solve(each.own, each.own_side - each.cross @ step)
+        own = np.linalg.solve(each.own, each.own_side - each.cross @ step)  # back-substitution of the pose
         poses.append(
             replace(
                 pose,

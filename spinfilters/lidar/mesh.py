@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 from spinfilters.core.errors import InputError
 from spinfilters.io.argument_checks import checked_arguments, one_of
 from spinfilters.io.argument_checks import path as path_of
-from spinfilters.io.input_file import path_text, plain_number, read_bytes, require_file, value_text
+from spinfilters.io.input_file import parse_number, path_text, read_bytes, require_file, value_text
 from spinfilters.io.ply_files import read_ply
 
 SMALLEST_AREA: Final = 1e-14
@@ -188,16 +188,17 @@ _Surface = tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]
 
 def _read_stl(path: Path) -> _Surface:
     data = read_bytes(path, MAX_MESH_BYTES)
-    told = int.from_bytes(data[80:84], "little") if len(data) >= _STL_HEADER else -1
-    if told >= 0 and len(data) == _STL_HEADER + _STL_TRIANGLE * told:
-        return _binary_stl(data, told)
+    stated = int.from_bytes(data[80:84], "little") if len(data) >= _STL_HEADER else -1
+    if stated >= 0 and len(data) == _STL_HEADER + _STL_TRIANGLE * stated:
+        return _binary_stl(data, stated)
     if data.lstrip()[:5].lower() == b"solid" and b"facet" in data[:4096].lower() + data[-4096:].lower():
         return _ascii_stl(path, data)
-    if told < 0:
+    if stated < 0:
         raise InputError(f"{path_text(path)}: has {len(data)} bytes, too few for an STL; export it again")
     held = (len(data) - _STL_HEADER) // _STL_TRIANGLE
     raise InputError(
-        f"{path_text(path)}: its header tells {told} triangles, its size is that of {held}: truncated or damaged; export it again"
+        f"{path_text(path)}: its header states {stated} triangles, its size is that of {held}: truncated or damaged; "
+        "export it again"
     )
 
 
@@ -217,7 +218,7 @@ def _ascii_stl(path: Path, data: bytes) -> _Surface:
             f"{path_text(path)}: {opened} facets begin, {closed} end, with {len(vertices)} vertices: truncated; export it again"
         )
     try:
-        values = np.array([[plain_number(word) for word in vertex] for vertex in vertices])
+        values = np.array([[parse_number(word) for word in vertex] for vertex in vertices])
     except ValueError:
         raise InputError(f"{path_text(path)}: a vertex is no number; export it again") from None
     return values.reshape(-1, 3), np.arange(len(values)).reshape(-1, 3)
@@ -236,7 +237,7 @@ def _read_obj(path: Path, first: int = 1) -> _Surface:
         words = line.split()
         try:
             if words[:1] == ["v"]:
-                x, y, z = map(plain_number, words[1:4])
+                x, y, z = map(parse_number, words[1:4])
                 vertices.append([x, y, z])
             elif words[:1] == ["f"]:
                 corners = [_obj_index(word, len(vertices), first) for word in words[1:]]
@@ -280,7 +281,7 @@ def _read_counted(path: Path) -> _Surface:
         if not 0 < count <= len(lines) or not 0 < faces <= len(lines) - count:
             raise ValueError(f"{count} vertices and {faces} faces in {len(lines)} lines")
         rows = [line.split() for line in lines[: count + faces]]
-        vertices = np.array([[plain_number(word) for word in row] for row in rows[:count]])
+        vertices = np.array([[parse_number(word) for word in row] for row in rows[:count]])
         corners = [[int(word) for word in row] for row in rows[count:]]
         if any(not 1 <= corner <= count for row in corners for corner in row):
             raise ValueError("a face names a vertex that is not there")

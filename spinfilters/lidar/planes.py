@@ -18,7 +18,7 @@ FLOOR: Final = 1e-10
 _PATCH, _PATCHES, _LOOKED_AT, _SCANS = 25, 1500, 4000, 5
 _EDGES: Final = (0.2, 0.4, 0.6, 0.8)  # of bins of slope, quantiles
 _FEWEST_IN_BIN = 10
-_ALIKE = 0.001  # how strongly both angles are held to be alike, in terms of what the slopes tell
+_ALIKE = 0.001  # weight of the assumption that both angles have the same noise, in terms of the slopes' information
 _PARAMETERS = 3  # of a plane
 
 
@@ -65,8 +65,8 @@ def identified_noise(scans: Sequence[Scan]) -> PointNoise:
     """Range and angle noise from what neighbouring rays differ by: the medians of small planes' residuals.
 
     The residual variance of ranges on a plane is range_std^2 + (slope_a azimuth_std)^2 + (slope_e elevation_std)^2, with the slopes
-    of the range over the angles; medians within bins of both slopes keep edges out. Scans of the whole sequence are looked at, for
-    where all faces are steep, ranges hardly tell their own noise. Angles that the slopes do not tell apart are taken alike.
+    of the range over the angles; medians within bins of both slopes keep edges out. Scans of the whole sequence are used, for where
+    all faces are steep, ranges hardly determine their own noise. Angles that the slopes do not separate are assumed alike.
     """
     usable = [scan for scan in scans if np.count_nonzero(scan.is_return) > 2 * _PATCH]
     chosen = np.unique(np.linspace(0, len(usable) - 1, min(_SCANS, len(usable))).astype(int))
@@ -152,7 +152,7 @@ FLATNESS: Final = 1e-5
 """Departure of a face from its plane, in sizes of the body, and its tilt, rad: machining, and half a kelvin of thermal expansion.
 
 This error is common to all points of a face, so that no number of exact ranges, such as a simulated lidar without noise gives,
-averages it. Covariances of planes beyond it would also be singular beside a direction that no plane determines.
+averages it. Covariances of planes beyond it would also be singular next to a direction that no plane determines.
 """
 _SEEDS, _SUBSET, _ROUNDS, _MOST = 30, 1500, 6, 24
 _PLANES_LOOKED_AT = 8000  # points among which planes are looked for; all are used for the fits
@@ -248,7 +248,7 @@ def extract_planes(
             break
         found.append(plane)
         left = left[np.abs(plane.distances(points[left])) > CLEAR * noise.across(points[left], plane.normal)]
-    return _separated(points, angles, found, noise), 1.0 - len(left) / looked_at
+    return _refit_clear_points(points, angles, found, noise), 1.0 - len(left) / looked_at
 
 
 def _largest_plane(
@@ -277,7 +277,7 @@ def _largest_plane(
     return best
 
 
-def _separated(
+def _refit_clear_points(
     points: Float[np.ndarray, "n 3"],
     angles: Float[np.ndarray, "n 2"],
     planes: list[FittedPlane],

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -20,7 +20,7 @@ REACHED: Final = 1.5
 FACING: Final = 0.5
 """Cosine of the angle between two normals that may belong together, at least."""
 _ITERATIONS, _COARSE, _COARSE_ITERATIONS = 40, 400, 12
-_TRIMMED = 3.0  # robust standard deviations of a residual beyond which it has no say
+_TRIMMED = 3.0  # robust standard deviations of a residual beyond which it has no weight
 _SETTLED = 1e-9
 _PATCH = 0.3  # side of a patch of like residuals, in sizes of the map
 
@@ -75,73 +75,50 @@ class Registration:
     overlap: float
 
 
-class RegistrationEngine(Protocol):
-    """Refinement of a pose by registration."""
+def registered(
+    source: Cloud, target: Cloud, R: Float[np.ndarray, "3 3"], t: Float[np.ndarray, "3"], reach: float
+) -> Registration:
+    """The pose refined from a start, with its information.
 
-    def refined(
-        self,
-        source: Cloud,
-        target: Cloud,
-        R: Float[np.ndarray, "3 3"],
-        t: Float[np.ndarray, "3"],
-        reach: float,
-    ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
-        """Pose from a start, with matches within ``reach`` m."""
-        ...
+    Residuals of neighbouring points are alike where a target is shared, or the surface is rougher than the noise. So the variance
+    is that which sums of residuals over patches of the surface have, never less than that of independent points.
 
-
-class PointToPlane:
-    """Point-to-plane iterated closest points with a shrinking matching distance."""
-
-    def refined(
-        self,
-        source: Cloud,
-        target: Cloud,
-        R: Float[np.ndarray, "3 3"],
-        t: Float[np.ndarray, "3"],
-        reach: float,
-    ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
-        """See `RegistrationEngine`."""
-        for _ in range(_ITERATIONS):
-            matches = closest_points(source, target, R, t, reach)
-            if len(matches.rows) < 6:
-                break
-            H, b = matches.normal_equations(t)
-            step = np.linalg.solve(H + 1e-9 * np.trace(H) * np.eye(6), b)
-            R, t = rotation_matrix(step[:3]) @ R, t + step[3:]
-            reach = max(reach * 0.8, 6 * matches.std, target.least_reach)
-            if np.abs(step).max() < _SETTLED * max(1.0, target.size):
-                break
-        return R, t
+    Parameters
+    ----------
+    R : ndarray of shape (3, 3)
+    t : ndarray of shape (3,)
+        Where the pose begins from, p_map = R p + t, m.
+    reach : float
+        Distance of matches at first, m.
+    """
+    R, t = refined_pose(source, target, R, t, reach)
+    near = closest_points(source, target, R, t, reach)
+    near = closest_points(source, target, R, t, max(6 * near.std, target.least_reach))
+    if len(near.rows) < 6:
+        return Registration(R, t, np.zeros((6, 6)), np.inf, len(near.rows), 0.0)
+    H, _ = near.normal_equations(t)
+    variance = max(float(np.mean(near.residual**2)), 1e-24)
+    information = H / (variance * _dependence_factor(near, target.size))
+    return Registration(
+        R, t, information, float(np.sqrt(variance)), len(near.rows), len(near.rows) / len(source.points)
+    )
 
 
-class SmallGicp:
-    """The optional engine small_gicp (generalised ICP)."""
-
-    def refined(
-        self,
-        source: Cloud,
-        target: Cloud,
-        R: Float[np.ndarray, "3 3"],
-        t: Float[np.ndarray, "3"],
-        reach: float,
-    ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
-        """See `RegistrationEngine`."""
-        import small_gicp  # pyright: ignore[reportMissingImports]
-
-        start = np.eye(4)
-        start[:3, :3], start[:3, 3] = R, t
-        resolution = float(
-            np.median(target.tree.query(target.points[:: max(1, len(target.points) // 500)], 2)[0][:, 1])
-        )
-        found = small_gicp.align(
-            target.points,
-            source.points,
-            start,
-            max_correspondence_distance=reach,
-            downsampling_resolution=max(resolution, 1e-9),
-        )
-        return np.array(found.T_target_source[:3, :3]), np.array(found.T_target_source[:3, 3])
+def refined_pose(
+    source: Cloud, target: Cloud, R: Float[np.ndarray, "3 3"], t: Float[np.ndarray, "3"], reach: float
+) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
+    """Pose by point-to-plane iterated closest points, whose matches come nearer from step to step (Chen and Medioni 1992)."""
+    for _ in range(_ITERATIONS):
+        matches = closest_points(source, target, R, t, reach)
+        if len(matches.rows) < 6:
+            break
+        H, b = matches.normal_equations(t)
+        step = np.linalg.solve(H + 1e-9 * np.trace(H) * np.eye(6), b)
+        R, t = rotation_matrix(step[:3]) @ R, t + step[3:]
+        reach = max(reach * 0.8, 6 * matches.std, target.least_reach)
+        if np.abs(step).max() < _SETTLED * max(1.0, target.size):
+            break
+    return R, t
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,33 +161,7 @@ def closest_points(
     return ScanMatches(rows[kept], index[kept], moved[rows[kept]], normals[kept], residual[kept], std)
 
 
-def registered(
-    source: Cloud,
-    target: Cloud,
-    R: Float[np.ndarray, "3 3"],
-    t: Float[np.ndarray, "3"],
-    reach: float,
-    engine: RegistrationEngine,
-) -> Registration:
-    """The pose refined from a start, with its information.
-
-    Residuals of neighbouring points are alike where a target is shared, or the surface is rougher than the noise. So the variance
-    is that which sums of residuals over patches of the surface have, never less than that of independent points.
-    """
-    R, t = engine.refined(source, target, R, t, reach)
-    near = closest_points(source, target, R, t, reach)
-    near = closest_points(source, target, R, t, max(6 * near.std, target.least_reach))
-    if len(near.rows) < 6:
-        return Registration(R, t, np.zeros((6, 6)), np.inf, len(near.rows), 0.0)
-    H, _ = near.normal_equations(t)
-    variance = max(float(np.mean(near.residual**2)), 1e-24)
-    information = H / (variance * _dependence(near, target.size))
-    return Registration(
-        R, t, information, float(np.sqrt(variance)), len(near.rows), len(near.rows) / len(source.points)
-    )
-
-
-def _dependence(matches: ScanMatches, size: float) -> float:
+def _dependence_factor(matches: ScanMatches, size: float) -> float:
     """Variance factor of sums of correlated residuals over patches.
 
     It is in terms of that of independent residuals; at least 2, for the target's noise.

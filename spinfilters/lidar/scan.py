@@ -17,7 +17,7 @@ from spinfilters.core.errors import InputError
 from spinfilters.core.ray_angles import angles_of, unit_vectors
 from spinfilters.io.input_file import path_text, value_text
 from spinfilters.io.output_files import write_bytes
-from spinfilters.io.ply_files import read_ply, write_ply
+from spinfilters.io.ply_files import packed_columns, read_ply, write_ply
 from spinfilters.io.stated_values import NumberRange
 
 FIELD_OF_VIEW: Final = NumberRange(1e-6, 179.0, "deg")
@@ -55,7 +55,7 @@ class RayPattern:
     Raises
     ------
     InputError
-        a number out of its range, a window beside the field of view.
+        a number out of its range, a window outside the field of view.
     """
 
     field_of_view: tuple[float, float] = (2.0, 2.0)
@@ -98,7 +98,7 @@ class RayPattern:
         for number, window in enumerate(self.windows, 1):
             (a0, a1), (e0, e1) = self._indices(window)
             fine = [
-                _refined(grid[i : j + 1], self.multiplier)
+                _refine_angles(grid[i : j + 1], self.multiplier)
                 for grid, i, j in ((elevation, e0, e1), (azimuth, a0, a1))
             ]
             parts.append((number, *np.meshgrid(*fine, indexing="ij")))
@@ -151,13 +151,13 @@ def angle_tree(angles: Float[np.ndarray, "n 2"]) -> KDTree:
     return KDTree(angles, balanced_tree=False, compact_nodes=False)
 
 
-def _refined(angles: Float[np.ndarray, " k"], multiplier: int) -> Float[np.ndarray, " m"]:
+def _refine_angles(angles: Float[np.ndarray, " k"], multiplier: int) -> Float[np.ndarray, " m"]:
     return np.linspace(angles[0], angles[-1], (len(angles) - 1) * multiplier + 1)
 
 
 AngleMode = Literal["jitter", "encoder", "thesis"]
 ANGLE_MODES: Final = ("jitter", "encoder", "thesis")
-"""jitter: the beam leaves its direction and nobody knows; encoder: the direction is read wrongly; thesis: the beam leaves its
+"""jitter: the beam leaves its direction unnoticed; encoder: the direction is read wrongly; thesis: the beam leaves its
 direction and the encoder follows it, so that points stay on the surface (Decoust 2008, section 2.2.4)."""
 MISS, RETURN, WEAK, SATURATED, DUST = 0, 1, 2, 3, 4
 FLAG_WORDS: Final = {MISS: "miss", RETURN: "return", WEAK: "too weak", SATURATED: "saturated", DUST: "dust"}
@@ -287,7 +287,7 @@ class Losses:
         return glint | (~hit & (directions @ sun > least))
 
 
-_NEIGHBOURS, _ALIKE = 8, 2  # rays beside one, and those of them whose range is like its own
+_NEIGHBOURS, _ALIKE = 8, 2  # nearest rays, and how many of them must have a similar range
 _SURFACE, _APART = 0.25, 15.0  # quantile of the difference that surfaces have, and how many of it are apart
 _RAYS_APART = 6.0  # distances between rays, beside them
 
@@ -464,8 +464,8 @@ def read_scan(path: Path) -> Scan:
         path_text(path),
         _metadata(content.comments),
     )
-    told = np.isfinite([time, azimuth, elevation, intensity]).all(axis=0)
-    if not (told & (np.isfinite(distance) | (flag != RETURN))).all():
+    known = np.isfinite([time, azimuth, elevation, intensity]).all(axis=0)
+    if not (known & (np.isfinite(distance) | (flag != RETURN))).all():
         raise InputError(
             f"{path_text(path)}: a ray has a time, angle or range that is not finite; leave it out"
         )
@@ -498,23 +498,19 @@ def _write_ply(path: Path, columns: dict[str, np.ndarray], metadata: str) -> Non
 
 def _write_pcd(path: Path, columns: dict[str, np.ndarray], metadata: str) -> None:
     """Point Cloud Data 0.7, binary."""
-    kinds = {"f": ("8", "F", "<f8"), "i": ("4", "I", "<i4"), "u": ("1", "U", "u1")}
-    told = [kinds[values.dtype.kind] for values in columns.values()]
-    count = len(next(iter(columns.values())))
-    table = np.empty(count, [(name, kind[2]) for name, kind in zip(columns, told, strict=True)])
-    for name, values in columns.items():
-        table[name] = values
+    table = packed_columns(columns)
+    types = [table.dtype[name] for name in columns]
     lines = [
         f"# {_COMMENT}{metadata}",
         "VERSION 0.7",
         f"FIELDS {' '.join(columns)}",
-        f"SIZE {' '.join(kind[0] for kind in told)}",
-        f"TYPE {' '.join(kind[1] for kind in told)}",
-        f"COUNT {' '.join('1' for _ in told)}",
-        f"WIDTH {count}",
+        f"SIZE {' '.join(str(each.itemsize) for each in types)}",
+        f"TYPE {' '.join(each.kind.upper() for each in types)}",
+        f"COUNT {' '.join('1' for _ in types)}",
+        f"WIDTH {len(table)}",
         "HEIGHT 1",
         "VIEWPOINT 0 0 0 1 0 0 0",
-        f"POINTS {count}",
+        f"POINTS {len(table)}",
         "DATA binary\n",
     ]
     write_bytes(path, "\n".join(lines).encode() + table.tobytes())

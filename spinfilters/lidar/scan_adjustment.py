@@ -2,14 +2,14 @@
 
 Poses that were adjusted together have errors that are alike from scan to scan. A motion that is fitted to poses of covariances
 W^-1 each has the covariance N^-1 S N^-1 for the poses' joint covariance C, N = B' W B, S = B' W C W B, with B what the poses
-change by with the motion. Covariances s W^-1 tell as much on average where s = tr(N^-1 S) / dim.
+change by with the motion. Covariances s W^-1 carry as much information on average where s = tr(N^-1 S) / dim.
 
-The columns of B stand for any smooth motion: places, velocities and attitudes at the start, drifts of the attitude in the
+The columns of B span any smooth motion: places, velocities and attitudes at the start, drifts of the attitude in the
 lidar's frame and in that of the body. A rotation and a shift of frame g are none, for nothing but the poses defines it.
 
 Every scan's points are matched with the nearest of the scans seen from the most alike directions, and all poses move together
 (Gauss-Newton on point-to-plane distances). Scans registered one by one keep the errors of those before in what scans of alike
-directions hardly determine, a common distance above all, and their covariances are those beside an exact map.
+directions hardly determine, a common distance above all, and their covariances are those for an exact map.
 
 Frame g has no place of its own: the sums of all rotations and shifts of a step are zero, and so are those of the errors that the
 covariance describes (inner constraints; Blaha 1971).
@@ -26,9 +26,7 @@ from scipy.spatial.transform import Rotation
 from spinfilters.core.errors import InputError
 from spinfilters.lidar.registration import (
     Cloud,
-    PointToPlane,
     Registration,
-    RegistrationEngine,
     ScanMatches,
     closest_points,
     cloud_of,
@@ -45,10 +43,10 @@ from spinfilters.lidar.scan_pose import (
 )
 
 NEGLIGIBLE: Final = 1e-9
-"""Share of the largest information, below which a direction is not told."""
+"""Share of the largest information, below which a direction counts as not determined."""
 
 LARGEST: Final = 1e6
-"""Inflation that is told, at most."""
+"""Inflation, at most."""
 
 Product = Callable[[Float[np.ndarray, "a m"]], Float[np.ndarray, "a m"]]
 """A matrix times columns."""
@@ -82,19 +80,19 @@ def smooth_inflation(
     covariance : Product
         Joint, likewise.
     """
-    frame, smooth = _changes(poses)
-    weighted_frame, weighted = (_weighted(own, each) for each in (frame, smooth))
+    frame, smooth = _changes_of_poses(poses)
+    weighted_frame, weighted = (_weigh_columns(own, each) for each in (frame, smooth))
     held = np.linalg.pinv(frame.T @ weighted_frame, hermitian=True) @ weighted_frame.T @ smooth
     smooth, weighted = smooth - frame @ held, weighted - weighted_frame @ held
     values, vectors = np.linalg.eigh(smooth.T @ weighted)
-    told = values > NEGLIGIBLE * values[-1]
-    if not told.any():
+    known = values > NEGLIGIBLE * values[-1]
+    if not known.any():
         return 1.0
-    whitened = weighted @ (vectors[:, told] / np.sqrt(values[told]))
-    return float(np.clip(np.vdot(whitened, covariance(whitened)) / np.count_nonzero(told), 1.0, LARGEST))
+    whitened = weighted @ (vectors[:, known] / np.sqrt(values[known]))
+    return float(np.clip(np.vdot(whitened, covariance(whitened)) / np.count_nonzero(known), 1.0, LARGEST))
 
 
-def _changes(poses: Sequence[ScanPose]) -> tuple[Float[np.ndarray, "a 6"], Float[np.ndarray, "a m"]]:
+def _changes_of_poses(poses: Sequence[ScanPose]) -> tuple[Float[np.ndarray, "a 6"], Float[np.ndarray, "a m"]]:
     """Changes of all poses with the frame g, and with a smooth motion."""
     times = np.array([pose.time for pose in poses])
     late = (2 * times - times[0] - times[-1]) / max(float(np.ptp(times)), 1e-300)
@@ -114,14 +112,16 @@ def _changes(poses: Sequence[ScanPose]) -> tuple[Float[np.ndarray, "a 6"], Float
     return np.hstack(frame), np.hstack([*turns, column(lidar, 0, 3), column(lidar, 1, 3)])
 
 
-def _weighted(own: Float[np.ndarray, "k 6 6"], columns: Float[np.ndarray, "a m"]) -> Float[np.ndarray, "a m"]:
+def _weigh_columns(
+    own: Float[np.ndarray, "k 6 6"], columns: Float[np.ndarray, "a m"]
+) -> Float[np.ndarray, "a m"]:
     return np.einsum("kij,kjc->kic", own, columns.reshape(len(own), 6, -1)).reshape(columns.shape)
 
 
 MAP_SCANS: Final = 12
 """Scans that one is matched with, those seen from most alike directions: distant views share no surface."""
 MOST_TOGETHER: Final = 400
-"""Scans whose poses move together; those of longer sequences in groups, beside all others."""
+"""Scans whose poses move together; those of longer sequences in groups, with all others fixed."""
 PATCHES: Final = (0.15, 0.3, 0.6)
 """Sides of patches of like residuals, in sizes of the body."""
 LEAST_RESPONSE: Final = 0.2
@@ -171,12 +171,12 @@ def adjusted_scans(
                 break
             step = normal.step()
             for k, by in zip(group, step.reshape(-1, 6), strict=True):
-                found[k] = _moved(found[k], by)
+                found[k] = _apply_step(found[k], by)
             small = normal.gradient @ step < _SETTLED * normal.variance * len(step)
             normal = _normal_equations(clouds, found, group, size, normal.following_reach)
             if small and normal.reach <= normal.asked_reach / _SHRINKING:
                 break
-        share = _response(clouds, found, group, normal.reach)
+        share = _residual_response(clouds, found, group, normal.reach)
         normal = replace(normal, variance=normal.variance / share**2)
         adjusted = _with_covariances([found[k] for k in group], normal, size)
         found[begin : group.stop], inflation = adjusted.poses, max(inflation, adjusted.inflation)
@@ -244,16 +244,18 @@ def _normal_equations(
     patches = [_Patches(side * size, k) for side in PATCHES]
     matched, squares, std = np.zeros(k, dtype=int), 0.0, 0.0
     for row, number in enumerate(group):
-        among = _alike(poses, number)
-        near = _matches(clouds[number], poses[number], _map(moved, among), reach)
+        # planes of other scans that the points of this one are matched with, and the row of the scan that owns each
+        among = _most_similar_views(poses, number)
+        near = _match_cloud(clouds[number], poses[number], _join_clouds(moved, among), reach)
         owner = np.repeat(among, [len(moved[j].points) for j in among])[near.targets] - group.start
         jacobian = np.concatenate([np.cross(near.moved, near.normals), near.normals], axis=1)
         for other in np.unique(owner):
+            # a residual depends on the difference of both poses: +A on the two diagonal blocks, -A between them
             at = owner == other
             A, g = jacobian[at].T @ jacobian[at], jacobian[at].T @ near.residual[at]
             H[row, :, row] += A
             b[row] -= g
-            if 0 <= other < k:
+            if 0 <= other < k:  # scans outside the group are fixed
                 H[other, :, other] += A
                 H[row, :, other] -= A
                 H[other, :, row] -= A
@@ -276,43 +278,45 @@ def _in_body_frame(cloud: Cloud, pose: ScanPose) -> Cloud:
     )
 
 
-def _alike(poses: Sequence[ScanPose], number: int) -> Int[np.ndarray, " m"]:
+def _most_similar_views(poses: Sequence[ScanPose], number: int) -> Int[np.ndarray, " m"]:
     """Scans of the directions most like those of one, without itself."""
     turns = Rotation.from_matrix(np.array([pose.rotation @ poses[number].rotation.T for pose in poses]))
     order = np.argsort(turns.magnitude(), kind="stable")
     return order[order != number][:MAP_SCANS]
 
 
-def _map(moved: Sequence[Cloud], among: Int[np.ndarray, " m"]) -> Cloud:
+def _join_clouds(moved: Sequence[Cloud], among: Int[np.ndarray, " m"]) -> Cloud:
     """Points in g of some scans."""
     return Cloud.of(
         np.concatenate([moved[j].points for j in among]), np.concatenate([moved[j].normals for j in among])
     )
 
 
-def _matches(cloud: Cloud, pose: ScanPose, target: Cloud, reach: float) -> ScanMatches:
+def _match_cloud(cloud: Cloud, pose: ScanPose, target: Cloud, reach: float) -> ScanMatches:
     """Points of a scan in its pose with the nearest of others."""
     return closest_points(cloud, target, pose.rotation.T, -pose.rotation.T @ pose.translation, reach)
 
 
-def _response(clouds: Sequence[Cloud], poses: Sequence[ScanPose], group: range, reach: float) -> float:
+def _residual_response(
+    clouds: Sequence[Cloud], poses: Sequence[ScanPose], group: range, reach: float
+) -> float:
     """Share of a shift along the normals that residuals follow.
 
     Below 1, as nearest points change with the shift: those of small residuals are chosen among noisy ones. Sums of residuals are
     that much less steep in the poses than the normal equations have it.
     """
-    moved, steep, told = [_in_body_frame(*each) for each in zip(clouds, poses, strict=True)], 0.0, 0
+    moved, steep, counted = [_in_body_frame(*each) for each in zip(clouds, poses, strict=True)], 0.0, 0
     for number in group:
-        target = _map(moved, _alike(poses, number))
-        by = _SHIFT * _matches(clouds[number], poses[number], target, reach).std
+        target = _join_clouds(moved, _most_similar_views(poses, number))
+        by = _SHIFT * _match_cloud(clouds[number], poses[number], target, reach).std
         for sign in (-1, 1):
             shifted = replace(
                 clouds[number], points=clouds[number].points + sign * by * clouds[number].normals
             )
-            near = _matches(shifted, poses[number], target, reach)
+            near = _match_cloud(shifted, poses[number], target, reach)
             if by > 0 and len(near.rows):
-                steep, told = steep + sign * float(near.residual.mean()) / by, told + 1
-    return float(np.clip(steep / told, LEAST_RESPONSE, 1.0)) if told else 1.0
+                steep, counted = steep + sign * float(near.residual.mean()) / by, counted + 1
+    return float(np.clip(steep / counted, LEAST_RESPONSE, 1.0)) if counted else 1.0
 
 
 class _Patches:
@@ -346,7 +350,7 @@ class _Patches:
         return max(1.0, float(total @ total) / self._squares)
 
 
-def _moved(pose: ScanPose, step: Float[np.ndarray, "6"]) -> ScanPose:
+def _apply_step(pose: ScanPose, step: Float[np.ndarray, "6"]) -> ScanPose:
     """The pose after its scan is turned by d and shifted by e in g."""
     turn = rotation_matrix(step[:3])
     R = pose.rotation @ turn.T
@@ -356,21 +360,22 @@ def _moved(pose: ScanPose, step: Float[np.ndarray, "6"]) -> ScanPose:
 def _with_covariances(poses: Sequence[ScanPose], normal: _Normal, size: float) -> AdjustedScans:
     """Poses with the marginals of the joint covariance.
 
-    Their covariances beside exact poses of the others come with them. What no scan determines has the prior of a predicted
+    Their covariances with the poses of the others exact come with them. What no scan determines has the prior of a predicted
     pose, see `pose_covariance`.
     """
     k, prior = len(poses), np.repeat([ROTATION_PRIOR**-2.0, size**-2.0], 3)
     whole = normal.information / normal.variance
     joint = np.linalg.inv(normal.constrained(whole, np.tile(prior, k)))
     covariance = joint.reshape(k, 6, k, 6)
+    # diagonal blocks of the information: a pose with all others exact
     alone = np.einsum("kikj->kij", whole.reshape(k, 6, k, 6))
     found = []
     for number, pose in enumerate(poses):
         to_lidar = np.kron(np.eye(2), -pose.rotation)
-        told = np.linalg.inv(covariance[number, :, number]) - np.diag(prior)
+        information = np.linalg.inv(covariance[number, :, number]) - np.diag(prior)
         (every, lacking), (own, _) = (
             pose_covariance(to_lidar @ each @ to_lidar.T, pose.rotation, size)
-            for each in (told, alone[number])
+            for each in (information, alone[number])
         )
         matched = int(normal.matched[number])
         found.append(
@@ -393,7 +398,6 @@ def match_scans(
     times: Sequence[float],
     scans: Sequence[Float[np.ndarray, "n 3"]],
     middle: Float[np.ndarray, "3"],
-    engine: RegistrationEngine | None = None,
     viewpoint: Float[np.ndarray, "3"] | None = None,
 ) -> AdjustedScans:
     """Poses of scans in frame g.
@@ -404,8 +408,6 @@ def match_scans(
     ----------
     scans : Sequence[ndarray of shape (n, 3)]
         Points in L, m.
-    engine : RegistrationEngine or None
-        `PointToPlane` where None.
     viewpoint : ndarray of shape (3,) or None
         Of the lidar in L, its origin where None.
 
@@ -414,20 +416,18 @@ def match_scans(
     InputError
         Points that all lie in one place.
     """
-    engine, eye = engine or PointToPlane(), np.zeros(3) if viewpoint is None else viewpoint
+    eye = np.zeros(3) if viewpoint is None else viewpoint
     clouds = [cloud_of(points, eye, MOST_POINTS) for points in scans]
     size = max(cloud.size for cloud in clouds)
     if not size > SMALLEST * float(np.linalg.norm(middle - eye)):
         raise InputError("the points of every scan lie in one place; give scans that resolve the body")
     poses = [ScanPose(times[0], np.eye(3), middle, np.zeros((6, 6)), matched=len(clouds[0].points))]
     for k in range(1, len(clouds)):
-        poses.append(_next(clouds, poses, times[k], size, engine))
+        poses.append(_next_pose(clouds, poses, times[k], size))
     return adjusted_scans(clouds, poses, size, 0.3 * _REACH * size)
 
 
-def _next(
-    clouds: list[Cloud], poses: list[ScanPose], time: float, size: float, engine: RegistrationEngine
-) -> ScanPose:
+def _next_pose(clouds: list[Cloud], poses: list[ScanPose], time: float, size: float) -> ScanPose:
     """The pose of the next scan.
 
     From the prediction, or searched where that leads to little overlap.
@@ -435,12 +435,12 @@ def _next(
     number = len(poses)
     R, t = predicted_pose(poses, time, size)
     target = _scan_matching_map(clouds, poses, R, list(range(number)))
-    found = registered(clouds[number], target, R.T, -R.T @ t, _REACH * size, engine)
+    found = registered(clouds[number], target, R.T, -R.T @ t, _REACH * size)
     if found.overlap < SURE_OVERLAP or number == 1:
         start = coarse_pose(clouds[number], target, WIDEST_TURN)
-        other = registered(clouds[number], target, *start, _REACH * size, engine)
+        other = registered(clouds[number], target, *start, _REACH * size)
         found = max(found, other, key=lambda each: each.overlap / max(each.residual_std, 1e-12) ** 0.5)
-    return _told(found, time, size)
+    return _scan_pose_of(found, time, size)
 
 
 def _scan_matching_map(
@@ -454,7 +454,7 @@ def _scan_matching_map(
     return Cloud.of(np.concatenate(points), np.concatenate(normals))
 
 
-def _told(found: Registration, time: float, size: float) -> ScanPose:
+def _scan_pose_of(found: Registration, time: float, size: float) -> ScanPose:
     """The pose of g in L from that of the cloud in g.
 
     p_g = R p_L + t.

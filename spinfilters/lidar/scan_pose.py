@@ -10,6 +10,8 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 from scipy.special import factorial
 
+from spinfilters.core.absolute_orientation import nearest_rotation
+
 ROTATION_PRIOR: Final = 0.2
 """Standard deviation of a predicted attitude, rad: the only knowledge in directions that a scan does not determine."""
 UNDETERMINED: Final = 0.1
@@ -32,7 +34,7 @@ class ScanPose:
     own_covariance : ndarray of shape (6, 6) or None
         Of the error that no other scan shares; None where that is all of it.
     undetermined : tuple[str, ...]
-        Directions that only the prediction tells, in words.
+        Directions that only the prediction determines, in words.
     matched : int
         Points or faces that it rests on.
     """
@@ -56,13 +58,6 @@ def rotation_vector(R: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3"]:
     return Rotation.from_matrix(nearest_rotation(R)).as_rotvec()
 
 
-def nearest_rotation(M: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:
-    """The rotation nearest to a matrix: U V' with determinant one (Wahba's problem)."""
-    U, _, Vt = np.linalg.svd(M)
-    U[:, 2] *= np.sign(np.linalg.det(U @ Vt))
-    return U @ Vt
-
-
 def skew(v: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
     """[v x]."""
     return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
@@ -79,7 +74,9 @@ def pose_covariance(
     scale = np.repeat([ROTATION_PRIOR, size], 3)
     whitened = scale[:, None] * information * scale
     values, vectors = np.linalg.eigh(whitened + np.eye(6))
-    lacking = [_named(vectors[:, k] * scale, size) for k in range(6) if 1 / values[k] > UNDETERMINED]
+    lacking = [
+        _describe_direction(vectors[:, k] * scale, size) for k in range(6) if 1 / values[k] > UNDETERMINED
+    ]
     covariance = (scale[:, None] * vectors / values) @ (vectors.T * scale)
     return body_side(body_side(covariance, rotation).T, rotation), tuple(lacking)
 
@@ -91,7 +88,7 @@ def body_side(
     return np.concatenate([errors[3:], rotation.T @ errors[:3]])
 
 
-def _named(direction: Float[np.ndarray, "6"], size: float) -> str:
+def _describe_direction(direction: Float[np.ndarray, "6"], size: float) -> str:
     """A direction of (rotation, translation) in words."""
     turn, shift = direction[:3], direction[3:] / size
     kind, vector = (
@@ -138,7 +135,7 @@ def predicted_pose(
     if len(recent) < 2:
         return last.rotation, last.translation
     rotation = rotation_matrix((time - last.time) * _mean_rate(recent)) @ last.rotation
-    return rotation, _drifted(recent, time, rotation, size)
+    return rotation, _extrapolate_drift(recent, time, rotation, size)
 
 
 def _mean_rate(poses: Sequence[ScanPose]) -> Float[np.ndarray, "3"]:
@@ -159,7 +156,7 @@ def _mean_rate(poses: Sequence[ScanPose]) -> Float[np.ndarray, "3"]:
     return np.linalg.solve(np.sum(W, axis=0), np.einsum("nij,nj->i", W, rates))
 
 
-def _drifted(
+def _extrapolate_drift(
     poses: Sequence[ScanPose], time: float, rotation: Float[np.ndarray, "3 3"], size: float
 ) -> Float[np.ndarray, "3"]:
     """Origin of g at a time, m, by a weighted uniform drift.
@@ -210,7 +207,7 @@ def _rotation_std(pose: ScanPose) -> float:
 def attitude_stds(poses: Sequence[ScanPose]) -> Float[np.ndarray, " n"]:
     """Standard deviations, rad, of the first 1, 2, ... n scans' mean attitude.
 
-    They are of its least certain rotation. Scans that leave a rotation undetermined count for what they tell.
+    They are of its least certain rotation. Scans that leave a rotation undetermined count for what they determine.
     """
     information = np.cumsum([np.linalg.inv(pose.covariance[3:, 3:]) for pose in poses], axis=0)
     return 1 / np.sqrt(np.linalg.eigvalsh(information)[:, 0])

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import linear_sum_assignment
 
+from spinfilters.core.absolute_orientation import nearest_rotation
 from spinfilters.core.errors import InputError
 from spinfilters.lidar.edge_adjustment import edge_adjusted
 from spinfilters.lidar.face_map import (
@@ -34,13 +35,11 @@ from spinfilters.lidar.planes import (
     extract_planes,
     identified_noise,
 )
-from spinfilters.lidar.registration import RegistrationEngine
 from spinfilters.lidar.scan import Scan, without_isolated, without_repeats
 from spinfilters.lidar.scan_adjustment import MOST_POINTS, SURE_OVERLAP, match_scans, shared_inflation
 from spinfilters.lidar.scan_pose import (
     ScanPose,
     interpolated_rotation,
-    nearest_rotation,
     pose_covariance,
     predicted_pose,
     rotation_matrix,
@@ -76,24 +75,24 @@ def track_faces(
         R, t = predicted_pose(poses, time, size) if poses else (np.eye(3), middle)
         pairs: list[tuple[int, int]] = []
         for gate in (0.5 * size, 0.15 * size):
-            pairs = _matched(seen, faces, R, t, gate)
-            R, t = _aligned([MatchedFace(seen[i], faces[j]) for i, j in pairs], R, t, size)
+            pairs = _match_planes(seen, faces, R, t, gate)
+            R, t = _align_pose([MatchedFace(seen[i], faces[j]) for i, j in pairs], R, t, size)
         of_plane = dict(pairs)
         for number, plane in enumerate(seen):
             if number not in of_plane:
                 of_plane[number] = len(faces)
-                faces.append(_face(plane, R, t))
+                faces.append(_face_of_plane(plane, R, t))
         matches.append(tuple(of_plane[number] for number in range(len(seen))))
         known = normal_equations([MatchedFace(seen[i], faces[j]) for i, j in pairs], R, t)[0]
         poses.append(ScanPose(time, R, t, pose_covariance(known, R, size)[0]))
-    return _adjusted(poses, faces, matches, planes, size)
+    return _adjust_map(poses, faces, matches, planes, size)
 
 
-def _face(plane: FittedPlane, R: Float[np.ndarray, "3 3"], t: Float[np.ndarray, "3"]) -> Face:
+def _face_of_plane(plane: FittedPlane, R: Float[np.ndarray, "3 3"], t: Float[np.ndarray, "3"]) -> Face:
     return Face(R.T @ plane.normal, float(plane.normal @ (plane.centroid - t)))
 
 
-def _matched(
+def _match_planes(
     seen: Sequence[FittedPlane],
     faces: Sequence[Face],
     R: Float[np.ndarray, "3 3"],
@@ -111,7 +110,7 @@ def _matched(
     return [(int(i), int(j)) for i, j in zip(rows, columns, strict=True) if cost[i, j] < _HUGE]
 
 
-def _aligned(
+def _align_pose(
     pairs: Sequence[MatchedFace],
     R: Float[np.ndarray, "3 3"],
     t: Float[np.ndarray, "3"],
@@ -138,7 +137,7 @@ def _aligned(
     return (R, t) if np.isfinite(R).all() and np.isfinite(t).all() else (start, place)
 
 
-def _adjusted(
+def _adjust_map(
     poses: list[ScanPose],
     faces: list[Face],
     matches: list[tuple[int, ...]],
@@ -150,11 +149,12 @@ def _adjusted(
     Each face from all scans that see it, each pose from all faces that it sees.
     """
     for sweep in range(2 * _SWEEPS):
-        faces = [_refitted(k, face, poses, matches, planes) for k, face in enumerate(faces)]
+        faces = [_refit_face(k, face, poses, matches, planes) for k, face in enumerate(faces)]
         if sweep >= _SWEEPS and len(poses) >= FEWEST_FOR_DRIFT:
-            faces, poses = _drifting(faces, poses, matches, planes)
+            faces, poses = _fit_uniform_drift(faces, poses, matches, planes)
         poses = [
-            _posed(pose, faces, m, seen, size) for pose, m, seen in zip(poses, matches, planes, strict=True)
+            _fit_pose(pose, faces, m, seen, size)
+            for pose, m, seen in zip(poses, matches, planes, strict=True)
         ]
     tracked = adjusted_faces(
         TrackedFaces(tuple(poses), tuple(faces), tuple(matches)), PlaneEvidence(planes), size
@@ -162,14 +162,16 @@ def _adjusted(
     merged = merged_faces(tracked, size)
     if len(merged.faces) < len(tracked.faces):
         tracked = adjusted_faces(merged, PlaneEvidence(planes), size)
-    found = consistent_faces(_all_posed(tracked, planes, size), planes, size)
+    found = consistent_faces(_fit_all_poses(tracked, planes, size), planes, size)
     tracked, planes = adjusted_faces(found.tracked, PlaneEvidence(found.planes), size), found.planes
-    tracked = _all_posed(_led_by_neighbours(_all_posed(tracked, planes, size), size), planes, size)
+    tracked = _fit_all_poses(
+        _interpolate_undetermined(_fit_all_poses(tracked, planes, size), size), planes, size
+    )
     tracked = with_map_errors(tracked, PlaneEvidence(planes), size)
     return replace(tracked, contradicted=found.contradicted)
 
 
-def _led_by_neighbours(tracked: TrackedFaces, size: float) -> TrackedFaces:
+def _interpolate_undetermined(tracked: TrackedFaces, size: float) -> TrackedFaces:
     """Scans that do not determine their pose begin from where those before and after lead."""
     drift, poses = uniform_drift(tracked, size), list(tracked.poses)
     for k, pose in enumerate(tracked.poses):
@@ -179,17 +181,19 @@ def _led_by_neighbours(tracked: TrackedFaces, size: float) -> TrackedFaces:
     return replace(tracked, poses=tuple(poses))
 
 
-def _all_posed(tracked: TrackedFaces, planes: Sequence[Sequence[FittedPlane]], size: float) -> TrackedFaces:
+def _fit_all_poses(
+    tracked: TrackedFaces, planes: Sequence[Sequence[FittedPlane]], size: float
+) -> TrackedFaces:
     """Every pose from the faces that its scan sees."""
     faces = list(tracked.faces)
     poses = [
-        _posed(pose, faces, m, seen, size)
+        _fit_pose(pose, faces, m, seen, size)
         for pose, m, seen in zip(tracked.poses, tracked.matches, planes, strict=True)
     ]
     return replace(tracked, poses=tuple(poses))
 
 
-def _drifting(
+def _fit_uniform_drift(
     faces: list[Face],
     poses: list[ScanPose],
     matches: list[tuple[int, ...]],
@@ -197,14 +201,14 @@ def _drifting(
 ) -> tuple[list[Face], list[ScanPose]]:
     """Face offsets and poses under a uniform drift of the origin of g.
 
-    The drift makes that origin the centre of rotation.
-    Planes alone do not tell how far apart faces are that no scan sees together. With attitudes given, n.(r + v time) + d = n.c of
-    every plane is linear in r, v and the offsets d.
+    The drift makes that origin the centre of rotation. Planes alone do not determine how far apart faces are that no scan sees
+    together. With attitudes given, n.(r + v time) + d = n.c of every plane is linear in r, v and the offsets d.
     """
     start, rows, values = poses[0].time, [], []
     span = poses[-1].time - start
     for pose, match, seen in zip(poses, matches, planes, strict=True):
         for plane, k in zip(seen, match, strict=True):
+            # columns: place r at the start (3), drift v over the whole span (3), offset of every face
             n, row = pose.rotation @ faces[k].normal, np.zeros(6 + len(faces))
             row[:3], row[3:6], row[6 + k] = n, n * (pose.time - start) / span, 1.0
             rows.append(row)
@@ -214,7 +218,7 @@ def _drifting(
         [*poses[0].translation, *(poses[-1].translation - poses[0].translation), *(f.offset for f in faces)]
     )
     residual, step = b - A @ before, np.zeros(len(before))
-    for _ in range(_STEPS):
+    for _ in range(_STEPS):  # Cauchy weights at three robust standard deviations
         scatter = 1.4826 * float(np.median(np.abs(residual - A @ step))) + 1e-12
         weights = 1 / (1 + ((residual - A @ step) / (3 * scatter)) ** 2)
         H = (A * weights[:, None]).T @ A
@@ -224,18 +228,20 @@ def _drifting(
     return [Face(face.normal, float(offset)) for face, offset in zip(faces, x[6:], strict=True)], moved
 
 
-def _posed(
+def _fit_pose(
     pose: ScanPose, faces: list[Face], match: tuple[int, ...], seen: Sequence[FittedPlane], size: float
 ) -> ScanPose:
     pairs = [MatchedFace(plane, faces[k]) for plane, k in zip(seen, match, strict=True)]
     R, t = (
-        _aligned(pairs, pose.rotation, pose.translation, size) if pairs else (pose.rotation, pose.translation)
+        _align_pose(pairs, pose.rotation, pose.translation, size)
+        if pairs
+        else (pose.rotation, pose.translation)
     )
     covariance, lacking = pose_covariance(normal_equations(pairs, R, t)[0], R, size)
     return ScanPose(pose.time, R, t, covariance, lacking, len(pairs))
 
 
-def _refitted(
+def _refit_face(
     number: int,
     face: Face,
     poses: list[ScanPose],
@@ -261,19 +267,19 @@ def _refitted(
 PLANE_SHARE: Final = 0.75
 """Share of the points on planes, of the median scan, from which a body counts as one with faces."""
 SMEAR: Final = 0.01
-"""Range noise that stands for the motion during a scan in the first pass, in extents of the body."""
+"""Range noise that accounts for the motion during a scan in the first pass, in extents of the body."""
 DESKEWED: Final = 3
 """Passes that take the motion during the scans out, each with the rates of the one before."""
 DOUBTED: Final = 0.05
 """Share of the scans, beyond which planes that contradict the drift are a reason to doubt all poses."""
 TOLD_ISOLATED: Final = 0.002
-"""Share of isolated points that is told of."""
+"""Share of isolated points from which a remark names it."""
 MOST_EXCESS: Final = 1.25
 """Mean reduced chi-square of the planes' points, of the median scan, at most.
 
 Patches of a curved surface exceed the noise: plane faces have 0.8 to 1.0, a bumpy sphere of a metre at 30 m 1.2 to 2.5."""
 LOOKED_AT: Final = 9
-"""Scans that tell whether a body has faces."""
+"""Scans from which it is decided whether a body has faces."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -314,23 +320,18 @@ class ScanPoses:
 
     def points(self, number: int) -> Float[np.ndarray, "n 3"]:
         """Points of a scan where they were at its epoch, frame L, m."""
-        return _deskewed(self.scans[number], self.poses, number)
+        return _deskew_points(self.scans[number], self.poses, number)
 
 
-def scan_poses(
-    scans: Sequence[Scan],
-    noise: PointNoise | None = None,
-    engine: RegistrationEngine | None = None,
-    seed: int = 0,
-) -> ScanPoses:
+def scan_poses(scans: Sequence[Scan], noise: PointNoise | None = None, seed: int = 0) -> ScanPoses:
     """Poses at the scans' epochs; motion during a scan is taken out in a second pass.
 
     Parameters
     ----------
     noise : PointNoise or None
         Of the points; None identifies it.
-    engine : RegistrationEngine or None
-        Of registration, see `match_scans`.
+    seed : int
+        Of the samples among which planes are looked for.
 
     Raises
     ------
@@ -338,19 +339,19 @@ def scan_poses(
         Fewer than two scans with points.
     """
     solid = [without_isolated(without_repeats(scan)) for scan in scans]
-    usable = _usable([scan for scan, _ in solid])
+    usable = _require_usable([scan for scan, _ in solid])
     noise = noise or identified_noise(usable)
     times = [scan.epoch for scan in usable]
     clouds = [scan.points for scan in usable]
     moving = any(np.ptp(scan.point_times) > 0 for scan in usable)
     smeared = replace(noise, range_std=noise.range_std + SMEAR * extent_of(clouds[0])) if moving else noise
     by_faces = _has_faces(clouds, smeared, seed)
-    planes = _planes(clouds, smeared, seed) if by_faces else None
-    poses, faces, inflation = _poses(times, clouds, planes, engine)
+    planes = _extract_all_planes(clouds, smeared, seed) if by_faces else None
+    poses, faces, inflation = _poses(times, clouds, planes)
     for _ in range(DESKEWED if moving else 0):
-        clouds = [_deskewed(scan, poses, k) for k, scan in enumerate(usable)]
-        planes = _planes(clouds, noise, seed) if by_faces else None
-        poses, faces, inflation = _poses(times, clouds, planes, engine)
+        clouds = [_deskew_points(scan, poses, k) for k, scan in enumerate(usable)]
+        planes = _extract_all_planes(clouds, noise, seed) if by_faces else None
+        poses, faces, inflation = _poses(times, clouds, planes)
     if faces is not None:
         faces = edge_adjusted(faces, clouds, noise, extent_of(clouds[0]))
         poses, inflation = faces.poses, shared_inflation(faces.poses, faces.common)
@@ -360,7 +361,7 @@ def scan_poses(
     return ScanPoses(tuple(poses), tuple(usable), faces, noise, remarks, doubts, inflation)
 
 
-def _usable(scans: Sequence[Scan]) -> list[Scan]:
+def _require_usable(scans: Sequence[Scan]) -> list[Scan]:
     """Scans with points enough; InputError of fewer than two."""
     usable = [scan for scan in scans if np.count_nonzero(scan.is_return) >= FEWEST]
     if len(usable) < 2:
@@ -380,7 +381,7 @@ def _remarks(
             f"{100 * isolated:.2g} % of the points stand apart from those beside them (dust, clutter) and are left out"
         )
     if faces is not None and faces.contradicted:
-        remarks.append(_contradicted(faces.contradicted, len(poses)))
+        remarks.append(_describe_contradictions(faces.contradicted, len(poses)))
     blind = [pose for pose in poses if pose.undetermined]
     if blind:
         remarks.append(
@@ -395,7 +396,9 @@ def _doubts(
     """Reasons to trust no pose."""
     most = DOUBTED * len(poses)
     if faces is not None:
-        return (_contradicted(faces.contradicted, len(poses)),) if faces.contradicted > most else ()
+        return (
+            (_describe_contradictions(faces.contradicted, len(poses)),) if faces.contradicted > most else ()
+        )
     apart = [p.matched < SURE_OVERLAP * min(len(c), MOST_POINTS) for p, c in zip(poses, clouds, strict=True)]
     if not sum(apart) > most:
         return ()
@@ -410,11 +413,11 @@ def _has_faces(clouds: Sequence[Float[np.ndarray, "n 3"]], noise: PointNoise, se
     generator = np.random.default_rng(seed)
     looked_at = clouds[:: max(1, len(clouds) // LOOKED_AT)][:LOOKED_AT]
     found = [extract_planes(points, noise, generator) for points in looked_at]
-    flat = np.median([_excess(planes) for planes, _ in found]) < MOST_EXCESS
+    flat = np.median([_reduced_chi_square(planes) for planes, _ in found]) < MOST_EXCESS
     return bool(np.median([share for _, share in found]) >= PLANE_SHARE and flat)
 
 
-def _planes(
+def _extract_all_planes(
     clouds: Sequence[Float[np.ndarray, "n 3"]], noise: PointNoise, seed: int
 ) -> list[list[FittedPlane]]:
     """Planes of every scan."""
@@ -422,7 +425,7 @@ def _planes(
     return [extract_planes(points, noise, generator)[0] for points in clouds]
 
 
-def _excess(planes: Sequence[FittedPlane]) -> float:
+def _reduced_chi_square(planes: Sequence[FittedPlane]) -> float:
     """Reduced chi-square of all points on planes; infinite without any."""
     counts = [plane.count for plane in planes]
     return float(np.average([plane.spread**2 for plane in planes], weights=counts)) if planes else np.inf
@@ -432,24 +435,23 @@ def _poses(
     times: Sequence[float],
     clouds: Sequence[Float[np.ndarray, "n 3"]],
     planes: list[list[FittedPlane]] | None,
-    engine: RegistrationEngine | None,
 ) -> tuple[Sequence[ScanPose], TrackedFaces | None, float]:
     """Poses, the map of faces, and the inflation of the poses' own covariances."""
     middle = clouds[0].mean(axis=0)
     if planes is None:
-        matched = match_scans(times, clouds, middle, engine)
+        matched = match_scans(times, clouds, middle)
         return matched.poses, None, matched.inflation
     faces = track_faces(times, planes, middle, extent_of(clouds[0]))
     return faces.poses, faces, 1.0
 
 
-def _contradicted(count: int, total: int) -> str:
+def _describe_contradictions(count: int, total: int) -> str:
     if count > MOST_CONTRADICTED * total:
         return f"{count} of {total} scans put the body where no uniform drift leads: forces act, or faces are taken for one another"
     return f"{count} scans lose a plane that no face of the drifting body explains"
 
 
-def _deskewed(scan: Scan, poses: Sequence[ScanPose], number: int) -> Float[np.ndarray, "n 3"]:
+def _deskew_points(scan: Scan, poses: Sequence[ScanPose], number: int) -> Float[np.ndarray, "n 3"]:
     """Points where they were at the scan's epoch, with the mean rates between the neighbouring scans."""
     before, after = poses[max(number - 1, 0)], poses[min(number + 1, len(poses) - 1)]
     span = after.time - before.time

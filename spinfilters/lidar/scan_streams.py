@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
+from spinfilters.core.absolute_orientation import nearest_rotation
 from spinfilters.core.attitude_conversions import (
     continuous_quaternions,
     matrix_from_quaternion,
@@ -21,12 +22,11 @@ from spinfilters.io.dataset import DATASET_FILE
 from spinfilters.io.dataset_reader import RawDataReader, RawMeasurements
 from spinfilters.io.input_file import path_text
 from spinfilters.io.measurement_log import MeasurementStream
-from spinfilters.io.truth import Truth
-from spinfilters.io.truth_frame import truth_in_moved_frame
-from spinfilters.lidar.face_map import Face, TrackedFaces
+from spinfilters.io.truth import Truth, truth_in_moved_frame
+from spinfilters.lidar.face_map import LARGE, Face, TrackedFaces
 from spinfilters.lidar.planes import FittedPlane, rows_of_planes
 from spinfilters.lidar.scan import Scan, read_scan
-from spinfilters.lidar.scan_pose import ScanPose, nearest_rotation, rotation_vector
+from spinfilters.lidar.scan_pose import ScanPose, rotation_vector
 from spinfilters.lidar.scan_poses import ScanPoses, scan_poses
 
 MOST_POINTS: Final = 400
@@ -69,7 +69,7 @@ def face_points(found: ScanPoses) -> FacePoints:
         raise InputError(
             "the body has no plane faces for points to be measured against; use kind = 'lidar-scans'"
         )
-    parts = [_of_scan(found, found.faces, k) for k in range(len(found.poses))]
+    parts = [_face_points_of_scan(found, found.faces, k) for k in range(len(found.poses))]
     if not sum(len(part.time) for part in parts):
         raise InputError("no point is clearly of one face; use kind = 'lidar-scans'")
     arrays = (
@@ -78,10 +78,10 @@ def face_points(found: ScanPoses) -> FacePoints:
     return FacePoints(*arrays)
 
 
-def _of_scan(found: ScanPoses, faces: TrackedFaces, number: int) -> FacePoints:
+def _face_points_of_scan(found: ScanPoses, faces: TrackedFaces, number: int) -> FacePoints:
     scan, pose, points = found.scans[number], found.poses[number], found.points(number)
     seen = sorted(set(faces.matches[number]))
-    planes = [_plane(faces.faces[k], pose) for k in seen]
+    planes = [_place_face(faces.faces[k], pose) for k in seen]
     rows_of = rows_of_planes(points, np.stack(angles_of(points), axis=1), planes, found.noise)
     rows_of = [
         rows[_incidence(points[rows], each.normal) < -GRAZING]
@@ -96,7 +96,7 @@ def _of_scan(found: ScanPoses, faces: TrackedFaces, number: int) -> FacePoints:
         angles = np.column_stack([scan.azimuth[ray], scan.elevation[ray]])
         plane = np.tile([*face.normal, face.offset], (len(ray), 1))
         values.append(np.column_stack([scan.distance[ray], angles, scan.time[ray] - pose.time, plane]))
-        covariances.append(_covariance(found, points[rows], pose, k))
+        covariances.append(_range_covariance(found, points[rows], pose, k))
     values, covariances = (
         np.concatenate(values or [np.zeros((0, 8))]),
         np.concatenate(covariances or [np.zeros((0, 3, 3))]),
@@ -105,14 +105,14 @@ def _of_scan(found: ScanPoses, faces: TrackedFaces, number: int) -> FacePoints:
     return FacePoints(np.full(len(order), pose.time), values[order], covariances[order])
 
 
-def _plane(face: Face, pose: ScanPose) -> FittedPlane:
+def _place_face(face: Face, pose: ScanPose) -> FittedPlane:
     """A face where a pose puts it."""
     normal = pose.rotation @ face.normal
     place = pose.translation + face.offset * normal
     return FittedPlane(normal, place, pose.rotation @ face.tangents, np.zeros((3, 3)), 0, 1.0)
 
 
-def _covariance(
+def _range_covariance(
     found: ScanPoses, points: Float[np.ndarray, "n 3"], pose: ScanPose, number: int
 ) -> Float[np.ndarray, "n 3 3"]:
     """Covariance of the noise and of the map's error in the range.
@@ -147,8 +147,6 @@ KIND: Final = "lidar-scans"
 POINTS_KIND: Final = "lidar-scan-points"
 """Kind of a data set that holds scans, of which the points are measurements."""
 SCAN_FOLDER: Final = "scans"
-LARGE: Final = 25.0
-"""Squared error of a pose, in standard deviations, at which its weight is halved."""
 _STEPS = 8
 
 
@@ -163,12 +161,12 @@ def read_scans(folder: Path, truth: Truth | None) -> RawMeasurements:
     """
     found = registered_scans(folder)
     stream = pose_stream(found)
-    told = None if truth is None else in_frame_of(stream, truth)
-    return RawMeasurements(stream, told, found.remarks, found.doubts, found.inflation)
+    moved = None if truth is None else in_frame_of(stream, truth)
+    return RawMeasurements(stream, moved, found.remarks, found.doubts, found.inflation)
 
 
 def read_scan_points(folder: Path, truth: Truth | None) -> RawMeasurements:
-    """Points of the scans in ``scans/*.ply``, the truth told in the frame g of their faces.
+    """Points of the scans in ``scans/*.ply``, the truth in the frame g of their faces.
 
     Raises
     ------
@@ -181,8 +179,8 @@ def read_scan_points(folder: Path, truth: Truth | None) -> RawMeasurements:
     except InputError as error:
         raise InputError(f"{path_text(folder)}: {error}") from None
     stream = MeasurementStream("lidar-points", points.time, points.values, None, points.covariance)
-    told = None if truth is None else in_frame_of(pose_stream(found), truth)
-    return RawMeasurements(stream, told, found.remarks, found.doubts)
+    moved = None if truth is None else in_frame_of(pose_stream(found), truth)
+    return RawMeasurements(stream, moved, found.remarks, found.doubts)
 
 
 def registered_scans(folder: Path) -> ScanPoses:
@@ -227,7 +225,7 @@ def pose_stream(found: ScanPoses) -> MeasurementStream:
     Covariances are those of all errors, or of those that scans do not share, inflated for those that they do.
     """
     poses = found.poses
-    told = [
+    blocks = [
         pose.covariance if pose.own_covariance is None else found.inflation * pose.own_covariance
         for pose in poses
     ]
@@ -235,14 +233,14 @@ def pose_stream(found: ScanPoses) -> MeasurementStream:
         quaternion_from_matrix(np.array([nearest_rotation(pose.rotation) for pose in poses]))
     )
     values = np.hstack([np.array([pose.translation for pose in poses]), q])
-    covariance = np.array([(each + each.T) / 2 for each in told])
+    covariance = np.array([(each + each.T) / 2 for each in blocks])
     return MeasurementStream("lidar-poses", np.array([pose.time for pose in poses]), values, None, covariance)
 
 
 def in_frame_of(stream: MeasurementStream, truth: Truth) -> Truth:
     """The truth in the frame g of the scans.
 
-    Nobody but the scans defines that g: it is the transformation that fits all poses best.
+    Only the scans define that g: it is the transformation that fits all poses best.
     The estimators see nothing of it; NEES has six degrees of freedom less.
     """
     rows = np.searchsorted(truth.time, stream.time)

@@ -235,6 +235,7 @@ def _principal(J: Float[np.ndarray, "n 3 3"]) -> tuple[Float[np.ndarray, "n 3"],
 def _axis_turns(moments: np.ndarray, turned: np.ndarray) -> Float[np.ndarray, "n 3 e"]:
     """Derivative of the axes' rotation phi in R_gb exp([phi x]): phi_1 = u_3 . du_2 and cyclic, from u_i' dJ u_j."""
     after, last = [1, 2, 0], [2, 0, 1]
+    # entry (last, after) of U' dJ U over the difference of the moments gives the turn about the third axis
     gap = moments[:, after] - moments[:, last]
     floor = _SMALLEST_GAP * moments[:, 2:]
     gap = np.where(np.abs(gap) < floor, floor, gap)

@@ -351,6 +351,7 @@ def _quotients(values: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 3 3"]
 
 def _lower_factors(s: Float[np.ndarray, "n 5"]) -> Float[np.ndarray, "n 3 3"]:
     """L(s) (`spinfilters.core.mass_distribution`)."""
+    # the diagonal from the logarithms, whose sum is 0, then the entries below it row by row
     L = np.zeros((len(s), 3, 3))
     L[:, [0, 1, 2], [0, 1, 2]] = np.exp(np.stack([s[:, 0], s[:, 1], -s[:, 0] - s[:, 1]], axis=1))
     L[:, [1, 2, 2], [0, 0, 1]] = s[:, 2:]
@@ -366,6 +367,7 @@ def _symmetric(d: Float[np.ndarray, "n p 5"]) -> Float[np.ndarray, "n p 3 3"]:
 
 def _by_components(G: Float[np.ndarray, "*n 3 3"]) -> Float[np.ndarray, "*n 5"]:
     """The derivative by the components of D of what has the derivative G by D."""
+    # D has no trace: its last diagonal entry is minus the sum of the others; entries off the diagonal stand twice
     first, second = G[..., 0, 0] - G[..., 2, 2], G[..., 1, 1] - G[..., 2, 2]
     off = [G[..., 1, 0] + G[..., 0, 1], G[..., 2, 0] + G[..., 0, 2], G[..., 2, 1] + G[..., 1, 2]]
     return np.stack([first, second, *off], axis=-1)

@@ -135,7 +135,7 @@ LENGTH_SCALE: Final = ConsiderParameter(
     moved=_length_scale_moved,
     order=4,
 )
-"""Relative error of the lengths that poses are told in."""
+"""Relative error of the unit of length of poses."""
 
 
 def _principal_point_moved(

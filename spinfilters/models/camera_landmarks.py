@@ -196,7 +196,9 @@ class MonocularLandmark(CameraLandmark[Monocular]):
         super().__init__(layout, camera or Monocular(), noise, pose)
 
 
-PIXEL_STD: Final = NoiseOption("pixel_std", "pixels", NumberRange(1e-12, 1e6, "px"), 1.0, (0, 1))
+PIXEL_STD: Final = NoiseOption(
+    "pixel_std", "pixels", NumberRange(1e-12, 1e6, "px"), 1.0, (0, 1), scene_level="pixel_std"
+)
 """Of each pixel coordinate: an option that cameras share."""
 CALIBRATION: Final = (466.7, 470.0, 320.0, 240.0)
 """fx, fy, cx, cy of the analyser's cameras, px."""

@@ -59,6 +59,7 @@ def gauge_of_points(points: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "l 6"
     """Jacobian (3 k, 6) of landmarks by the gauge move (theta, rho): theta x p + rho."""
     x, y, z = points.T
     zero = np.zeros(len(points))
+    # row by row of each 3 x 3 block: -[p x], what a rotation of the frame does to the point
     turn = np.stack([zero, z, -y, -z, zero, x, y, -x, zero], axis=1).reshape(-1, 3, 3)
     shift = np.broadcast_to(np.eye(3), turn.shape)
     return np.concatenate([turn, shift], axis=2).reshape(-1, GAUGE_DIM)

@@ -355,7 +355,7 @@ class NewLandmarks(NamedTuple):
     root : Float[np.ndarray, 'k 3 3']
         (k, 3, 3) lower triangular factor of the covariance that the sensor's noise alone gives the point, m.
     determined : Bool[np.ndarray, ' k']
-        (k,) whether the measurement tells all three coordinates (the depth of a far point is not told).
+        (k,) whether the measurement determines all three coordinates (not the depth of a far point).
     """
 
     points: Float[np.ndarray, "k 3"]

@@ -23,21 +23,10 @@ from spinfilters.models.state_layout import StateLayout
 
 
 class SceneNoise(Protocol):
-    """Errors of a scene's sensors by what they measure (`spinfilters.simulation.scenario.Scenario`)."""
+    """True errors of a scene's sensors (`spinfilters.simulation.scenario.Scenario`)."""
 
-    @property
-    def position_std(self) -> float:
-        """Standard deviation of a position, m."""
-        ...
-
-    @property
-    def rotation_std(self) -> float:
-        """Standard deviation of an attitude, rad."""
-        ...
-
-    @property
-    def gyro_std(self) -> float:
-        """Standard deviation of a body rate, rad/s."""
+    def level(self, option: str) -> float:
+        """True value of a noise option (`spinfilters.io.sensor_format.NoiseOption`), in its unit."""
         ...
 
     @property
@@ -61,7 +50,7 @@ class Scene:
     front_end : FrontEnd
         How a camera finds them.
     noise : SceneNoise
-        Of sensors without landmarks.
+        True noise of the sensors, by option: ``noise.level("gyro_noise_std")``.
     generator : np.random.Generator
         Of everything random.
     """
@@ -240,7 +229,7 @@ class Sensor(StoredSensor, ABC):
     tells_frames : bool
         Whether it measures in frames i and g that are given, rather than defined by an estimator.
     identified_option : str | None
-        Of its noise, what a recording identifies where nobody states the sensor's noise.
+        Of its noise, what a recording identifies where the sensor's noise is not stated.
     error_blocks : tuple[StateBlock, ...]
         Its constant errors that a state can hold; it does where the settings give their prior.
     analysis : AnalysedSensor | None
@@ -289,6 +278,16 @@ class Sensor(StoredSensor, ABC):
     ) -> Float[np.ndarray, "count v"]:
         """Values that have nothing to do with the body. InputError: a sensor without such a fault."""
         raise InputError(f"the sensor {self.name} has no outliers; choose another fault")
+
+    def flipped(self, values: Float[np.ndarray, " v"]) -> Float[np.ndarray, " v"]:
+        """A row with a sign wrong. InputError: a sensor without such a fault."""
+        raise InputError(f"no measurement of {self.name} is flipped; choose another gross error")
+
+    def turned(
+        self, values: Float[np.ndarray, " v"], rotation_vector: Float[np.ndarray, "3"]
+    ) -> Float[np.ndarray, " v"]:
+        """A row turned by a rotation vector (rad) on the body side. InputError: a sensor without such a fault."""
+        raise InputError(f"no measurement of {self.name} is turned; choose another gross error")
 
     def points_at_infinity(
         self, count: int, rig: Rig | None, generator: np.random.Generator

@@ -12,6 +12,7 @@ from spinfilters.models.sensors.attitude import ATTITUDE
 from spinfilters.models.sensors.gyro import GYRO
 from spinfilters.models.sensors.lidar import LIDAR
 from spinfilters.models.sensors.lidar_points import LIDAR_POINTS
+from spinfilters.models.sensors.magnetometer import MAGNETOMETER
 from spinfilters.models.sensors.monocular import MONOCULAR
 from spinfilters.models.sensors.pose import LIDAR_POSES, POSE
 from spinfilters.models.sensors.stereo import STEREO
@@ -23,6 +24,7 @@ OWN_SENSORS: Final[tuple[Sensor, ...]] = (
     LIDAR,
     LIDAR_POINTS,
     LIDAR_POSES,
+    MAGNETOMETER,
     MONOCULAR,
     POSE,
     STEREO,

@@ -29,6 +29,7 @@ from spinfilters.core.mass_distribution import (
     retract_mass,
     second_moments,
 )
+from spinfilters.io.stated_values import NumberRange
 
 PointAndError = Callable[[Expression, Expression], Expression]
 """From a point and an error, or from two points."""
@@ -42,6 +43,11 @@ def add(point: Expression, error: Expression) -> Expression:
 def subtract(here: Expression, there: Expression) -> Expression:
     """The additive error that takes ``here`` to ``there``."""
     return there - here
+
+
+def same(point: Expression) -> Expression:
+    """The point itself."""
+    return point
 
 
 @dataclass(frozen=True)
@@ -78,11 +84,11 @@ class RotationParameters:
     count : int
         How many.
     of : Callable[[Expression], Expression]
-        Them from a point of the block.
+        Them from a point of the block; by default they are the point.
     """
 
     count: int
-    of: Callable[[Expression], Expression]
+    of: Callable[[Expression], Expression] = same
 
 
 @dataclass(frozen=True)
@@ -129,6 +135,9 @@ class StateBlock:
         Of the prior of the first state, in `unit`.
     prior_option : str
         Of the initialisation, which has it instead; "" for none.
+    prior_range : NumberRange | None
+        Of that option, with zero, for a block that a state has only where the option is set: the table
+        [initialisation] of the settings then has it by itself, with default 0. None where the settings name it.
     prior_at_origin : bool
         Whether that prior lies at the origin, not at what the first measurements say.
     symbol : str
@@ -160,6 +169,7 @@ class StateBlock:
     translational: bool = False
     prior_std: float = 1.0
     prior_option: str = ""
+    prior_range: NumberRange | None = None
     prior_at_origin: bool = True
     symbol: str = ""
     chart: ErrorChart = field(default_factory=ErrorChart)
@@ -199,10 +209,6 @@ ACCELERATION: Final = StateBlock(
 )
 
 
-def _coefficient(d: Expression) -> Expression:
-    return d
-
-
 DRAG: Final = StateBlock(
     name="d",
     rank=6,
@@ -213,7 +219,7 @@ DRAG: Final = StateBlock(
     constant=True,
     prior_std=0.05,
     prior_option="drag_std",
-    rotation=RotationParameters(1, _coefficient),
+    rotation=RotationParameters(1),
     reported=ReportedConstant("drag_per_rad", "drag_std_per_rad", ".2e", ".1e"),
 )
 
@@ -228,6 +234,7 @@ GYRO_BIAS: Final = StateBlock(
     constant=True,
     prior_std=0.003,
     prior_option="gyro_bias_std",
+    prior_range=NumberRange(1e-9, 1e3, "rad/s", zero=True),
     after_gauge_move=vector_after_gauge_move,
     truth_field="gyro_bias",
     reported=ReportedConstant("gyro_bias", "gyro_bias_std"),
@@ -244,6 +251,7 @@ GYRO_SCALE: Final = StateBlock(
     constant=True,
     prior_std=0.05,
     prior_option="gyro_scale_error_std",
+    prior_range=NumberRange(1e-9, 1.0, zero=True),
     reported=ReportedConstant("gyro_scale_error", "gyro_scale_error_std"),
 )
 
@@ -262,7 +270,7 @@ LINEAR_DRAG: Final = StateBlock(
     constant=True,
     prior_std=0.5,
     prior_option="linear_drag_std",
-    rotation=RotationParameters(1, _linear_drag_coefficient),
+    rotation=RotationParameters(1),
     reported=ReportedConstant("linear_drag_per_s", "linear_drag_std_per_s", ".2e", ".1e"),
 )
 
@@ -384,10 +392,6 @@ MASS_DISTRIBUTION: Final = StateBlock(
 RIGID_BODY: Final = (POSITION, ATTITUDE, VELOCITY, RATE, CENTRE_OF_MASS, MASS_DISTRIBUTION)
 
 
-def _angular_momentum(h: Expression) -> Expression:
-    return h
-
-
 ROTOR: Final = StateBlock(
     name="h",
     rank=20,
@@ -397,14 +401,10 @@ ROTOR: Final = StateBlock(
     phrase="the angular momentum of a flywheel",
     constant=True,
     prior_std=1.0,
-    rotation=RotationParameters(3, _angular_momentum),
+    rotation=RotationParameters(3),
     after_gauge_move=vector_after_gauge_move,
     reported=ReportedConstant("rotor_momentum", "rotor_momentum_std"),
 )
-
-
-def _angular_acceleration(m: Expression) -> Expression:
-    return m
 
 
 TORQUE: Final = StateBlock(
@@ -416,7 +416,7 @@ TORQUE: Final = StateBlock(
     phrase="the constant body torque",
     constant=True,
     prior_std=0.1,
-    rotation=RotationParameters(3, _angular_acceleration),
+    rotation=RotationParameters(3),
     after_gauge_move=vector_after_gauge_move,
     reported=ReportedConstant("body_torque", "body_torque_std"),
 )

@@ -61,13 +61,12 @@ class RunFingerprint:
         return json.loads(json.dumps(asdict(self)))
 
     def difference(self, document: Mapping[str, Any]) -> str | None:
-        """First difference from another run's `document`, with the cure.
-
-        None where it does not differ.
+        """First difference from another run's `document`, with the cure; None where it does not differ.
 
         Raises
         ------
-        KeyError, TypeError, AttributeError: it is no such document.
+        KeyError, TypeError, AttributeError
+            It is no such document.
         """
         return next(_differences(document, self.document), None)
 
@@ -75,12 +74,11 @@ class RunFingerprint:
 def fingerprint_of(
     estimator: str, timeline: Timeline, start: Gaussian | LandmarkBelief, settings: Mapping[str, Any]
 ) -> RunFingerprint:
-    """The fingerprint of a run.
+    """Fingerprint of a run over all epochs of a timeline, from a start, with settings (tables of plain values).
 
-    Over all epochs of a timeline, from a start, with settings (tables of plain values).
-    The choice of estimators is left out: each runs by itself.
+    The choice of estimators and of the checks of their verdicts is left out: each estimator runs by itself, to the same numbers.
     """
-    document = {name: value for name, value in settings.items() if name != "estimators"}
+    document = {name: value for name, value in settings.items() if name not in ("estimators", "verdict")}
     return RunFingerprint(estimator, provenance(), document, _digest_of_timeline(timeline), _digest_of(start))
 
 
@@ -163,14 +161,12 @@ def save_checkpoint(
     InputError: as `spinfilters.io.output_files.atomic_file`.
     """
     state = {_STATE + name: array for name, array in estimator.snapshot().items()}
-    _write(path, {**state, **_named_rows(rows)}, {"begin": rows.begin, "ended": None}, fingerprint)
+    named = {_ROWS + name: array for name, array in rows.arrays().items()}
+    _write(path, {**state, **named}, {"begin": rows.begin, "ended": None}, fingerprint)
 
 
 def save_ended(path: Path, history: EstimateHistory, begin: float, fingerprint: RunFingerprint) -> None:
-    """Write a run that has ended by itself.
-
-    It began at ``begin`` (s). Errors: `save_checkpoint`.
-    """
+    """Write a run that has ended by itself; it began at ``begin`` (s). Errors: `save_checkpoint`."""
     rows = {_ROWS + name: getattr(history, name) for name in EPOCH_ARRAYS}
     status = history.status
     ended = {
@@ -209,10 +205,6 @@ def _write(
 ) -> None:
     text = json.dumps({"format": FORMAT, **meta, "identity": fingerprint.document})
     write_arrays(path, {_META: np.array(text), **arrays})
-
-
-def _named_rows(rows: GrowingHistory) -> dict[str, np.ndarray]:
-    return {_ROWS + name: array for name, array in rows.arrays().items()}
 
 
 def _checkpoint(arrays: dict[str, np.ndarray], meta: dict[str, Any], estimator: Estimator) -> Checkpoint:

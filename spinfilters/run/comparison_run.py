@@ -91,10 +91,7 @@ def compare_into(
 def write_comparison(
     folder: Path, comparison: Comparison, settings: Settings, report: Progress = silent
 ) -> None:
-    """Write results and figures of a comparison made in memory.
-
-    The files are those of `compare_into`. Errors: `write_run`.
-    """
+    """Write results and figures of a comparison made in memory, the files of `compare_into`. Errors: `write_run`."""
     refuse_source_within(folder, comparison.setup.dataset.path)
     refuse_foreign_run(folder)
     with made_folder(folder), locked_run(folder):
@@ -106,10 +103,7 @@ def write_comparison(
 def _compare_and_write(
     dataset: Dataset, settings: Settings, output: RunOutput, report: Progress
 ) -> Comparison:
-    """Run, write and draw in a locked folder.
-
-    Going on from its checkpoints when resuming.
-    """
+    """Run, write and draw in a locked folder, from its checkpoints when resuming."""
     folder, optional_outputs = output.folder, output.optional_outputs
     setup = _initialised(dataset, settings, report)
     if optional_outputs is not None:
@@ -173,10 +167,7 @@ def _complete(dataset: Dataset, settings: Settings, output: RunOutput, report: P
 
 
 def _draw_missing(folder: Path, settings: Settings, report: Progress) -> list[str]:
-    """Draw missing figures of a finished run.
-
-    Ctrl-C or a kill came while they were drawn.
-    """
+    """Draw the figures that a finished run lacks because it was stopped while they were drawn."""
     missing = [name for name in picture_files(settings.estimators) if not (folder / name).exists()]
     if not missing:
         return []

@@ -109,10 +109,7 @@ def _typically_apart(truth: Truth) -> float | None:
 
 
 def _windows(turn: Float[np.ndarray, " j"], told: Bool[np.ndarray, " j"]) -> Int[np.ndarray, " n"]:
-    """First row of the window of every step that is told.
-
-    ``turn`` (rad) is that of each step.
-    """
+    """First row of the window of every step whose rotation is known; ``turn`` (rad) is that of each step."""
     done = np.cumsum(np.where(told, turn, 0.0))
     window = np.floor((done - np.where(told, turn, 0.0)) / WINDOW)
     begins = (np.diff(window, prepend=-1.0) != 0) | (np.diff(told, prepend=False) != 0)
@@ -136,10 +133,7 @@ def _spread(path: Float[np.ndarray, "n 3"]) -> float:
 
 
 def _noise(values: Float[np.ndarray, "n 3"]) -> float:
-    """Standard deviation of white noise, at most, by second differences.
-
-    Their variance is six times its own.
-    """
+    """Standard deviation of white noise, at most, by second differences, whose variance is six times its own."""
     return float(np.median(np.linalg.norm(np.diff(values, n=2, axis=0), axis=1)) / np.sqrt(18.0) / 0.9)
 
 
@@ -304,7 +298,9 @@ def _sensor_noise(stream: MeasurementStream, setup: Setup) -> Iterator[StatedNoi
         value = setup.noise.values[option.name]
         if stream.covariance is not None and option.components is not None:
             rows = np.array(option.components)
-            value = _median_std(stream.covariance[:, rows[:, None], rows])
+            # median over all rows of the deviation along an axis, from the diagonals of these components' blocks
+            variances = np.einsum("nii->ni", stream.covariance[:, rows[:, None], rows])
+            value = float(np.sqrt(np.median(variances)))
         if value > 0:
             own = stream.covariance is not None and option.components is not None
             source = STATED if own else _source(option.name, setup)
@@ -333,11 +329,6 @@ def _source(name: str, setup: Setup) -> str:
 def _identified_options(setup: Setup) -> set[str | None]:
     """Options of rate sensors of unknown error."""
     return {sensor_of(stream.sensor).identified_option for stream in setup.dataset.log.streams}
-
-
-def _median_std(covariance: np.ndarray) -> float:
-    """Median over all rows of the standard deviation along an axis."""
-    return float(np.sqrt(np.median(np.einsum("nii->ni", covariance))))
 
 
 def _counted(considered: ConsideredDeviation) -> str:

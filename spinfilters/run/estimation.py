@@ -1,7 +1,8 @@
-"""Every estimator on one prepared data set."""
+"""Every estimator on one prepared data set: run, evaluate, judge."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
@@ -17,6 +18,7 @@ from spinfilters.inference.setup import Setup
 from spinfilters.io.input_file import reason
 from spinfilters.models.status import EstimatorStatus, Verdict
 from spinfilters.run.checkpoints import StoreOf, no_checkpoints
+from spinfilters.run.conditions import Conditions, conditions_of
 from spinfilters.run.estimators import estimator_entries
 from spinfilters.settings.run_settings import Settings
 from spinfilters.verdict.calibration_errors import CalibrationErrors
@@ -26,7 +28,7 @@ from spinfilters.verdict.tested_models import NOT_TESTED, TestedModels
 Progress = Callable[[str, int, int], None]
 """Called with the estimator's name, epochs done and epochs in all."""
 Rehearsing = Callable[[Estimator, float, Timeline], None]
-"""Takes a twin of an estimator, begun at a time (s), through its first epochs, as `spinfilters.filters.timeline.rehearse`."""
+"""Runs a twin of an estimator, begun at a time (s), through its first epochs, as `spinfilters.filters.timeline.rehearse`."""
 
 
 @dataclass(frozen=True)
@@ -35,8 +37,16 @@ class Comparison:
 
     Attributes
     ----------
-    maps: by estimator, the landmarks (k, 3) m in g that it ended with, or the map that all were given; empty without any.
-    models: tests of the models' errors.
+    setup : Setup
+        That all estimators share.
+    evaluations : tuple[Evaluation, ...]
+        With their verdicts.
+    interrupted : bool
+        Whether epochs or estimators are missing.
+    maps : Mapping[str, (k, 3) float array]
+        By estimator, the landmarks (m, frame g) that it ended with, or the map that all were given; empty without any.
+    models : TestedModels
+        Tests of the models' errors.
     """
 
     setup: Setup
@@ -45,14 +55,22 @@ class Comparison:
     maps: Mapping[str, Float[np.ndarray, "k 3"]] = field(default_factory=dict)
     models: TestedModels = NOT_TESTED
 
+    @cached_property
+    def conditions(self) -> Conditions:
+        """Map, noise and seed of the run, and contradictions of the truth."""
+        return conditions_of(self.setup)
+
 
 @dataclass(frozen=True)
 class ComparisonExtent:
-    """Optional work of a comparison besides estimation and diagnostics.
+    """Optional work of a comparison besides estimation and verdict.
 
     Attributes
     ----------
-    bounding: puts the bound beside the errors.   rehearsing: builds what an estimator needs before its clock runs, by a twin.
+    bounding : Bounding
+        Adds the bounds to the errors.
+    rehearsing : Rehearsing
+        Builds what an estimator needs before its clock runs, by a twin.
     """
 
     bounding: Bounding = with_bounds
@@ -60,8 +78,8 @@ class ComparisonExtent:
 
 
 @dataclass(frozen=True)
-class _Company:
-    """Observers of an estimator's run."""
+class _RunObservers:
+    """What follows an estimator's run: progress, checkpoints, and the rehearsal before its clock runs."""
 
     progress: Progress
     store_of: StoreOf
@@ -73,7 +91,8 @@ def build_estimator(name: str, setup: Setup, settings: Settings) -> Estimator:
 
     Raises
     ------
-    InputError: one that takes it at once.
+    InputError
+        The estimator takes it at once.
     """
     entry = estimator_entries()[name]
     if entry.batch(setup, settings) is not None:
@@ -92,28 +111,41 @@ def compare_estimators(
 
     Parameters
     ----------
-    store_of: gives each estimator's name what keeps its run, `spinfilters.run.checkpoints.checkpoint_stores` for instance.
-    extent: what is done beside.
+    setup : Setup
+        Of the data set (`spinfilters.run.preparation.prepare`).
+    settings : Settings
+        Its estimators are run in their order.
+    progress : Progress
+        Called at every epoch.
+    store_of : StoreOf
+        Gives the store of the checkpoints by the estimator's name, as `spinfilters.run.checkpoints.checkpoint_stores`.
+    extent : ComparisonExtent
+        Optional work.
 
     Raises
     ------
-    InputError: an estimator that holds no landmarks, for tracks without a known map; no epoch is left after the start; what was
-        kept is damaged or of another run; it cannot be written.
+    InputError
+        An estimator that holds no landmarks, for tracks without a known map; no epoch is left after the start; a checkpoint is
+        damaged, of another run, or cannot be written.
     """
     evaluations: list[Evaluation] = []
     maps: dict[str, np.ndarray] = {}
     interrupted = False
-    company = _Company(progress, store_of, extent.rehearsing)
-    entries = _fit_entries(settings, setup)
+    observers = _RunObservers(progress, store_of, extent.rehearsing)
+    entries = _fitting_entries(settings, setup)
     calibration = CalibrationErrors(setup, settings, entries["mekf"])
     try:
         for name in settings.estimators:
-            history, points = _estimated(entries[name], setup, settings, company)
+            history, points = _run_estimator(entries[name], setup, settings, observers)
             interrupted = _is_cut_short(history, len(setup.timeline))
             if not interrupted:
-                history, interrupted = _with_calibration(calibration, history, entries[name])
+                try:
+                    history = calibration.counted(history, entries[name])
+                except KeyboardInterrupt:  # its epochs are done, and stay
+                    interrupted = True
             evaluations.append(evaluated(history, setup))
-            maps |= _maps(name, points)
+            if points is not None:
+                maps[name] = points[np.isfinite(points).all(axis=1)]
             if interrupted:
                 break
     except KeyboardInterrupt:
@@ -127,70 +159,7 @@ def compare_estimators(
     return Comparison(setup, tuple(bounded), interrupted, maps, doubts.models)
 
 
-def _with_calibration(
-    calibration: CalibrationErrors, history: EstimateHistory, entry: AnyEntry
-) -> tuple[EstimateHistory, bool]:
-    """The history with what the calibration's errors make of it, and whether Ctrl-C came before."""
-    try:
-        return calibration.counted(history, entry), False
-    except KeyboardInterrupt:
-        return history, True
-
-
-@np.errstate(all="ignore")  # what is not finite becomes a status
-def _estimated(
-    entry: AnyEntry, setup: Setup, settings: Settings, company: "_Company"
-) -> tuple[EstimateHistory, Float[np.ndarray, "k 3"] | None]:
-    """One estimator's history of all epochs, and its landmarks.
-
-    If it has any; numbers that lead nowhere are its failure.
-    """
-    progress = company.progress
-    try:
-        batch = entry.batch(setup, settings)
-        if batch is not None:
-            on_epoch = lambda done, every: progress(entry.name, done, every)  # noqa: E731
-            return batch.smooth(setup.timeline, setup.initial, on_epoch), setup.map_points
-        estimator, twin = (entry.build(setup, settings) for _ in range(2))
-        passed, rows = _run(entry, estimator, twin, setup, company)
-        history = _final(entry, estimator, passed, rows, setup)
-        history = replace(history, noise=entry.noise(estimator, history, setup))
-        return history, entry.points(estimator, history, setup)
-    except NUMERICAL_ERRORS as error:
-        nothing = GrowingHistory(setup.process.layout, setup.end_of_initialisation)
-        failed = EstimatorStatus().failed(f"the estimator could not be run ({reason(numerical(error))})")
-        return _with_initialisation(nothing.ended(entry.name, failed), nothing, setup), setup.map_points
-
-
-def _final(
-    entry: AnyEntry,
-    estimator: Estimator,
-    passed: EstimateHistory,
-    rows: GrowingHistory,
-    setup: Setup,
-) -> EstimateHistory:
-    """Final estimates, or those of each epoch as ``failed``.
-
-    The latter where the final ones cannot be computed.
-    """
-    try:
-        history = entry.final(estimator, passed, setup)
-    except NUMERICAL_ERRORS as error:
-        status = passed.status.failed(
-            f"the smoothed epochs could not be computed ({reason(numerical(error))})"
-        )
-        return _with_initialisation(replace(passed, status=status), rows, setup)
-    return _with_initialisation(passed, rows, setup) if history is None else history
-
-
-def _maps(name: str, points: Float[np.ndarray, "k 3"] | None) -> dict[str, Float[np.ndarray, "k 3"]]:
-    """An estimator's landmarks by its name, those that are finite; nothing where it has none."""
-    if points is None:
-        return {}
-    return {name: points[np.isfinite(points).all(axis=1)]}
-
-
-def _fit_entries(settings: Settings, setup: Setup) -> dict[str, AnyEntry]:
+def _fitting_entries(settings: Settings, setup: Setup) -> dict[str, AnyEntry]:
     """Entries of all estimators. InputError: one of the settings that holds no landmarks, where it must."""
     entries = estimator_entries()
     without = [name for name in settings.estimators if not entries[name].holds_landmarks]
@@ -203,46 +172,67 @@ def _fit_entries(settings: Settings, setup: Setup) -> dict[str, AnyEntry]:
     return entries
 
 
-def _remaining(setup: Setup) -> Timeline:
-    """Epochs behind the initialisation. InputError: none."""
-    rest = setup.timeline[len(setup.initial.mean) :]
-    if not len(rest):
-        raise InputError(f"{setup.dataset.name}: {NO_EPOCH_LEFT}")
-    return rest
+@np.errstate(all="ignore")  # what is not finite becomes a status
+def _run_estimator(
+    entry: AnyEntry, setup: Setup, settings: Settings, observers: _RunObservers
+) -> tuple[EstimateHistory, Float[np.ndarray, "k 3"] | None]:
+    """One estimator's history of all epochs, and its landmarks if it has any; numerical trouble is its failure."""
+    try:
+        batch = entry.batch(setup, settings)
+        if batch is not None:
+            on_epoch = lambda done, every: observers.progress(entry.name, done, every)  # noqa: E731
+            return batch.smooth(setup.timeline, setup.initial, on_epoch), setup.map_points
+        estimator, twin = (entry.build(setup, settings) for _ in range(2))
+        passed, rows = _run_epochs(entry, estimator, twin, setup, observers)
+        history = _final_history(entry, estimator, passed, rows, setup)
+        history = replace(history, noise=entry.noise(estimator, history, setup))
+        return history, entry.points(estimator, history, setup)
+    except NUMERICAL_ERRORS as error:
+        nothing = GrowingHistory(setup.process.layout, setup.end_of_initialisation)
+        failed = EstimatorStatus().failed(f"the estimator could not be run ({reason(numerical(error))})")
+        return _with_initialisation(nothing.ended(entry.name, failed), nothing, setup), setup.map_points
 
 
-def _run(
+def _run_epochs(
     entry: AnyEntry,
     estimator: Estimator,
     twin: Estimator,
     setup: Setup,
-    company: "_Company",
+    observers: _RunObservers,
 ) -> tuple[EstimateHistory, GrowingHistory]:
-    """Run from the last checkpoint, or from the start.
-
-    A run that had ended is not made again.
-    Its rows have room for those of the start in front.
+    """The epochs behind the initialisation, from the last checkpoint or from the first; those of a run that had ended as kept.
 
     Parameters
     ----------
-    twin: built alike; what it needs is built before the clock of the other runs.
+    twin : Estimator
+        Built alike; it builds what both need before the clock of the other runs.
+
+    Returns
+    -------
+    history : EstimateHistory
+        Of these epochs.
+    rows : GrowingHistory
+        The same, with room for those of the initialisation in front.
     """
-    rest, store, name = _remaining(setup), company.store_of(entry.name), entry.name
+    rest, name = setup.timeline[len(setup.initial.mean) :], entry.name
+    if not len(rest):
+        raise InputError(f"{setup.dataset.name}: {NO_EPOCH_LEFT}")
+    store = observers.store_of(name)
     entry.begin(estimator, setup)
     kept = store.resume(estimator)
     rows = GrowingHistory(estimator.layout, setup.end_of_initialisation) if kept is None else kept.rows
     rows.reserve(len(rest), len(setup.initial.mean))
-    company.progress(name, len(rows), len(rest))
+    observers.progress(name, len(rows), len(rest))
     if kept is not None and kept.status is not None:
         return rows.ended(name, kept.status), rows
     if len(rows) < len(rest):
         entry.begin(twin, setup)
-        company.rehearsing(twin, setup.end_of_initialisation, rest)
+        observers.rehearsing(twin, setup.end_of_initialisation, rest)
     with store.running(estimator, rows) as keep:
 
         def on_epoch(_: int) -> None:
             """Report an epoch and keep it."""
-            company.progress(name, len(rows), len(rest))
+            observers.progress(name, len(rows), len(rest))
             keep()
 
         history = run_interruptible(estimator, rows.time, rest[len(rows) :], on_epoch, rows)
@@ -250,6 +240,24 @@ def _run(
         if not _is_cut_short(history, len(rest)):
             store.end(estimator, history, rows)
     return history, rows
+
+
+def _final_history(
+    entry: AnyEntry,
+    estimator: Estimator,
+    passed: EstimateHistory,
+    rows: GrowingHistory,
+    setup: Setup,
+) -> EstimateHistory:
+    """Final estimates; where they cannot be computed those of each epoch, as ``failed``."""
+    try:
+        history = entry.final(estimator, passed, setup)
+    except NUMERICAL_ERRORS as error:
+        status = passed.status.failed(
+            f"the smoothed epochs could not be computed ({reason(numerical(error))})"
+        )
+        return _with_initialisation(replace(passed, status=status), rows, setup)
+    return _with_initialisation(passed, rows, setup) if history is None else history
 
 
 def _is_cut_short(history: EstimateHistory, epochs: int) -> bool:

@@ -224,18 +224,18 @@ class SmootherEntry(EstimatorEntry[RecursiveSmoother]):
 
 
 class LatestSmootherEntry(SmootherEntry):
-    """Table entry of the smoother without revision by later measurements.
-
-    To be compared with filters.
-    """
+    """Table entry of the smoother without revision by later measurements, to be compared with filters."""
 
     name, order = "smoother-latest", 7
     is_default = False
 
     def batch(self, setup: Setup, settings: Settings) -> BatchSmoother | None:
-        """None. InputError.
+        """None: it takes landmarks epoch by epoch.
 
-        Measurements without landmarks to be found, all of whose epochs the smoother takes at once.
+        Raises
+        ------
+        InputError
+            Measurements without landmarks to be found, all of whose epochs the smoother takes at once.
         """
         if not setup.initial.has_landmarks:
             raise InputError(f"{self.name} takes tracks without a map alone; choose smoother")

@@ -130,10 +130,7 @@ _CURVATURE = 12.0 * np.sqrt(5.0)
 
 @dataclass(frozen=True, eq=False)
 class PoseLog:
-    """Times (s), positions (m) and attitudes R_ig of a pose log.
-
-    Positions of g in i, with their noise (m).
-    """
+    """Times (s), positions of g in i (m), attitudes R_ig and noise of the positions (m) of a pose log."""
 
     time: Float[np.ndarray, " n"]
     position: Float[np.ndarray, "n 3"]
@@ -168,10 +165,7 @@ def pose_flights(log: PoseLog) -> list[Stretch]:
 
 
 def acceleration_of(log: PoseLog, stretch: Stretch) -> tuple[Float[np.ndarray, " 3"], float]:
-    """Acceleration of the point that flies best, m/s^2, and the residual.
-
-    Root mean square of what it leaves, m.
-    """
+    """Acceleration of the point that flies best, m/s^2, and the root mean square of what it leaves, m."""
     starts, ends = np.array([stretch.start]), np.array([stretch.end])
     solution, error = fit_parabola(log, starts, ends, None)
     return solution[0, 9:12], float(error[0])
@@ -307,10 +301,7 @@ def _equations(
     gravity: Float[np.ndarray, " 3"] | None,
     scale: Float[np.ndarray, "m 1"],
 ) -> tuple[Float[np.ndarray, "m rows unknowns"], Float[np.ndarray, "m rows"]]:
-    """Design matrix over r, v, c (and g) and window positions.
-
-    Time is in units of ``scale`` seconds.
-    """
+    """Design matrix over r, v, c (and g) and window positions, with time in units of ``scale`` seconds."""
     square = 0.5 * time**2
     eye = np.broadcast_to(np.eye(3), (*chosen.shape, 3, 3))
     columns, target = [eye, eye * time[..., None, None], -log.attitude[chosen]], log.position[chosen]
@@ -330,10 +321,7 @@ def _prior(log: PoseLog, unknowns: int) -> Float[np.ndarray, "unknowns unknowns"
 
 
 def _trimmed(log: PoseLog, stretch: Stretch) -> Stretch:
-    """The stretch without end samples off its middle's parabola.
-
-    Nor those before which the rotation jumps.
-    """
+    """The stretch without end samples that are off its middle's parabola, or before which the rotation jumps."""
     margin = max(FEWEST_ENDS, len(stretch) // ENDS)
     core = np.arange(stretch.start + margin, stretch.end - margin)
     if len(core) < PARABOLA_FEWEST // 2:
@@ -363,10 +351,7 @@ def _let_go(log: PoseLog, stretch: Stretch) -> Stretch:
 
 
 def _reach(log: PoseLog, stretch: Stretch) -> float:
-    """Largest angle from the first attitude of a stretch, rad.
-
-    Noise does not add up in it.
-    """
+    """Largest angle from the first attitude of a stretch, rad, in which noise does not add up."""
     rows = log.attitude[stretch.start : stretch.end]
     return float(Rotation.from_matrix(rows[0].T @ rows).magnitude().max())
 

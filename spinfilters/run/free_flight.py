@@ -144,10 +144,7 @@ def flights_within(dataset: Dataset) -> list[FreeFlight]:
 
 
 def flying_unit(dataset: Dataset) -> str:
-    """Advice on the unit of lengths or time in which poses would show a flight.
-
-    Empty where none would, or these are no poses.
-    """
+    """Advice on the unit of lengths or time in which poses would show a flight; empty where none would."""
     finder = _UNITS.get(dataset.sensor)
     return "" if finder is None else finder(dataset.log.stream(dataset.sensor))
 

@@ -280,10 +280,7 @@ def write_explanations(folder: Path, comparison: Comparison, settings: Settings)
 
 
 def read_sentences(folder: Path) -> Sequence[str]:
-    """Sentences of the file of a run folder, a line each.
-
-    None where it is not there or damaged.
-    """
+    """Sentences of the file of a run folder, a line each; none where it is missing or damaged."""
     try:
         document = json.loads(read_settings_text(folder / EXPLANATIONS_FILE))
         return [str(each) for each in document["sentences"]]
@@ -370,10 +367,7 @@ class OptionalOutputs:
     def write(
         self, folder: Path, comparison: Comparison, settings: Settings, on_epoch: Callable[[int, int], None]
     ) -> None:
-        """Write into the folder of a written run.
-
-        `lacking` tells what came to nothing. Raises InputError.
-        """
+        """Write into the folder of a written run; `lacking` tells what could not be made. Raises InputError."""
         if self.predict_s is not None:
             histories = [evaluation.history for evaluation in comparison.evaluations]
             process = comparison.setup.process
@@ -417,10 +411,7 @@ class OptionalOutputs:
         return read_sentences(folder) if self.explain else []
 
     def lacking(self, folder: Path) -> str | None:
-        """Requested outputs that a folder lacks, and why.
-
-        None where nothing is missing.
-        """
+        """Requested outputs that a folder lacks, and why; None where nothing is missing."""
         if self.predict_s is None or (folder / PREDICTION_PICTURE).exists():
             return None
         return "no prediction was made: every estimator failed, or what follows from its last epoch is not finite"

@@ -3,7 +3,6 @@
 Whether the state has a drag or a constant acceleration is decided by the evidence of the first epochs where settings leave it open.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -12,8 +11,14 @@ import numpy as np
 from spinfilters.core.chi_square import chi_square_tail
 from spinfilters.core.errors import InputError
 from spinfilters.core.working_time import working_seconds
-from spinfilters.inference.first_epochs import BoundLog, GivenInitialisation
-from spinfilters.inference.identified_noise import ROUNDS, smallest_level, with_identified_noise
+from spinfilters.filters.timeline import build_timeline
+from spinfilters.inference.first_epochs import (
+    GivenInitialisation,
+    Initialiser,
+    NoisyModels,
+    with_identified_noise,
+)
+from spinfilters.inference.identified_noise import smallest_level
 from spinfilters.inference.initial_estimate import InitialEstimate
 from spinfilters.inference.setup import NOTHING_SOUGHT, Setup, camera_view
 from spinfilters.inference.stated_noise import (
@@ -21,12 +26,13 @@ from spinfilters.inference.stated_noise import (
     layout_of,
     levels_of_rows,
     log_with_noise,
-    models_beside,
     stated_models,
     unstated_names,
     unstated_noise,
 )
 from spinfilters.io.dataset import Dataset
+from spinfilters.io.sensor_tables import require_motion
+from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.models.state_blocks import ACCELERATION, CENTRE_OF_MASS
 from spinfilters.models.state_layout import Gaussian
 from spinfilters.settings.run_settings import AUTO, LINEAR, QUADRATIC, Settings
@@ -35,174 +41,257 @@ from spinfilters.verdict.model_errors.motion_alternatives import ConstantAcceler
 from spinfilters.verdict.model_tests import cost_of_first_epochs, tested_about
 
 
-def with_narrower_prior(
-    belief: Gaussian, prior: FirstStatePrior, block: str, std: float
-) -> tuple[Gaussian, float]:
-    """Belief given the same measurements, and what -2 ln evidence grows by.
+def prepare(dataset: Dataset, settings: Settings, initial: GivenInitialisation | None = None) -> Setup:
+    """Join a data set with models and smooth its first epochs.
 
     Parameters
     ----------
-    prior: under which the belief was found.   block: constant block whose errors add.
-    std: of its new prior about the same mean, at most what it was.
+    dataset : Dataset
+        Measurements, and what is stated of their sensors.
+    settings : Settings
+        Of the run; what they leave open the data set states, or the first epochs decide.
+    initial : GivenInitialisation or None
+        Gives the initialisation where the first epochs are not to be smoothed.
 
     Raises
     ------
-    InputError: a wider prior.
+    InputError
+        Too few epochs, no rotation, tracks that no pose can be found from. The text names the data set.
     """
-    layout = belief.layout
-    part, wide = layout.slice(block), prior.std[layout.slice(block)]
-    if not (0 < std <= wide.min() * (1 + 1e-12)):
-        raise InputError(
-            f"the prior of {block} is to have a deviation of {std:g}; give at most {wide.min():g}"
-        )
-    more = 1 / std**2 - 1 / wide**2
-    if not more.any():
-        return belief, 0.0
-    away = belief.mean[layout.mean_slice(block)] - prior.mean[layout.mean_slice(block)]
-    own = belief.factor[part]
-    root = np.linalg.cholesky(np.eye(layout.error_dim) + own.T @ (more[:, np.newaxis] * own))
-    factor = np.linalg.solve(root, belief.factor.T).T
-    moved = factor @ (factor[part].T @ (more * away))
-    grows = (more * away) @ (away - moved[part]) + 2 * float(np.log(np.diag(root)).sum())
-    grows += 2 * float(np.log(std / wide).sum())
-    return Gaussian(layout, layout.retract(belief.mean, -moved), factor), float(grows)
+    begin = working_seconds()
+    with dataset.naming():
+        if initial is not None:
+            setup = first_setup(dataset, settings, initial)
+        else:
+            settings = with_likelier_drag(dataset, settings)
+            setup = first_setup(dataset, settings)
+            if settings.process.gravity == AUTO:
+                setup = with_acceleration_if_identified(setup, settings)
+    return replace(setup, initial_seconds=working_seconds() - begin)
 
 
-TOLD: Final = 1e-5
-"""Probability of as large an acceleration by chance, below which it is told from zero."""
+def first_setup(dataset: Dataset, settings: Settings, initial: GivenInitialisation | None = None) -> Setup:
+    """The setup of exactly these settings: no drag and no acceleration but those that they state.
+
+    Parameters and errors: `prepare`.
+    """
+    # Process, sensors and noise, as settings and data set state them.
+    log = log_with_noise(dataset.log, settings)
+    layout = layout_of(log, settings)
+    stated = stated_models(dataset, log, layout, settings)
+    # First epochs: given, or smoothed at the noise that they identify.
+    view, sought, identified = camera_view(dataset), NOTHING_SOUGHT, ()
+    if initial is not None:
+        timeline = build_timeline(log, layout, stated.noise, view)
+        require_motion(len(timeline))
+        made = NoisyModels(stated.process, stated.noise, timeline, initial(layout))
+    else:
+        sought = unstated_noise(log, dataset, settings, stated.unknown)
+        initialiser = Initialiser(replace(dataset, log=log), view, layout, settings.initialisation)
+        made, identified = with_identified_noise(initialiser, stated.process, stated.noise, sought)
+    # What every estimator begins from, and what is known of the noise and the calibration.
+    start, known = made.start, dataset.known_map
+    return Setup(
+        *(dataset, log, made.process, made.timeline, made.noise, start),
+        belief=start.joint_belief(settings.landmarks),
+        map_points=start.points if start.has_landmarks else known and known.points,
+        gyro_noise=stated.gyro_noise,
+        identified=identified,
+        unstated=unstated_names(dataset, settings),
+        sought=sought,
+        is_given=initial is not None,
+        calibration=considered_deviations(dataset, settings, layout),
+        inflation=levels_of_rows(log, dataset),
+    )
+
+
+ROUNDS_BESIDE: Final = 2
+"""Initialisations at most from the noise of another setup."""
+
+
+def setup_beside(setup: Setup, settings: Settings) -> Setup:
+    """The setup with another model of the motion, from its noise and body, of a number of epochs that depends on neither.
+
+    It is compared with others made so; estimators begin from a `first_setup`.
+
+    Raises
+    ------
+    InputError
+        As `prepare`.
+    """
+    layout = layout_of(setup.log, settings)
+    process = TorqueFreeProcess(layout, setup.process.noise, settings.process.tolerance)
+    dataset, view = replace(setup.dataset, log=setup.log), camera_view(setup.dataset)
+    initialiser = Initialiser(dataset, view, layout, settings.initialisation, setup.initial)
+    made, identified = with_identified_noise(initialiser, process, setup.noise, setup.sought, ROUNDS_BESIDE)
+    return replace(
+        setup,
+        process=made.process,
+        timeline=made.timeline,
+        noise=made.noise,
+        initial=made.start,
+        belief=made.start.joint_belief(settings.landmarks),
+        identified=identified,
+    )
+
+
+def _compared(setup: Setup, settings: Settings) -> Setup | None:
+    """`setup_beside`; None where these settings lead nowhere, of which the caller's own would tell."""
+    try:
+        return setup_beside(setup, settings)
+    except InputError:
+        return None
+
+
+LAWS: Final = (QUADRATIC, LINEAR)
+"""Laws that are compared; the first is the plainer one where neither is likelier."""
+LEAST_FALL: Final = 10.0
+"""Of -2 ln evidence that a drag must bring to be identified."""
+
+
+def with_likelier_drag(dataset: Dataset, settings: Settings) -> Settings:
+    """The settings with the likeliest law in place of "auto", false where the first epochs identify no drag."""
+    if settings.process.drag != AUTO:
+        return settings
+    try:
+        first = first_setup(dataset, _with_drag(settings, QUADRATIC))
+    except InputError:  # the setup without a drag says the same, or does without
+        return replace(settings, process=replace(settings.process, drag=False))
+    costs = {}
+    for law in (False, *LAWS):
+        setup = _compared(first, _with_drag(settings, law))
+        costs[law] = np.inf if setup is None else cost_of_first_epochs(setup)
+    best = min(LAWS, key=costs.__getitem__)
+    is_identified = np.isfinite(costs[best]) and costs[best] < costs[False] - LEAST_FALL
+    return replace(settings, process=replace(settings.process, drag=best if is_identified else False))
+
+
+def _with_drag(settings: Settings, law: str | bool) -> Settings:
+    """With a law, and with the acceleration that a sensor of places may need: that is decided later."""
+    gravity = True if settings.process.gravity == AUTO else settings.process.gravity
+    return replace(settings, process=replace(settings.process, drag=law, gravity=gravity))
+
+
+LARGEST_CHANCE: Final = 1e-5
+"""Probability of as large an acceleration by chance, below which it differs from zero."""
 CENTRE_STDS: Final = (0.1, 0.03, 0.01)
-"""Of the prior of the centre of mass that are tried beside the default, m; without an acceleration the first alone.
+"""Of the prior of the centre of mass that are compared with the default, m; without an acceleration the first alone.
 
-Its fits are made: they take gravity for disturbances, of which each prior leaves others."""
+The fits with each are made: they take gravity for disturbances, of which each prior leaves others."""
 KNOWN_CENTRE: Final = 0.1
-"""Standard deviation of the centre of mass over that of its default prior, below which the motion tells it."""
+"""Standard deviation of the centre of mass over that of its default prior, below which the motion determines it."""
 ALIKE: Final = 10.0
-"""Of -2 ln likelihood, within which the data do not tell two priors apart: the smaller offset is the plainer explanation."""
+"""Of -2 ln likelihood, within which the data do not distinguish two priors: the smaller offset is the plainer explanation."""
 CLEAR_FIT: Final = 1.5
 """Rms of whitened residuals of the first epochs above which a score about them says little: the acceleration is tried."""
 AT_FLOOR: Final = 1.01
 """Times the smallest level that can be identified, below which an identified one is that smallest level."""
 
-Make = Callable[[Settings, "Setup | None"], Setup]
-"""Makes the setup of a recording with these settings; beside another one from its noise and body, of a common number of epochs."""
-
 
 @dataclass(frozen=True)
-class _Explanation:
+class AccelerationExplanation:
     """First epochs with a prior of the centre of mass, with or without an acceleration.
 
     Attributes
     ----------
-    cost: -2 ln evidence.   told: whether an acceleration is told from zero.
+    centre_std : float
+        Of the prior, m.
+    cost : float
+        -2 ln evidence.
+    accelerates : bool
+        Whether an acceleration differs from zero.
     """
 
     centre_std: float
     cost: float
-    told: bool
+    accelerates: bool
 
 
-def with_acceleration_if_told(make: Make, settings: Settings) -> Setup:
-    """The setup with a constant acceleration if the data tell one.
+def with_acceleration_if_identified(setup: Setup, settings: Settings) -> Setup:
+    """The setup with a constant acceleration where its first epochs ask for one and distinguish it from zero.
 
-    The first epochs ask for it and tell it from zero.
+    Parameters
+    ----------
+    setup : Setup
+        The first one of these settings, without an acceleration.
     """
-    without = make(settings, None)
-    if not without.process.layout.translates:
-        return without
-    stated = settings.initialisation.centre_std != CENTRE_OF_MASS.prior_std
-    if not stated and not _knows_centre(without.initial):
-        likeliest = _likeliest(make, settings, without)
-        return without if likeliest is None else make(likeliest, None)
-    if not _asks(without):
-        return without
-    accelerated = make(_with(settings, gravity=True, centre_std=settings.initialisation.centre_std), None)
-    return accelerated if _tells(accelerated.initial.belief) else without
-
-
-def _likeliest(make: Make, settings: Settings, without: Setup) -> Settings | None:
-    """Settings with an acceleration told from zero, if most likely.
-
-    Where no prior of the centre lets the data tell one, the fit without is not made.
-    """
-    found = _accelerated(make, settings, without)
-    if not any(each.told for each in found):
-        return None
+    if not setup.process.layout.translates:
+        return setup
+    centre_std = settings.initialisation.centre_std
+    if centre_std != CENTRE_OF_MASS.prior_std or _determines_centre(setup.initial):
+        if not _needs_acceleration(setup):
+            return setup
+        accelerated = first_setup(setup.dataset, _with_gravity(settings, True, centre_std))
+        return accelerated if _accelerates(accelerated.initial.belief) else setup
+    # An unknown offset of the centre of mass moves as an acceleration does: both are compared under several priors of it.
+    explanations = explanations_with_acceleration(setup, settings)
+    if not any(each.accelerates for each in explanations):  # then the fits without one need not be made
+        return setup
     for std in (CENTRE_OF_MASS.prior_std, CENTRE_STDS[0]):
-        setup = _tried(make, _with(settings, gravity=False, centre_std=std), without)
-        found.append(_Explanation(std, np.inf if setup is None else _cost(setup), told=False))
-    least = min(each.cost for each in found)
-    alike = [each for each in found if each.cost <= least + ALIKE]
-    best = min(alike, key=lambda each: (not each.told, each.centre_std))
-    return _with(settings, gravity=True, centre_std=best.centre_std) if best.told else None
+        without = _compared(setup, _with_gravity(settings, False, std))
+        explanations.append(AccelerationExplanation(std, _cost(without), accelerates=False))
+    least = min(each.cost for each in explanations)
+    alike = [each for each in explanations if each.cost <= least + ALIKE]
+    best = min(alike, key=lambda each: (not each.accelerates, each.centre_std))
+    if not best.accelerates:
+        return setup
+    return first_setup(setup.dataset, _with_gravity(settings, True, best.centre_std))
 
 
-def _accelerated(make: Make, settings: Settings, without: Setup) -> list[_Explanation]:
-    """Explanations with an acceleration by every prior of the centre.
+def explanations_with_acceleration(setup: Setup, settings: Settings) -> list[AccelerationExplanation]:
+    """Explanations of the first epochs with an acceleration, by every prior of the centre.
 
     All from the fit with the widest that leads anywhere: the noise that an offset leaves is that of the acceleration as well.
     """
     stds = (CENTRE_OF_MASS.prior_std, *CENTRE_STDS)
     for k, widest in enumerate(stds):
-        setup = _tried(make, _with(settings, gravity=True, centre_std=widest), without)
-        cost = np.inf if setup is None else _cost(setup)
-        if setup is None or not np.isfinite(cost):
+        accelerated = _compared(setup, _with_gravity(settings, True, widest))
+        cost = _cost(accelerated)
+        if accelerated is None or not np.isfinite(cost):
             continue
-        start, found = setup.initial, []
+        start, found = accelerated.initial, []
         assert start.marginals is not None  # a finite cost has been solved
         wide = Gaussian(start.layout, start.mean[-1], start.marginals.factors[-1])
         for std in stds[k:]:
             belief, more = with_narrower_prior(wide, start.prior, CENTRE_OF_MASS.name, std)
-            found.append(_Explanation(std, cost + more, _tells(belief)))
+            found.append(AccelerationExplanation(std, cost + more, _accelerates(belief)))
         return found
     return []
 
 
-def _tried(make: Make, settings: Settings, without: Setup) -> "Setup | None":
-    try:
-        return make(settings, without)
-    except InputError:  # of which the caller's own settings tell
-        return None
-
-
-def _with(settings: Settings, gravity: bool, centre_std: float) -> Settings:
+def _with_gravity(settings: Settings, gravity: bool, centre_std: float) -> Settings:
     process = replace(settings.process, gravity=gravity)
-    return replace(
-        settings, process=process, initialisation=replace(settings.initialisation, centre_std=centre_std)
-    )
+    initialisation = replace(settings.initialisation, centre_std=centre_std)
+    return replace(settings, process=process, initialisation=initialisation)
 
 
-def _knows_centre(start: InitialEstimate) -> bool:
+def _determines_centre(start: InitialEstimate) -> bool:
     """Whether the centre of mass is known from the motion, rather than from its prior."""
     factor = start.factor[-1, start.layout.slice(CENTRE_OF_MASS.name)]
     std = np.linalg.norm(factor, axis=1).max()
     return bool(std < KNOWN_CENTRE * CENTRE_OF_MASS.prior_std)
 
 
-def _cost(setup: Setup) -> float:
-    """-2 ln marginal likelihood of the first epochs.
+def _cost(setup: Setup | None) -> float:
+    """-2 ln marginal likelihood of the first epochs; infinite where unspecified noise is not identified from them.
 
-    Infinite where noise that nobody states is not identified from them.
+    Levels are identified that differ from zero, or that are the least there are with every measurement accepted. Levels that are
+    neither belong to epochs whose gates have refused everything.
     """
-    return np.inf if setup.sought and not _identifies_noise(setup) else cost_of_first_epochs(setup)
-
-
-def _identifies_noise(setup: Setup) -> bool:
-    """Whether levels differ from zero, or are the least there are with every measurement accepted.
-
-    Levels that do neither belong to epochs whose gates have refused everything.
-    """
+    if setup is None:
+        return np.inf
     sensors = [each for each in setup.identified if not each.is_density]
     is_free_of_noise = bool(sensors) and all(
         each.value < AT_FLOOR * smallest_level(each.name) for each in sensors
     )
-    return any(each.told for each in setup.identified) or (is_free_of_noise and not setup.initial.rejected)
+    differs = any(each.told for each in setup.identified)
+    if setup.sought and not (differs or (is_free_of_noise and not setup.initial.rejected)):
+        return np.inf
+    return cost_of_first_epochs(setup)
 
 
-def _asks(setup: Setup) -> bool:
-    """Whether epochs without an acceleration ask for it.
-
-    They could not be smoothed, identify no noise, do not fit, or score for it.
-    """
+def _needs_acceleration(setup: Setup) -> bool:
+    """Whether epochs without an acceleration could not be smoothed, identify no noise, do not fit, or score for one."""
     start = setup.initial
     if setup.sought and not setup.identified:
         return True
@@ -213,112 +302,54 @@ def _asks(setup: Setup) -> bool:
     return bool(tested_about(setup, start.mean, [ConstantAcceleration()], lambda motion: ()).named)
 
 
-def _tells(belief: Gaussian) -> bool:
+def _accelerates(belief: Gaussian) -> bool:
     """Whether the acceleration differs from zero by more than its covariance explains."""
     value = belief.mean[belief.layout.mean_slice(ACCELERATION.name)]
     factor = belief.factor[belief.layout.slice(ACCELERATION.name)]
     if not (np.isfinite(value).all() and np.isfinite(factor).all()):
         return False
-    return bool(chi_square_tail(value @ np.linalg.solve(factor @ factor.T, value), len(value)) < TOLD)
+    distance = value @ np.linalg.solve(factor @ factor.T, value)
+    return bool(chi_square_tail(distance, len(value)) < LARGEST_CHANCE)
 
 
-LAWS: Final = (QUADRATIC, LINEAR)
-"""Laws that are compared; the first is the plainer one where neither is likelier."""
-WORTH: Final = 10.0
-"""Fall of -2 ln evidence that a drag must bring to be told from none."""
-
-
-def with_likelier_drag(make: Make, settings: Settings) -> Settings:
-    """The settings with the likeliest law in place of "auto", false where the first epochs tell no drag."""
-    if settings.process.drag != AUTO:
-        return settings
-    first = _setup(make, _with_drag_law(settings, QUADRATIC), None)
-    costs = {law: _cost_of_law(_setup(make, _with_drag_law(settings, law), first)) for law in (False, *LAWS)}
-    best = min(LAWS, key=costs.__getitem__)
-    told = np.isfinite(costs[best]) and costs[best] < costs[False] - WORTH
-    return replace(settings, process=replace(settings.process, drag=best if told else False))
-
-
-def _with_drag_law(settings: Settings, law: str | bool) -> Settings:
-    """With a law, and with the acceleration that a sensor of places may need: it is decided later."""
-    process = settings.process
-    return replace(
-        settings,
-        process=replace(process, drag=law, gravity=True if process.gravity == AUTO else process.gravity),
-    )
-
-
-def _setup(make: Make, settings: Settings, beside: Setup | None) -> Setup | None:
-    try:
-        return make(settings, beside)
-    except InputError:  # of which the caller's own setup tells
-        return None
-
-
-def _cost_of_law(setup: Setup | None) -> float:
-    """-2 ln marginal likelihood of the first epochs, infinite without any."""
-    return np.inf if setup is None else cost_of_first_epochs(setup)
-
-
-BESIDE_ROUNDS = 2
-"""Initialisations at most from the noise of another setup."""
-
-
-def prepare(dataset: Dataset, settings: Settings, initial: GivenInitialisation | None = None) -> Setup:
-    """Join a data set with models and smooth its first epochs.
+def with_narrower_prior(
+    belief: Gaussian, prior: FirstStatePrior, block: str, std: float
+) -> tuple[Gaussian, float]:
+    """Belief given the same measurements under a narrower prior of a constant block, and the growth of -2 ln evidence.
 
     Parameters
     ----------
-    initial: gives the initialisation where the first epochs are not to be smoothed.
+    belief : Gaussian
+        Of the measurements and the wide prior.
+    prior : FirstStatePrior
+        Under which the belief was found.
+    block : str
+        Constant block whose errors add.
+    std : float
+        Of its new prior about the same mean, at most what it was.
 
     Raises
     ------
-    InputError: too few epochs, no rotation, tracks that no pose can be found from. The text names the data set.
+    InputError
+        A wider prior.
     """
-    begin = working_seconds()
-
-    def make(own: Settings, beside: Setup | None) -> Setup:
-        """The setup with these settings, see `Make`."""
-        return _setup_of(dataset, own, None, beside)
-
-    with dataset.naming():
-        if initial is None:
-            settings = with_likelier_drag(make, settings)
-        if initial is not None or settings.process.gravity != AUTO:
-            setup = _setup_of(dataset, settings, initial)
-        else:
-            setup = with_acceleration_if_told(make, settings)
-    return replace(setup, initial_seconds=working_seconds() - begin)
-
-
-def _setup_of(
-    dataset: Dataset, settings: Settings, initial: GivenInitialisation | None, beside: Setup | None = None
-) -> Setup:
-    """Beside another setup from its noise and body."""
-    log = log_with_noise(dataset.log, settings)
-    layout = layout_of(log, settings)
-    if beside is None:
-        stated, likely = stated_models(dataset, log, layout, settings), None
-    else:
-        stated, likely = models_beside(beside, layout, settings), beside.initial
-    silent, view = NOTHING_SOUGHT, camera_view(dataset)
-    binding = BoundLog(replace(dataset, log=log), view, layout, settings, initial, likely)
-    if initial is not None:
-        made, components = binding(stated.process, stated.noise, None), ()
-    else:
-        silent = unstated_noise(log, dataset, settings, stated.unknown) if beside is None else beside.sought
-        rounds = ROUNDS if beside is None else BESIDE_ROUNDS
-        made, components = with_identified_noise(binding, stated.process, stated.noise, silent, rounds)
-    known = None if dataset.known_map is None else dataset.known_map.points
-    return Setup(
-        *(dataset, log, made.process, made.timeline, made.noise, made.start),
-        belief=made.start.joint_belief(settings.landmarks),
-        map_points=made.start.points if made.start.has_landmarks else known,
-        gyro_noise=stated.gyro_noise,
-        identified=components,
-        unstated=unstated_names(dataset, settings),
-        sought=silent,
-        is_given=initial is not None,
-        calibration=considered_deviations(dataset, settings, layout),
-        inflation=levels_of_rows(log, dataset),
-    )
+    layout = belief.layout
+    part, wide = layout.slice(block), prior.std[layout.slice(block)]
+    if not (0 < std <= wide.min() * (1 + 1e-12)):
+        raise InputError(
+            f"the prior of {block} is to have a deviation of {std:g}; give at most {wide.min():g}"
+        )
+    # information that the narrower prior adds to the block's three components
+    more = 1 / std**2 - 1 / wide**2
+    if not more.any():
+        return belief, 0.0
+    away = belief.mean[layout.mean_slice(block)] - prior.mean[layout.mean_slice(block)]
+    # factor F' of the belief with it: F'F'^T = (P^-1 + E more E^T)^-1 with P = F F^T, by F' = F L^-T, L L^T = I + F_b^T more F_b
+    own = belief.factor[part]
+    root = np.linalg.cholesky(np.eye(layout.error_dim) + own.T @ (more[:, np.newaxis] * own))
+    factor = np.linalg.solve(root, belief.factor.T).T
+    # shift of the mean towards that of the prior, then what the exponent, the determinant and the prior's norm add to the evidence
+    shift = factor @ (factor[part].T @ (more * away))
+    grows = (more * away) @ (away - shift[part]) + 2 * float(np.log(np.diag(root)).sum())
+    grows += 2 * float(np.log(std / wide).sum())
+    return Gaussian(layout, layout.retract(belief.mean, -shift), factor), float(grows)

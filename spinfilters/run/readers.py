@@ -84,7 +84,8 @@ def front_ends() -> tuple[RawDataReader, ...]:
 
     Raises
     ------
-    InputError: as `installed_plugins`.
+    InputError
+        As `installed_plugins`.
     """
     from spinfilters.lidar.scan_streams import (  # slow to import, and few recordings are scans
         SCAN_POINTS,
@@ -121,25 +122,29 @@ def read_dataset(
 
     Parameters
     ----------
-    segment: number of a kept segment of a phyphox recording; None where there is only one.
-    options: what its user states of the recording.
+    path : str or os.PathLike
+        Of the recording: a folder or a file.
+    segment : int or None
+        Number of a kept segment of a phyphox recording; None where there is only one.
+    options : ReadingOptions
+        What its user states of the recording.
 
     Raises
     ------
-    InputError: an unusable file (see the readers), several segments and none chosen, a segment that is not a
-    trial, a kind whose front end is not part of this version. The text names file, line or value, and the
-    cure.
+    InputError
+        An unusable file (see the readers), several segments and none chosen, a segment that is not a trial, a
+        kind whose front end is not part of this version. The text names file, line or value, and the cure.
     """
     place = Path(path)
     reader = reader_of(place, options)
     if segment is not None and not reader.has_segments:
         raise InputError(f"{path_text(place)}: has no segments; leave out --segment {segment}")
-    return _told_once(reader.read(place, segment))
+    return _without_repeats(reader.read(place, segment))
 
 
 def read_whole(path: str | os.PathLike[str], options: ReadingOptions = NOTHING_STATED) -> Dataset:
     """The whole recording of a path, whatever segments are marked in it. Errors: `read_dataset`."""
-    return _told_once(reader_of(Path(path), options).whole(Path(path)))
+    return _without_repeats(reader_of(Path(path), options).whole(Path(path)))
 
 
 def read_segments(
@@ -149,14 +154,22 @@ def read_segments(
 ) -> list[Dataset]:
     """Every kept segment of a phyphox folder, else the one data set.
 
-    Errors: `read_dataset`.
-
     Parameters
     ----------
-    on_refused: called with the number of a segment that is no trial, and why, instead of raising InputError for it.
+    path : str or os.PathLike
+        Of the recording.
+    on_refused : OnRefused or None
+        Called with the number of a segment that is no trial, and why, instead of raising InputError for it.
+    options : ReadingOptions
+        What its user states of the recording.
+
+    Raises
+    ------
+    InputError
+        As `read_dataset`.
     """
     found = reader_of(Path(path), options).segments(Path(path), on_refused)
-    return [_told_once(each) for each in found]
+    return [_without_repeats(each) for each in found]
 
 
 def recordings_in(folder: Path) -> tuple[Path, ...]:
@@ -183,7 +196,7 @@ def _is_recording(path: Path) -> bool:
     return reader.name != anything.name or path.suffix.lower() in suffixes
 
 
-def _told_once(dataset: Dataset) -> Dataset:
+def _without_repeats(dataset: Dataset) -> Dataset:
     """Without rows that a logger wrote again, where a sensor's format says that loggers do."""
     logged_again = any(sensor_format(name).logged_again for name in dataset.log.sensors)
     return without_repeated_rates(dataset) if logged_again else dataset
@@ -197,6 +210,6 @@ OWN_READERS: Final[tuple[DatasetReader, ...]] = (
     PhyphoxReader(),
     RosBagReader(),
     SensorTableReader(dataset_readers),
-    ZipReader(reader_of),
+    ZipReader(reader_of=reader_of),
 )
 """Ours. Three of them ask the others, which they are given here: what a folder or an archive holds, and what can be read at all."""

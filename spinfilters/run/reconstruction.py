@@ -30,7 +30,7 @@ from spinfilters.run.run_folder import (
 from spinfilters.run.run_summary import read_summary
 from spinfilters.vision.body_model import BodyModel, DistanceVolume, Grid, body_model
 from spinfilters.vision.depth_map import depth_map
-from spinfilters.vision.image_folder import ImagePair, LossCount, PairReader, read_pairs, stamped_pairs
+from spinfilters.vision.image_folder import LossCount, PairReader, read_pairs, stamped_pairs
 from spinfilters.vision.rectification import Rectification, read_raw_rig
 from spinfilters.vision.visible_surface import MOST_FRAMES, animation, beside, reprojection
 
@@ -157,7 +157,10 @@ def images_of(folder: Path, images: Path | None) -> Path:
 def body_motion(folder: Path, figure_data: FigureData) -> PrincipalAxesMotion:
     """Motion of the most exact estimator, and the map's size.
 
-    InputError: no such one, no map, too few landmarks.
+    Raises
+    ------
+    InputError
+        No estimator has a motion, no map, too few landmarks.
     """
     evaluation, points = figure_data.most_exact, figure_data.map_points
     if evaluation is None or points is None or evaluation.body.center_of_mass_g is None:
@@ -207,13 +210,10 @@ class _Images:
         for number, pair in enumerate(read_pairs(self._stamped, reader), start=1):
             row = None if pair is None else self._motion.row(pair.time)
             if pair is not None and row is not None:
-                yield row, self._rectified(pair)
+                yield row, self.rectification.images(pair.left, pair.right)
             elif pair is not None:
                 self.losses.lose(STAGE, "of no epoch of the run")
             progress(number, len(self._stamped))
-
-    def _rectified(self, pair: ImagePair) -> tuple[np.ndarray, np.ndarray]:
-        return self.rectification.images(pair.left, pair.right)
 
 
 def _animated(model: BodyModel, motion: PrincipalAxesMotion, source: Path, progress: Progress) -> bytes:

@@ -32,7 +32,7 @@ from spinfilters.models.status import Verdict
 from spinfilters.plots.figures import FigureData, picture_files
 from spinfilters.run.array_files import read_history, write_history
 from spinfilters.run.checkpoints import remove_checkpoints
-from spinfilters.run.conditions import conditions_of, told_sentences
+from spinfilters.run.conditions import told_sentences
 from spinfilters.run.estimation import Comparison
 from spinfilters.run.provenance import provenance
 from spinfilters.run.readers import read_dataset
@@ -109,10 +109,7 @@ def configuration(settings: Settings) -> dict[str, Any]:
 
 
 def mark_run_folder(folder: Path, settings: Settings) -> None:
-    """Mark a folder without a run as that of one.
-
-    Before anything is kept in it.
-    """
+    """Mark a folder without a run as that of one, before anything is kept in it."""
     if not _is_run(folder):
         write_configuration(folder, settings)
 
@@ -161,9 +158,10 @@ def read_histories(folder: Path, names: Sequence[str]) -> list[EstimateHistory]:
 
 def figure_data_of(comparison: Comparison) -> FigureData:
     """Data of the figures of a run that has just ended."""
-    setup, first = comparison.setup, comparison.evaluations[0].name
-    sentences = conditions_of(setup).sentences
-    return FigureData(setup.dataset, comparison.evaluations, comparison.maps.get(first), sentences)
+    points = comparison.maps.get(comparison.evaluations[0].name)
+    return FigureData(
+        comparison.setup.dataset, comparison.evaluations, points, comparison.conditions.sentences
+    )
 
 
 def read_figure_data(folder: Path) -> FigureData:

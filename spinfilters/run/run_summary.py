@@ -17,7 +17,7 @@ from spinfilters.io.input_file import path_text, read_bytes, reason
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.models.state_layout import StateLayout
 from spinfilters.run.array_files import finite_numbers
-from spinfilters.run.conditions import StatedNoise, conditions_of
+from spinfilters.run.conditions import StatedNoise
 from spinfilters.run.estimation import Comparison
 
 SUMMARY_FILE = "summary.json"
@@ -28,7 +28,7 @@ LARGEST_SUMMARY = 1 << 26
 def summary(comparison: Comparison) -> dict[str, Any]:
     """The content of summary.json."""
     setup, evaluations = comparison.setup, comparison.evaluations
-    shared, conditions = shared_begin(evaluations), conditions_of(setup)
+    shared, conditions = shared_begin(evaluations), comparison.conditions
     told = (*conditions.sensors, *conditions.disturbances)
     return {
         "schema": SCHEMA,

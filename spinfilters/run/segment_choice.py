@@ -97,13 +97,12 @@ def read_several(
     options: ReadingOptions = NOTHING_STATED,
     on_refused: OnRefused | None = None,
 ) -> list[Dataset]:
-    """All segments that are marked (``all``) or found (``auto``).
-
-    Found in each of a folder of recordings.
+    """All segments that are marked (``all``), or found (``auto``) in each of a folder of recordings.
 
     Parameters
     ----------
-    on_refused: called with the number and the reason of what is no segment, or of a recording without any, instead of raising.
+    on_refused : OnRefused or None
+        Called with the number and the reason of what is no segment, or of a recording without any, instead of raising.
 
     Raises
     ------
@@ -137,10 +136,7 @@ def _of_recordings(
 
 
 def flight_segments(whole: Dataset) -> list[Dataset]:
-    """The free flights of a recording as data sets from 1.
-
-    InputError: as `find_flights`; none is found.
-    """
+    """The free flights of a recording as data sets from 1. InputError: as `find_flights`; none is found."""
     flights = find_flights(whole)
     if not flights:
         raise no_flight(whole)

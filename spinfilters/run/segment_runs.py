@@ -106,7 +106,8 @@ def pooled_moments(estimates: Sequence[Mapping[str, Any]], total: int) -> Pooled
     for estimate in estimates:
         moments = np.array(estimate["principal_moments"], dtype=float)[:2]
         covariance = np.array(estimate["principal_moments_cov"], dtype=float)[:2, :2]
-        if estimate["status"] != "ok" or not np.isfinite(moments).all() or not _is_definite(covariance):
+        is_finite = np.isfinite(moments).all() and np.isfinite(covariance).all()
+        if estimate["status"] != "ok" or not is_finite or not np.linalg.eigvalsh(covariance)[0] > 0:
             continue
         ratios.append(moments)
         information.append(np.linalg.inv(covariance))
@@ -116,10 +117,6 @@ def pooled_moments(estimates: Sequence[Mapping[str, Any]], total: int) -> Pooled
     mean = together @ np.sum([each @ r for each, r in zip(information, ratios, strict=True)], axis=0)
     distance = sum(float((r - mean) @ each @ (r - mean)) for each, r in zip(information, ratios, strict=True))
     return PooledMoments(mean, together, distance, 2 * (len(ratios) - 1), len(ratios), total)
-
-
-def _is_definite(covariance: Float[np.ndarray, "2 2"]) -> bool:
-    return bool(np.isfinite(covariance).all() and np.linalg.eigvalsh(covariance)[0] > 0)
 
 
 FARTHEST: Final = 4.0

@@ -22,10 +22,9 @@ from spinfilters.io.sensor_format import noise_options
 from spinfilters.io.stated_values import NumberRange, plain_number
 from spinfilters.models.process import ProcessNoise
 from spinfilters.models.state_blocks import (
+    BLOCKS,
     CENTRE_OF_MASS,
     DRAG,
-    GYRO_BIAS,
-    GYRO_SCALE,
     LINEAR_DRAG,
     MASS_DISTRIBUTION,
     VELOCITY,
@@ -37,13 +36,13 @@ from spinfilters.smoother.window import FixedLag, FullSmoothing, LandmarkMargina
 
 PRIOR_STD = NumberRange(1e-9, 1e9)
 """Of a prior in the settings, in its unit."""
-_MAY_BE_ZERO = (GYRO_BIAS.prior_option, GYRO_SCALE.prior_option)
-"""Options of blocks that a state has only where they are set."""
+_OPTIONAL_PRIORS = {block.prior_option: block.prior_range for block in BLOCKS.values() if block.prior_range}
+"""Ranges of the options of blocks that a state has only where they are set."""
 
 
 @dataclass(frozen=True)
-class InitialisationOptions:
-    """Options of the initialisation.
+class _OptionsOfEveryState:
+    """Options of the initialisation that every state has; see `InitialisationOptions`.
 
     Attributes
     ----------
@@ -53,8 +52,6 @@ class InitialisationOptions:
     mass_std: of the prior of the mass distribution about the sphere, in the logarithm of second moments (a phone lies at 2).
     centre_std: of the prior of the centre of mass about the origin of g, m.   speed_std: of its velocity, m/s.
     drag_std: of the prior of the drag coefficient, 1/rad.   linear_drag_std: of that of a drag linear in the rate, 1/s.
-    gyro_bias_std: of the prior of a gyro's bias, rad/s; 0 for a gyro without one.
-    gyro_scale_error_std: of the prior of the relative error of a gyro's scale; 0 for a gyro without one.
     """
 
     epochs: Annotated[int, NumberRange(1, 100_000, whole=True)] = 60
@@ -66,12 +63,10 @@ class InitialisationOptions:
     speed_std: Annotated[float, PRIOR_STD] = VELOCITY.prior_std
     drag_std: Annotated[float, PRIOR_STD] = DRAG.prior_std
     linear_drag_std: Annotated[float, PRIOR_STD] = LINEAR_DRAG.prior_std
-    gyro_bias_std: Annotated[float, NumberRange(1e-9, 1e3, "rad/s", zero=True)] = 0.0
-    gyro_scale_error_std: Annotated[float, NumberRange(1e-9, 1.0, zero=True)] = 0.0
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            allowed = value >= 0 if name in _MAY_BE_ZERO else value > 0
+            allowed = value >= 0 if name in _OPTIONAL_PRIORS else value > 0
             if not (np.isfinite(value) and allowed):
                 raise InputError(f"initialisation.{name} is {value}; it must be positive")
 
@@ -91,6 +86,29 @@ class InitialisationOptions:
         time = times_of(timeline)
         inside = int(np.searchsorted(time, time[0] + self.duration, "right"))
         return max(4, min(self.epochs, inside, round(self.share * len(timeline))))
+
+
+if TYPE_CHECKING:
+
+    class InitialisationOptions(_OptionsOfEveryState):
+        """Options of the initialisation.
+
+        Beside those named in `_OptionsOfEveryState` each state block with a `prior_range` has one, by default 0: such as
+        gyro_bias_std, of the prior of a gyro's bias, rad/s, or gyro_scale_error_std, of that of its relative scale error.
+        """
+
+        def __init__(self, **options: float) -> None: ...
+
+        def __getattr__(self, name: str) -> float: ...
+
+else:
+    InitialisationOptions = make_dataclass(
+        "InitialisationOptions",
+        [(name, Annotated[float, allowed], field(default=0.0)) for name, allowed in _OPTIONAL_PRIORS.items()],
+        bases=(_OptionsOfEveryState,),
+        frozen=True,
+        namespace={"__doc__": "Options of the initialisation, see the module.", "__module__": __name__},
+    )
 
 
 DEFAULT_ESTIMATORS: Final = ("mekf", "ukf", "smoother")
@@ -199,6 +217,7 @@ class SmootherSettings:
 AUTO: Final = "auto"
 Auto = Literal["auto"]
 LINEAR, QUADRATIC = "linear", "quadratic"
+FULL, FILTER = "full", "filter"
 DragLaw = Literal["linear", "quadratic", "auto"]
 
 if TYPE_CHECKING:
@@ -308,6 +327,14 @@ class Settings:
     The field names are those of the TOML file's tables and keys.
     Each table may be given as its own dataclass or as a mapping of its keys: ``Settings(sensors={"pixel_std": 0.5})``.
 
+    Attributes
+    ----------
+    estimators : tuple[str, ...]
+        Names of the estimators, in the order of the results.
+    verdict : "full" or "filter"
+        Checks by which estimates are judged: all of them, or those alone that need no smoothed motion. The latter cost less, and
+        leave every estimate ``degraded`` at best, because they do not show errors of the models that a filter's state absorbs.
+
     Raises
     ------
     InputError: an unknown key of a table, a value of another type or out of its range, an unknown or repeated estimator.
@@ -324,6 +351,7 @@ class Settings:
     iteration: IterationOptions = field(default_factory=IterationOptions)
     adaptation: AdaptationOptions = field(default_factory=AdaptationOptions)
     smoother: SmootherSettings = field(default_factory=SmootherSettings)
+    verdict: Literal["full", "filter"] = FULL
 
     def __post_init__(self) -> None:
         for name, value in self._validated().items():
@@ -351,7 +379,11 @@ class Settings:
     @property
     def document(self) -> dict[str, Any]:
         """Every setting as TOML tables."""
-        return {**asdict(self), "estimators": list(self.estimators)}
+        own = {
+            "estimators": list(self.estimators),
+            "verdict": self.verdict,
+        }  # keys of no table stand first in TOML
+        return own | {name: table for name, table in asdict(self).items() if name not in own}
 
 
 def read_settings(path: Path) -> Settings:

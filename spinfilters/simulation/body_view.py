@@ -14,7 +14,7 @@ from scipy.spatial import ConvexHull
 from spinfilters.core.errors import InputError
 from spinfilters.io.input_file import path_text, value_text
 from spinfilters.lidar.mesh import MESH_SUFFIXES, TriangleMesh, read_mesh
-from spinfilters.vision.visible_surface import VisibleSurface, visible_surface
+from spinfilters.vision.visible_surface import visible_surface
 
 LATTICE = 64
 """Cells of a noise lattice along each axis, after which it repeats."""
@@ -31,7 +31,10 @@ class SurfaceTexture:
 
     Attributes
     ----------
-    seed: of the blotches.   foil: share of the surface that is foil, 0 to 1.
+    seed : int
+        Of the blotches.
+    foil : float
+        Share of the surface that is foil, 0 to 1.
     """
 
     seed: int = 0
@@ -155,8 +158,14 @@ class Appearance:
 
     Attributes
     ----------
-    mesh: in frame g, m.   texture: of the surface.   sun: direction to the sun, frame i.
-    ambient: light from everywhere, of the sun's.
+    mesh : TriangleMesh
+        In frame g, m.
+    texture : SurfaceTexture
+        Of the surface.
+    sun : tuple[float, float, float]
+        Direction to the sun, frame i.
+    ambient : float
+        Light from everywhere, as a share of the sun's.
     """
 
     mesh: TriangleMesh
@@ -181,7 +190,12 @@ class View:
 
     Attributes
     ----------
-    K: (3, 3) px, in samples.   shape: rows, columns of samples.   R_ic, t_ic: pose of the camera in i.
+    K : ndarray of shape (3, 3)
+        Camera matrix, in samples.
+    shape : tuple[int, int]
+        Rows and columns of samples.
+    R_ic, t_ic : ndarray of shape (3, 3), ndarray of shape (3,)
+        Pose of the camera in i, m.
     """
 
     K: Float[np.ndarray, "3 3"]
@@ -193,9 +207,9 @@ class View:
 def body_image(
     body: Appearance, R_ig: Float[np.ndarray, "3 3"], t_ig: Float[np.ndarray, " 3"], view: View
 ) -> tuple[Float[np.ndarray, "h w"], Float[np.ndarray, "h w"]]:
-    """Radiance and depth of each sample of the image.
+    """Radiance (1 is white in the sun) and depth (m, 0 where nothing is seen) of each sample of the image.
 
-    1 is white in the sun; m, 0 where nothing is; a body behind the camera is not seen.
+    A body behind the camera is not seen.
     """
     at_i = body.mesh.vertices @ R_ig.T + t_ig
     at_c = ((at_i - view.t_ic) @ view.R_ic)[body.mesh.triangles]
@@ -208,15 +222,11 @@ def body_image(
     radiance, depth = np.zeros(view.shape), np.zeros(view.shape)
     if seen.any():
         depth[seen] = 1 / surface.nearness[seen]
-        weights = _in_space(surface, nearness)
+        # Weights in the image plane over the depth of each corner are weights in space, up to their sum.
+        weights = surface.weights * nearness[surface.face[seen]]
+        weights /= weights.sum(axis=1, keepdims=True)
         radiance[seen] = _shaded(body, R_ig, t_ig, _Samples(surface.face[seen], weights), view)
     return radiance, depth
-
-
-def _in_space(surface: VisibleSurface, nearness: Float[np.ndarray, "f 3"]) -> Float[np.ndarray, "k 3"]:
-    """Barycentric weights in space of the samples, from those in the image plane."""
-    scaled = surface.weights * nearness[surface.face[surface.seen]]
-    return scaled / scaled.sum(axis=1, keepdims=True)
 
 
 class _Samples(NamedTuple):
@@ -255,10 +265,7 @@ def _shaded(
 def _shadowed(
     mesh: TriangleMesh, points: Float[np.ndarray, "k 3"], sun: Float[np.ndarray, " 3"]
 ) -> Bool[np.ndarray, " k"]:
-    """Whether surface points (frame g) are shadowed by the mesh.
-
-    They lie behind what a shadow map holds.
-    """
+    """Whether surface points (frame g) are shadowed: they lie behind the surface that a shadow map of the mesh holds."""
     across = np.linalg.svd(sun[None])[2][1:]
     frame = np.stack([across[0], np.cross(-sun, across[0]), -sun])  # rows: column, row, away from the sun
     radius = mesh.radius * 1.01

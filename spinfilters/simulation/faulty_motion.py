@@ -1,7 +1,4 @@
-"""A disturbed motion on a fine grid of time.
-
-From before the first epoch to behind the last.
-"""
+"""A disturbed motion on a fine grid of time, from before the first epoch to behind the last."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -35,10 +32,22 @@ class Physics:
 
     Attributes
     ----------
-    torque: rad/s^2, g axes.   acceleration: m/s^2, i axes.   drag: of the rotation, 1/rad.   air: of the path, 1/m.
-    loss: of energy, k in J w' = ... - k |h| (w less its part along h).   rotor: h inside, in units of J times rad/s.
-    hinge: (9,) what the inertia gains from begin to end, the body's own in the middle, relative to its largest entry.
-      begin, amid, end: (6,) rad/s^2 and m/s^2 while something touches the body.
+    torque : ndarray of shape (3,)
+        rad/s^2, g axes.
+    acceleration : ndarray of shape (3,)
+        m/s^2, i axes.
+    drag : float
+        Of the rotation, 1/rad.
+    air : float
+        Of the path, 1/m.
+    loss : float
+        Of energy, k in J w' = ... - k |h| (w less its part along h).
+    rotor : ndarray of shape (3,)
+        Angular momentum h inside, in units of J times rad/s.
+    hinge : ndarray of shape (9,)
+        What the inertia gains from begin to end, the body's own in the middle, relative to its largest entry.
+    begin, amid, end : ndarray of shape (6,)
+        rad/s^2 and m/s^2 while something touches the body.
     """
 
     torque: Vector = field(default_factory=lambda: np.zeros(3))
@@ -97,6 +106,7 @@ def faulty_motion(
     for k, now in enumerate(time):
         rates[k], velocities[k] = w, v
         share = float(np.clip(now / span, 0.0, 1.0))
+        # Rates by Runge-Kutta 4, and the rotation that its stages imply; noise kicks at the end of the step.
         k1 = physics.rate_change(J, w, share, span)
         k2 = physics.rate_change(J, w + h / 2 * k1, share, span)
         k3 = physics.rate_change(J, w + h / 2 * k2, share, span)

@@ -45,10 +45,7 @@ class Imaging:
 
 
 def ideal_matrix(camera: RawCamera, oversampling: int, margin: int) -> Float[np.ndarray, "3 3"]:
-    """K of the oversampled ideal image, ``margin`` px larger on all sides.
-
-    Without distortion; pixel centres are whole numbers.
-    """
+    """K of the oversampled image without distortion, ``margin`` px larger on all sides; pixel centres are whole numbers."""
     K = camera.camera_matrix * oversampling
     K[:2, 2] = (camera.camera_matrix[:2, 2] + margin + 0.5) * oversampling - 0.5
     K[2, 2] = 1.0
@@ -137,10 +134,7 @@ class SeenMotion:
     inspector: CameraTrajectory | None = None
 
     def poses(self) -> Iterator[tuple[FramePose, FramePose]]:
-        """Poses of g and of the raw left camera in i.
-
-        The origin of g is told by `Truth.center_of_mass_g`.
-        """
+        """Poses of g, whose origin follows from `Truth.center_of_mass_g`, and of the raw left camera, both in i."""
         truth = self.truth
         rotations = matrix_from_quaternion(truth.q_ig)
         offset = np.zeros(3) if truth.center_of_mass_g is None else truth.center_of_mass_g
@@ -159,7 +153,14 @@ class RenderedScene:
 
     Attributes
     ----------
-    body: as it looks.   rig: of raw cameras.   imaging: of both.   seed: of noise and stars.
+    body : Appearance
+        The body as it looks.
+    rig : RawRig
+        Of raw cameras.
+    imaging : Imaging
+        Of both cameras.
+    seed : int
+        Of noise and stars.
     """
 
     body: Appearance
@@ -178,10 +179,7 @@ class RenderedScene:
         return sky, generator.pareto(1.5, len(sky)) + 0.5
 
     def pair(self, body: FramePose, number: int, camera: FramePose = AT_REST) -> Pair:
-        """Left and right image by the poses of g and of the raw left camera.
-
-        The number chooses the noise.
-        """
+        """Left and right image by the poses of g and of the raw left camera; the number of the pair chooses the noise."""
         generator = np.random.default_rng([self.seed, 2, number])
         left, right = (
             self._image(each, body, self._view(each, camera), generator)
@@ -219,13 +217,20 @@ def write_sequence(
     description: str,
     progress: Callable[[int, int], None],
 ) -> None:
-    """Render a motion into a folder.
-
-    Images, calibration, truth, the inspector's poses and, last, dataset.toml.
+    """Write images, calibration, truth, the inspector's poses and, last, dataset.toml of a rendered motion.
 
     Parameters
     ----------
-    progress: called after every pair with how many are done, and of how many.
+    stage : RenderedScene
+        Body and cameras.
+    motion : SeenMotion
+        Of the body and of the left camera.
+    folder : Path
+        That exists.
+    description : str
+        For dataset.toml.
+    progress : Callable[[int, int], None]
+        Called after every pair with how many are done, and of how many.
     """
     stamps = np.round(motion.truth.time * NANOSECONDS).astype(np.int64).tolist()
     for camera in ("cam0", "cam1"):

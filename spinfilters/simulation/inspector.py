@@ -46,7 +46,7 @@ def limit_cycle(
     def extended(until: float) -> None:
         """Arcs up to a time, or as many as are drawn and one at whose edge an earlier one begins."""
         while start[-1] < until and (len(start) <= MOST_ARCS or place[-1] not in place[1:-1]):
-            duration, edge = _leaves(place[-1], velocity[-1], acceleration, band)
+            duration, edge = _exit_from_band(place[-1], velocity[-1], acceleration, band)
             start.append(start[-1] + duration)
             place.append(edge)
             velocity.append(-np.sign(edge) * pulse * (1 + SPREAD * float(strength.uniform(-1, 1))))
@@ -69,7 +69,7 @@ def limit_cycle(
     return at
 
 
-def _leaves(x: float, v: float, a: float, band: float) -> tuple[float, float]:
+def _exit_from_band(x: float, v: float, a: float, band: float) -> tuple[float, float]:
     """Time until a parabola leaves the band, and the edge where it does."""
     found = []
     for edge in (-band, band):
@@ -254,10 +254,6 @@ def _sparse(told: ToldPoses, size: float) -> ToldPoses:
     return replace(told, time=first + size * np.arange(steps + 1))
 
 
-def _missing(told: ToldPoses, size: float) -> None:
-    return None
-
-
 INSPECTOR_ERRORS: Final[Mapping[str, InspectorError]] = MappingProxyType(
     {
         "late": InspectorError("poses are stamped so many s late", _late, largest=MOST_LATE),
@@ -273,7 +269,9 @@ INSPECTOR_ERRORS: Final[Mapping[str, InspectorError]] = MappingProxyType(
             largest=FARTHEST,
         ),
         "sparse": InspectorError("a pose every so many s only", _sparse, smallest=1e-3, largest=SPARSEST),
-        "missing": InspectorError("no poses at all, as of a forgotten inspector.tum", _missing, largest=0.0),
+        "missing": InspectorError(
+            "no poses at all, as of a forgotten inspector.tum", lambda told, size: None, largest=0.0
+        ),
     }
 )
 """By name."""

@@ -254,7 +254,14 @@ class LidarSettings:
 
     Attributes
     ----------
-    duration: of a scan, s; its rays are fired evenly in it.   The others: see their classes.
+    pattern : RayPattern
+        Directions of the rays.
+    noise : LidarNoise
+        Of range and angles.
+    losses : Losses
+        Of returns.
+    duration : float
+        Of a scan, s; its rays are fired evenly in it.
     """
 
     pattern: RayPattern = field(default_factory=RayPattern)
@@ -307,10 +314,7 @@ class Scanner:
     def _hits(
         self, motion: BodyMotion, time: Float[np.ndarray, " n"], beams: Float[np.ndarray, "n 3"]
     ) -> tuple[RayHits, Float[np.ndarray, "n 3"]]:
-        """Hits, and normals in frame L of the triangles hit.
-
-        The rays are taken into the mesh's frame.
-        """
+        """Hits of the rays, traced in the mesh's frame, and normals in frame L of the triangles that they hit."""
         R, t = motion.poses(time)
         if np.ptp(time) == 0 and len(time):
             origins, directions = np.broadcast_to(-t[:1] @ R[0], t.shape), beams @ R[0]

@@ -28,8 +28,14 @@ class Initial:
 
     Attributes
     ----------
-    rotation: R_Lg.   translation: origin of g in L, m.   rate: about the principal axes in the order of ascending moments, rad/s.
-    velocity: of the centre of mass in L, m/s.
+    rotation : ndarray of shape (3, 3)
+        R_Lg.
+    translation : ndarray of shape (3,)
+        Origin of g in L, m.
+    rate : ndarray of shape (3,)
+        About the principal axes in the order of ascending moments, rad/s.
+    velocity : ndarray of shape (3,)
+        Of the centre of mass in L, m/s.
     """
 
     rotation: Float[np.ndarray, "3 3"]
@@ -56,10 +62,7 @@ def tumble_of(mesh: TriangleMesh, initial: Initial) -> TorqueFreeTumble:
 def scan_times(
     count: int, interval: float, duration: float
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Begin of every scan and the epoch of its pose, its middle.
-
-    InputError: scans that overlap.
-    """
+    """Begin of every scan, and its middle, the epoch of its pose. InputError: scans that overlap."""
     if duration > interval and count > 1:
         raise InputError(
             f"scans of {duration} s every {interval} s overlap; give a longer interval or faster scans"
@@ -128,7 +131,16 @@ class ScanPreset:
 
     Attributes
     ----------
-    rotation: z, y, x, deg (see `thesis_rotation`).   translation: m, frame L.   body: name of a built-in body.
+    body : str
+        Name of a built-in body.
+    pattern : RayPattern
+        Directions of the rays.
+    rotation : tuple[float, float, float]
+        z, y, x, deg (`thesis_rotation`).
+    translation : tuple[float, float, float]
+        Of the body, m, frame L.
+    noise : LidarNoise
+        Of range and angles.
     """
 
     body: str
@@ -175,10 +187,7 @@ def preset_of(name: str) -> ScanPreset:
 
 
 def spacecraft() -> TriangleMesh:
-    """A simplified spacecraft: box, two solar panels, cylindrical antenna.
-
-    The thesis' drawing has no legible dimension.
-    """
+    """Spacecraft of a box, two solar panels and a cylindrical antenna; the thesis' drawing has no legible dimension."""
     parts = [
         (box((3.0, 3.0, 5.0)), (0.0, 0.0, 0.0)),
         (box((0.1, 6.0, 2.5)), (0.0, 5.0, 0.0)),

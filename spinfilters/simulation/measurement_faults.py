@@ -1,15 +1,13 @@
 """Faults of measurements: gaps, outliers, gross errors, lost and confused landmarks, and correlated errors."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 from typing import Final
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinfilters.core.attitude_conversions import multiply, quaternion_from_rotation_vector
 from spinfilters.core.errors import InputError
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.measurement_log import MeasurementLog, MeasurementStream
@@ -35,10 +33,7 @@ def with_faults(dataset: Dataset, faults: Sequence[Fault], seed: int) -> Dataset
 
 @dataclass(frozen=True)
 class WrongAssociations(Fault):
-    """A ``fraction`` of each epoch's landmark rows exchange their landmarks.
-
-    Rounded; at least two, or none; in a ring.
-    """
+    """A ``fraction`` of each epoch's landmark rows, rounded, exchange their landmarks in a ring; at least two, or none."""
 
     fraction: float
 
@@ -105,10 +100,7 @@ class Dropout(Fault):
 
 @dataclass(frozen=True)
 class FrozenFrames(Fault):
-    """A sensor repeats epoch ``frame`` in the ``count`` epochs that follow.
-
-    0 is its first; under their own stamps.
-    """
+    """A sensor repeats epoch ``frame`` (0 is its first) in the ``count`` epochs that follow, under their own stamps."""
 
     frame: int
     count: int
@@ -221,26 +213,6 @@ MISSING: Final = "missing"
 KINDS: Final = ("outlier", "flipped", "turned", "identity", MISSING)
 TURNED: Final = (0.3, np.pi)
 """Least and largest angle of a pose that is turned, rad."""
-FLIPPED: Final[Mapping[str, Callable[[Float[np.ndarray, " v"]], Float[np.ndarray, " v"]]]] = MappingProxyType(
-    {
-        "gyro": np.negative,
-        "pose": lambda pose: np.append(-pose[:3], pose[3:]),
-        "stereo": lambda pixels: pixels[[2, 1, 0]],
-    }
-)
-"""Values with a sign wrong, by sensor: rates, a place, a disparity."""
-
-
-def _turned_pose(
-    pose: Float[np.ndarray, "7"], rotation_vector: Float[np.ndarray, "3"]
-) -> Float[np.ndarray, "7"]:
-    return np.append(pose[:3], multiply(pose[3:], quaternion_from_rotation_vector(rotation_vector)))
-
-
-TURNS: Final[
-    Mapping[str, Callable[[Float[np.ndarray, " v"], Float[np.ndarray, "3"]], Float[np.ndarray, " v"]]]
-] = MappingProxyType({"pose": _turned_pose})
-"""Values turned by a rotation vector, by sensor."""
 
 
 @dataclass(frozen=True)
@@ -249,9 +221,11 @@ class GrossError(Fault):
 
     Attributes
     ----------
-    kind: "outlier" (of the sensor's own distribution), "flipped" (a sign), "turned" (a pose), "identity" (two exchanged),
-        "missing" (the measurement that these are of is left out; an epoch that has no other goes too).
-    epoch: its number; negative ones count from the last.
+    kind : str
+        "outlier" (of the sensor's own distribution), "flipped" (a sign), "turned" (a pose), "identity" (two exchanged), "missing"
+        (the measurement that these are of is left out; an epoch that has no other goes too).
+    epoch : int
+        Its number; negative ones count from the last.
     """
 
     kind: str
@@ -285,15 +259,13 @@ class GrossError(Fault):
         self, dataset: Dataset, stream: MeasurementStream, row: int, generator: np.random.Generator
     ) -> Float[np.ndarray, " v"]:
         """Values in the place of a row's."""
-        right, sensor = stream.values[row], stream.sensor
+        right, sensor = stream.values[row], sensor_of(stream.sensor)
         if self.kind == "outlier":
-            return sensor_of(sensor).outliers(1, dataset.rig, generator)[0]
-        if self.kind == "flipped" and sensor in FLIPPED:
-            return FLIPPED[sensor](right)
-        if self.kind == "turned" and sensor in TURNS:
-            axis, angle = generator.standard_normal(3), generator.uniform(*TURNED)
-            return TURNS[sensor](right, angle * axis / np.linalg.norm(axis))
-        raise InputError(f"no measurement of {sensor} is {self.kind}; choose another gross error")
+            return sensor.outliers(1, dataset.rig, generator)[0]
+        if self.kind == "flipped":
+            return sensor.flipped(right)
+        axis, angle = generator.standard_normal(3), generator.uniform(*TURNED)
+        return sensor.turned(right, angle * axis / np.linalg.norm(axis))
 
 
 def _exchanged(
@@ -332,10 +304,7 @@ class NewIds(Fault):
 
 @dataclass(frozen=True)
 class FewAtFirst(Fault):
-    """Before ``end`` (s) only a ``fraction`` of the landmarks is seen.
-
-    Rounded; at least one.
-    """
+    """Before ``end`` (s) only a ``fraction`` of the landmarks, rounded, is seen; at least one."""
 
     fraction: float
     end: float
@@ -361,7 +330,10 @@ def gauss_markov(
 
     Parameters
     ----------
-    correlation: of every row, or of all; that of the first is not used.
+    white : ndarray of shape (n, k)
+        Of unit variance.
+    correlation : float or ndarray of shape (n,)
+        Of all rows, or of every row; that of the first is not used.
     """
     errors, kept = white.copy(), np.broadcast_to(correlation, len(white))
     for k in range(1, len(errors)):
@@ -372,11 +344,18 @@ def gauss_markov(
 def with_gauss_markov_errors(
     dataset: Dataset, std: Float[np.ndarray, " k"], correlation: float, generator: np.random.Generator
 ) -> Dataset:
-    """The data set whose first stream has such errors more, from epoch to epoch.
+    """The data set with Gauss-Markov errors added to its first stream.
 
     Parameters
     ----------
-    std: of rates rad/s (3), of poses m and rad (6), or of observations of landmarks px, each landmark having errors of its own.
+    dataset : Dataset
+        Of rates, poses or landmarks.
+    std : ndarray of shape (k,)
+        Of rates, rad/s (3), of poses, m and rad (6), or of observations of landmarks, px, each landmark having errors of its own.
+    correlation : float
+        From epoch to epoch.
+    generator : np.random.Generator
+        Of the errors.
     """
     stream = dataset.log.streams[0]
     white = generator.standard_normal((len(stream), len(std)))
@@ -386,13 +365,10 @@ def with_gauss_markov_errors(
         moved = StateLayout(("t", "a")).retract
         values = stream.values + errors if is_additive else moved(stream.values, errors)
         return with_stream(dataset, replace(stream, values=values))
-    errors, number = np.zeros_like(stream.values), _epoch_numbers(stream)
+    errors = np.zeros_like(stream.values)
+    number = np.searchsorted(stream.epoch_times, stream.time).astype(float)  # of the epoch of each row
     for landmark in np.unique(stream.ids):
         rows = np.flatnonzero(stream.ids == landmark)
         kept = correlation ** np.diff(number[rows], prepend=0).astype(float)
         errors[rows] = std * gauss_markov(white[rows], kept)
     return with_stream(dataset, replace(stream, values=stream.values + errors))
-
-
-def _epoch_numbers(stream: MeasurementStream) -> Float[np.ndarray, " n"]:
-    return np.searchsorted(stream.epoch_times, stream.time).astype(float)

@@ -43,8 +43,18 @@ class FaultyView:
 
     Attributes
     ----------
-    points: in the left camera at every row, m.   per_second: their velocities, m/s.   epoch: of every row.
-    calibration: (fx, fy, cx, cy px, baseline m).   generator: of what is drawn by image.
+    points : ndarray of shape (n, 3)
+        In the left camera at every row, m.
+    per_second : ndarray of shape (n, 3)
+        Their velocities, m/s.
+    epoch : ndarray of shape (n,)
+        Number of every row's epoch.
+    calibration : ndarray of shape (5,)
+        fx, fy, cx, cy px, baseline m.
+    size : float
+        Of the error.
+    generator : np.random.Generator
+        Of what is drawn by image.
     """
 
     points: Float[np.ndarray, "n 3"]
@@ -61,10 +71,22 @@ class ModelFault:
 
     Attributes
     ----------
-    name: of the alternative that describes it.   size: a plain one, in the unit of that.   kinds: of data sets that can have it.
-    physics: of `faulty_motion`, per unit.   late: of epochs, s per unit, from (time, generator).
-    seen: what a front end takes the true motion for, from (motion, size, generator).
-    pixels, rates: change of the measured values.   recording: what becomes of the data set, at a size.
+    name : str
+        Of the alternative that describes it.
+    size : float
+        A plain one, in the unit of that.
+    kinds : tuple[str, ...]
+        Of data sets that can have it.
+    physics : Mapping[str, ndarray or float]
+        Of `faulty_motion`, per unit.
+    late : Callable or None
+        Delay of epochs, s per unit, from (time, generator).
+    seen : Callable or None
+        What a front end takes the true motion for, from (motion, size, generator).
+    pixels, rates : Callable or None
+        Change of the measured values.
+    recording : Callable or None
+        The data set with the error, from the right one and the size.
     """
 
     name: str
@@ -113,7 +135,7 @@ def _projected(points: Pixels, calibration: Float[np.ndarray, " c"], k1: float =
     return np.stack([fx * x * left_by + cx, fy * y * left_by + cy, fx * right * right_by + cx], axis=1)
 
 
-def _changed(view: FaultyView, k1: float = 0.0, **by: float) -> Pixels:
+def _pixel_change(view: FaultyView, k1: float = 0.0, **by: float) -> Pixels:
     """Difference that another calibration makes."""
     other = view.calibration.copy()
     for name, value in by.items():
@@ -122,19 +144,19 @@ def _changed(view: FaultyView, k1: float = 0.0, **by: float) -> Pixels:
 
 
 def _focal(view: FaultyView) -> Pixels:
-    return _changed(view, fx=view.size * view.calibration[0], fy=view.size * view.calibration[1])
+    return _pixel_change(view, fx=view.size * view.calibration[0], fy=view.size * view.calibration[1])
 
 
 def _centre(view: FaultyView) -> Pixels:
-    return _changed(view, cx=view.size, cy=-view.size)
+    return _pixel_change(view, cx=view.size, cy=-view.size)
 
 
 def _distorted(view: FaultyView) -> Pixels:
-    return _changed(view, k1=view.size)
+    return _pixel_change(view, k1=view.size)
 
 
 def _baseline(view: FaultyView) -> Pixels:
-    return _changed(view, baseline=view.size * view.calibration[4])
+    return _pixel_change(view, baseline=view.size * view.calibration[4])
 
 
 def _late(view: FaultyView) -> Pixels:
@@ -154,7 +176,7 @@ def _shake(view: FaultyView) -> Pixels:
     return view.size * shift[view.epoch][:, [0, 1, 0]]
 
 
-def _unit(dataset: Dataset, size: float) -> Dataset:
+def _rescale_lengths(dataset: Dataset, size: float) -> Dataset:
     """Lengths ``size`` times too large: 1000 for mm that are read as m."""
     if dataset.rig is not None and dataset.rig.baseline_m:
         return replace(dataset, rig=replace(dataset.rig, baseline_m=size * dataset.rig.baseline_m))
@@ -171,7 +193,7 @@ CAMERA_FAULTS: Final = (
     ModelFault("principal-point", 5.0, ONLY, pixels=_centre),
     ModelFault("distortion", 0.1, ONLY, pixels=_distorted),
     ModelFault("baseline", 0.03, ONLY, pixels=_baseline),
-    ModelFault("length-unit", 1e3, (POSE, TRACKS), recording=_unit),
+    ModelFault("length-unit", 1e3, (POSE, TRACKS), recording=_rescale_lengths),
 )
 
 
@@ -183,11 +205,8 @@ def _drift(time: Float[np.ndarray, " k"], generator: np.random.Generator) -> Flo
     return 4 * ((time - time.mean()) / (time[-1] - time[0])) ** 2
 
 
-def _of_another_clock_unit(dataset: Dataset, size: float) -> Dataset:
-    """Stamps ``size`` times too large, of the truth too.
-
-    1000 for ms that are read as s. True rates and speeds stay.
-    """
+def _rescale_clock(dataset: Dataset, size: float) -> Dataset:
+    """Stamps ``size`` times too large, 1000 for ms that are read as s, of the truth too; true rates and speeds stay."""
     streams = tuple(replace(stream, time=stream.time * size) for stream in dataset.log.streams)
     truth = None if dataset.truth is None else replace(dataset.truth, time=size * dataset.truth.time)
     return replace(dataset, log=MeasurementLog(streams), truth=truth)
@@ -196,7 +215,7 @@ def _of_another_clock_unit(dataset: Dataset, size: float) -> Dataset:
 CLOCK_FAULTS: Final = (
     ModelFault("clock-jitter", 0.03, ALL, late=_jitter),
     ModelFault("clock-drift", 0.3, ALL, late=_drift),
-    ModelFault("clock-unit", 1e3, ALL, recording=_of_another_clock_unit),
+    ModelFault("clock-unit", 1e3, ALL, recording=_rescale_clock),
 )
 
 
@@ -243,10 +262,7 @@ def _misaligned(each: FaultyRates) -> Float[np.ndarray, "k 3"]:
 
 
 def _low_pass(each: FaultyRates) -> Float[np.ndarray, "k 3"]:
-    """First-order low-pass filter with its lag set back.
-
-    It passes half of the power at ``1 / sqrt(size)`` rad/s.
-    """
+    """First-order low-pass filter, half of the power at ``1 / sqrt(size)`` rad/s, with its lag set back."""
     tau, time, rates = float(np.sqrt(each.size)), each.fine.time, each.fine.block("w")
     out, share = rates.copy(), 1 - np.exp(-(time[1] - time[0]) / tau)
     for k in range(1, len(time)):
@@ -256,7 +272,7 @@ def _low_pass(each: FaultyRates) -> Float[np.ndarray, "k 3"]:
     return passed - each.rates
 
 
-def _in_degrees(dataset: Dataset, size: float) -> Dataset:
+def _rescale_rates(dataset: Dataset, size: float) -> Dataset:
     """Rates ``size`` times too large: 57.3 for degrees that are read as radians."""
     streams = tuple(replace(stream, values=stream.values * size) for stream in dataset.log.streams)
     return replace(dataset, log=MeasurementLog(streams))
@@ -268,7 +284,7 @@ GYRO_FAULTS: Final = (
     ModelFault("gyro-scale", 0.05, OF_GYROS, rates=_scale),
     ModelFault("gyro-misalignment", 0.05, OF_GYROS, rates=_misaligned),
     ModelFault("gyro-low-pass", 0.1, OF_GYROS, rates=_low_pass),
-    ModelFault("gyro-unit", float(np.degrees(1.0)), OF_GYROS, recording=_in_degrees),
+    ModelFault("gyro-unit", float(np.degrees(1.0)), OF_GYROS, recording=_rescale_rates),
 )
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 
 from spinfilters.core.errors import InputError
 from spinfilters.io.input_file import value_text
-from spinfilters.io.stated_values import LENGTH, RATE, SPEED, Argument, NumberRange
+from spinfilters.io.stated_values import LENGTH, RATE, SPEED, Argument, NumberRange, StudyKey
 
 if TYPE_CHECKING:
     import numpy as np
@@ -44,25 +44,6 @@ Moments = tuple[Annotated[float, MOMENT], Annotated[float, MOMENT], Annotated[fl
 Place = tuple[Annotated[float, LENGTH], Annotated[float, LENGTH], Annotated[float, LENGTH]]
 Velocity = tuple[Annotated[float, SPEED], Annotated[float, SPEED], Annotated[float, SPEED]]
 Bias = tuple[Annotated[float, RATE], Annotated[float, RATE], Annotated[float, RATE]]
-
-
-@dataclass(frozen=True)
-class StudyKey:
-    """Place of a field in a study file.
-
-    Attributes
-    ----------
-    table : str
-        Factor whose tables have it.
-    key : str
-        Empty for the name of the field.
-    allowed : NumberRange or None
-        Range of its number there; None of several numbers, whose type has it, and of words.
-    """
-
-    table: str
-    key: str = ""
-    allowed: NumberRange | None = None
 
 
 def _recognition() -> "Recognition":
@@ -115,6 +96,8 @@ class Scenario:
         Of the simulated front end (`spinfilters.models.feature_tracks.FrontEnd`).
     pixel_std, position_std, rotation_std, gyro_std : float
         Standard deviations of the sensors' white noise: px, m, rad, rad/s.
+    sensor_noise : tuple[tuple[str, float], ...]
+        Option and true value of noise options (`spinfilters.io.sensor_format.noise_options`) that differ from these.
     gyro_bias : tuple[float, float, float]
         Constant error of the gyro's rates, g axes, rad/s.
     noise : ProcessNoise
@@ -178,6 +161,7 @@ class Scenario:
     position_std: Annotated[float, StudyKey("noise", "position_std_m", STD)] = 0.005
     rotation_std: Annotated[float, StudyKey("noise", "rotation_std_rad", STD)] = 0.01
     gyro_std: Annotated[float, StudyKey("noise", "gyro_std_rad_s", STD)] = 0.002
+    sensor_noise: tuple[tuple[str, float], ...] = ()
     gyro_bias: Annotated[
         Bias,
         GYRO_BIAS,
@@ -219,6 +203,8 @@ class Scenario:
     seed: Annotated[int, SEED, Argument("of everything random")] = 0
 
     def __post_init__(self) -> None:
+        from spinfilters.io.sensor_format import SensorNoise
+
         self._require_kinds()
         if self.epochs < 2 or not self.interval > 0:
             raise InputError(
@@ -228,7 +214,7 @@ class Scenario:
             raise InputError(
                 f"landmarks {self.landmarks} must be at least 4 and candidates {self.candidates} at least 1"
             )
-        _ = self.front_end
+        _ = self.front_end, SensorNoise(dict(self.sensor_noise))  # refuses what no sensor has
         self._require_inspector()
         if not self.range_m > self.radius_m > 0:
             raise InputError(
@@ -328,13 +314,38 @@ class Scenario:
         more = {kind: step * np.arange(counts[kind]) for kind, step in self.beside}
         return {kind: np.round(time, _DECIMALS) for kind, time in {self.kind: own, **more}.items()}
 
+    def level(self, option: str) -> float:
+        """True value of a noise option: its own, that of the level it shares with others, or its default.
+
+        Raises
+        ------
+        InputError
+            An option that no sensor has.
+        """
+        from spinfilters.io.sensor_format import noise_options
+
+        own = dict(self.sensor_noise)
+        if option in own:
+            return own[option]
+        known = noise_options()
+        if option not in known:
+            raise InputError(f"sensor noise {option} is unknown; use {', '.join(known)}")
+        chosen = known[option]
+        if chosen.scene_level:
+            return float(getattr(self, chosen.scene_level))
+        return chosen.default if chosen.simulated is None else chosen.simulated
+
     @property
     def front_end(self) -> "FrontEnd":
         """The simulated front end."""
         from spinfilters.models.feature_tracks import FrontEnd
 
         return FrontEnd(
-            self.pixel_std, self.detection, self.facing_cosine, self.recognition, self.fewest_observations
+            self.level("pixel_std"),
+            self.detection,
+            self.facing_cosine,
+            self.recognition,
+            self.fewest_observations,
         )
 
     def require_slow(self) -> None:

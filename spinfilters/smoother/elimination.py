@@ -132,12 +132,14 @@ class Eliminated:
         return step
 
     def _points_step(self, poses: Float[np.ndarray, "k 6"]) -> Float[np.ndarray, "L 3"]:
+        # Right-hand side of each landmark less what the poses take: gradient_l - sum of Y_n dx over its observations n.
         rest = self.gradient.copy()
         np.subtract.at(
             rest,
             self.observations.landmark,
             np.einsum("nab,nb->na", self.coupling, poses[self.observations.epoch]),
         )
+        # Back-substitution of the 3 x 3 blocks: L_l' dp_l = rest_l.
         step = np.zeros_like(rest)
         step[self.is_constrained] = _solved(
             np.swapaxes(self.information_sqrt[self.is_constrained], 1, 2), rest[self.is_constrained]
@@ -239,9 +241,11 @@ def _constrained(
     """Well-constrained landmarks, observations that count, and square-root information (I of all other landmarks)."""
     L, landmark = observations.landmarks, observations.landmark
     by_point = np.where((weight > 0)[:, None, None], linear.rows[:, :, POSE:-1], 0.0)
+    # Information of each landmark alone: sum of w J_p' J_p over its observations.
     information = np.zeros((L, 3, 3))
     np.add.at(information, landmark, weight[:, None, None] * by_point.swapaxes(1, 2) @ by_point)
     hits = np.bincount(landmark[weight > 0], minlength=L)
+    # Determinant over the product of the diagonal, in [0, 1]: 0 where one direction, the depth, is open.
     diagonal = np.einsum("kii->ki", information)
     with np.errstate(invalid="ignore", divide="ignore"):
         shape = np.linalg.det(information) / diagonal.prod(axis=1)
@@ -329,6 +333,7 @@ class VelocityElimination:
     def back(self, separator_step: Float[np.ndarray, " r"]) -> Float[np.ndarray, "k v"]:
         """Eliminated errors by back-substitution of the separator's solution."""
         width, library = self.coupling.shape[2], kernels()
+        # What the separator leaves to each epoch: y_k - X_k dx.
         right = self.coupling[:, :, -1] - self.coupling[:, :, : width - 1] @ separator_step
         if library is None:
             return self._back(right)
@@ -336,6 +341,7 @@ class VelocityElimination:
         return right
 
     def _back(self, right: Float[np.ndarray, "k v"]) -> Float[np.ndarray, "k v"]:
+        # From the last epoch on, L_k' dv_k = right_k - F_k dv_k+1.
         for k in range(len(right) - 1, -1, -1):
             if k + 1 < len(right):
                 right[k] -= self.next[k] @ right[k + 1]
@@ -379,9 +385,11 @@ def eliminate_velocities(
 def _eliminated(D: np.ndarray, E: np.ndarray, G: np.ndarray) -> int:
     """`eliminate_velocities` for machines without a compiler, in place."""
     for k in range(len(D)):
+        # Schur complement of the epoch before: D_k - F_k-1' F_k-1, and its coupling to what remains G_k - F_k-1' X_k-1.
         if k:
             D[k] -= E[k - 1].T @ E[k - 1]
             G[k] -= E[k - 1].T @ G[k - 1]
+        # L_k L_k' = D_k, then X_k = L_k^-1 G_k and F_k = L_k^-1 E_k in the places of G_k and E_k.
         try:
             D[k] = np.linalg.cholesky(D[k])
         except np.linalg.LinAlgError:

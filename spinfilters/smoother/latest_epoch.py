@@ -10,8 +10,9 @@ from spinfilters.core.absolute_orientation import absolute_orientation, rigid_mo
 from spinfilters.core.attitude_conversions import matrix_from_quaternion, quaternion_from_matrix
 from spinfilters.core.errors import InputError
 from spinfilters.smoother.landmark_factors import OBSERVATIONS_NEEDED, linearise_observations, reinitialised
-from spinfilters.smoother.losses import RobustLoss
+from spinfilters.smoother.losses import RobustLoss, UngatedRows
 from spinfilters.smoother.problem import LinearizationPoint, LinearProblem, NormalEquations, Problem, Stage
+from spinfilters.smoother.solver import ConstantSchedule, SolverOptions, solve
 from spinfilters.smoother.window import Window
 
 POOR_GUESS_SHARE = 0.3
@@ -65,6 +66,33 @@ def observation_weights(
         order = np.argsort(window.seen.landmark[first:last], kind="stable")
         weight[order] = fit.weight[fit.observations.epoch == epoch]
     return [weight[begin - first : end - first] for begin, end in pairwise(ends)]
+
+
+JOINING_ITERATIONS = 10
+"""From a prediction to where few observations put the state: a body that moves nearly freely is never far from it."""
+
+
+def with_few_joined(
+    problem: Problem, here: LinearizationPoint, loss: RobustLoss
+) -> LinearizationPoint | None:
+    """Point at which the few observations of the latest epoch fit; None where they are likelier to be wrong.
+
+    The loss refuses an observation by its distance from the predicted state in standard deviations of the observation alone. Behind
+    a gap, or where few landmarks are in view, the prediction is less certain than that, and good observations are refused together.
+    A pose by consensus needs more of them. The motion is therefore fitted with them ungated, and stays where the robust cost of
+    everything is lower there than where they are refused: an error of gross size bends the motion or stays beyond the gate, and
+    costs more.
+    """
+    observations = problem.observations
+    if observations is None or len(_matches(problem, here.trajectory, here.points).seen) >= FEWEST:
+        return None
+    is_latest = observations.epoch == problem.ordering.epochs - 1
+    options = SolverOptions(iterations=JOINING_ITERATIONS)
+    refused = solve(problem, here, options, ConstantSchedule(loss)).point
+    fitted = solve(problem, here, options, ConstantSchedule(UngatedRows(loss, is_latest))).point
+    joined = solve(problem, fitted, options, ConstantSchedule(loss)).point
+    stage = Stage(loss)
+    return joined if joined.robust_cost(stage) < refused.robust_cost(stage) else None
 
 
 AGREEMENT, ROUGH_AGREEMENT = 5.0, 15.0

@@ -406,6 +406,7 @@ class Marginals:
         blocks = bsr_array(
             (e.coupling[pick], e.observations.epoch[pick], index), shape=(3 * len(landmarks), size)
         )
+        # dp = L^-T (own - Y dx): Y over the poses of each landmark's observations, dx over the separator's noise.
         pull = (blocks @ self.information_sqrt[:size]).reshape(len(landmarks), 3, -1)
         return -np.linalg.solve(out, pull), np.linalg.inv(out)
 
@@ -442,6 +443,7 @@ def _follow_chain(L: np.ndarray, F: np.ndarray, X: np.ndarray, follow: np.ndarra
     K, v, _ = X.shape
     after, after_own, unit = np.zeros_like(follow[0]), np.zeros((v, v)), np.eye(v)
     inverses = np.linalg.inv(L).swapaxes(1, 2)
+    # dv_k = L_k^-T (n_k - X_k dx - F_k dv_k+1): A_k = -L_k^-T (X_k + F_k A_k+1) over the separator, own noise n_k and F_k own_k+1.
     for k in range(K - 1, -1, -1):
         out, pull, noise = inverses[k], X[k, :, :-1], unit
         if k + 1 < K:
@@ -467,6 +469,7 @@ def latest_factor(solution: SchurSystem) -> Float[np.ndarray, "n n"]:
     """
     ordering, tridiagonal = solution.ordering, solution.tridiagonal
     p, v = len(ordering.pose), len(ordering.tridiagonal)
+    # Corner of the inverse root from the first pose on that the last velocity feels, and L^-T of that velocity.
     first = int(tridiagonal.begin[-1]) * p
     corner = (
         np.triu(dtrtri(solution.information_sqrt[first:, first:].T, lower=0)[0])
@@ -474,6 +477,7 @@ def latest_factor(solution: SchurSystem) -> Float[np.ndarray, "n n"]:
         else solution.information_sqrt
     )
     out = np.linalg.inv(tridiagonal.information_sqrts[-1]).T
+    # Rows of the last pose, the constants and the chain over the corner's noise; the chain has v numbers of its own.
     rows = np.zeros((ordering.layout.error_dim, len(corner) + v))
     last = (ordering.epochs - 1) * p - first
     rows[ordering.pose, : len(corner)] = corner[last : last + p]

@@ -162,6 +162,30 @@ class Gate(RobustLoss):
 
 
 @dataclass(frozen=True)
+class UngatedRows(RobustLoss):
+    """Least squares of some residuals, another loss of the rest.
+
+    Attributes
+    ----------
+    loss : RobustLoss
+        Loss of the rest.
+    rows : ndarray of bool, shape (N,)
+        Residuals that are squared.
+    """
+
+    loss: RobustLoss
+    rows: np.ndarray
+
+    def cost(self, square: Squares) -> Squares:
+        """s of the chosen residuals, the loss of the rest."""
+        return np.where(self.rows & np.isfinite(square), square, self.loss.cost(square))
+
+    def weight(self, square: Squares) -> Squares:
+        """1 of the chosen residuals where s is finite, the weight of the rest."""
+        return np.where(self.rows & np.isfinite(square), 1.0, self.loss.weight(square))
+
+
+@dataclass(frozen=True)
 class Graduated(RobustLoss):
     """Geman-McClure's loss by graduated non-convexity, reached from least squares (Yang et al. 2020).
 

@@ -168,6 +168,7 @@ def landmark_rows(
     weight = np.where(landmarks[fit.observations.landmark] & fit.used, fit.weight, 0.0)
     size = epochs * POSE
     part = eliminate(fit.observations, linear, weight, size, epochs)
+    # Root of the scaled information with pivots: P' A P = R' R of rank r, and y = R^-T P' b by forward substitution.
     scale = np.sqrt(np.maximum(np.diagonal(part.information), 0.0))
     scale[scale == 0] = 1.0
     lower, pivots, rank, _ = dpstrf((part.information[:-1] / scale / scale[:, None]).T)
@@ -178,6 +179,7 @@ def landmark_rows(
         if rank
         else np.zeros(0)
     )
+    # Back to the poses' order and units; below it what is left of the squared innovations, |y_0|^2 - |L^-1 g|^2 - |y|^2.
     rows = np.zeros((rank + 1, size + 1))
     rows[:rank, order] = root
     rows[:, :-1] *= scale
@@ -245,10 +247,12 @@ def _at_first_estimates(
         Columns between those of a carried quadratic and the right-hand side, of errors whose first estimate is that of now.
     """
     result, p, last = rows.copy(), len(ordering.pose), rows.shape[1] - 1 - more
+    # Columns of the first pose take up the change of the gauge: (J + D) N_then = J N_now, with D in those p columns alone.
     if p:
         now, then = gauge_columns(ordering, here), gauge_columns(ordering, first)
         change = rows[:, :last] @ (now - then)
         result[:, :p] += np.linalg.solve(then[:p].T, change.T).T
+    # The right-hand side refers to the first estimates: y + J (here [-] first).
     away = column_errors(ordering, ordering.layout.local(first, here))
     result[:, -1] += result[:, :last] @ away
     return result
@@ -288,6 +292,7 @@ def _triangular(
     order, width = elimination_order(ordering, removed), new.shape[1]
     root = np.zeros((width, width), order="F")
     if old is not None:
+        # Columns of the old root in the place that they have in the new order of elimination.
         place = np.empty(width, dtype=int)
         place[order] = np.arange(width)
         to = place[columns_of(old.ordering, ordering)][elimination_order(old.ordering, 0)[:-1]]
@@ -296,6 +301,7 @@ def _triangular(
         root[to, -1] = old.right
     if not len(new):
         return root
+    # QR of [root; rows], of which the root is a triangle already.
     rows = np.asfortranarray(new[:, order])
     block = NARROW if width < WIDE_ENOUGH else WIDE
     turned, *_ = dtpqrt(0, block, root, rows, overwrite_a=1, overwrite_b=1)

@@ -12,7 +12,13 @@ from spinfilters.filters.shared_modes import LandmarkOptions
 from spinfilters.filters.timeline import Epoch, Timeline
 from spinfilters.models.state_layout import Gaussian, StateLayout
 from spinfilters.models.status import EstimatorStatus, Finding
-from spinfilters.smoother.latest_epoch import is_poor_guess, latest_pose, linear_problem, observation_weights
+from spinfilters.smoother.latest_epoch import (
+    is_poor_guess,
+    latest_pose,
+    linear_problem,
+    observation_weights,
+    with_few_joined,
+)
 from spinfilters.smoother.linear_system import Marginals, joint_belief, latest_factor
 from spinfilters.smoother.losses import Gate, RobustLoss
 from spinfilters.smoother.marginalization import without_landmarks, without_oldest
@@ -418,9 +424,10 @@ class SlidingSmoother:
         if not is_poor_guess(problem, here, loss):
             return here
         pose = latest_pose(problem, here.trajectory, here.points)
-        self.state.poor_guess = pose is None
         if pose is None:
-            return here
+            joined = with_few_joined(problem, here, loss)
+            self.state.poor_guess = joined is None
+            return here if joined is None else joined
         self.window = self.window.latest_at(pose)
         return problem.at(self.window.trajectory, self.window.points)
 

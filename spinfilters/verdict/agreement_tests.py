@@ -181,6 +181,11 @@ FEWEST_EPOCHS = 10
 """With less the evidence, at three numbers an epoch, says nothing of the motion."""
 
 
+def finished_history(histories: Sequence[EstimateHistory]) -> EstimateHistory | None:
+    """The first history that has not failed; None without any."""
+    return next((each for each in histories if each.status.verdict is not Verdict.FAILED), None)
+
+
 def reference_smoother(
     histories: list[EstimateHistory], setup: Setup, settings: Settings
 ) -> EstimateHistory | None:
@@ -189,9 +194,9 @@ def reference_smoother(
     One of these histories, or made where what they begin from is vague.
     None where it has failed, or where it would have to be made with landmarks.
     """
-    for history in histories:
-        if history.status.verdict is not Verdict.FAILED:
-            return history
+    finished = finished_history(histories)
+    if finished is not None:
+        return finished
     vague = setup.initial.departure > LARGEST_DEPARTURE or not moments_std_of(setup.initial) <= DETERMINED_STD
     vague |= setup.is_given and is_bent(setup.initial.belief)
     if histories or not vague or setup.initial.has_landmarks:

@@ -70,17 +70,13 @@ def calibration_columns(motion: SmoothedMotion, parameter: ConsiderParameter) ->
     if parameter.of_clock:
         return motion.longer()
     if parameter.displaced is not None:
-        return _of_inspector(motion, parameter.displaced, parameter.size)
+        camera = KnownCamera.of(motion)
+        if camera is None:
+            return motion.rows.nothing(parameter.size)
+        # were the poses displaced, what is expected then would be subtracted
+        return displaced_camera(motion, parameter.displaced, camera).scaled(-1.0)
     found = motion.shifted(lambda each: each.by_calibration(parameter))
     return motion.rows.nothing(parameter.size) if found is None else found
-
-
-def _of_inspector(motion: SmoothedMotion, displaced: Displaced, size: int) -> Columns:
-    """Were the poses displaced: what is expected then is subtracted."""
-    camera = KnownCamera.of(motion)
-    if camera is None:
-        return motion.rows.nothing(size)
-    return displaced_camera(motion, displaced, camera).scaled(-1.0)
 
 
 UNKNOWN: Final = (

@@ -204,7 +204,7 @@ def moments_undetermined(evidence: Evidence) -> Iterator[Failure]:
 
 
 def moment_may_be_zero(evidence: Evidence) -> Iterator[Failure]:
-    """A smallest moment that its standard deviation does not tell from zero."""
+    """A smallest moment that its standard deviation does not distinguish from zero."""
     body = evidence.evaluation.body
     smallest, std = float(body.principal_moments[0]), float(body.principal_moments_std[0])
     known = float(np.max(body.principal_moments_std)) <= LARGEST_MOMENT_STD

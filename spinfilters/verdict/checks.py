@@ -214,6 +214,11 @@ CHECKS: Final[tuple[Check, ...]] = (
         "errors of the models could not be looked for ({text})", "check the data set and its noise",
     ),
     Check(
+        "smoothed-checks-left-out", ALL, Needs.ESTIMATE, "Were the models and the noise tested about the smoothed motion?", CERTAIN,
+        "errors of models and noise were looked for in the filters' own epochs alone, as verdict = \"filter\" asks",
+        "judge by all checks (--verdict full)",
+    ),
+    Check(
         "model-error", ALL, Needs.RESIDUALS,
         "Score test of each error of the list about the smoothed motion; those are named that matter to an estimate",
         "1 % of recordings for all errors together, 0.2 % for one that moves a state by 4 deviations; "

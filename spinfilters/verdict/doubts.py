@@ -17,15 +17,20 @@ from spinfilters.inference.smoother_run import NAME as SMOOTHER
 from spinfilters.models.sensor_registry import sensor_of
 from spinfilters.models.state_blocks import CENTRE_OF_MASS
 from spinfilters.models.status import Finding, Verdict
-from spinfilters.settings.run_settings import Settings
-from spinfilters.verdict.agreement_tests import agreement_diagnostics, motion_diagnostics, reference_smoother
+from spinfilters.settings.run_settings import FILTER, Settings
+from spinfilters.verdict.agreement_tests import (
+    agreement_diagnostics,
+    finished_history,
+    motion_diagnostics,
+    reference_smoother,
+)
 from spinfilters.verdict.check import LARGEST_MOMENT_STD, LEFT_OUT, Evidence, rejected_share
 from spinfilters.verdict.checks import MOST_MOMENTUM, finding
 from spinfilters.verdict.flywheel_refit import with_flywheel_refit
 from spinfilters.verdict.judge import judge
 from spinfilters.verdict.model_tests import tested_epochs, tested_history, tested_models
 from spinfilters.verdict.noise_diagnostics import filter_noise_diagnostics, stated_level_diagnostics
-from spinfilters.verdict.recording_tests import front_end_slips, pose_findings
+from spinfilters.verdict.recording_tests import front_end_slips, pose_findings, wrong_units
 from spinfilters.verdict.tested_models import NOT_TESTED, TestedModels, model_findings
 from spinfilters.verdict.unstated_calibration import enlargements
 
@@ -105,7 +110,9 @@ class Doubts:
 
     @cached_property
     def of_levels(self) -> list[Finding]:
-        """Doubts about stated levels of noise."""
+        """Doubts about stated levels of noise; none where the smoothing problem is not asked."""
+        if self.settings.verdict == FILTER:
+            return []
         own = [each.history for each in self.evaluations if each.name not in self.baselines]
         first = [] if self.smoother is None else [self.smoother]
         return stated_level_diagnostics(self.setup, self.settings, [*first, *own])
@@ -151,22 +158,23 @@ def doubts_of(
         own = filter_diagnostics(setup)
         return Doubts(setup, settings, evaluations, shared, own, reference, baselines=baselines)
     smoothers = [each.history for each in evaluations if each.name == SMOOTHER]
-    models = _explained(setup, settings, evaluations)
-    return Doubts(
-        setup,
-        settings,
-        evaluations,
-        [
-            *shared_diagnostics(setup),
-            *motion_diagnostics(setup, settings),
-            *model_findings(models, tested_history(setup, evaluations)),
-            *measurement_findings(smoothers, evaluations),
-        ],
-        filter_diagnostics(setup),
-        reference_smoother(smoothers, setup, settings),
-        models,
-        baselines,
-    )
+    shared = [*shared_diagnostics(setup), *motion_diagnostics(setup, settings)]
+    if settings.verdict == FILTER:
+        models = models_of_recording(setup)
+        tested, reference = None, finished_history(smoothers)
+        shared.append(finding("smoothed-checks-left-out", {}))
+    else:
+        models = _explained(setup, settings, evaluations)
+        tested, reference = tested_history(setup, evaluations), reference_smoother(smoothers, setup, settings)
+    shared += [*model_findings(models, tested), *measurement_findings(smoothers, evaluations)]
+    own = filter_diagnostics(setup)
+    return Doubts(setup, settings, evaluations, shared, own, reference, models, baselines)
+
+
+def models_of_recording(setup: Setup) -> TestedModels:
+    """Errors that the recording shows by itself, without a smoothed motion: wrong units, and slips of front ends."""
+    slips = front_end_slips(setup, with_fits=False)
+    return replace(NOT_TESTED, units=tuple(wrong_units(setup.dataset)), slips=slips)
 
 
 def _explained(setup: Setup, settings: Settings, evaluations: Sequence[Evaluation]) -> TestedModels:

@@ -79,9 +79,8 @@ def determined_quantities(evidence: Evidence) -> frozenset[str]:
     }
     if motion.sees_position:
         found[POSITION] = _typical(motion.std_position) < LARGEST_SHARE * reached
-        found[VELOCITY] = velocity_std * duration < LARGEST_SHARE * max(
-            reached, _length(motion.velocity, duration)
-        )
+        length = float(np.median(np.linalg.norm(motion.velocity, axis=1))) * duration
+        found[VELOCITY] = velocity_std * duration < LARGEST_SHARE * max(reached, length)
     if body.center_of_mass_std is not None:
         found[CENTRE] = float(np.max(body.center_of_mass_std)) < LARGEST_SHARE * evidence.centre_prior_std
     return frozenset(name for name, known in found.items() if known) & ALL
@@ -113,10 +112,6 @@ def _typical(std: Float[np.ndarray, "n 3"]) -> float:
     """Median over the epochs of the largest component; infinite where it is not finite."""
     value = float(np.median(std.max(axis=1)))
     return value if np.isfinite(value) else float("inf")
-
-
-def _length(velocity: Float[np.ndarray, "n 3"], duration: float) -> float:
-    return float(np.median(np.linalg.norm(velocity, axis=1))) * duration
 
 
 def judge(evidence: Evidence) -> EstimatorStatus:
@@ -158,11 +153,7 @@ def findings_of(evidence: Evidence) -> Iterator[Finding]:
         yield from (_with_cure(each) for each in evidence.found if base_name(each.check) == check.name)
         if check.test is not None and check.needs in evidence.present:
             yield from (check.finding(each.numbers, each.about) for each in check.test(evidence))
-    yield from _unlisted(evidence.found)
-
-
-def _unlisted(found: Sequence[Finding]) -> Iterator[Finding]:
-    return (each for each in found if base_name(each.check) not in BY_NAME)
+    yield from (each for each in evidence.found if base_name(each.check) not in BY_NAME)
 
 
 def _with_cure(found: Finding) -> Finding:

@@ -180,14 +180,11 @@ def _tested(
     stated = among_inliers(problem, identified)
     if stated is not None and is_settled(stated):
         beside = score_tests(SmoothedMotion(time, stated), noise_of(model, stated, told), every)
-        found = likelier(found, beside, _advantage(identified, stated))
+        # fall of -2 ln likelihood from the stated levels to the identified ones
+        advantage = minus_twice_log_likelihood(stated) - minus_twice_log_likelihood(identified)
+        found = likelier(found, beside, max(advantage, 0.0))
     inflation = np.inf if told.counts_common_errors else None
     return TestedModels(tuple(found), contradicted, solved=near, score_inflation=inflation)
-
-
-def _advantage(one: LinearRows, other: LinearRows) -> float:
-    """Fall of -2 ln likelihood from another solved problem to one, at least 0."""
-    return max(minus_twice_log_likelihood(other) - minus_twice_log_likelihood(one), 0.0)
 
 
 def _correlation(setup: Setup) -> dict[str, float]:

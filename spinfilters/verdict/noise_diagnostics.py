@@ -49,31 +49,32 @@ def filter_noise_diagnostics(history: EstimateHistory, setup: Setup, settings: S
         return []
     with np.errstate(all="ignore"):
         try:
-            found = filter_tests(without_calibration(history), setup.process, _tested_epochs(setup))
+            # of levels that were identified only the epochs before the filter learns them further
+            epochs = CYCLE - BLOCK if setup.identified else MOST_EPOCHS
+            found = filter_tests(without_calibration(history), setup.process, epochs)
         except NUMERICAL_ERRORS as error:
             return [untested(error)]
     tests = {DENSITY_OF.get(name, name): test for name, test in found.noise.items()}
     measurements = tests.get(MEASUREMENTS)
     if measurements is not None and _is_identified(setup):
         tests |= {name: tests[name].beside(measurements) for name in tests.keys() & DISTURBANCES}
-    correlated = _of_whiteness(found, setup)
+    correlated = _whiteness_findings(found, setup)
     if correlated:  # which white noise of the measurements is not, whatever its size
         tests.pop(MEASUREMENTS, None)
     return [*noise_doubts(tests, setup), *correlated]
 
 
 def noise_doubts(tests: Mapping[str, NoiseTest], setup: Setup) -> list[Finding]:
-    """A finding about the level that the data contradict most.
+    """A finding about the level that the data contradict most; one that is wrong shows in the tests of the others.
 
-    One that is wrong shows in the tests of the others.
-    A level that nobody states may be too large, which its identification means it to be.
+    An unspecified level may be too large, as its identification means it to be.
     """
     for name, test in sorted(tests.items(), key=lambda item: -abs(item[1].score)):
         told = name not in setup.unstated if name in DISTURBANCES else not _is_identified(setup)
         large = test.score > LARGEST_SCORE and test.ratio > LARGEST_RATIO
         small = told and test.score < -LARGEST_SCORE and test.ratio < 1 / LARGEST_RATIO
         if large or small:
-            return [_finding(name, test, told)]
+            return [_level_finding(name, test, told)]
     return []
 
 
@@ -88,12 +89,7 @@ def _is_identified(setup: Setup) -> bool:
     return setup.gyro_noise is not None or bool(options & setup.unstated)
 
 
-def _tested_epochs(setup: Setup) -> int:
-    """Epochs of a filter that are tested: of identified levels those before it learns them further."""
-    return CYCLE - BLOCK if setup.identified else MOST_EPOCHS
-
-
-def _finding(name: str, test: NoiseTest, told: bool) -> Finding:
+def _level_finding(name: str, test: NoiseTest, told: bool) -> Finding:
     numbers = {
         "times": float(np.sqrt(test.ratio)),
         "ratio": test.ratio,
@@ -110,7 +106,7 @@ def _finding(name: str, test: NoiseTest, told: bool) -> Finding:
     return finding("filter-noise", numbers | {"name": which, "cure": cure})
 
 
-def _of_whiteness(found: FilterTests, setup: Setup) -> list[Finding]:
+def _whiteness_findings(found: FilterTests, setup: Setup) -> list[Finding]:
     """Findings about corrections that are not white; none for a gyro whose noise was identified as correlated."""
     if setup.gyro_noise is not None:
         return []
@@ -132,10 +128,9 @@ LARGEST_LEVEL_RATIO: Final = 1.5
 def stated_level_diagnostics(
     setup: Setup, settings: Settings, histories: Sequence[EstimateHistory]
 ) -> list[Finding]:
-    """A finding about the level that the data contradict most.
+    """A finding about the level that the data contradict most; one that is wrong shows in the tests of the others.
 
-    One that is wrong shows in the tests of the others.
-    A level that nobody states may be too large, which its identification means it to be.
+    An unspecified level may be too large, as its identification means it to be.
 
     Parameters
     ----------
@@ -230,8 +225,8 @@ class _Levels:
 
         Such rows are too small only where they are so with it, and never too large: they hold errors of the map, which all
         poses share, and directions that a scan does not determine; residuals show neither.
-        Poses share the errors of a map, which residuals show as far as the view changes: how much nobody knows. Those of images
-        are slow.
+        Poses share the errors of a map, which residuals show as far as the view changes, an unknown amount. Those of images are
+        slow.
         """
         tests, inflated = level_tests(self.model, self.trajectory, self.points), self._of_poses
         if not inflated:

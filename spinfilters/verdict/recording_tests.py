@@ -133,7 +133,8 @@ def slipped_steps(
     rates = _rotation_vectors(steps) / dt[:, None]
     expected = _medians_of_neighbours(rates) * dt[:, None]
     turned = np.linalg.norm(expected, axis=1)
-    departure = np.linalg.norm(_rotation_vectors(_rotations(-expected) @ steps), axis=1)
+    back = matrix_from_quaternion(quaternion_from_rotation_vector(-expected))
+    departure = np.linalg.norm(_rotation_vectors(back @ steps), axis=1)
     typical = float(np.median(departure))
     told = turned < LARGEST_TURN
     if typical > LARGEST_DEPARTURE or not np.median(told) > 0:
@@ -161,10 +162,6 @@ def _without_gross_errors(found: Sequence[int]) -> Int[np.ndarray, " s"]:
 
 def _rotation_vectors(rotations: Float[np.ndarray, "k 3 3"]) -> Float[np.ndarray, "k 3"]:
     return rotation_vector_from_quaternion(quaternion_from_matrix(rotations))
-
-
-def _rotations(vectors: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "k 3 3"]:
-    return matrix_from_quaternion(quaternion_from_rotation_vector(vectors))
 
 
 FEWEST_EPOCHS: Final = 24

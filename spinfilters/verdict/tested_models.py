@@ -81,19 +81,17 @@ def possible_correlation(
     if seen is not None and seen.score > LARGEST_SCORE:
         left = seen.inflation / _stated_inflation(setup)
         if left > LARGEST_NEES:
-            return PossibleCorrelation((_of_landmarks(seen, left),), score_inflation=left)
+            return PossibleCorrelation((_landmark_finding(seen, left),), score_inflation=left)
         if seen.inflation > LARGEST_NEES:
             return NO_CORRELATION
     found = [] if model is None else correlated_errors(rows, model, stated)
     if not found:
         return NO_CORRELATION
-    doubts = tuple(_finding(each) for each in found if _is_doubt(each))[:1]
+    likely = [each for each in found if each.probability > LIKELY and each.expected_nees > LARGEST_NEES]
+    doubts = tuple(_correlated_finding(each) for each in likely[:1])
     widest = max(found, key=lambda each: float(np.square(each.widening).sum()))
-    return PossibleCorrelation(doubts, widest.widening, _undecided(widest))
-
-
-def _is_doubt(found: CorrelatedErrors) -> bool:
-    return found.probability > LIKELY and found.expected_nees > LARGEST_NEES
+    undecided = finding("correlation-undecided", {"time": widest.time, "sizes": _sizes(widest)})
+    return PossibleCorrelation(doubts, widest.widening, undecided)
 
 
 def _stated_inflation(setup: Setup) -> float:
@@ -103,18 +101,14 @@ def _stated_inflation(setup: Setup) -> float:
     return max((by for name, by in setup.inflation.items() if name in names), default=1.0)
 
 
-def _of_landmarks(seen: ObservationCorrelation, left: float) -> Finding:
+def _landmark_finding(seen: ObservationCorrelation, left: float) -> Finding:
     numbers = {"correlation": seen.value, "score": seen.score, "inflation": left}
     return finding("correlated-observations", numbers)
 
 
-def _finding(found: CorrelatedErrors) -> Finding:
+def _correlated_finding(found: CorrelatedErrors) -> Finding:
     numbers = {"advantage": found.advantage, "inflation": found.inflation}
     return finding("correlated-errors", {"time": found.time, "sizes": _sizes(found)} | numbers)
-
-
-def _undecided(found: CorrelatedErrors) -> Finding:
-    return finding("correlation-undecided", {"time": found.time, "sizes": _sizes(found)})
 
 
 def _sizes(found: CorrelatedErrors) -> str:
@@ -368,7 +362,7 @@ def model_findings(models: TestedModels, tested: EstimateHistory | None) -> list
     """
     about = _moved(models, tested)
     found = [finding("front-end-slip", {"text": each.sentence, "cure": each.cure}) for each in models.slips]
-    found += [*models.correlated.doubts, *map(_of_unit, models.units)]
+    found += [*models.correlated.doubts, *map(_unit_finding, models.units)]
     if models.slow is not None:
         numbers = {"text": slow_phrase(models.slow), **_numbers(models.slow)}
         found.append(finding("slow-change", numbers, about))
@@ -382,7 +376,7 @@ def model_findings(models: TestedModels, tested: EstimateHistory | None) -> list
     return found
 
 
-def _of_unit(unit: WrongUnit) -> Finding:
+def _unit_finding(unit: WrongUnit) -> Finding:
     return finding("wrong-unit", {"text": unit.sentence, "cure": unit.cure}, unit.about, unit.name)
 
 

@@ -1,6 +1,6 @@
-"""Errors of a calibration that nobody stated, as large as the residuals leave possible.
+"""Errors of a calibration that is not stated, as large as the residuals leave possible.
 
-A default deviation s describes a good calibration; nobody vouches that this one is. Its error x therefore has a prior with tails,
+A default deviation s describes a good calibration, which this one may not be. Its error x therefore has a prior with tails,
 the Cauchy density 1 / (1 + (x / s)^2) up to the size S that is plausible of it at all. The score test of the same error gives its
 size z with the standard deviation d, without a prior. The posterior density is in proportion to
 
@@ -76,7 +76,7 @@ def enlarged_words(considered: Iterable[ConsideredDeviation]) -> list[str]:
 
 
 def possible_deviation(size: float, std: float, default: float, plausible: float) -> float:
-    """Deviation of a calibration error that nobody stated, at least the default one; see the module.
+    """Deviation of a calibration error that is not stated, at least the default one; see the module.
 
     Parameters
     ----------

@@ -30,7 +30,7 @@ from spinfilters.vision.stereo_matching import EpochObservations, StereoFeatures
 from spinfilters.vision.track_noise import TrackNoise
 
 FARTHEST: Final = 2.5
-"""Times of the interval between the two, beyond which no pose is told."""
+"""Times of the interval between the two, beyond which no pose is predicted."""
 
 
 class TimedPose(NamedTuple):
@@ -268,14 +268,14 @@ class Tracker:
             if len(points) < FEWEST:
                 self._losses.lose(EPOCHS, "with too few points")
                 return None
-            return self._first(epoch, time, points, pose)
+            return self._begin_map(epoch, time, points, pose)
         if pose is None:
-            pose = self._odometry(time, points)
+            pose = self._pose_by_odometry(time, points)
             if pose is None:
                 return None
-        return self._registered(epoch, time, points, pose)
+        return self._register_epoch(epoch, time, points, pose)
 
-    def _first(
+    def _begin_map(
         self, epoch: int, time: float, points: StereoFeatures, pose: Float[np.ndarray, " 7"] | None
     ) -> EpochObservations:
         """The first map, with g at the middle of its points."""
@@ -285,9 +285,9 @@ class Tracker:
                 stereo_pair(self._rig.calibration).points_of(points.values, self._rig.calibration), axis=0
             )
             pose = np.array([*middle, 0.0, 0.0, 0.0, 1.0])
-        return self._kept(epoch, time, points, pose, self.landmarks.add(len(points)))
+        return self._add_to_map(epoch, time, points, pose, self.landmarks.add(len(points)))
 
-    def _odometry(self, time: float, points: StereoFeatures) -> Float[np.ndarray, " 7"] | None:
+    def _pose_by_odometry(self, time: float, points: StereoFeatures) -> Float[np.ndarray, " 7"] | None:
         """Pose from landmarks of the latest epochs, or at a constant rate.
 
         From all landmarks where these explain little.
@@ -299,34 +299,38 @@ class Tracker:
             return None
         active = self.landmarks.active
         recent = np.flatnonzero(active & (self.landmarks.last_seen > self._latest - RECENT))
-        poses = [self._matched(points, recent), constant_rate(self._poses[-2:], time)]
-        best, support = self._best(points, poses)
+        poses = [self.pose_by_descriptors(points, recent), constant_rate(self._poses[-2:], time)]
+        best, support = self._best_supported(points, poses)
         if support < CLEAR_SHARE * len(points):
-            best, support = self._best(points, [best, self._matched(points, np.flatnonzero(active))])
+            best, support = self._best_supported(
+                points, [best, self.pose_by_descriptors(points, np.flatnonzero(active))]
+            )
         if support < FEWEST:
             self._losses.lose(EPOCHS, "whose pose was not found")
             return None
         return best
 
-    def _best(
+    def _best_supported(
         self, points: StereoFeatures, poses: list[Float[np.ndarray, " 7"] | None]
     ) -> tuple[Float[np.ndarray, " 7"] | None, int]:
         """The pose with which most landmarks are found where they must be, and how many."""
         best, most = None, 0
         for pose in poses:
-            support = 0 if pose is None else self._support(points, pose)
+            support = 0 if pose is None else self._count_support(points, pose)
             if support > most:
                 best, most = pose, support
         return best, most
 
-    def _support(self, points: StereoFeatures, pose: Float[np.ndarray, " 7"]) -> int:
-        features, rows = self._search(points, pose, 1.0, LossCount())
-        fit = self._fit(points, features, rows)
+    def _count_support(self, points: StereoFeatures, pose: Float[np.ndarray, " 7"]) -> int:
+        features, rows = self._search_landmarks(points, pose, 1.0, LossCount())
+        fit = self._fit_pose(points, features, rows)
         return (
             0 if fit is None else int(np.count_nonzero(self._within_gate(points, fit.pose, features, rows)))
         )
 
-    def _matched(self, points: StereoFeatures, rows: Int[np.ndarray, " m"]) -> Float[np.ndarray, " 7"] | None:
+    def pose_by_descriptors(
+        self, points: StereoFeatures, rows: Int[np.ndarray, " m"]
+    ) -> Float[np.ndarray, " 7"] | None:
         """Pose from features that look like some landmarks, wherever these are; those that disagree are counted."""
         assert self.landmarks is not None
         pairs = clear_pairs(
@@ -337,7 +341,7 @@ class Tracker:
             ODOMETRY,
         )
         features, chosen = pairs[:, 0], rows[pairs[:, 1]]
-        fit = self._fit(points, features, chosen)
+        fit = self._fit_pose(points, features, chosen)
         agreeing = 0 if fit is None else int(self._within_gate(points, fit.pose, features, chosen).sum())
         if fit is None or agreeing < FEWEST:
             self._losses.lose(ODOMETRY, "of an epoch with too few", len(pairs))
@@ -346,7 +350,7 @@ class Tracker:
         self._losses.keep(ODOMETRY, agreeing)
         return fit.pose
 
-    def _fit(
+    def _fit_pose(
         self, points: StereoFeatures, features: Int[np.ndarray, " n"], rows: Int[np.ndarray, " n"]
     ) -> FittedPose | None:
         """Pose that most of the matches agree on (absolute orientation within RANSAC, then Gauss-Newton)."""
@@ -359,29 +363,29 @@ class Tracker:
         )
         return fit_pose(matches, self._rig.calibration)
 
-    def _registered(
+    def _register_epoch(
         self, epoch: int, time: float, points: StereoFeatures, pose: Float[np.ndarray, " 7"]
     ) -> EpochObservations | None:
         """Observations of an epoch whose pose is roughly known."""
         assert self.landmarks is not None
-        features, rows = self._search(points, pose, 1.0, LossCount())
-        fit = self._fit(points, features, rows)
+        features, rows = self._search_landmarks(points, pose, 1.0, LossCount())
+        fit = self._fit_pose(points, features, rows)
         pose = pose if fit is None else fit.pose
-        features, rows = self._search(points, pose, 0.6, self._losses)
+        features, rows = self._search_landmarks(points, pose, 0.6, self._losses)
         good = self._within_gate(points, pose, features, rows)
         self._losses.lose(GLOBAL, "too far from their place", int(np.count_nonzero(~good)))
         ids = np.full(len(points), -1)
         ids[features[good]] = rows[good]
-        new = (ids < 0) & ~self._crowded(points, pose)
+        new = (ids < 0) & ~self._is_crowded(points, pose)
         self._losses.lose(
             GLOBAL, "beside a landmark that looks alike", int(np.count_nonzero((ids < 0) & ~new))
         )
         self._losses.keep(GLOBAL, int(np.count_nonzero(good)))
         ids[new] = self.landmarks.add(int(np.count_nonzero(new)))
         chosen = ids >= 0
-        return self._kept(epoch, time, points.part(chosen), pose, ids[chosen])
+        return self._add_to_map(epoch, time, points.part(chosen), pose, ids[chosen])
 
-    def _search(
+    def _search_landmarks(
         self, points: StereoFeatures, pose: Float[np.ndarray, " 7"], scale: float, losses: LossCount
     ) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
         """Features, and the landmarks in view that they are, within a scaled search radius."""
@@ -412,7 +416,10 @@ class Tracker:
     ) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, "n 3"], Float[np.ndarray, "n d"]]:
         """Landmarks in view from a known direction, with pixels and descriptors."""
         assert self.landmarks is not None
-        R, at = matrix_from_quaternion(pose[3:]), self._at(pose, np.arange(self.landmarks.count))
+        R, at = (
+            matrix_from_quaternion(pose[3:]),
+            self._predict_landmarks(pose, np.arange(self.landmarks.count)),
+        )
         pixels = pixels_of(at, self._rig)
         size = np.array([self._rig.left.width, self._rig.left.height])
         inside = (
@@ -435,7 +442,7 @@ class Tracker:
     ) -> Bool[np.ndarray, " n"]:
         """Matches whose error is explained by the noise of feature and landmark."""
         assert self.landmarks is not None
-        at = self._at(pose, rows)
+        at = self._predict_landmarks(pose, rows)
         error = points.values[features] - pixels_of(at, self._rig)
         slope = pixels_by_point(at, self._rig) @ matrix_from_quaternion(pose[3:])
         spread = self._covariance(points)[features] + slope @ self.landmarks.covariance[rows] @ np.swapaxes(
@@ -445,8 +452,8 @@ class Tracker:
         squared = np.einsum("ni,ni->n", error, np.linalg.solve(spread, error[..., None])[..., 0])
         return squared <= self._options.gate**2
 
-    def _crowded(self, points: StereoFeatures, pose: Float[np.ndarray, " 7"]) -> Bool[np.ndarray, " n"]:
-        """Features beside the place of a landmark that they resemble: perhaps it, and no new one."""
+    def _is_crowded(self, points: StereoFeatures, pose: Float[np.ndarray, " 7"]) -> Bool[np.ndarray, " n"]:
+        """Whether features lie near a landmark that they resemble: they may show it, and are no new one."""
         rows, expected, descriptors = self._in_view(pose)
         if not len(rows):
             return np.zeros(len(points), dtype=bool)
@@ -456,7 +463,7 @@ class Tracker:
         crowded[near.place[alike >= self._options.similarity]] = True
         return crowded
 
-    def _kept(
+    def _add_to_map(
         self,
         epoch: int,
         time: float,
@@ -484,6 +491,8 @@ class Tracker:
     def _covariance(self, points: StereoFeatures) -> Float[np.ndarray, "n 3 3"]:
         return self._noise.covariance(points.features.size, points.residual)
 
-    def _at(self, pose: Float[np.ndarray, " 7"], rows: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
+    def _predict_landmarks(
+        self, pose: Float[np.ndarray, " 7"], rows: Int[np.ndarray, " n"]
+    ) -> Float[np.ndarray, "n 3"]:
         assert self.landmarks is not None
         return self.landmarks.points[rows] @ matrix_from_quaternion(pose[3:]).T + pose[:3]

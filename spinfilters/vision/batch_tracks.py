@@ -4,7 +4,7 @@ Visual odometry starts at the epoch from where it finds most poses. Epochs after
 before. They are tried again with the map of all that was found, last ones first; and where most are still lost, the sequence is
 begun anew at the first of them.
 
-Residuals of the bundle adjustment tell the noise of the observations and which of them are wrong, before any estimator assumes
+Residuals of the bundle adjustment identify the noise of the observations and which of them are wrong, before any estimator assumes
 how the body moves. Landmarks are eliminated (Schur complement); the first pose stays where it is, which fixes frame g.
 """
 
@@ -138,7 +138,7 @@ def adjust(
     rig: StereoRig,
 ) -> Adjusted:
     """Poses and landmarks of least robust cost by Gauss-Newton: the best of all iterations."""
-    best, least, last = _linearised(observations, poses, points, rig), np.inf, np.inf
+    best, least, last = _linearise(observations, poses, points, rig), np.inf, np.inf
     state = best
     for _ in range(ITERATIONS):
         cost = _cost(state.whitened)
@@ -147,12 +147,12 @@ def adjust(
         if not cost < last * (1 - SETTLED):
             break
         last = cost
-        poses, points = _step(observations, state)
-        state = _linearised(observations, poses, points, rig)
+        poses, points = _take_step(observations, state)
+        state = _linearise(observations, poses, points, rig)
     return state if _cost(state.whitened) < least else best
 
 
-def _linearised(
+def _linearise(
     observations: Observations,
     poses: Float[np.ndarray, "e 7"],
     points: Float[np.ndarray, "l 3"],
@@ -164,6 +164,7 @@ def _linearised(
     )
     innovation, by_pose = np.array(innovation), np.array(by_pose)
     innovation[~valid], by_pose[~valid] = 0.0, 0.0
+    # a landmark in g moves as the place does, turned into i: columns of place times R_ig of the epoch
     by_point = by_pose[..., :3] @ matrix_from_quaternion(poses[:, 3:])[observations.epoch]
     weight = _weights(innovation)
     information = np.zeros((len(points), 3, 3))
@@ -192,7 +193,7 @@ def _cost(whitened: Float[np.ndarray, "n 3"]) -> float:
     return float(np.sum(np.where(length <= LOSS, length**2, 2 * LOSS * length - LOSS**2)))
 
 
-def _step(
+def _take_step(
     observations: Observations, at: "_Linearised"
 ) -> tuple[Float[np.ndarray, "e 7"], Float[np.ndarray, "l 3"]]:
     """Poses and points after a Gauss-Newton step.
@@ -202,29 +203,32 @@ def _step(
     epochs, landmarks = len(at.poses), len(at.points)
     weighted_pose = at.weight[:, None, None] * np.swapaxes(at.by_pose, 1, 2)
     weighted_point = at.weight[:, None, None] * np.swapaxes(at.jacobian, 1, 2)
+    # diagonal blocks of the poses (H, b), right side of the landmarks (g), blocks between them (W)
     H, b = np.zeros((epochs, 6, 6)), np.zeros((epochs, 6))
     np.add.at(H, observations.epoch, weighted_pose @ at.by_pose)
     np.add.at(b, observations.epoch, (weighted_pose @ at.whitened[..., None])[..., 0])
     g = np.zeros((landmarks, 3))
     np.add.at(g, observations.landmark, (weighted_point @ at.whitened[..., None])[..., 0])
-    W = _blocks(observations, weighted_pose @ at.jacobian, (epochs, landmarks))
+    W = _block_matrix(observations, weighted_pose @ at.jacobian, (epochs, landmarks))
     inverse = np.linalg.inv(at.information)
-    scaled = _blocks(
+    scaled = _block_matrix(
         observations, weighted_pose @ at.jacobian @ inverse[observations.landmark], (epochs, landmarks)
     )
+    # Schur complement of the landmarks: S = H - W V^-1 W', with V their 3 by 3 blocks
     S = -(scaled @ W.T).toarray()
     for epoch in range(epochs):
         S[6 * epoch : 6 * epoch + 6, 6 * epoch : 6 * epoch + 6] += H[epoch]
     right = b.ravel() - scaled @ g.ravel()
     step = np.zeros(6 * epochs)
     S[np.diag_indices_from(S)] += 1e-9 * np.trace(S) / len(S)
-    step[6:] = np.linalg.solve(S[6:, 6:], right[6:])
+    step[6:] = np.linalg.solve(S[6:, 6:], right[6:])  # the first pose is fixed: it defines g
+    # back-substitution: V d = g - W' step
     back = g - (W.T @ step).reshape(-1, 3)
     points = at.points + (inverse @ back[..., None])[..., 0]
     return _sensor().layout.retract(at.poses, step.reshape(-1, 6)), points
 
 
-def _blocks(
+def _block_matrix(
     observations: Observations, blocks: Float[np.ndarray, "n 6 3"], shape: tuple[int, int]
 ) -> bsr_array:
     """Sparse matrix of one block per observation.
@@ -268,7 +272,7 @@ class Tracks:
 
 @dataclass(frozen=True)
 class _Sequence:
-    """Observations of landmarks that are seen twice at least, and what tells their noise."""
+    """Observations of landmarks that are seen twice at least, and what identifies their noise."""
 
     observations: Observations
     time: Float[np.ndarray, " n"]
@@ -314,27 +318,29 @@ def batch_tracks(
     InputError
         Fewer than two epochs whose pose is found, no landmark seen twice.
     """
-    epochs = _required(found_epochs(points, rig, options, lambda done, _: progress(done, 2 * len(points))))
-    noise, adjusted, _ = _settled(epochs, options.noise, rig)
+    epochs = _require_epochs(
+        found_epochs(points, rig, options, lambda done, _: progress(done, 2 * len(points)))
+    )
+    noise, adjusted, _ = _adjust_with_own_noise(epochs, options.noise, rig)
     tracker = Tracker(rig, noise, losses, options.association)
     again = []
     for epoch, pose in zip(epochs, adjusted.poses, strict=True):
         again.append(tracker.add(epoch.epoch, epoch.time, points[epoch.epoch][1], pose))
         progress(len(points) + epoch.epoch + 1, 2 * len(points))
     losses.lose(EPOCHS, "whose pose was not found", len(points) - len(epochs))
-    epochs = _required([each for each in again if each is not None])
-    noise, adjusted, sequence = _settled(epochs, noise, rig)
-    return _finished(epochs, adjusted, sequence, noise, losses)
+    epochs = _require_epochs([each for each in again if each is not None])
+    noise, adjusted, sequence = _adjust_with_own_noise(epochs, noise, rig)
+    return _tracks_of(epochs, adjusted, sequence, noise, losses)
 
 
-def _finished(
+def _tracks_of(
     epochs: list[EpochObservations],
     adjusted: Adjusted,
     sequence: _Sequence,
     noise: TrackNoise,
     losses: LossCount,
 ) -> Tracks:
-    good = _explained(adjusted)
+    good = _share_explained(adjusted)
     losses.lose(STAGE, "of landmarks seen once", sum(len(each.ids) for each in epochs) - len(sequence))
     losses.lose(STAGE, "against the map", int(np.count_nonzero(~good)))
     correlation = error_correlation(_whitened(adjusted, sequence, noise).part(good))
@@ -348,7 +354,7 @@ def _finished(
     return Tracks(stream, adjusted.poses, noise, correlation)
 
 
-def _required(epochs: list[EpochObservations]) -> list[EpochObservations]:
+def _require_epochs(epochs: list[EpochObservations]) -> list[EpochObservations]:
     require_epochs(len(epochs))
     return epochs
 
@@ -362,7 +368,7 @@ def require_epochs(count: int) -> None:
         )
 
 
-def _settled(
+def _adjust_with_own_noise(
     epochs: list[EpochObservations], noise: TrackNoise, rig: StereoRig
 ) -> tuple[TrackNoise, Adjusted, _Sequence]:
     """Bundle adjustment with the noise that it leaves, by turns."""
@@ -372,7 +378,7 @@ def _settled(
     adjusted = adjust(sequence.with_noise(noise).observations, poses, points, rig)
     for _ in range(2):
         current = sequence.with_noise(noise)
-        good = _explained(adjusted)
+        good = _share_explained(adjusted)
         if np.count_nonzero(good) < FEWEST:
             break
         residuals, freedom = adjusted.residuals(current.observations)
@@ -382,7 +388,7 @@ def _settled(
     return noise, adjusted, sequence.with_noise(noise)
 
 
-def _explained(adjusted: Adjusted) -> Bool[np.ndarray, " n"]:
+def _share_explained(adjusted: Adjusted) -> Bool[np.ndarray, " n"]:
     return np.linalg.norm(adjusted.whitened, axis=1) <= LARGEST_ERROR
 
 
@@ -457,7 +463,9 @@ def found_epochs(
     best: dict[int, EpochObservations] = {}
     begin = 0
     for _ in range(MOST_BEGINNINGS):
-        found = _from(points, begin, Tracker(rig, options.noise, LossCount(), options.association), progress)
+        found = _track_from(
+            points, begin, Tracker(rig, options.noise, LossCount(), options.association), progress
+        )
         best = max(best, found, key=len)
         begin = next((number for number in range(begin, len(points)) if number not in found), len(points))
         if len(best) >= ENOUGH * len(points) or len(points) - begin <= len(best):
@@ -465,7 +473,7 @@ def found_epochs(
     return [best[number] for number in sorted(best)]
 
 
-def _from(
+def _track_from(
     points: TimedPoints, begin: int, tracker: Tracker, progress: Callable[[int, int], None]
 ) -> dict[int, EpochObservations]:
     """Epochs found from a beginning on, by number, then those that were lost, backwards."""

@@ -3,9 +3,9 @@
 The principal axes are themselves estimated. Moments that nearly agree leave their axes hardly determined, and with them any
 extent along the true axes; the extent along the axes as estimated is not touched by that. Both deviations are kept.
 
-Depth maps are fused on a grid along the principal axes (Curless and Levoy 1996). Each depth map tells, at voxels before and
+Depth maps are fused on a grid along the principal axes (Curless and Levoy 1996). Each depth map gives, at voxels before and
 shortly behind what it sees, the distance along the ray; means are weighted by the inverse variance of the depth. Sums are kept
-by groups of epochs, so that leaving out a group tells how sure the surface is.
+by groups of epochs, so that leaving out a group shows how certain the surface is.
 
 A cell of eight voxels with both signs has one vertex, the mean of the crossings of its edges. An edge of the grid with both
 signs has one quadrilateral, of the vertices of the four cells around it.
@@ -79,7 +79,7 @@ class Field:
     grey: Float[np.ndarray, "n n n"]
 
     def at(self, points: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, " k"]:
-        """Distances at points (m, principal axes), NaN where a voxel beside is unknown."""
+        """Distances at points (m, principal axes), NaN where a neighbouring voxel is unknown."""
         index = (points + self.grid.radius) / self.grid.voxel
         return map_coordinates(self.distance, index.T, order=1, mode="constant", cval=np.nan)
 
@@ -115,7 +115,7 @@ class DistanceVolume:
         )
         points = (depth[:, None] * rays - t_cp) @ R_cp
         rays = rays @ R_cp / np.linalg.norm(rays, axis=1, keepdims=True)
-        voxel, pixel, distance = self._along(points, rays)
+        voxel, pixel, distance = self._voxels_along_rays(points, rays)
         limit = TRUNCATION_VOXELS * self.grid.voxel
         weight = (REFERENCE_STD / std[pixel]) ** 2 * np.clip(2 + 2 * distance / limit, 0, 1)
         close = np.where(np.abs(distance) < limit / 2, weight, 0)
@@ -127,7 +127,7 @@ class DistanceVolume:
         sums[4, np.unique(voxel)] += 1
         self.count += 1
 
-    def _along(
+    def _voxels_along_rays(
         self, points: Float[np.ndarray, "n 3"], rays: Float[np.ndarray, "n 3"]
     ) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"], Float[np.ndarray, " k"]]:
         """Voxels along rays near their end points.
@@ -189,7 +189,7 @@ def surface_of(field: Field) -> NetSurface:
     """Surface where the distance is zero."""
     cells = _crossed_cells(field.distance)
     values = field.distance[tuple((cells[:, None] + _CORNERS).transpose(2, 0, 1))]
-    places = [field.grid.places(cells + within) for within in _within(values)]
+    places = [field.grid.places(cells + within) for within in _edge_crossings(values)]
     number = np.full(np.array(field.distance.shape) - 1, -1)
     number[tuple(cells.T)] = np.arange(len(cells))
     near = field.grey[tuple((cells[:, None] + _CORNERS).transpose(2, 0, 1))]
@@ -208,13 +208,13 @@ def _crossed_cells(distance: Float[np.ndarray, "n n n"]) -> Int[np.ndarray, "k 3
     return np.argwhere((low < 0) & (high >= 0))
 
 
-def _within(
+def _edge_crossings(
     values: Float[np.ndarray, "k 8"],
 ) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"]]:
     """Mean, least and largest edge crossing of a cell, voxels from its least corner."""
     sums, count = np.zeros((len(values), 3)), np.zeros(len(values))
     lowest, highest = np.ones((len(values), 3)), np.zeros((len(values), 3))
-    for a, b in _EDGES:
+    for a, b in _EDGES:  # crossing at the zero of the linear interpolation between both corners
         crossed = (values[:, a] < 0) != (values[:, b] < 0)
         share = np.where(crossed, values[:, a] / np.where(crossed, values[:, a] - values[:, b], 1.0), 0.0)
         at, there = _CORNERS[a] + share[:, None] * (_CORNERS[b] - _CORNERS[a]), crossed[:, None]
@@ -240,17 +240,19 @@ def _triangles(
         begin = [slice(None)] * 3
         begin[axis] = slice(0, -1)
         first, last = distance[tuple(begin)], distance[tuple(end)]
+        # edges along this axis whose ends differ in sign, without those on the outer faces, which have fewer than four cells
         edges = np.argwhere(((first < 0) & (last >= 0)) | ((first >= 0) & (last < 0)))
         edges = edges[(edges[:, [second, third]] > 0).all(axis=1)]
         edges = edges[(edges[:, [second, third]] < len(distance) - 1).all(axis=1)]
         outward = first[tuple(edges.T)] < 0
-        ring = []
+        ring = []  # the four cells around an edge, in order about the axis
         for back_second, back_third in ((0, 0), (1, 0), (1, 1), (0, 1)):
             cell = edges.copy()
             cell[:, second] -= back_second
             cell[:, third] -= back_third
             ring.append(number[tuple(cell.T)])
         quads = np.stack(ring, axis=1)
+        # reversed where the distance falls along the axis, so that all look outwards; none where a cell is unknown
         quads[~outward] = quads[~outward][:, ::-1]
         quads = quads[(quads >= 0).all(axis=1)]
         found += [quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]
@@ -324,17 +326,19 @@ def dimensions_of(
     drawn = np.random.default_rng(0).standard_normal((AXES_DRAWN, 3)) * np.sqrt(np.maximum(values, 0.0))
     rotation_std = np.sqrt(np.maximum(np.diag(axes_cov), 0.0))
     straight = np.ptp(corners, axis=0)
-    single = [_turned(corners, sign * np.diag(rotation_std)) - straight for sign in (-1, 1)]
+    single = [
+        _extents_along_turned_axes(corners, sign * np.diag(rotation_std)) - straight for sign in (-1, 1)
+    ]
     return Dimensions(
         surface.extents,
         surface_std,
         rotation_std,
         np.abs(single).max(axis=0),
-        _turned(corners, drawn @ vectors.T).std(axis=0),
+        _extents_along_turned_axes(corners, drawn @ vectors.T).std(axis=0),
     )
 
 
-def _turned(
+def _extents_along_turned_axes(
     corners: Float[np.ndarray, "v 3"], rotations: Float[np.ndarray, "s 3"]
 ) -> Float[np.ndarray, "s 3"]:
     """Extents along axes turned by rotation vectors, rad."""
@@ -404,7 +408,7 @@ def body_model(
             f"depth of {volume.count} pair(s) makes a surface of {len(surface.triangles)} triangles; give sharper images of a "
             "textured body, or more of them"
         )
-    others = np.array([_extents(volume, outward, group) for group in range(GROUPS)])
+    others = np.array([_extents_without_group(volume, outward, group) for group in range(GROUPS)])
     jackknife = (GROUPS - 1) / GROUPS * ((others - others.mean(axis=0)) ** 2).sum(axis=0)
     surface_std = np.sqrt(jackknife + (ROUNDING_STD_VOXELS * volume.grid.voxel) ** 2)
     dimensions = dimensions_of(surface, surface_std, np.zeros((3, 3)) if axes_cov is None else axes_cov)
@@ -418,7 +422,7 @@ def _depth_of_landmarks(volume: DistanceVolume, landmarks: Float[np.ndarray, "k 
     return float(np.median(near)) if len(near) >= FEWEST_LANDMARKS else 0.0
 
 
-def _extents(volume: DistanceVolume, outward: float, without: int) -> Float[np.ndarray, " 3"]:
+def _extents_without_group(volume: DistanceVolume, outward: float, without: int) -> Float[np.ndarray, " 3"]:
     """Along the axes, m, without a group of epochs; NaN where they make no surface."""
     surface = _largest_part(volume, outward, without)
     return surface.extents if len(surface.vertices) else np.full(3, np.nan)

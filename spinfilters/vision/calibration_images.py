@@ -180,7 +180,7 @@ def board_views(
             found.append(corners)
         if len(found) == 2:
             (a, seen_a), (b, seen_b) = found
-            views.append(BoardView(left.name, a, _same_way(a, b, board), seen_a & seen_b))
+            views.append(BoardView(left.name, a, _order_alike(a, b, board), seen_a & seen_b))
     losses.keep(STAGE, 2 * len(views))
     if len(views) < FEWEST_PAIRS or size is None:
         raise _too_few(pairs, board, len(views), losses)
@@ -202,7 +202,7 @@ def _too_few(pairs: list[BoardImages], board: Board, found: int, losses: LossCou
     )
 
 
-def _same_way(
+def _order_alike(
     left: Float[np.ndarray, "n 2"], right: Float[np.ndarray, "n 2"], board: Board
 ) -> Float[np.ndarray, "n 2"]:
     """The right corners in the order of the left ones: a chessboard may be found the other way round."""
@@ -216,7 +216,7 @@ SAME_PLACE: Final = 0.003
 """Of the image's width, rms over the corners: views that differ by less show the board at one place.
 
 Two pixels of 640: a hand that holds still. Corners there share the errors of blur, sampling and lens, so that more such views
-repeat the first and tell little of the camera."""
+repeat the first and carry little information on the camera."""
 
 
 def distinct_views(

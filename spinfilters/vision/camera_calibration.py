@@ -12,7 +12,7 @@ Errors of corners have three parts, each with its own level, taken from the resi
    is how much more they disagree about the intrinsics than part 1 explains;
 3. the same in every view for each corner of the board, as of printing, or of a board that does not move: N such views count as one.
 
-Beside that model stands the jackknife, which assumes no error model: the spread of calibrations that each leave out one view. Of
+The jackknife, compared with that model, assumes no error model: the spread of calibrations that each leave out one view. Of
 eight views or more, the larger deviation of both counts for each parameter.
 
 A board that hardly moves leaves directions of x almost free. Beyond the first order, the cost is therefore computed again with
@@ -129,7 +129,7 @@ LEAST_RISE: Final = 1e-3
 """Of the rise that the first order says: below it the cost is flat."""
 _FLAT: Final = 1e-13  # eigenvalue of a scaled information matrix below which only rounding is left
 _TINY: Final = 1e-300
-_SEEN: Final = 1e-6  # singular value of a view's Jacobian, relative to the largest, from which the view tells of that direction
+_SEEN: Final = 1e-6  # singular value of a view's Jacobian, relative to the largest, from which the view determines that direction
 
 
 @dataclass(frozen=True)
@@ -201,24 +201,25 @@ def calibration_covariance(
         Of the images, px.
     """
     sides = [
-        _linearised(views, board, camera, right) for camera, right in zip(cameras, (False, True), strict=True)
+        _linearise_views(views, board, camera, right)
+        for camera, right in zip(cameras, (False, True), strict=True)
     ]
-    levels = np.array([_levels(side) for side in sides])
+    levels = np.array([_error_levels(side) for side in sides])
     ratios = np.array([_heterogeneity(side, level.sum()) for side, level in zip(sides, levels, strict=True)])
-    pairs = [_pair(view, board, sides, cameras, relative, g) for g, view in enumerate(views)]
+    pairs = [_pair_view(view, board, sides, cameras, relative, g) for g, view in enumerate(views)]
     G = _influence(sides, pairs)
     # of left and right: variance of what differs between views, and of what all have in common
     variances = _student_factor(N * (len(views) - 1)) ** 2 * np.column_stack(
         [levels[:, 0] * ratios, levels[:, 1]]
     )
-    first = _propagated(G, variances)
+    first = _propagate_errors(G, variances)
     widening = np.array(
         [
-            _widening(views, board, camera, size, right, first[N * right :, N * right :][:2, :2])
+            _widening_factor(views, board, camera, size, right, first[N * right :, N * right :][:2, :2])
             for camera, right in zip(cameras, (False, True), strict=True)
         ]
     )
-    covariance = _propagated(G, variances * widening[:, None] ** 2)
+    covariance = _propagate_errors(G, variances * widening[:, None] ** 2)
     if len(views) >= FEWEST_LEFT_OUT:
         over = _jackknife_variances(sides, pairs) / np.maximum(np.diag(first), _TINY)
         factor = np.sqrt(np.maximum(over, 1.0))
@@ -227,7 +228,7 @@ def calibration_covariance(
     return CalibrationCovariance(covariance, independent, common, ratios, widening)
 
 
-def _linearised(
+def _linearise_views(
     views: Sequence[BoardView], board: Board, camera: CameraCalibration, right: bool
 ) -> _LinearisedViews:
     residuals, seen, intrinsics, poses, reduced = [], [], [], [], []
@@ -240,7 +241,7 @@ def _linearised(
         seen.append(rows)
         poses.append(B)
         intrinsics.append(A)
-        reduced.append(_without(A, B))
+        reduced.append(_project_out(A, B))
     A = np.array(reduced)
     information = np.einsum("gmi,gmj->ij", A, A)
     return _LinearisedViews(
@@ -248,21 +249,21 @@ def _linearised(
     )
 
 
-def _without(A: Float[np.ndarray, "m a"], B: Float[np.ndarray, "m b"]) -> Float[np.ndarray, "m a"]:
+def _project_out(A: Float[np.ndarray, "m a"], B: Float[np.ndarray, "m b"]) -> Float[np.ndarray, "m a"]:
     """A less its projection on the columns of B: eliminates the unknowns of B."""
     Q = np.linalg.qr(B).Q
     return A - Q @ (Q.T @ A)
 
 
-def _inverse(information: Float[np.ndarray, "k k"]) -> Float[np.ndarray, "k k"]:
-    """Covariance of an information matrix, very large, not zero, in directions of which it tells nothing."""
+def _covariance_of_information(information: Float[np.ndarray, "k k"]) -> Float[np.ndarray, "k k"]:
+    """Covariance of an information matrix, very large, not zero, in directions that it does not determine."""
     diagonal = np.diag(information)
     scale = 1 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
     values, vectors = np.linalg.eigh(scale[:, None] * information * scale)
     return scale[:, None] * ((vectors / np.maximum(values, _FLAT)) @ vectors.T) * scale
 
 
-def _levels(side: _LinearisedViews) -> tuple[float, float]:
+def _error_levels(side: _LinearisedViews) -> tuple[float, float]:
     """Variances of corner errors, px^2: what differs between views, and what every view has in common.
 
     r_gi = c_i + e_gi of view g and coordinate i: the mean over views estimates c. The fit has taken up six numbers of every view
@@ -286,9 +287,9 @@ def _heterogeneity(side: _LinearisedViews, variance: float) -> float:
     chi2, freedom = 0.0, -N
     for A, r in zip(side.reduced, side.residuals, strict=True):
         U, values, _ = np.linalg.svd(A * scale, full_matrices=False)
-        told = values > _SEEN * values[0]
-        chi2 += float(((U[:, told].T @ r) ** 2).sum())
-        freedom += int(told.sum())
+        seen = values > _SEEN * values[0]
+        chi2 += float(((U[:, seen].T @ r) ** 2).sum())
+        freedom += int(seen.sum())
     return max(chi2 / variance / max(freedom, 1), 1.0) if variance > 0 else 1.0
 
 
@@ -311,7 +312,7 @@ class _PairedView:
     residuals: Float[np.ndarray, " k"]
 
 
-def _pair(
+def _pair_view(
     view: BoardView,
     board: Board,
     sides: Sequence[_LinearisedViews],
@@ -335,7 +336,7 @@ def _pair(
     missed = np.where(seen, view.right.ravel() - pixels.ravel(), 0.0)
     residuals = np.concatenate([left.residuals[g], missed])[:, None]
     return _PairedView(
-        _without(np.vstack([np.zeros((m, 6)), by_relative]), B), D, _without(residuals, B)[:, 0]
+        _project_out(np.vstack([np.zeros((m, 6)), by_relative]), B), D, _project_out(residuals, B)[:, 0]
     )
 
 
@@ -355,11 +356,13 @@ def _influence(
     G = np.zeros((count, 2 * N + 6, 2 * m))
     # Intrinsics: H dk = sum_g A_g' e_g with A_g the Jacobian without the view's pose, for each camera by itself.
     for k, side in enumerate(sides):
-        solve = _inverse(side.information)
+        solve = _covariance_of_information(side.information)
         G[:, k * N : (k + 1) * N, k * m : (k + 1) * m] = solve @ side.reduced.transpose(0, 2, 1)
     # Relative pose with intrinsics fixed: (sum C_g' C_g) db = sum_g C_g' (e_g - D_g dk). C_g is the Jacobian without the pose of
     # the board in the left camera, D_g the one with respect to both intrinsics, whose errors dk are those above.
-    solve = _inverse(sum((each.relative.T @ each.relative for each in pairs), np.zeros((6, 6))))
+    solve = _covariance_of_information(
+        sum((each.relative.T @ each.relative for each in pairs), np.zeros((6, 6)))
+    )
     coupling = sum((each.relative.T @ each.intrinsics for each in pairs), np.zeros((6, 2 * N)))
     for g, each in enumerate(pairs):
         G[g, RELATIVE] = solve @ (each.relative.T - coupling @ G[g, : 2 * N])
@@ -381,15 +384,15 @@ def _jackknife_variances(
     for g, each in enumerate(pairs):
         for k, side in enumerate(sides):
             A = side.reduced[g]
-            without = _inverse(side.information - A.T @ A)
+            without = _covariance_of_information(side.information - A.T @ A)
             moved[g, k * N : (k + 1) * N] = -without @ (A.T @ side.residuals[g])
         C, D = each.relative, each.intrinsics
         rest = -C.T @ each.residuals - (X - C.T @ D) @ moved[g, : 2 * N]
-        moved[g, RELATIVE] = _inverse(K - C.T @ C) @ rest
+        moved[g, RELATIVE] = _covariance_of_information(K - C.T @ C) @ rest
     return (count - 1) / count * ((moved - moved.mean(axis=0)) ** 2).sum(axis=0)
 
 
-def _propagated(
+def _propagate_errors(
     G: Float[np.ndarray, "v p k"], variances: Float[np.ndarray, "2 2"]
 ) -> Float[np.ndarray, "p p"]:
     """sum_g G_g V G_g' + (sum_g G_g) W (sum_g G_g)': errors of single views, and those that all have in common."""
@@ -399,7 +402,7 @@ def _propagated(
     return np.einsum("gik,gjk->ij", single, single) + together @ together.T
 
 
-def _widening(
+def _widening_factor(
     views: Sequence[BoardView],
     board: Board,
     camera: CameraCalibration,
@@ -418,8 +421,8 @@ def _widening(
     if not LINEAR < deviation < np.inf:
         return 1.0
     step = min(PROFILE * deviation, LARGEST_STEP)
-    side = _linearised(views, board, camera, right)
-    plain = _inverse(side.information)[:2, :2]
+    side = _linearise_views(views, board, camera, right)
+    plain = _covariance_of_information(side.information)[:2, :2]
     least = 1.0
     for factor in (np.exp(step), np.exp(-step)):
         moved = focal * (factor - 1)

@@ -138,12 +138,12 @@ def refined_disparity(
         current += np.clip(window.step, -LARGEST_STEP_PX, LARGEST_STEP_PX)
     window = _Window(left, gradients, right, columns - current, rows)
     good = found & (np.abs(current - start) <= LARGEST_CHANGE_PX) & (window.correlation >= LEAST_CORRELATION)
-    good &= _inside(good)
+    good &= _erode_rim(good)
     std = np.maximum(window.std, LEAST_STD_PX)
     return np.where(good, current, np.nan).astype(float), np.where(good, std, np.nan).astype(float)
 
 
-def _inside(good: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
+def _erode_rim(good: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
     """Pixels farther than a rim from what has no depth; single pixels without are no outline."""
     square = np.ones((2 * RIM_PX + 1,) * 2, np.uint8)
     return cv2.erode(cv2.morphologyEx(good.astype(np.uint8), cv2.MORPH_CLOSE, square), square) > 0

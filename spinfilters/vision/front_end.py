@@ -14,7 +14,7 @@ right image is that of the left one under
 
 with d, a and b such that the weighted squares of T - g I - o are least: T and I grey values of left and right, g and o gain and
 offset. A shift alone has an error of a tenth of a pixel where the surface is steep: which part of the patch has most texture
-decides. Grey values come from the raw images, at the places that rectification tells: interpolating twice, first onto the grid
+decides. Grey values come from the raw images, at the places that rectification gives: interpolating twice, first onto the grid
 of rectified pixels, moves texture by a hundredth of a pixel, by the same one wherever the map has the same fraction.
 """
 
@@ -196,11 +196,11 @@ class _Fit:
     @classmethod
     def of(cls, template: Patches, slope: Patches, grey: Patches, own_slope: Patches) -> "_Fit":
         """Damped Gauss-Newton step of each template to its right patch, with its residual."""
-        T, own = _centred(template), _centred(grey)
+        T, own = _remove_mean(template), _remove_mean(grey)
         power = np.maximum((own * own) @ _WEIGHT, 1e-6)
         gain = np.clip((T * own) @ _WEIGHT / power, 0.5, 2.0)[:, None]
         error = T - gain * own
-        J = _centred(((gain * own_slope + slope) / 2)[..., None] * _BASIS)
+        J = _remove_mean(((gain * own_slope + slope) / 2)[..., None] * _BASIS)
         weighted = np.swapaxes(J * _WEIGHT[:, None], 1, 2)
         information = (weighted @ J).astype(float) + np.diag(DAMPING)
         step = np.linalg.solve(information, weighted @ error[..., None])[..., 0]
@@ -209,7 +209,7 @@ class _Fit:
         return cls(step, np.sqrt((error * error) @ _WEIGHT) / np.maximum(contrast, 1.0))
 
 
-def _centred(values: np.ndarray) -> np.ndarray:
+def _remove_mean(values: np.ndarray) -> np.ndarray:
     """Without the weighted mean of each patch."""
     return values - np.tensordot(values, _WEIGHT, axes=(1, 0))[:, None]
 
@@ -264,17 +264,17 @@ class StereoPoints:
         """Points of a raw pair."""
         images = self._rectification.images(pair.left, pair.right)
         trial = LossCount()
-        points = self._within(*images, self._region, trial)
+        points = self._detect_within(*images, self._region, trial)
         if self._region is not None and len(points) < FEWEST_SHARE * self._count:
             trial = LossCount()
-            points = self._within(*images, None, trial)
+            points = self._detect_within(*images, None, trial)
         self._losses.add(trial)
-        points = self._aligned(pair, points)
+        points = self._align_to_raw(pair, points)
         self._count = len(points)
-        self._region = _around(points, images[0].shape[::-1]) if len(points) else None
+        self._region = _region_around(points, images[0].shape[::-1]) if len(points) else None
         return points
 
-    def _aligned(self, pair: ImagePair, points: StereoFeatures) -> StereoFeatures:
+    def _align_to_raw(self, pair: ImagePair, points: StereoFeatures) -> StereoFeatures:
         """Points with the disparity of the raw images."""
         if not len(points):
             return points
@@ -285,7 +285,7 @@ class StereoPoints:
         self._losses.keep(STEREO, int(np.count_nonzero(found.found)))
         return points.aligned(found.disparity, found.residual).part(found.found)
 
-    def _within(
+    def _detect_within(
         self,
         left: UInt8[np.ndarray, "h w"],
         right: UInt8[np.ndarray, "h w"],
@@ -310,7 +310,7 @@ def _detect(finder: Detector, image: UInt8[np.ndarray, "h w"]) -> Features:
     return finder.detect(image)
 
 
-def _around(points: StereoFeatures, size: tuple[int, ...]) -> Region:
+def _region_around(points: StereoFeatures, size: tuple[int, ...]) -> Region:
     """A region that holds the points in both images, with a margin."""
     low = np.array([points.values[:, [0, 2]].min(), points.values[:, 1].min()])
     high = np.array([points.values[:, [0, 2]].max(), points.values[:, 1].max()])

@@ -37,7 +37,7 @@ def decode_grey(content: bytes) -> tuple[np.ndarray | None, bool]:
 
     Decoders fill what they cannot read with grey and say so on standard error alone.
     """
-    with _said() as said:
+    with _decoder_complaints() as said:
         try:
             image = cv2.imdecode(
                 np.frombuffer(content, dtype=np.uint8), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH
@@ -48,13 +48,13 @@ def decode_grey(content: bytes) -> tuple[np.ndarray | None, bool]:
 
 
 def _is_complaint(line: bytes) -> bool:
-    """Whether a decoder's line tells of data that it could not read."""
+    """Whether a decoder's line complains of data that it could not read."""
     extraneous = _EXTRANEOUS.fullmatch(line)
     return extraneous is None or int(extraneous[1]) > HARMLESS_BYTES
 
 
 @contextmanager
-def _said() -> Iterator[list[bytes]]:
+def _decoder_complaints() -> Iterator[list[bytes]]:
     """Lines that decoders write to standard error within the block, filled in at its end; what others write passes."""
     said: list[bytes] = []
     with _lock, ExitStack() as stack:
@@ -80,7 +80,7 @@ def _said() -> Iterator[list[bytes]]:
 PNG_BEGIN: Final = b"\x89PNG\r\n\x1a\n"
 _PGM: Final = re.compile(rb"P[1-7]\s+(?:#[^\n]*\n\s*)*(\d{1,9})\s+(?:#[^\n]*\n\s*)*(\d{1,9})\s")
 _FRAMES: Final = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
-"""Markers of a JPEG segment that tells the size."""
+"""Markers of a JPEG segment that holds the size."""
 
 
 def claimed_size(data: bytes) -> tuple[int, int] | None:
@@ -277,15 +277,15 @@ class PairReader:
         """
         images = []
         for path in (stamped.left, stamped.right):
-            image, cause = _decoded(path)
+            image, cause = _decode(path)
             if image is not None and image.shape[::-1] != self.size:
                 cause = f"of another size than {self.size[0]} x {self.size[1]}"
             if image is None or cause is not None:
                 self.losses.lose(STAGE, cause or "not an image")
                 return None
             images.append(image)
-        self._bits = max(self._bits, *map(_bits, images))
-        left, right = (_of_eight_bits(image, self._bits) for image in images)
+        self._bits = max(self._bits, *map(_bits_of, images))
+        left, right = (_scale_to_eight_bits(image, self._bits) for image in images)
         return self.checked(ImagePair(stamped.time, left, right))
 
     def checked(self, pair: ImagePair) -> ImagePair | None:
@@ -309,11 +309,11 @@ class PairReader:
 
 def read_image(path: Path) -> tuple[UInt8[np.ndarray, "h w"] | None, str | None]:
     """Grey values of an image file, or why there are none."""
-    image, cause = _decoded(path)
-    return (None if image is None else _of_eight_bits(image, _bits(image))), cause
+    image, cause = _decode(path)
+    return (None if image is None else _scale_to_eight_bits(image, _bits_of(image))), cause
 
 
-def _decoded(path: Path) -> tuple[Grey | None, str | None]:
+def _decode(path: Path) -> tuple[Grey | None, str | None]:
     """Grey values as the file has them, or why there are none."""
     if not os.path.exists(path):
         return None, "missing"
@@ -347,12 +347,12 @@ def _decoded(path: Path) -> tuple[Grey | None, str | None]:
     return image, None
 
 
-def _bits(image: Grey) -> int:
+def _bits_of(image: Grey) -> int:
     """Bits of the largest grey value, at least 8: cameras of 10, 12 and 14 bits write files of 16."""
     return max(int(image.max()).bit_length(), 8)
 
 
-def _of_eight_bits(image: Grey, bits: int) -> UInt8[np.ndarray, "h w"]:
+def _scale_to_eight_bits(image: Grey, bits: int) -> UInt8[np.ndarray, "h w"]:
     """Grey values of so many bits as 8."""
     return image if image.dtype == np.uint8 else cv2.convertScaleAbs(image, alpha=2.0 ** (8 - bits))
 
@@ -369,7 +369,7 @@ def stamped_pairs(folder: Path, losses: LossCount) -> list[StampedPair]:
         No images, a list that is none, time stamps out of order or fewer than two pairs.
     """
     require_folder(folder)
-    left, right = (_stamps(folder / camera) for camera in CAMERAS)
+    left, right = (_read_stamps(folder / camera) for camera in CAMERAS)
     common = sorted(left.keys() & right.keys())
     losses.lose(STAGE, "without a partner of the same time", len(left.keys() ^ right.keys()))
     if len(common) < 2:
@@ -388,12 +388,12 @@ def read_pairs(pairs: list[StampedPair], reader: PairReader) -> Iterator[ImagePa
         yield reader.read(stamped)
 
 
-def _stamps(camera: Path) -> dict[int, Path]:
+def _read_stamps(camera: Path) -> dict[int, Path]:
     """Image files by time stamp, ns: of data.csv, or of the files' names."""
     if not os.path.isdir(camera / IMAGES):
         raise InputError(f"{path_text(camera / IMAGES)}: no such folder; put the images of that camera there")
     if os.path.lexists(camera / LIST):
-        return _listed(camera)
+        return _read_listed(camera)
     files = sorted(path for path in (camera / IMAGES).iterdir() if path.suffix.lower() in SUFFIXES)
     unnamed = next((path for path in files if not path.stem.isdecimal() or len(path.stem) > 19), None)
     if unnamed is not None:
@@ -403,7 +403,7 @@ def _stamps(camera: Path) -> dict[int, Path]:
     return {int(path.stem): path for path in files}
 
 
-def _listed(camera: Path) -> dict[int, Path]:
+def _read_listed(camera: Path) -> dict[int, Path]:
     path, found = camera / LIST, {}
     require_text_table(path)
     for number, line in enumerate(path.read_text(errors="replace").splitlines(), start=1):

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
+from spinfilters.core.absolute_orientation import nearest_rotation
 from spinfilters.core.attitude_conversions import inverse, multiply, quaternion_from_matrix
 from spinfilters.core.errors import InputError
 from spinfilters.io.camera import (
@@ -22,14 +23,13 @@ from spinfilters.io.camera import (
     image_size,
     is_rotation,
     read_sensor_file,
-    read_yaml,
     sensor_text,
 )
 from spinfilters.io.camera import DISTORTION_MODELS as NAMED_MODELS
+from spinfilters.io.document import numbers, read_yaml
 from spinfilters.io.input_file import path_text, value_text
 from spinfilters.io.output_files import make_folder, write_text
 from spinfilters.io.stated_values import LENGTH, NumberRange
-from spinfilters.io.text_table import numbers
 from spinfilters.io.truth import Truth
 
 DISTORTION_MODELS: Final = (*NAMED_MODELS, "none")
@@ -88,7 +88,7 @@ class RawRig:
                 f"the cameras' resolutions {sizes[0]} and {sizes[1]} differ; give images of one size"
             )
         if not np.linalg.norm(self.relative_position) > 0:
-            raise InputError("both cameras are at one place; T_BS of cam1 must tell the baseline")
+            raise InputError("both cameras are at one place; T_BS of cam1 must give the baseline")
 
     @property
     def relative_rotation(self) -> Float[np.ndarray, "3 3"]:
@@ -115,16 +115,20 @@ def read_raw_rig(folder: Path) -> RawRig:
         Unreadable YAML, not a pinhole with Brown distortion, numbers out of range, images of different sizes.
     """
     infos = [folder / file.parent / CAMERA_INFO_FILE for file in RIG_FILES]
-    told = all(info.is_file() for info in infos) and not any((folder / file).exists() for file in RIG_FILES)
-    missing = next((folder / file for file in RIG_FILES if not told and not (folder / file).exists()), None)
+    from_ros = all(info.is_file() for info in infos) and not any(
+        (folder / file).exists() for file in RIG_FILES
+    )
+    missing = next(
+        (folder / file for file in RIG_FILES if not from_ros and not (folder / file).exists()), None
+    )
     if missing is not None:
         raise InputError(
             f"{path_text(missing)}: no such file; write that camera's calibration there (spinfilters calibrate)"
         )
     left, right = (
-        read_camera_infos(*infos) if told else [read_sensor_file(folder / file) for file in RIG_FILES]
+        read_camera_infos(*infos) if from_ros else [read_sensor_file(folder / file) for file in RIG_FILES]
     )
-    files = infos if told else [folder / file for file in RIG_FILES]
+    files = infos if from_ros else [folder / file for file in RIG_FILES]
     cameras = [raw_camera(path, each) for path, each in zip(files, (left, right), strict=True)]
     try:
         return RawRig(*cameras)
@@ -132,21 +136,21 @@ def read_raw_rig(folder: Path) -> RawRig:
         raise InputError(f"{path_text(files[1])}: {error}") from None
 
 
-def raw_camera(path: Path, told: SensorFile) -> RawCamera:
-    """Camera of what a file tells; its rotation is made exact. InputError: as `read_raw_rig`."""
-    if told.model not in DISTORTION_MODELS:
+def raw_camera(path: Path, content: SensorFile) -> RawCamera:
+    """Camera of a file's content; its rotation is made exact. InputError: as `read_raw_rig`."""
+    if content.model not in DISTORTION_MODELS:
         raise InputError(
-            f"{path_text(path)}: distortion_model is {value_text(told.model)}; only {', '.join(DISTORTION_MODELS)} is known"
+            f"{path_text(path)}: distortion_model is {value_text(content.model)}; only {', '.join(DISTORTION_MODELS)} is known"
         )
     values = zip(
-        ("fx", "fy", "cx", "cy", "width", "height"), (*told.intrinsics.tolist(), *told.size), strict=True
+        ("fx", "fy", "cx", "cy", "width", "height"),
+        (*content.intrinsics.tolist(), *content.size),
+        strict=True,
     )
     for key, value in values:
         CAMERA_RANGES[key].require(f"{path_text(path)}: {key}", value)
-    U, _, Vt = np.linalg.svd(told.pose[:3, :3])
-    return RawCamera(
-        told.intrinsics, _distortion(path, told.distortion), *told.size, U @ Vt, told.pose[:3, 3]
-    )
+    distortion, rotation = _check_distortion(path, content.distortion), nearest_rotation(content.pose[:3, :3])
+    return RawCamera(content.intrinsics, distortion, *content.size, rotation, content.pose[:3, 3])
 
 
 def write_raw_rig(rig: RawRig, folder: Path, deviations: Sequence[str] = ("", "")) -> None:
@@ -173,7 +177,7 @@ def camera_text(camera: RawCamera) -> str:
     )
 
 
-def _distortion(path: Path, given: Float[np.ndarray, " k"]) -> Float[np.ndarray, " 5"]:
+def _check_distortion(path: Path, given: Float[np.ndarray, " k"]) -> Float[np.ndarray, " 5"]:
     if len(given) not in COEFFICIENTS:
         raise InputError(
             f"{path_text(path)}: {DISTORTION_KEY} is {value_text(given.tolist())}, expected k1, k2, p1, p2, perhaps k3; correct it"
@@ -209,24 +213,24 @@ def read_camera_infos(left: Path, right: Path) -> tuple[SensorFile, SensorFile]:
                 f"{path_text(path)}: has no {missing}; give the camera_info of a stereo calibration as ROS writes it"
             )
     R_left, R_right = (
-        _rotation(path, each["rectification_matrix"])
+        _read_rotation(path, each["rectification_matrix"])
         for path, each in zip((left, right), settings, strict=True)
     )
-    projection = _matrix(right, "projection_matrix", settings[1]["projection_matrix"], (3, 4))
+    projection = _read_matrix(right, "projection_matrix", settings[1]["projection_matrix"], (3, 4))
     baseline = -projection[0, 3] / projection[0, 0] if projection[0, 0] else np.nan
     if not np.isfinite(baseline) or baseline <= 0:
         raise InputError(
-            f"{path_text(right)}: projection_matrix is {value_text(projection.tolist())} and tells no baseline; give that of the "
+            f"{path_text(right)}: projection_matrix is {value_text(projection.tolist())} and gives no baseline; give that of the "
             "right camera, whose P[0, 3] is -fx b"
         )
     LENGTH.require(f"{path_text(right)}: the baseline", float(baseline))
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = R_left.T @ R_right, R_left.T @ np.array([baseline, 0.0, 0.0])
-    return _camera(left, settings[0], np.eye(4)), _camera(right, settings[1], pose)
+    return _read_camera(left, settings[0], np.eye(4)), _read_camera(right, settings[1], pose)
 
 
-def _camera(path: Path, settings: dict[str, Any], pose: Float[np.ndarray, "4 4"]) -> SensorFile:
-    K = _matrix(path, "camera_matrix", settings["camera_matrix"], (3, 3))
+def _read_camera(path: Path, settings: dict[str, Any], pose: Float[np.ndarray, "4 4"]) -> SensorFile:
+    K = _read_matrix(path, "camera_matrix", settings["camera_matrix"], (3, 3))
     size = [settings["image_width"], settings["image_height"]]
     coefficients = settings["distortion_coefficients"]
     data = coefficients.get("data") if isinstance(coefficients, dict) else coefficients
@@ -243,8 +247,8 @@ def _camera(path: Path, settings: dict[str, Any], pose: Float[np.ndarray, "4 4"]
     )
 
 
-def _rotation(path: Path, value: Any) -> Float[np.ndarray, "3 3"]:
-    matrix = _matrix(path, "rectification_matrix", value, (3, 3))
+def _read_rotation(path: Path, value: Any) -> Float[np.ndarray, "3 3"]:
+    matrix = _read_matrix(path, "rectification_matrix", value, (3, 3))
     if not is_rotation(matrix):
         raise InputError(
             f"{path_text(path)}: rectification_matrix is {value_text(matrix.tolist())}, not a rotation; correct it"
@@ -252,7 +256,7 @@ def _rotation(path: Path, value: Any) -> Float[np.ndarray, "3 3"]:
     return matrix
 
 
-def _matrix(path: Path, key: str, value: Any, shape: tuple[int, int]) -> Float[np.ndarray, "r c"]:
+def _read_matrix(path: Path, key: str, value: Any, shape: tuple[int, int]) -> Float[np.ndarray, "r c"]:
     """Matrix of a mapping with rows, cols and data, or of numbers alone."""
     data = value.get("data") if isinstance(value, dict) else value
     return numbers(path, key, data, (shape[0] * shape[1],)).reshape(shape)

@@ -92,14 +92,14 @@ def calibrate_stereo(views: list[BoardView], board: Board, size: tuple[int, int]
             f"of {FEWEST_PAIRS} different places that are needed; move the board and tilt it between the images"
         )
     while True:
-        _require(views, dropped)
+        _require_views(views, dropped)
         cameras = CameraPair(*(calibrated_camera(views, board, size, right=right) for right in (False, True)))
         reason = _worst_camera(views, cameras) or _worst_pair(views, cameras, board)
         if reason is None:
             break
         row, why = reason
         dropped[views.pop(row).name] = why
-    found = _joined(views, cameras, board, size, dropped, repeated)
+    found = _join_cameras(views, cameras, board, size, dropped, repeated)
     for what, deviation in undetermined(found, HOPELESS_STD):
         raise InputError(f"{undetermined_text(what, deviation)} between the images")
     return found
@@ -120,7 +120,7 @@ def undetermined_text(what: str, deviation: float) -> str:
     return f"the views do not determine the {what} ({known}): move the board and tilt it by 20 to 45 degrees"
 
 
-def _require(views: list[BoardView], dropped: dict[str, str]) -> None:
+def _require_views(views: list[BoardView], dropped: dict[str, str]) -> None:
     if len(views) < FEWEST_PAIRS:
         left_out = "; ".join(f"{name}: {why}" for name, why in list(dropped.items())[:2])
         raise InputError(
@@ -148,15 +148,15 @@ def _worst_pair(views: list[BoardView], cameras: CameraPair, board: Board) -> tu
     Its images were not taken together. A far or blurred view has a poor pose of the board: it is left out only if its right corners
     also stand elsewhere than its left ones say.
     """
-    turns, places = _relative(cameras)
+    turns, places = _relative_poses(cameras)
     typical_turn, typical = np.median(turns, axis=0), np.median(places, axis=0)
     off = np.linalg.norm(places - typical, axis=1)
     angle = np.linalg.norm(turns - typical_turn, axis=1)
     missed = _transfer_errors(views, cameras, board, RelativePose(typical_turn, typical))
     stands_elsewhere = np.maximum(
-        off / _limit(off, 0.1 * float(np.linalg.norm(typical))), angle / _limit(angle, 0.02)
+        off / _outlier_limit(off, 0.1 * float(np.linalg.norm(typical))), angle / _outlier_limit(angle, 0.02)
     )
-    score = np.minimum(stands_elsewhere, missed / _limit(missed, LEAST_TRANSFER_ERROR_PX))
+    score = np.minimum(stands_elsewhere, missed / _outlier_limit(missed, LEAST_TRANSFER_ERROR_PX))
     row = int(score.argmax())
     if score[row] <= 1:
         return None
@@ -183,12 +183,12 @@ def _transfer_errors(
     return np.array(found)
 
 
-def _limit(values: Float[np.ndarray, " v"], least: float) -> float:
+def _outlier_limit(values: Float[np.ndarray, " v"], least: float) -> float:
     """Outlier limit: six times the median, and no small thing either."""
     return max(6 * float(np.median(values)), least)
 
 
-def _relative(
+def _relative_poses(
     cameras: CameraPair,
 ) -> tuple[Float[np.ndarray, "v 3"], Float[np.ndarray, "v 3"]]:
     """Rotation vectors and places of the left camera in the right one, of each view."""
@@ -214,7 +214,7 @@ def _seen_points(
     )
 
 
-def _joined(
+def _join_cameras(
     views: list[BoardView],
     cameras: CameraPair,
     board: Board,
@@ -224,7 +224,7 @@ def _joined(
 ) -> StereoCalibration:
     """The relative pose, with both cameras as they are, and the covariance of all."""
     left, right = cameras
-    turns, places = _relative(cameras)
+    turns, places = _relative_poses(cameras)
     middle = cv2.Rodrigues(np.median(turns, axis=0))[0], np.median(places, axis=0).reshape(3, 1)
     solved = cv2.stereoCalibrateExtended(
         *_seen_points(views, board),
@@ -234,8 +234,8 @@ def _joined(
         criteria=ITERATIONS,
     )
     R, t = np.asarray(solved[5]), np.asarray(solved[6]).ravel()
-    first = RawCamera(_four(left.K), left.distortion, *size, np.eye(3), np.zeros(3))
-    second = RawCamera(_four(right.K), right.distortion, *size, R.T, -R.T @ t)
+    first = RawCamera(_four_intrinsics(left.K), left.distortion, *size, np.eye(3), np.zeros(3))
+    second = RawCamera(_four_intrinsics(right.K), right.distortion, *size, R.T, -R.T @ t)
     known = calibration_covariance(views, board, cameras, RelativePose(cv2.Rodrigues(R)[0].ravel(), t), size)
     deviations = known.std
     of_pose, along = known.covariance[RELATIVE, RELATIVE], t / np.linalg.norm(t)
@@ -256,14 +256,14 @@ def _with_std(camera: CameraCalibration, deviations: Float[np.ndarray, " 9"]) ->
     return replace(camera, std=dict(zip(PARAMETERS, deviations.tolist(), strict=True)))
 
 
-def _four(K: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, " 4"]:
+def _four_intrinsics(K: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, " 4"]:
     return np.array([K[0, 0], K[1, 1], K[0, 2], K[1, 2]])
 
 
 def standing_out(found: StereoCalibration) -> list[str]:
     """Views kept although the others fit far better.
 
-    Their corners may have been refined onto something beside them.
+    Their corners may have been refined onto something near them.
     """
     sentences = []
     for side, camera in zip(("left", "right"), found.cameras, strict=True):
@@ -323,11 +323,11 @@ def measured_board(rig: RawRig, views: list[BoardView], board: Board) -> BoardMe
             values, rectification.stereo.calibration
         )
         seen = view.seen & np.isfinite(points).all(axis=1)
-        squares.append(board.square * _scale(board.points[seen], points[seen]))
+        squares.append(board.square * _similarity_scale(board.points[seen], points[seen]))
     return BoardMeasurement(np.concatenate(rows), np.array(squares))
 
 
-def _scale(true: Float[np.ndarray, "n 3"], measured: Float[np.ndarray, "n 3"]) -> float:
+def _similarity_scale(true: Float[np.ndarray, "n 3"], measured: Float[np.ndarray, "n 3"]) -> float:
     """Scale s of the similarity that takes true points to measured ones, tr(R' M) / sum |x|^2 (Umeyama 1991).
 
     Its mean is right; that of measured sides is too large, by their noise squared over the side.
@@ -339,7 +339,9 @@ def _scale(true: Float[np.ndarray, "n 3"], measured: Float[np.ndarray, "n 3"]) -
 def checks(rig: RawRig, measured: BoardMeasurement, board: Board) -> list[CheckResult]:
     """All checks of a rig and what it measured."""
     results = [
-        check for camera, name in ((rig.left, "cam0"), (rig.right, "cam1")) for check in _camera(camera, name)
+        check
+        for camera, name in ((rig.left, "cam0"), (rig.right, "cam1"))
+        for check in _check_camera(camera, name)
     ]
     turn = np.rad2deg(np.arccos(np.clip((np.trace(rig.relative_rotation) - 1) / 2, -1, 1)))
     allowed, name = f"below {LARGEST_ROTATION_DEG:g}", "rotation between the cameras"
@@ -376,7 +378,7 @@ def determination(found: StereoCalibration) -> list[CheckResult]:
     ]
 
 
-def _camera(camera: RawCamera, name: str) -> list[CheckResult]:
+def _check_camera(camera: RawCamera, name: str) -> list[CheckResult]:
     fx, fy, cx, cy = camera.intrinsics.tolist()
     view = float(2 * np.rad2deg(np.arctan(camera.width / 2 / fx)))
     low, high = FIELD_OF_VIEW_DEG

@@ -72,8 +72,8 @@ class SiftDetector:
         """SIFT points with root-normalised descriptors (k, 128)."""
         points, descriptors = self._sift.detectAndCompute(image, None)
         if descriptors is None:
-            return _features((), np.zeros((0, 128)))
-        return _features(
+            return _without_repeated((), np.zeros((0, 128)))
+        return _without_repeated(
             points, np.sqrt(descriptors / np.maximum(descriptors.sum(axis=1, keepdims=True), 1.0))
         )
 
@@ -88,9 +88,9 @@ class OrbDetector:
         """ORB points with descriptors (k, 256) of normalised signs."""
         points, descriptors = self._orb.detectAndCompute(image, None)
         if descriptors is None:
-            return _features((), np.zeros((0, 256)))
+            return _without_repeated((), np.zeros((0, 256)))
         signs = np.unpackbits(np.asarray(descriptors, dtype=np.uint8), axis=1).astype(np.float32) * 2 - 1
-        return _features(points, signs / np.sqrt(signs.shape[1]))
+        return _without_repeated(points, signs / np.sqrt(signs.shape[1]))
 
 
 DETECTORS: Final = {"sift": SiftDetector, "orb": OrbDetector}
@@ -114,7 +114,7 @@ def exposure_gain(image: UInt8[np.ndarray, "h w"]) -> float:
     return float(np.clip(BRIGHT / max(brightest, 1.0), 1.0, LARGEST_GAIN))
 
 
-def _features(points: Sequence[cv2.KeyPoint], descriptors: np.ndarray) -> Features:
+def _without_repeated(points: Sequence[cv2.KeyPoint], descriptors: np.ndarray) -> Features:
     """Features without those that a detector finds twice at one place with another angle."""
     pixels = np.array([point.pt for point in points], dtype=float).reshape(-1, 2)
     size = np.array([point.size for point in points], dtype=float)
@@ -140,7 +140,7 @@ class StereoMatching:
     refined_row_tolerance : float
         After it.
     depths : tuple[float, float]
-        Nearest and farthest, m; beyond the farthest a point tells no depth.
+        Nearest and farthest, m; beyond the farthest a point has no depth.
     similarity : float
         Smallest product of descriptors.
     ratio : float
@@ -231,16 +231,16 @@ def match_stereo(
     pairs = _best_on_row(left.features, right.features, rig, options, losses)
     chosen = left.features.part(pairs[:, 0])
     start = right.features.pixels[pairs[:, 1]]
-    place, residual, found = _aligned(left.grey, right.grey, chosen.pixels, start, options)
-    good = _counted(found, "not aligned", losses)
+    place, residual, found = _align_patches(left.grey, right.grey, chosen.pixels, start, options)
+    good = _count_losses(found, "not aligned", losses)
     rows = np.abs(place[:, 1] - chosen.pixels[:, 1]) <= options.refined_row_tolerance
-    good &= _counted(rows | ~good, "off their row", losses)
-    good &= _counted((residual <= options.residual) | ~good, "unlike after alignment", losses)
+    good &= _count_losses(rows | ~good, "off their row", losses)
+    good &= _count_losses((residual <= options.residual) | ~good, "unlike after alignment", losses)
     values = np.column_stack([chosen.pixels, place[:, 0]])
     return StereoFeatures(values, chosen, residual).part(good)
 
 
-def _counted(good: Bool[np.ndarray, " n"], cause: str, losses: LossCount) -> Bool[np.ndarray, " n"]:
+def _count_losses(good: Bool[np.ndarray, " n"], cause: str, losses: LossCount) -> Bool[np.ndarray, " n"]:
     losses.lose(STAGE, cause, int(np.count_nonzero(~good)))
     return good
 
@@ -294,7 +294,7 @@ def clear_pairs(
     return np.column_stack([rows[chosen], best[chosen]])
 
 
-def _aligned(
+def _align_patches(
     left: UInt8[np.ndarray, "h w"],
     right: UInt8[np.ndarray, "h w"],
     pixels: Float[np.ndarray, "k 2"],

@@ -18,7 +18,7 @@ from spinfilters.io.dataset import (
     Dataset,
     DatasetOptions,
     options_from_toml,
-    with_told_deviations,
+    with_stated_deviations,
 )
 from spinfilters.io.input_file import path_text, printable, read_toml
 from spinfilters.io.measurement_log import MeasurementLog, MeasurementStream
@@ -40,7 +40,7 @@ from spinfilters.vision.rectification import Rectification, read_raw_rig
 from spinfilters.vision.stereo_matching import EpochObservations, TimedFeatures
 
 SAME_TIME_S: Final = 1e-6
-"""Times that differ by less are one: seconds since 1970 are told to a quarter of it."""
+"""Times that differ by less are one: seconds since 1970 are stored to a quarter of it."""
 SHORTEST_INTERVAL_S: Final = 1e-5
 """Between pairs, on the mean: less is another unit, or numbers of images."""
 SPARSEST: Final = 10.0
@@ -83,7 +83,7 @@ def read_image_source(folder: Path, losses: LossCount) -> ImageSource:
             f"{path_text(folder)}: {len(pairs)} pairs are {mean:.2g} s apart by their stamps; write the times in ns into data.csv"
         )
     inspector = rectified_camera_poses(folder, pairs, rectification)
-    truth = _truth(folder, pairs)
+    truth = _read_truth(folder, pairs)
     if truth is not None and inspector is None:
         truth = rectification.truth(truth)
     return ImageSource(folder, rectification, pairs, inspector, truth)
@@ -100,7 +100,7 @@ def rectified_camera_poses(
     if not os.path.lexists(path):
         return None
     raw = read_tum(path)
-    poses = replace(raw, time=_from_first(pairs, raw.time), values=rectification.left_poses(raw.values))
+    poses = replace(raw, time=_times_from_first(pairs, raw.time), values=rectification.left_poses(raw.values))
     try:
         CameraTrajectory(poses.time, poses.values).require_cover(np.array([0.0, pairs[-1].time]))
     except InputError as error:
@@ -113,7 +113,7 @@ def rectified_camera_poses(
     return poses
 
 
-def _truth(folder: Path, pairs: list[StampedPair]) -> Truth | None:
+def _read_truth(folder: Path, pairs: list[StampedPair]) -> Truth | None:
     """The truth by times from the first pair.
 
     InputError: as `read_truth`, or of another time than the images.
@@ -121,7 +121,7 @@ def _truth(folder: Path, pairs: list[StampedPair]) -> Truth | None:
     if not any(os.path.lexists(folder / name) for name in TRUTH_FILES):
         return None
     truth = read_truth(folder)
-    time = _from_first(pairs, truth.time)
+    time = _times_from_first(pairs, truth.time)
     if time[-1] < 0 or time[0] > pairs[-1].time:
         raise InputError(
             f"{path_text(folder / TRUTH_TABLE)}: is from {truth.time[0]:.9g} s to {truth.time[-1]:.9g} s, the images by their "
@@ -130,7 +130,7 @@ def _truth(folder: Path, pairs: list[StampedPair]) -> Truth | None:
     return replace(truth, time=time)
 
 
-def _from_first(pairs: list[StampedPair], time: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+def _times_from_first(pairs: list[StampedPair], time: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     """Times on the images' clock from the first pair; those of a pair to the bit."""
     since = time - pairs[0].stamp * NANOSECOND
     stamps = np.array([pair.time for pair in pairs])
@@ -141,7 +141,7 @@ def _from_first(pairs: list[StampedPair], time: Float[np.ndarray, " n"]) -> Floa
 
 SYSTEMATIC_PX: Final = 0.01
 """Errors of places and disparities that many observations have in common, as near edges of the body and from interpolation: they
-do not average out, and are told as errors of the calibration, which they are like."""
+do not average out, and are stated as errors of the calibration, which they resemble."""
 Progress = Callable[[str, int, int], None]
 """Called with a stage, how much of it is done, and of how much."""
 
@@ -179,7 +179,7 @@ def track_images(
     """
     options, losses = options or FrontEndOptions(), LossCount()
     found, points, count = stereo_points(folder, options, losses, progress)
-    with _naming(folder, losses):
+    with _naming_folder(folder, losses):
         _require_pairs(losses, count)
         tracks = batch_tracks(
             points, found.rectification.stereo, options, losses, lambda *at: progress("tracks", *at)
@@ -193,7 +193,7 @@ def track_images(
             "inflation": tracks.correlation.inflation,
         },
     }
-    dataset = _dataset(found, tracks.stream, tracks.correlation.inflation)
+    dataset = _make_dataset(found, tracks.stream, tracks.correlation.inflation)
     return TrackedImages(dataset, losses, document)
 
 
@@ -252,10 +252,10 @@ def track_images_online(
             on_epoch(epoch)
             epochs.append(epoch)
         progress("images", number, len(source.pairs))
-    with _naming(folder, losses):
+    with _naming_folder(folder, losses):
         _require_pairs(losses, len(source.pairs))
         stream = online_stream(epochs)
-    return TrackedImages(_dataset(source, stream), losses, {"losses": losses.document})
+    return TrackedImages(_make_dataset(source, stream), losses, {"losses": losses.document})
 
 
 def online_stream(epochs: list[EpochObservations]) -> MeasurementStream:
@@ -280,7 +280,7 @@ def _require_pairs(losses: LossCount, count: int) -> None:
 
 
 @contextmanager
-def _naming(folder: Path, losses: LossCount) -> Iterator[None]:
+def _naming_folder(folder: Path, losses: LossCount) -> Iterator[None]:
     """Put the folder, and what was lost most, into an InputError of the front end."""
     try:
         yield
@@ -291,7 +291,7 @@ def _naming(folder: Path, losses: LossCount) -> Iterator[None]:
         raise InputError(f"{path_text(folder)}: {error}{lost}") from None
 
 
-def _dataset(source: ImageSource, stream: MeasurementStream, inflation: float = 1.0) -> Dataset:
+def _make_dataset(source: ImageSource, stream: MeasurementStream, inflation: float = 1.0) -> Dataset:
     folder = source.folder
     path, description, options = folder / DATASET_FILE, "", DatasetOptions()
     if os.path.lexists(path):
@@ -307,13 +307,13 @@ def _dataset(source: ImageSource, stream: MeasurementStream, inflation: float = 
         rig=source.rectification.stereo,
         inspector=source.inspector,
         options=_with_systematic_errors(
-            replace(with_told_deviations(options, folder), covariance_inflation=inflation), stream
+            replace(with_stated_deviations(options, folder), covariance_inflation=inflation), stream
         ),
     )
 
 
 def _with_systematic_errors(options: DatasetOptions, stream: MeasurementStream) -> DatasetOptions:
-    """The options with deviations of the calibration, where they are told, that hold for these tracks."""
+    """The options with deviations of the calibration, where they are stated, that hold for these tracks."""
     u, v, right = stream.values.T
     size = float(np.hypot(np.std(u), np.std(v)))
     own = {
@@ -321,5 +321,5 @@ def _with_systematic_errors(options: DatasetOptions, stream: MeasurementStream) 
         "focal_std": SYSTEMATIC_PX / max(size, 1.0),
         "baseline_std": SYSTEMATIC_PX / max(float(np.median(u - right)), 1.0),
     }
-    told = {name: float(np.hypot(std, own.get(name, 0.0))) for name, std in options.calibration.items()}
-    return replace(options, calibration=told)
+    stated = {name: float(np.hypot(std, own.get(name, 0.0))) for name, std in options.calibration.items()}
+    return replace(options, calibration=stated)

@@ -23,7 +23,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.optimize import nnls
 
 SMALLEST_STD: Final = 0.02
-"""Of a coordinate, px: an interpolated image tells no less."""
+"""Of a coordinate, px: an interpolated image shows no less."""
 FEWEST: Final = 60
 """Observations from which noise is identified."""
 
@@ -80,11 +80,11 @@ def identified(
     size, residual : ndarray of shape (n,)
         Of the features, see `TrackNoise.variances`.
     """
-    place = _coefficients(residuals[:, :2], freedom[:, :2], size)
-    return TrackNoise(place, _coefficients(residuals[:, 2:], freedom[:, 2:], residual))
+    place = _variance_coefficients(residuals[:, :2], freedom[:, :2], size)
+    return TrackNoise(place, _variance_coefficients(residuals[:, 2:], freedom[:, 2:], residual))
 
 
-def _coefficients(
+def _variance_coefficients(
     residuals: Float[np.ndarray, "n k"], freedom: Float[np.ndarray, "n k"], size: Float[np.ndarray, " n"]
 ) -> tuple[float, float]:
     """Coefficients of a variance a + b size^2, from groups of like size."""
@@ -100,7 +100,7 @@ ANGLES_DEG: Final = (5.0, 10.0, 15.0, 20.0, 30.0, 45.0)
 """Between directions, within which errors are alike; beyond the last they are independent."""
 COSINES: Final = np.cos(np.deg2rad(ANGLES_DEG))
 FEWEST_LANDMARKS: Final = 50
-"""With two observations or more, from which covariances are told; white noise is reckoned with otherwise."""
+"""With two observations or more, from which covariances are identified; white noise is assumed otherwise."""
 MOST_LANDMARKS: Final = 800
 MOST_OBSERVATIONS: Final = 60
 """Of a landmark that are looked at: the cost grows with their third power."""
@@ -178,7 +178,7 @@ class ErrorCorrelation:
 
 def error_correlation(residuals: LandmarkResiduals) -> ErrorCorrelation:
     """Error correlation from the residuals of landmarks."""
-    groups = [rows[:MOST_OBSERVATIONS] for rows in _groups(residuals.landmark) if len(rows) > 1]
+    groups = [rows[:MOST_OBSERVATIONS] for rows in _rows_by_landmark(residuals.landmark) if len(rows) > 1]
     if len(groups) < FEWEST_LANDMARKS:
         return ErrorCorrelation()
     chosen = [residuals.part(rows) for rows in groups[:: -(-len(groups) // MOST_LANDMARKS)]]
@@ -233,7 +233,7 @@ def _kernels(one: LandmarkResiduals) -> Float[np.ndarray, "k m m"]:
     return both.transpose(0, 1, 3, 2, 4).reshape(len(both), 3 * n, 3 * n)
 
 
-def _groups(landmark: Int[np.ndarray, " n"]) -> Iterator[Int[np.ndarray, " k"]]:
+def _rows_by_landmark(landmark: Int[np.ndarray, " n"]) -> Iterator[Int[np.ndarray, " k"]]:
     """Rows of each landmark."""
     order = np.argsort(landmark, kind="stable")
     yield from np.split(order, np.flatnonzero(np.diff(landmark[order])) + 1)

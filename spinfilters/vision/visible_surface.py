@@ -70,11 +70,13 @@ def visible_surface(
     while begin < len(front):
         end = max(begin + 1, int(np.searchsorted(ends, (ends[begin - 1] if begin else 0) + PAIRS_AT_ONCE)))
         part = slice(begin, end)
-        _draw(corners, nearness, _Boxes(front[part], low[part], size[part]), buffers)
+        _draw_triangles(corners, nearness, _Boxes(front[part], low[part], size[part]), buffers)
         begin = end
     seen = np.flatnonzero(face >= 0)
     place = np.stack([seen % width, seen // width], axis=1).astype(float)
-    return VisibleSurface(face.reshape(shape), best.reshape(shape), _weights(corners[face[seen]], place))
+    return VisibleSurface(
+        face.reshape(shape), best.reshape(shape), _barycentric_weights(corners[face[seen]], place)
+    )
 
 
 class _Boxes(NamedTuple):
@@ -93,7 +95,7 @@ class _Buffers(NamedTuple):
     width: int
 
 
-def _draw(
+def _draw_triangles(
     corners: Float[np.ndarray, "f 3 2"],
     nearness: Float[np.ndarray, "f 3"],
     boxes: _Boxes,
@@ -106,7 +108,7 @@ def _draw(
     within = np.arange(len(item)) - np.repeat(np.cumsum(count) - count, count)
     column = low[item, 0] + within % size[item, 0]
     row = low[item, 1] + within // size[item, 0]
-    planes = _planes(corners[faces])[item]
+    planes = _barycentric_planes(corners[faces])[item]
     first = planes[:, 0, 0] * column + planes[:, 0, 1] * row + planes[:, 0, 2]
     second = planes[:, 1, 0] * column + planes[:, 1, 1] * row + planes[:, 1, 2]
     inside = (first >= 0) & (second >= 0) & (first + second <= 1)
@@ -118,7 +120,7 @@ def _draw(
     face[sample[winners]] = faces[item[winners]]
 
 
-def _planes(corners: Float[np.ndarray, "f 3 2"]) -> Float[np.ndarray, "f 2 3"]:
+def _barycentric_planes(corners: Float[np.ndarray, "f 3 2"]) -> Float[np.ndarray, "f 2 3"]:
     """First two barycentric weights, linear in the sample: factors of column and row, and a constant."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     area = _cross(b - a, c - a)[:, None]
@@ -127,11 +129,11 @@ def _planes(corners: Float[np.ndarray, "f 3 2"]) -> Float[np.ndarray, "f 2 3"]:
     return np.stack([first, second], axis=1)
 
 
-def _weights(
+def _barycentric_weights(
     corners: Float[np.ndarray, "k 3 2"], place: Float[np.ndarray, "k 2"]
 ) -> Float[np.ndarray, "k 3"]:
     """Barycentric weights of places in triangles."""
-    planes = _planes(corners)
+    planes = _barycentric_planes(corners)
     first, second = np.einsum("kwi,ki->wk", planes[..., :2], place) + planes[..., 2].T
     return np.stack([first, second, 1 - first - second], axis=1)
 

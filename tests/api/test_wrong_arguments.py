@@ -119,7 +119,6 @@ WRONG: dict[str, tuple[Callable[..., object], dict[str, tuple[Any, ...]]]] = {
             "output": but_none(NO_PATH),
             "workers": (*but_none(NO_NUMBER), 1.5),
             "scheduler": but_none(NO_TEXT),
-            "shard": but_none(NO_TEXT),
             "resume": NO_TRUTH,
             "progress": but_none(NO_FUNCTION),
         },

@@ -3,7 +3,7 @@
 import multiprocessing
 import os
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from pathlib import Path
 
 import numpy as np
@@ -26,7 +26,7 @@ class Numbers:
     def __init__(self, alarm_s: float = 0.0) -> None:
         self.alarm_s = alarm_s
 
-    def rows(self, study: Study, chunks: list[Chunk]) -> Iterator[Row]:
+    def rows(self, study: Study, chunks: list[Chunk]) -> Generator[Row, None, None]:
         signal.setitimer(signal.ITIMER_REAL, self.alarm_s)
         for run in (run for chunk in chunks for run in chunk):
             drawn = np.random.default_rng(run).standard_normal(3).tolist()

@@ -2,8 +2,15 @@
 
 import pytest
 
-from spinfilters.campaigns.recording_factors import NoiseFactor
-from spinfilters.campaigns.row_columns import LEVELS
+from spinfilters.campaigns.recording_factors import (
+    BodyFactor,
+    FaultFactor,
+    MotionFactor,
+    NoiseFactor,
+    RecordingFactors,
+    SensorFactor,
+)
+from spinfilters.campaigns.row_columns import noise_levels
 from spinfilters.io.sensor_format import dataset_kinds
 from spinfilters.simulation.scenario import Scenario, simulate
 
@@ -12,8 +19,9 @@ from spinfilters.simulation.scenario import Scenario, simulate
 def test_the_true_levels_of_a_simulated_recording_are_in_the_rows(kind: str) -> None:
     dataset = simulate(Scenario.simplified(kind=kind, epochs=4, landmarks=20))
     told = dataset.options.sensor_noise
-    levels = NoiseFactor().levels
+    factors = RecordingFactors(MotionFactor(), BodyFactor(), SensorFactor(), NoiseFactor(), FaultFactor())
+    levels = factors.levels
     assert told
     assert told.keys() <= levels.keys()
     assert {name: levels[name] for name in told} == pytest.approx(dict(told))
-    assert set(levels) == set(LEVELS)
+    assert set(levels) == set(noise_levels())

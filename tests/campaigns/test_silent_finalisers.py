@@ -1,4 +1,4 @@
-"""Complaints of destroyed objects while a scheduler is sought: Dask's are dropped, all others are not."""
+"""Complaints of destroyed objects during a campaign: those of Dask are dropped, all others are not."""
 
 import sys
 from collections.abc import Callable
@@ -20,7 +20,7 @@ def test_only_complaints_of_dask_are_dropped(
     before: Callable[[Any], None] = told.append
     monkeypatch.setattr(sys, "unraisablehook", before)
     destroyed = None if module is None else SimpleNamespace(__module__=module)
-    with dask_cluster._silent_finalisers():  # pyright: ignore[reportPrivateUsage]
+    with dask_cluster.silent_dask():
         sys.unraisablehook(SimpleNamespace(object=destroyed))  # pyright: ignore[reportArgumentType]
     assert len(told) == count
     assert sys.unraisablehook is before

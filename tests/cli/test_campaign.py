@@ -1,5 +1,6 @@
 """The command ``campaign``: what it says, what it refuses in one line, what a repeated run gives."""
 
+import importlib.util
 import json
 from collections.abc import Callable
 from pathlib import Path
@@ -8,7 +9,7 @@ import pytest
 import tomli_w
 
 import spinfilters
-from spinfilters.campaigns.engine import Processes
+from spinfilters.campaigns.dask_cluster import DaskCluster
 from spinfilters.cli.main import main
 from spinfilters.core.errors import InputError
 from tests.campaigns.study_samples import gyro_document
@@ -17,8 +18,8 @@ from tests.campaigns.test_engine import InProcess
 
 @pytest.fixture(autouse=True)
 def no_processes(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Make runs here: how processes make them has tests of its own."""
-    monkeypatch.setattr(Processes, "rows", lambda _, study, chunks: InProcess().rows(study, chunks))
+    """Make runs here: how Dask makes them has tests of its own."""
+    monkeypatch.setattr(DaskCluster, "rows", lambda _, study, chunks: InProcess().rows(study, chunks))
 
 
 @pytest.fixture
@@ -61,15 +62,13 @@ REFUSED: Refused = [
     (lambda study, out: [str(out / "none.toml"), "-o", str(out)], "no such file"),
     (lambda study, out: [str(study), "-o", str(study)], "cannot be made a folder"),
     (lambda study, out: [str(study), "-o", str(study.parent)], "not empty"),
-    (lambda study, out: [str(study), "-o", str(out), "--shard", "3/3"], "does not exist"),
-    (lambda study, out: [str(study), "-o", str(out), "--shard", "half"], "give i/N"),
+    (lambda study, out: [str(study), "-o", str(out), "--shard", "0/3"], "with --scheduler"),
     (lambda study, out: [str(study), "-o", str(out), "--workers", "0"], "--workers"),
     (lambda study, out: [str(study), "-o", str(out), "--scheduler", "nowhere"], "scheduler"),
     (lambda study, out: ["report"], "required: OUT"),
     (lambda study, out: ["report", str(study.parent)], "no campaign's folder"),
     (lambda study, out: ["report", str(out), "--resume"], "--resume is not for"),
-    (lambda study, out: ["merge", "-o", str(out)], "required: SHARD"),
-    (lambda study, out: ["merge", str(out)], "-o OUT"),
+    (lambda study, out: ["merge", str(out), "-o", str(out)], "with --scheduler"),
     (
         lambda study, out: ["repeat", str(out), "last"],
         "argument RUN: 'last' is not allowed; give a whole number",
@@ -105,3 +104,21 @@ def test_rows_are_kept_when_the_command_is_told_twice(
     assert "--resume" in capsys.readouterr().err
     assert main(["campaign", str(study), "-o", str(out), "--resume"]) == 0
     assert len(list((out / "rows").iterdir())) == 1
+
+
+@pytest.mark.parametrize("package", ["distributed", "pyarrow"])
+def test_a_package_that_is_not_installed_is_named_with_its_extra(
+    package: str,
+    study: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    found = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == package else found(name))
+    assert main(["campaign", str(study), "-o", str(tmp_path / "out")]) == 2
+    complaint = capsys.readouterr().err
+    assert complaint == (
+        f"spinfilters: campaigns need {package}, which is not installed; install 'spinfilters[campaign]'\n"
+    )
+    assert not (tmp_path / "out").exists()

@@ -12,12 +12,12 @@ from contracts.plugin import program_of
 
 import spinfilters
 from spinfilters.api.arguments import CampaignArguments, ObserveArguments, RunArguments
-from spinfilters.cli import commands
-from spinfilters.cli.command import Command, CommandGroup
+from spinfilters.cli.command import Command
+from spinfilters.cli.commands import COMMANDS, ListedCommand
 from spinfilters.cli.commands_page import main as write_page
 from spinfilters.cli.commands_page import page
 from spinfilters.cli.main import main
-from spinfilters.io.arguments import given_fields
+from spinfilters.io.argument_fields import given_fields
 from spinfilters.io.stated_values import Argument, ArgumentGroup, NumberRange, ReadingOptions
 from spinfilters.simulation.scenario_record import Scenario
 
@@ -27,7 +27,11 @@ PROGRAM = program_of(DOCS / "how-to" / "add-a-command.md")
 
 def run_with(command: Command[Any], monkeypatch: pytest.MonkeyPatch, *words: str) -> int:
     """Exit code of a command that was added to the table."""
-    monkeypatch.setattr("spinfilters.cli.main.COMMANDS", (*commands.COMMANDS, command))
+    module = ModuleType(command.name)
+    module.__dict__["COMMAND"] = command
+    monkeypatch.setitem(sys.modules, command.name, module)
+    listed = ListedCommand(command.name, "added by a test", command.name)
+    monkeypatch.setattr("spinfilters.cli.main.COMMANDS", (*COMMANDS, listed))
     try:
         return main([command.name, *words])
     except SystemExit as ended:
@@ -40,7 +44,7 @@ def turn(monkeypatch: pytest.MonkeyPatch) -> Command[Any]:
     module = ModuleType("turn")
     monkeypatch.setitem(sys.modules, "turn", module)
     exec(PROGRAM, module.__dict__)
-    return module.TURN
+    return module.COMMAND
 
 
 def test_a_command_of_one_file_runs_with_its_defaults(
@@ -96,7 +100,7 @@ def parsed(monkeypatch: pytest.MonkeyPatch, *words: str) -> EveryKind | None:
         made.append(options)
         return 0
 
-    code = run_with(Command("every", "every kind", EveryKind, keep), monkeypatch, *words)
+    code = run_with(Command("every", EveryKind, keep), monkeypatch, *words)
     assert code == (0 if made else 2)
     return made[0] if made else None
 
@@ -152,9 +156,15 @@ def test_what_a_field_does_not_take_is_refused_in_one_line(
 def every_command() -> list[Command[Any]]:
     """All commands, actions of groups among them."""
     found: list[Command[Any]] = []
-    for each in commands.COMMANDS:
-        found += each.actions if isinstance(each, CommandGroup) else (each,)
+    for listed in COMMANDS:
+        found += [command for _, command in listed.load().parts]
     return found
+
+
+@pytest.mark.parametrize("listed", COMMANDS, ids=lambda listed: listed.name)
+def test_the_table_names_each_command_as_its_file_does(listed: ListedCommand) -> None:
+    assert listed.load().name == listed.name
+    assert listed.help
 
 
 @pytest.mark.parametrize("command", every_command(), ids=lambda command: command.name)

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spinfilters.cli import compare_segments
 from spinfilters.cli.main import main
 from spinfilters.io.dataset import Dataset
 from spinfilters.run.segment_runs import SegmentResult
@@ -44,7 +43,7 @@ def test_all_flights_are_compared_and_pooled(
         numbers = [each.segment.number or 0 for each in datasets if each.segment is not None]
         return [SegmentResult(number, {"estimators": {"mekf": estimate(number)}}) for number in numbers]
 
-    monkeypatch.setattr(compare_segments, "run_segments", estimated)
+    monkeypatch.setattr("spinfilters.run.segment_runs.run_segments", estimated)
     run = tmp_path / "run"
     arguments = ["compare", str(recording), "--unit", "deg/s", "--segment", "auto", "--estimators", "mekf"]
     assert main([*arguments, "-o", str(run)]) == 0
@@ -68,7 +67,7 @@ def test_flights_of_all_recordings_in_a_folder_are_compared_and_numbered_through
         numbers = [each.segment.number or 0 for each in datasets if each.segment is not None]
         return [SegmentResult(number, {"estimators": {"mekf": estimate(number)}}) for number in numbers]
 
-    monkeypatch.setattr(compare_segments, "run_segments", estimated)
+    monkeypatch.setattr("spinfilters.run.segment_runs.run_segments", estimated)
     run = tmp_path / "run"
     arguments = ["compare", str(folder), "--unit", "deg/s", "--segment", "auto", "--estimators", "mekf"]
     assert main([*arguments, "-o", str(run)]) == 0

@@ -186,8 +186,6 @@ def _small(command: str) -> str | None:
         tail = f" --unit deg/s{tail}"  # the pages' own recording says its unit
     for old, new in (
         (" 1234 -o", f" {SMALLEST_RUN - 1} -o"),
-        ("shard-$I --shard $I/100", "shard-0 --shard 0/1"),
-        ("-o runs/study", "-o runs/merged") if "merge" in body else ("", ""),
         ("--segment 6.55:7.4", "--segment 2.0:3.0"),
         ("-o images", "-o rendered") if "simulate" in body else ("", ""),
         ("runs/images", "runs/mine"),

@@ -1,7 +1,6 @@
 """Whether poses fall is asked of few solutions, all of the same epochs."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -76,14 +75,14 @@ def test_priors_of_the_centre_are_weighed_as_fits_with_each_weigh_them(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     different: dict[float, float] = {}
-    weighed = acceleration_state._accelerated  # pyright: ignore[reportPrivateUsage]
+    weighed = acceleration_state.explanations_with_acceleration
 
-    def fitted(make: acceleration_state.Make, settings: Settings, without: Setup) -> list[Any]:
-        found = weighed(make, settings, without)
+    def fitted(without: Setup, settings: Settings) -> list[acceleration_state.AccelerationExplanation]:
+        found = weighed(without, settings)
         for each in found:
             options = replace(settings.initialisation, centre_std=each.centre_std)
             own = replace(settings, process=replace(settings.process, gravity=True), initialisation=options)
-            setup = make(own, without)
+            setup = acceleration_state.setup_beside(without, own)
             assert len(setup.initial.mean) == len(setup.timeline)
             cost = minus_twice_log_evidence(setup, setup.initial.mean)
             assert cost is not None
@@ -91,7 +90,7 @@ def test_priors_of_the_centre_are_weighed_as_fits_with_each_weigh_them(
             different[each.centre_std] = each.cost - cost
         return found
 
-    monkeypatch.setattr(acceleration_state, "_accelerated", fitted)
+    monkeypatch.setattr(acceleration_state, "explanations_with_acceleration", fitted)
     setup = prepare(thrown(), Settings())
     assert setup.process.layout.has(ACCELERATION)
     assert len(different) == 4

@@ -12,13 +12,13 @@ from spinfilters.core.errors import InputError
 from spinfilters.io.camera import read_stereo_rig
 from spinfilters.io.phone_exports import read_phyphox
 from spinfilters.io.sensor_format import sensor_format
-from spinfilters.io.sensor_tables import read_gyro_csv, read_sensor_file, read_tum
+from spinfilters.io.sensor_tables import read_sensor_file, read_tum
 from spinfilters.run.readers import read_dataset
 from tests.io.log_samples import DATASET, GYRO, PHYPHOX, SEGMENTS, TRACKS, TUM, sensor_yaml, written
 
 Reader = Callable[[Path], object]
 READERS: dict[str, tuple[str, str, Reader]] = {
-    "gyro": ("gyro.csv", GYRO, lambda folder: read_gyro_csv(folder / "gyro.csv")),
+    "gyro": ("gyro.csv", GYRO, lambda folder: read_sensor_file(sensor_format("gyro"), folder / "gyro.csv")),
     "pose": ("poses.tum", TUM, lambda folder: read_tum(folder / "poses.tum")),
     "tracks": (
         "tracks.csv",

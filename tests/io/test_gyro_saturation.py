@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from spinfilters.io.sensor_tables import saturated
+from spinfilters.models.sensors.gyro import saturated
 
 
 def noisy_spin(seed: int, noise: float) -> np.ndarray:

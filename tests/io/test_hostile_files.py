@@ -7,7 +7,8 @@ import pytest
 from test_malformed_inputs import message_of
 
 from spinfilters.io import input_file
-from spinfilters.io.sensor_tables import read_gyro_csv
+from spinfilters.io.sensor_format import sensor_format
+from spinfilters.io.sensor_tables import read_sensor_file
 from spinfilters.run.readers import read_dataset, read_segments
 from tests.io.log_samples import DATASET, GYRO, PHYPHOX, SEGMENTS, phyphox_folder, stereo_folder, written
 
@@ -18,7 +19,9 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
 
 def test_a_directory_in_place_of_a_file_is_named(tmp_path: Path) -> None:
     (tmp_path / "gyro.csv").mkdir()
-    assert "is a directory" in message_of(lambda: read_gyro_csv(tmp_path / "gyro.csv"))
+    assert "is a directory" in message_of(
+        lambda: read_sensor_file(sensor_format("gyro"), tmp_path / "gyro.csv")
+    )
 
 
 def test_an_empty_file_is_named(tmp_path: Path) -> None:
@@ -29,7 +32,7 @@ def test_an_empty_file_is_named(tmp_path: Path) -> None:
 def test_an_unreadable_file_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = written(tmp_path, {"gyro.csv": GYRO}) / "gyro.csv"
     monkeypatch.setattr(os, "access", lambda path, mode: False)  # root, as in a container, may read anything
-    assert "permission denied" in message_of(lambda: read_gyro_csv(path))
+    assert "permission denied" in message_of(lambda: read_sensor_file(sensor_format("gyro"), path))
 
 
 def test_an_unreadable_folder_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -60,18 +63,18 @@ def test_a_file_beyond_the_size_limit_is_not_read(tmp_path: Path) -> None:
     path = tmp_path / "gyro.csv"
     path.touch()
     os.truncate(path, 2 * 1024**3 + 1)  # sparse: takes no disk
-    assert f"has {2 * 1024**3 + 1} bytes" in message_of(lambda: read_gyro_csv(path))
+    assert f"has {2 * 1024**3 + 1} bytes" in message_of(lambda: read_sensor_file(sensor_format("gyro"), path))
 
 
 def test_a_table_beyond_the_row_limit_is_not_parsed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = written(tmp_path, {"gyro.csv": GYRO}) / "gyro.csv"
     monkeypatch.setattr(input_file, "MAX_TABLE_ROWS", 3)
-    assert "more than 3 rows" in message_of(lambda: read_gyro_csv(path))
+    assert "more than 3 rows" in message_of(lambda: read_sensor_file(sensor_format("gyro"), path))
 
 
 def test_a_line_without_end_is_not_parsed(tmp_path: Path) -> None:
     path = written(tmp_path, {"gyro.csv": "1," * 600_000}) / "gyro.csv"
-    assert "line of more than" in message_of(lambda: read_gyro_csv(path))
+    assert "line of more than" in message_of(lambda: read_sensor_file(sensor_format("gyro"), path))
 
 
 @pytest.mark.parametrize("name", ["dataset.toml", "cam0/sensor.yaml", "truth.toml"])
@@ -114,7 +117,9 @@ def test_a_toml_key_of_endless_parts_takes_no_memory(tmp_path: Path, text: str) 
 @pytest.mark.parametrize("content", [b"\x89PNG\r\n\x1a\n\0\0", "time_s,wx".encode("utf-16"), b"\0" * 100])
 def test_a_binary_file_is_refused(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "gyro.csv").write_bytes(content)
-    assert "not UTF-8 text" in message_of(lambda: read_gyro_csv(tmp_path / "gyro.csv"))
+    assert "not UTF-8 text" in message_of(
+        lambda: read_sensor_file(sensor_format("gyro"), tmp_path / "gyro.csv")
+    )
 
 
 @pytest.mark.parametrize(
@@ -122,7 +127,9 @@ def test_a_binary_file_is_refused(tmp_path: Path, content: bytes) -> None:
 )
 def test_bytes_that_are_not_utf8_are_named_with_their_line(tmp_path: Path, content: bytes, line: int) -> None:
     (tmp_path / "gyro.csv").write_bytes(content)
-    assert f"line {line}: byte 0x" in message_of(lambda: read_gyro_csv(tmp_path / "gyro.csv"))
+    assert f"line {line}: byte 0x" in message_of(
+        lambda: read_sensor_file(sensor_format("gyro"), tmp_path / "gyro.csv")
+    )
 
 
 def test_settings_that_are_not_utf8_are_named_with_their_line(tmp_path: Path) -> None:

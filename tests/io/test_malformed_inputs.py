@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 from spinfilters.core.errors import InputError
-from spinfilters.io.sensor_tables import read_gyro_csv, read_tum
+from spinfilters.io.sensor_format import sensor_format
+from spinfilters.io.sensor_tables import read_sensor_file, read_tum
 from spinfilters.run.readers import read_dataset, read_segments
 from tests.io.log_samples import (
     DATASET,
@@ -250,7 +251,7 @@ def test_a_faulty_gyro_file_is_refused_in_one_line_that_names_the_fault(tmp_path
     text, value = GYRO_FAULTS[fault]
     path = tmp_path / "gyro.csv"
     path.write_text(text, encoding="utf-8")
-    message = message_of(lambda: read_gyro_csv(path))
+    message = message_of(lambda: read_sensor_file(sensor_format("gyro"), path))
     assert message.startswith(str(path))
     assert value in message
 

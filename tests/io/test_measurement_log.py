@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from spinfilters.core.errors import InputError, ShapeError
+from spinfilters.core.errors import InputError, RowError, ShapeError
 from spinfilters.io.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.io.sensor_tables import KnownMap
 from tests.io.log_samples import random_gyro, random_pose, random_stereo, random_truth
@@ -25,7 +25,7 @@ FAULTS: dict[str, tuple[str, dict[str, Any], type[InputError], str]] = {
     "a column of times": ("gyro", {"time": np.ones((3, 1))}, ShapeError, r"\(3, 1\)"),
     "a time that is not finite": ("gyro", {"time": np.array([0.0, np.nan, 2.0])}, InputError, "row 1"),
     "a value that is not finite": ("gyro", {"values": np.diag([1.0, 1.0, np.inf])}, InputError, "row 2"),
-    "a time twice": ("gyro", {"time": np.array([0.0, 1.0, 1.0])}, InputError, "1.0 s follows 1.0 s"),
+    "a time twice": ("gyro", {"time": np.array([0.0, 1.0, 1.0])}, RowError, "row 2: time 1.0 s occurs twice"),
     "time backwards": ("stereo", {"time": np.array([0.0, 1.0, 0.5])}, InputError, "0.5 s follows 1.0 s"),
     "ids of a gyro": ("gyro", {"ids": np.array([1, 2, 3])}, InputError, "ids"),
     "no ids of a stereo camera": ("stereo", {"ids": None}, InputError, "ids"),

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from spinfilters.core.errors import InputError
 from spinfilters.io.dataset_folder import write_dataset
 from spinfilters.io.phone_exports import read_phyphox
-from spinfilters.io.sensor_tables import saturated
+from spinfilters.models.sensors.gyro import saturated
 from spinfilters.run.readers import read_dataset, read_segments
 from tests.io.log_samples import REAL_DATA
 

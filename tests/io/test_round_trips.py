@@ -17,8 +17,9 @@ from spinfilters.io.dataset_folder import write_dataset
 from spinfilters.io.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.io.phone_exports import read_phyphox
 from spinfilters.io.sensor_format import sensor_format
-from spinfilters.io.sensor_tables import read_sensor_file, read_tum, saturated, write_tum
+from spinfilters.io.sensor_tables import read_sensor_file, read_tum, write_tum
 from spinfilters.io.truth import Truth
+from spinfilters.models.sensors.gyro import saturated
 from spinfilters.run.readers import read_dataset, read_segments
 from tests.io.log_samples import (
     GYRO,

@@ -115,8 +115,12 @@ def test_a_face_with_other_numbers_before_its_corners_is_read(tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("name", "content", "says"),
     [
-        ("short.stl", binary_stl(box())[:-7], "its header tells 12 triangles, its size is that of 11"),
-        ("lying.stl", binary_stl(box(), 4_000_000_000), "tells 4000000000 triangles, its size is that of 12"),
+        ("short.stl", binary_stl(box())[:-7], "its header states 12 triangles, its size is that of 11"),
+        (
+            "lying.stl",
+            binary_stl(box(), 4_000_000_000),
+            "states 4000000000 triangles, its size is that of 12",
+        ),
         ("tiny.stl", b"solid", "too few for an STL"),
         ("cut.stl", ascii_stl(box())[:-200], "truncated"),
         ("words.stl", ascii_stl(box()).replace(b"vertex 0.5", b"vertex nil", 1), "no number"),

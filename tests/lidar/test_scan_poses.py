@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
+from spinfilters.core.absolute_orientation import nearest_rotation
 from spinfilters.core.errors import InputError
 from spinfilters.lidar.mesh import TriangleMesh, box
 from spinfilters.lidar.planes import PointNoise, extract_planes, identified_noise
@@ -20,7 +21,7 @@ from spinfilters.lidar.scan import (
     without_isolated,
 )
 from spinfilters.lidar.scan_adjustment import AdjustedScans
-from spinfilters.lidar.scan_pose import ScanPose, nearest_rotation, rotation_vector
+from spinfilters.lidar.scan_pose import ScanPose, rotation_vector
 from spinfilters.lidar.scan_poses import ScanPoses, scan_poses
 from spinfilters.reproduction.decoust.sequences import SEQUENCES
 from spinfilters.simulation.lidar_scanner import LidarSettings, Scanner, Still, thesis_rotation

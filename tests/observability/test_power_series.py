@@ -13,9 +13,10 @@ from observability.canonical_motions import landmarks, point_of
 from observability.codistribution import codistribution
 from observability.coordinates import Chart
 from observability.exact_numbers import PrimeField, Rationals, Reals, as_floats, rationals
+from observability.function_values import branch_decisions
 from observability.power_series import Series
 from observability.system import Input, System
-from observability.tape import branch_decisions, tape_of
+from observability.tape import tape_of
 from spinfilters.core.errors import InputError
 from tests.observability.analyser_samples import CHARTS, TUMBLE, stereo_system
 
@@ -35,7 +36,7 @@ EXPRESSIONS = {
 def pushed(expression: ca.SX, x: ca.SX, rate: Rationals, arithmetic: Reals | PrimeField) -> np.ndarray:
     """Series of an expression along x + t rate with tangents by x: (orders, 4)."""
     tape = tape_of("the expression", [x], expression)
-    series = Series(tape, branch_decisions(tape, [[POINT]]), arithmetic, (ORDERS, 1, 4))
+    series = Series(tape, branch_decisions(tape, [[POINT]], arithmetic), arithmetic, (ORDERS, 1, 4))
     found = []
     for order in range(ORDERS):
         values = np.zeros((3, 1, 4), dtype=arithmetic.dtype)

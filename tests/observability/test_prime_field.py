@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from observability.codistribution import SensorCodistribution, eliminate, product_of, rank_of, reduce_columns
+from observability.codistribution import SensorCodistribution, eliminate
 from observability.exact_numbers import ORDER, PRIME, NotRegularError, PrimeField, residue
+from observability.residue_matrices import product_of, rank_of, reduce_columns
 
 FIELD = PrimeField()
 FRACTIONS = st.fractions(min_value=-1000, max_value=1000, max_denominator=10**6)
@@ -26,19 +27,6 @@ def test_sum_product_and_quotient_of_residues_are_those_of_fractions(a: Fraction
     assert FIELD.product(of(a), of(b)) == of(a * b)
     if b:
         assert FIELD.product(of(a), FIELD.inverse(of(b))) == of(a / b)
-
-
-@given(a=FRACTIONS, b=FRACTIONS)
-def test_the_exponential_turns_sums_of_fractions_into_products(a: Fraction, b: Fraction) -> None:
-    product = FIELD.product(FIELD.exponential(of(a), [a]), FIELD.exponential(of(b), [b]))
-    assert product == FIELD.exponential(of(a + b), [a + b])
-
-
-def test_the_exponentials_of_half_and_one_differ_and_that_of_zero_is_one() -> None:
-    half, one, zero = (int(FIELD.exponential(of(a), [a])[0]) for a in map(Fraction, ("1/2", "1", "0")))
-    assert half * half % PRIME == one
-    assert len({half, one, zero}) == 3
-    assert zero == 1
 
 
 def test_prime_and_order_are_prime() -> None:

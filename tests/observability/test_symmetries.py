@@ -7,11 +7,12 @@ import pytest
 from observability import system as sensors
 from observability.canonical_motions import CANONICAL_MOTIONS, landmarks, point_of
 from observability.certificate import Proof, certify
-from observability.codistribution import FIELD, codistribution
+from observability.codistribution import codistribution
 from observability.coordinates import FilterChart, PrincipalChart
 from observability.exact_numbers import as_floats, rationals
 from observability.explanation import Trajectories, explained, simulate, tangent_symmetries
 from observability.named_symmetries import candidates
+from observability.residue_matrices import FIELD
 from observability.symmetry import State, Symmetry
 from observability.system import Input, System
 from spinfilters.models.gauge import gauge_directions

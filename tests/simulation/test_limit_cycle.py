@@ -13,13 +13,13 @@ def test_a_recording_of_years_draws_few_arcs_and_stays_in_the_band(
     push: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     drawn = []
-    leaves = limit_cycle._leaves  # pyright: ignore[reportPrivateUsage]
+    leaves = limit_cycle._exit_from_band  # pyright: ignore[reportPrivateUsage]
 
     def counted(*arguments: float) -> tuple[float, float]:
         drawn.append(arguments)
         return leaves(*arguments)
 
-    monkeypatch.setattr(limit_cycle, "_leaves", counted)
+    monkeypatch.setattr(limit_cycle, "_exit_from_band", counted)
     cycle = limit_cycle.limit_cycle(BAND, PULSE, push, np.random.default_rng(3))
     years = cycle(np.linspace(0.0, 1e9, 1000))
     assert len(drawn) < 2 * limit_cycle.MOST_ARCS

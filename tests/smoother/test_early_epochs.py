@@ -11,7 +11,7 @@ from swapped_ids import swapped
 from spinfilters.core.attitude_conversions import multiply, quaternion_from_mrp
 from spinfilters.core.linear_algebra import normalised_square
 from spinfilters.evaluation.consistency import true_states
-from spinfilters.filters.timeline import CameraView, SensorNoise, Timeline, build_timeline
+from spinfilters.filters.timeline import CameraView, Epoch, SensorNoise, Timeline, build_timeline
 from spinfilters.io.measurement_log import MeasurementLog
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.models.state_layout import FULL_BLOCKS, StateLayout
@@ -120,3 +120,32 @@ def test_the_pose_of_an_epoch_is_found_wherever_it_was_guessed(wrong: float, rot
 
 def test_no_pose_is_found_where_observations_agree_on_none() -> None:
     assert _with_pose_off(2, 1.0, 0.5)[0] is None
+
+
+def _behind_a_gap(gross: float) -> tuple[int, np.ndarray]:
+    """Accepted of the two landmarks in view 20 epochs behind the others, one of them off (px), and the error in deviations."""
+    epochs, truth = _recording(1, 0.0)
+    smoother = _unknown(truth)
+    for epoch in epochs[:16]:
+        smoother.add(epoch)
+    (seen,) = epochs[35].measurements
+    assert seen.ids is not None
+    known = np.flatnonzero(np.isin(seen.ids, smoother.window.ids))[:2]
+    values = seen.values[known].copy()
+    values[0] += gross
+    few = replace(seen, values=values, ids=seen.ids[known], parameters=seen.parameters[known])
+    accepted = smoother.add(Epoch(epochs[35].time, (few,))).accepted
+    belief = smoother.belief
+    return accepted, LAYOUT.local(belief.mean, truth[35]) / belief.std
+
+
+def test_few_landmarks_behind_a_gap_are_used_where_the_motion_can_explain_them() -> None:
+    accepted, error = _behind_a_gap(0.0)
+    assert accepted == 2
+    assert np.abs(error).max() < 4
+
+
+def test_a_gross_error_among_few_landmarks_behind_a_gap_is_not_fitted() -> None:
+    accepted, error = _behind_a_gap(60.0)
+    assert accepted <= 1
+    assert np.abs(error).max() < 4

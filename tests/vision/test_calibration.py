@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from spinfilters.api.image_recordings import example_rig
 from spinfilters.cli.main import main
 from spinfilters.core.errors import InputError
-from spinfilters.io.camera import read_sensor_file, told_deviations
+from spinfilters.io.camera import camera_deviations, read_sensor_file
 from spinfilters.vision.calibration_files import stated_deviations
 from spinfilters.vision.calibration_images import Board, BoardView, board_views, image_pairs
 from spinfilters.vision.depth_map import disparity_map
@@ -188,7 +188,7 @@ def test_pipes_in_place_of_images_are_said_to_be_no_files(tmp_path: Path) -> Non
 
 def test_the_files_of_a_calibration_tell_its_deviations(exact: StereoCalibration, tmp_path: Path) -> None:
     write_raw_rig(exact.rig, tmp_path, stated_deviations(exact))
-    found, baseline = told_deviations(tmp_path), np.linalg.norm(exact.rig.relative_position)
+    found, baseline = camera_deviations(tmp_path), np.linalg.norm(exact.rig.relative_position)
     assert found["baseline_std"] == pytest.approx(exact.baseline_std / baseline)
     ratios = [each.std["fx"] / each.K[0, 0] for each in exact.cameras]
     assert max(ratios) <= found["focal_std"] < 2 * max(ratios)

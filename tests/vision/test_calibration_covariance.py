@@ -11,7 +11,7 @@ from board_images import drawn_poses, drawn_views, write_board_images
 from spinfilters.api.image_recordings import example_rig
 from spinfilters.cli.main import main
 from spinfilters.core.errors import InputError
-from spinfilters.io.camera import told_deviations
+from spinfilters.io.camera import camera_deviations
 from spinfilters.vision.calibration_images import Board, board_views, distinct_views, image_pairs
 from spinfilters.vision.image_folder import LossCount
 from spinfilters.vision.stereo_calibration import StereoCalibration, calibrate_stereo, determination
@@ -110,7 +110,7 @@ def test_the_command_names_what_the_views_leave_open(
     said = capsys.readouterr().out
     assert all(word in said for word in WORDS)
     document = json.loads((tmp_path / "rig/calibration.json").read_text())
-    told = told_deviations(tmp_path / "rig")
+    told = camera_deviations(tmp_path / "rig")
     assert told["focal_std"] > 0.02 or told["baseline_std"] > 0.02
     assert document["baseline_m"]["std"] / document["baseline_m"]["value"] == pytest.approx(
         told["baseline_std"]

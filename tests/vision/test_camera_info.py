@@ -58,8 +58,8 @@ def test_a_rig_of_ros_is_the_rig_that_was_calibrated(tmp_path: Path) -> None:
     ("changed", "words"),
     [
         ({"projection_matrix": None}, "has no projection_matrix"),
-        ({"projection_matrix": _matrix(np.eye(3, 4))}, "tells no baseline"),
-        ({"projection_matrix": _matrix(np.zeros((3, 4)))}, "tells no baseline"),
+        ({"projection_matrix": _matrix(np.eye(3, 4))}, "gives no baseline"),
+        ({"projection_matrix": _matrix(np.zeros((3, 4)))}, "gives no baseline"),
         ({"rectification_matrix": _matrix(2 * np.eye(3))}, "not a rotation"),
         ({"rectification_matrix": "x"}, "rectification_matrix"),
         ({"camera_matrix": _matrix(np.eye(2))}, "camera_matrix"),

@@ -54,10 +54,10 @@ def test_five_of_fourteen_matches_that_agree_are_no_pose() -> None:
     assert tracker.add(0, 0.0, points) is not None
     assert tracker.landmarks is not None
     rows, few = np.arange(tracker.landmarks.count), points.part(np.arange(len(points)) < 14)
-    assert tracker._matched(few, rows) is not None
+    assert tracker.pose_by_descriptors(few, rows) is not None
     mixed = np.r_[:5, np.roll(np.arange(5, 14), 1)]
     wrong = replace(few, features=replace(few.features, descriptors=few.features.descriptors[mixed]))
-    assert tracker._matched(wrong, rows) is None
+    assert tracker.pose_by_descriptors(wrong, rows) is None
 
 
 def test_a_sequence_without_points_has_no_epochs() -> None:

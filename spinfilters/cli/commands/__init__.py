@@ -1,51 +1,89 @@
 """Commands of ``spinfilters``, one file each, in the order of the help.
 
-Nothing heavy is imported here, so that help is quick. One more command is a file, with the record of its arguments and the function
-that runs it, and a name here (docs/how-to/add-a-command.md).
+A command's file is imported when the command is used or asked for its help: all records of arguments take longer to make than the
+rest of ``spinfilters --help``. One more command is a file, with the record of its arguments, the function that runs it and its
+``COMMAND``, and a line here (docs/how-to/add-a-command.md).
 """
 
-from typing import Any, Final
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
-from spinfilters.cli.command import Command, CommandGroup
-from spinfilters.cli.commands import (
-    calibrate,
-    campaign,
-    compare,
-    condition,
-    doctor,
-    embed,
-    free_spin,
-    live,
-    observe,
-    plot,
-    reconstruct,
-    reproduce,
-    rig,
-    scanning,
-    segments,
-    simulate,
-    threshold,
-    track,
-)
+if TYPE_CHECKING:
+    from spinfilters.cli.command import Command, CommandGroup
 
-COMMANDS: Final[tuple[Command[Any] | CommandGroup, ...]] = (
-    compare.COMPARE,
-    compare.ESTIMATE,
-    segments.SEGMENTS,
-    live.LIVE,
-    calibrate.CALIBRATE,
-    rig.RIG,
-    track.TRACK,
-    reconstruct.RECONSTRUCT,
-    simulate.SIMULATE,
-    scanning.LIDAR,
-    observe.OBSERVE,
-    campaign.CAMPAIGN,
-    condition.CONDITION,
-    free_spin.POLHODE,
-    threshold.THRESHOLD,
-    reproduce.REPRODUCE,
-    embed.EMBED,
-    plot.PLOT,
-    doctor.DOCTOR,
+
+class ListedCommand(NamedTuple):
+    """A command in the table: its name, one line of help, and the module whose ``COMMAND`` it is."""
+
+    name: str
+    help: str
+    module: str
+
+    def load(self) -> "Command[Any] | CommandGroup":
+        """Import its module."""
+        return import_module(self.module).COMMAND
+
+
+COMMANDS: Final = (
+    ListedCommand("compare", "estimators side by side on one recording", "spinfilters.cli.commands.compare"),
+    ListedCommand("estimate", "one estimator on a recording", "spinfilters.cli.commands.estimate"),
+    ListedCommand("segments", "list the free flights of a recording", "spinfilters.cli.commands.segments"),
+    ListedCommand(
+        "live",
+        "filter and smoother side by side on measurements as they arrive",
+        "spinfilters.cli.commands.live",
+    ),
+    ListedCommand(
+        "calibrate", "stereo calibration from images of a board", "spinfilters.cli.commands.calibrate"
+    ),
+    ListedCommand(
+        "rig", "how well a stereo rig can measure, before it is built", "spinfilters.cli.commands.rig"
+    ),
+    ListedCommand("track", "stereo images to tracks of landmarks", "spinfilters.cli.commands.track"),
+    ListedCommand(
+        "reconstruct",
+        "dense model of the body of a run made of stereo images",
+        "spinfilters.cli.commands.reconstruct",
+    ),
+    ListedCommand(
+        "simulate",
+        "write a simulated data set with truth, and a picture of it",
+        "spinfilters.cli.commands.simulate",
+    ),
+    ListedCommand(
+        "lidar", "simulate scans of a body, estimate how many are needed", "spinfilters.cli.commands.scanning"
+    ),
+    ListedCommand(
+        "observe",
+        "what a sensor can determine of a motion, proved, and how well",
+        "spinfilters.cli.commands.observe",
+    ),
+    ListedCommand(
+        "campaign", "a table of factors times seeds, run and reported", "spinfilters.cli.commands.campaign"
+    ),
+    ListedCommand(
+        "condition",
+        "how well conditioned covariances are, by time step and units",
+        "spinfilters.cli.commands.condition",
+    ),
+    ListedCommand(
+        "polhode",
+        "how a body of given moments turns freely: polhode, herpolhode, cones, stability",
+        "spinfilters.cli.commands.free_spin",
+    ),
+    ListedCommand(
+        "threshold",
+        "does a target tumble or spin, for a mission's thrust and propellant",
+        "spinfilters.cli.commands.threshold",
+    ),
+    ListedCommand(
+        "reproduce",
+        "tables and figures of the sources: printed, ours, bound",
+        "spinfilters.cli.commands.reproduce",
+    ),
+    ListedCommand("embed", "write the filter as C for a microcontroller", "spinfilters.cli.commands.embed"),
+    ListedCommand("plot", "draw the figures of a run folder again", "spinfilters.cli.commands.plot"),
+    ListedCommand(
+        "doctor", "print versions and check that everything works", "spinfilters.cli.commands.doctor"
+    ),
 )

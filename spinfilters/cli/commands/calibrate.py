@@ -54,7 +54,7 @@ def calibrate(options: CalibrateArguments) -> int:
 
     source, folder, losses = Path(options.folder), Path(options.output), LossCount()
     board = Board.of(options.corners, options.square, options.charuco, options.window)
-    refuse_foreign(folder, CALIBRATE.name)
+    refuse_foreign(folder, COMMAND.name)
     pairs = image_pairs(source)
     views, size = board_views(pairs, board, losses)
     try:
@@ -66,7 +66,7 @@ def calibrate(options: CalibrateArguments) -> int:
     except InputError as error:  # left and right exchanged, as a whole
         raise InputError(f"{path_text(source)}: {error} (left* is cam0)") from None
     results = [*determination(found), *checks(found.rig, measured, board)] if options.check else []
-    with output_folder(folder, CALIBRATE.name) as place:
+    with output_folder(folder, COMMAND.name) as place:
         write_calibration(place, found, measured, results, losses)
         if options.check:
             used = {view.name for view in found.views}
@@ -135,9 +135,8 @@ def _print(
         wide_console().print(line, highlight=False, soft_wrap=True)
 
 
-CALIBRATE = Command(
+COMMAND = Command(
     "calibrate",
-    "stereo calibration from images of a board",
     CalibrateArguments,
     calibrate,
     "Images are named left* and right*, or lie in the EuRoC layout. Writes cam0/sensor.yaml and cam1/sensor.yaml, which track "

@@ -1,4 +1,4 @@
-"""The command ``campaign``: run a study, report it, merge its shards, repeat one of its runs."""
+"""The command ``campaign``: run a study, report it, repeat one of its runs."""
 
 import json
 import shlex
@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Final, NoReturn
 
 from spinfilters.api.arguments import CampaignArguments
 from spinfilters.cli.command import Command, CommandGroup
@@ -16,6 +16,10 @@ from spinfilters.io.stated_values import Argument, ArgumentGroup, NumberRange
 if TYPE_CHECKING:
     from spinfilters.campaigns.engine import Advance
 
+NO_SHARDS: Final = (
+    "campaigns have no shards any more; let the workers of a Dask scheduler share the runs, with --scheduler"
+)
+
 
 @dataclass(frozen=True, kw_only=True)
 class RunStudyArguments:
@@ -24,10 +28,15 @@ class RunStudyArguments:
     study: Annotated[str, Argument("study file", positional=True, metavar="STUDY.toml")]
     output: Annotated[str, Argument("folder of the rows", short="-o", metavar="OUT")]
     how: Annotated[CampaignArguments, ArgumentGroup()] = field(default_factory=CampaignArguments)
+    shard: Annotated[str | None, Argument("of earlier versions; --scheduler replaces it", metavar="i/N")] = (
+        None
+    )
 
 
 def run_study(options: RunStudyArguments) -> int:
     """Run every cell of a study with every seed, with a bar of progress."""
+    if options.shard is not None:
+        raise InputError(NO_SHARDS)
     last: list[Advance] = []
     with _progress_bar() as show:
 
@@ -73,24 +82,15 @@ def report_campaign(options: ReportArguments) -> int:
 
 @dataclass(frozen=True, kw_only=True)
 class MergeArguments:
-    """Arguments of ``campaign merge``."""
+    """Arguments of ``campaign merge`` in earlier versions."""
 
-    folders: Annotated[
-        tuple[str, ...], Argument("folders of the shards of one campaign", positional=True, metavar="SHARD")
-    ]
-    output: Annotated[str, Argument("folder of the merged rows", short="-o", metavar="OUT")]
+    folders: Annotated[tuple[str, ...], Argument("folders of shards", positional=True, metavar="SHARD")]
+    output: Annotated[str | None, Argument("folder", short="-o", metavar="OUT")] = None
 
 
-def merge_shards(options: MergeArguments) -> int:
-    """Merge the rows of shards into one folder."""
-    from spinfilters.api.campaign_frames import require_installed
-
-    require_installed("pyarrow")
-    from spinfilters.campaigns.campaign_folder import merge
-
-    count = merge([Path(folder) for folder in options.folders], Path(options.output))
-    _print_line(f"{count} rows of {len(options.folders)} folders in {options.output}")
-    return 0
+def refuse_shards(_: MergeArguments) -> NoReturn:
+    """InputError: campaigns have no shards any more."""
+    raise InputError(NO_SHARDS)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,14 +157,15 @@ def _duration(seconds: float) -> str:
     return f"{minutes} min {rest:02d} s" if minutes else f"{rest} s"
 
 
-CAMPAIGN = CommandGroup(
+COMMAND = CommandGroup(
     "campaign",
-    "a table of factors times seeds, run and reported",
     (
-        Command("run", "run every cell of a study with every seed", RunStudyArguments, run_study),
-        Command("report", "report a finished or interrupted campaign", ReportArguments, report_campaign),
-        Command("merge", "make one folder of several shards", MergeArguments, merge_shards),
-        Command("repeat", "make one run again", RepeatArguments, repeat_run),
+        Command("run", RunStudyArguments, run_study, help="run every cell of a study with every seed"),
+        Command("report", ReportArguments, report_campaign, help="report a finished or interrupted campaign"),
+        Command(
+            "merge", MergeArguments, refuse_shards, help="of earlier versions; run --scheduler replaces it"
+        ),
+        Command("repeat", RepeatArguments, repeat_run, help="make one run again"),
     ),
     default="run",
     description="Runs every cell of a study with every seed: spinfilters campaign STUDY.toml -o OUT, short for campaign run.",

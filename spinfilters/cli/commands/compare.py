@@ -1,4 +1,4 @@
-"""The commands ``compare`` and ``estimate``: estimators on a recording or on each of its segments, written and printed.
+"""The command ``compare``: estimators on a recording or on each of its segments, written and printed.
 
 What estimates, and what prints its results, is imported once there is a data set: a mistake in the arguments or the recording is
 refused in half the time.
@@ -19,7 +19,6 @@ from spinfilters.simulation.scenario_record import SEED
 if TYPE_CHECKING:
     from spinfilters.io.dataset import Dataset
     from spinfilters.run.estimation import Comparison
-    from spinfilters.run.optional_outputs import OptionalOutputs
     from spinfilters.run.segment_choice import SegmentChoice
     from spinfilters.run.segment_runs import SegmentResult
     from spinfilters.settings.run_settings import Settings
@@ -73,24 +72,10 @@ class CompareArguments:
     how: Annotated[ComparisonArguments, ArgumentGroup()] = field(default_factory=ComparisonArguments)
 
 
-@dataclass(frozen=True, kw_only=True)
-class EstimateArguments:
-    """Arguments of ``estimate``."""
-
-    dataset: Annotated[str, Argument(RECORDING, positional=True, metavar="DATASET")]
-    estimator: Annotated[str, Argument(f"{NAMES} or embedded-double", metavar="NAME")] = "ukf"
-    how: Annotated[ComparisonArguments, ArgumentGroup()] = field(default_factory=ComparisonArguments)
-
-
-def estimate(options: EstimateArguments) -> int:
-    """Run one estimator on a recording, as `compare` runs several."""
-    return compare(CompareArguments(dataset=options.dataset, estimators=options.estimator, how=options.how))
-
-
 def compare(options: CompareArguments) -> int:
     """Run the estimators, write the run folder and its figures, print the table."""
     settings = settings_of(options)
-    optional_outputs = _optional_outputs(options.how)
+    optional_outputs = options.how.optional_outputs
     choice = _segment_choice(options.how.segment)
     if choice is not None and choice.several and options.dataset is not None:
         if optional_outputs is not None:
@@ -140,16 +125,9 @@ def settings_of(options: CompareArguments) -> "Settings":
     if how.drag or how.drag_law:
         law = how.drag_law or settings.process.drag or True  # a law of the config file stays
         settings = replace(settings, process=replace(settings.process, drag=law))
+    if how.verdict is not None:
+        settings = replace(settings, verdict=how.verdict)
     return settings
-
-
-def _optional_outputs(options: ComparisonArguments) -> "OptionalOutputs | None":
-    """Optional outputs that were asked for, or None."""
-    if options.predict is None and not options.convergence and not options.explain:
-        return None
-    from spinfilters.run.optional_outputs import OptionalOutputs
-
-    return OptionalOutputs(options.predict, options.convergence, options.explain)
 
 
 def _segment_choice(text: str | None) -> "SegmentChoice | None":
@@ -206,12 +184,10 @@ def _print_comparison(comparison: "Comparison", folder: Path) -> None:
     from spinfilters.cli.console import wide_console
     from spinfilters.evaluation.comparison_table import comparison_table
     from spinfilters.models.status import verdict_sentences
-    from spinfilters.run.conditions import conditions_of
     from spinfilters.run.run_folder import REPORT_FILE
 
     console = wide_console()
-    conditions = conditions_of(comparison.setup).sentences
-    console.print(comparison_table(comparison.evaluations, conditions))
+    console.print(comparison_table(comparison.evaluations, comparison.conditions.sentences))
     for sentence in verdict_sentences({each.name: each.history.status for each in comparison.evaluations}):
         console.print(sentence, highlight=False)
     if comparison.interrupted:
@@ -292,13 +268,11 @@ def _print_segments(results: "Sequence[SegmentResult]", settings: "Settings") ->
                 console.print(f"{name}: {pooled.sentence}", highlight=False, soft_wrap=True)
 
 
-COMPARE = Command(
+COMMAND = Command(
     "compare",
-    "estimators side by side on one recording",
     CompareArguments,
     compare,
     "Without DATASET the bundled example is simulated, the thesis' own problem: tracks of unknown landmarks on a SPHERES-like body "
     "at 10 rpm about its intermediate axis, 115 epochs at 0.5 s before a stereo camera of 1 px noise, with disturbances of 0.001 "
     "(m/s^2)/sqrt(Hz) and 0.001 (rad/s^2)/sqrt(Hz).",
 )
-ESTIMATE = Command("estimate", "one estimator on a recording", EstimateArguments, estimate)

@@ -50,9 +50,9 @@ def condition(options: ConditionArguments) -> int:
     from spinfilters.plots.style import save_figure
 
     folder = Path(options.output)
-    refuse_foreign(folder, CONDITION.name)
+    refuse_foreign(folder, COMMAND.name)
     report, figure = _of_time_step(options) if options.run is None else _of_run(options, Path(options.run))
-    with output_folder(folder, CONDITION.name) as place:
+    with output_folder(folder, COMMAND.name) as place:
         write_text(place / "condition.csv", "".join(f"{line}\n" for line in report.lines))
         save_figure(figure, place / "condition.png")
         write_json(place / "condition.json", report.document)
@@ -109,9 +109,8 @@ def _of_run(options: ConditionArguments, run: Path) -> "tuple[ConditioningReport
     return covariance_report(str(run), found), covariance_figure(found)
 
 
-CONDITION = Command(
+COMMAND = Command(
     "condition",
-    "how well conditioned covariances are, by time step and units",
     ConditionArguments,
     condition,
     "Without RUN: condition number of the process noise gathered over a time step, with velocity in units of alpha (section 4.9 of "

@@ -17,4 +17,4 @@ def run_doctor(_: DoctorArguments) -> int:
     return doctor()
 
 
-DOCTOR = Command("doctor", "print versions and check that everything works", DoctorArguments, run_doctor)
+COMMAND = Command("doctor", DoctorArguments, run_doctor)

@@ -25,8 +25,8 @@ def embed(options: EmbedArguments) -> int:
 
     folder = Path(options.output)
     chosen = options.chosen
-    refuse_foreign(folder, EMBED.name)
-    with output_folder(folder, EMBED.name) as place:
+    refuse_foreign(folder, COMMAND.name)
+    with output_folder(folder, COMMAND.name) as place:
         files = write_library(chosen, place)
     size = sum(len((folder / file.name).read_bytes()) for file in files)
     wide_console().print(
@@ -38,9 +38,8 @@ def embed(options: EmbedArguments) -> int:
     return 0
 
 
-EMBED = Command(
+COMMAND = Command(
     "embed",
-    "write the filter as C for a microcontroller",
     EmbedArguments,
     embed,
     "Writes a small C library with the light filter: no heap, no libm, fixed work, with test vectors from Python. `make test` in "

@@ -47,11 +47,11 @@ def polhode(options: PolhodeArguments) -> int:
     from spinfilters.plots.style import save_figure
 
     folder = Path(options.output)
-    refuse_foreign(folder, POLHODE.name)
+    refuse_foreign(folder, COMMAND.name)
     moments, rate = np.array(options.moments), RPM * np.array(options.rate_rpm)
     motion = rolling_motion(moments, rate, options.duration)
     document = describe_motion(moments, rate, motion)
-    with output_folder(folder, POLHODE.name) as place:
+    with output_folder(folder, COMMAND.name) as place:
         write_text(place / "polhode.csv", _table(motion))
         save_figure(polhode_figure(moments, rate), place / "polhode.png")
         save_figure(cones_figure(moments, rate), place / "cones.png")
@@ -160,9 +160,8 @@ def _table(motion: "RollingMotion") -> str:
     return "\n".join([head, *(",".join(f"{each:.10g}" for each in row) for row in rows.tolist())]) + "\n"
 
 
-POLHODE = Command(
+COMMAND = Command(
     "polhode",
-    "how a body of given moments turns freely: polhode, herpolhode, cones, stability",
     PolhodeArguments,
     polhode,
     "Torque-free motion in closed form, without a recording (Tweddle 2013, section 2.5, Figures 2-6 to 2-10). Moments that no "

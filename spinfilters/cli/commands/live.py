@@ -150,9 +150,8 @@ def _shown(
     return show
 
 
-LIVE = Command(
+COMMAND = Command(
     "live",
-    "filter and smoother side by side on measurements as they arrive",
     LiveArguments,
     live,
     "DATASET states sensors, noise, camera and the initialisation. Without --input its own measurements after that follow at their "

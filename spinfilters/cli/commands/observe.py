@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Final, Literal
 
 from spinfilters.api.arguments import ObserveArguments
 from spinfilters.cli.command import Command
+from spinfilters.core.errors import InputError
 from spinfilters.io.stated_values import Argument, NumberRange
 
 if TYPE_CHECKING:
@@ -19,11 +20,22 @@ CAMERA_AXES: Final = (
     "x, y, z of the camera's axes at the first epoch (x right, y down, z forward); in every chart"
 )
 
+MOTION_OPTIONS: Final = ("torque", "manoeuvre", "known_map", "study")
+"""Options of a tumbling body that a model has no use for."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class ObserveCommandArguments(ObserveArguments):
     """Arguments of ``observe``: those of Python, known inputs axis by axis, and where the result goes."""
 
+    model: Annotated[
+        str | None,
+        Argument(
+            "your own equations instead of a tumbling body: states, parameters, equations, outputs",
+            positional=True,
+            metavar="MODEL.toml",
+        ),
+    ] = None
     output: Annotated[str, Argument("text, JSON and pictures", short="-o", metavar="FOLDER")] = "runs/observe"
     torque: Annotated[
         tuple[Literal["x", "y", "z"], ...], Argument(f"known torques about {BODY_AXES}", metavar="AXIS")
@@ -52,17 +64,40 @@ class ObserveCommandArguments(ObserveArguments):
 
 def observe(options: ObserveCommandArguments) -> int:
     """Analyse, bound, write text, JSON and a picture, print the text."""
+    if options.model is not None:
+        return _observe_model(options, options.model)
     from spinfilters.cli.console import wide_console
     from spinfilters.io.output_files import output_folder, refuse_foreign
 
     folder = Path(options.output)
-    refuse_foreign(folder, OBSERVE.name)
+    refuse_foreign(folder, COMMAND.name)
     found = _observed(options)
-    with output_folder(folder, OBSERVE.name) as place:
+    with output_folder(folder, COMMAND.name) as place:
         found.write(place)
         if options.study:
             _write_study(found.report, options, place)
     wide_console().print(f"{found}\nwritten to {folder}", highlight=False, soft_wrap=True)
+    return 0
+
+
+def _observe_model(options: ObserveCommandArguments, model: str) -> int:
+    """Analyse a model's file, write text and JSON, print the text."""
+    from observability import analyse_file
+    from spinfilters.cli.console import wide_console
+    from spinfilters.io.output_files import output_folder, refuse_foreign, write_json, write_text
+
+    useless = [name for name in MOTION_OPTIONS if getattr(options, name)]
+    if useless:
+        raise InputError(
+            f"--{useless[0].replace('_', '-')} is of a tumbling body; leave it out, a model's file holds all of its equations"
+        )
+    folder = Path(options.output)
+    refuse_foreign(folder, COMMAND.name)
+    found = analyse_file(model)
+    with output_folder(folder, COMMAND.name) as place:
+        write_text(place / "observe.txt", f"{found}\n")
+        write_json(place / "observe.json", found.document())
+    wide_console().print(f"{found}\nwritten to {folder}", highlight=False, markup=False, soft_wrap=True)
     return 0
 
 
@@ -103,9 +138,4 @@ def _write_study(report: "Report", options: ObserveCommandArguments, folder: Pat
     save_figure(conditioning_figure(as_floats(case.motion.rate)), folder / "conditioning.png")
 
 
-OBSERVE = Command(
-    "observe",
-    "what a sensor can determine of a motion, proved, and how well",
-    ObserveCommandArguments,
-    observe,
-)
+COMMAND = Command("observe", ObserveCommandArguments, observe)

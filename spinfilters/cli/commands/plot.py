@@ -35,4 +35,4 @@ def draw_again(options: PlotArguments) -> int:
     return 0
 
 
-PLOT = Command("plot", "draw the figures of a run folder again", PlotArguments, draw_again)
+COMMAND = Command("plot", PlotArguments, draw_again)

@@ -64,9 +64,8 @@ def _print(made: "Reconstruction", folder: Path) -> None:
         wide_console().print(line, highlight=False, soft_wrap=True)
 
 
-RECONSTRUCT = Command(
+COMMAND = Command(
     "reconstruct",
-    "dense model of the body of a run made of stereo images",
     ReconstructArguments,
     reconstruct,
     "Depth of every stereo pair, fused into one surface in principal axes by the motion that the run estimated. Writes "

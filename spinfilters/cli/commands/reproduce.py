@@ -59,9 +59,8 @@ def reproduce_items(options: ReproduceArguments) -> int:
     return 2 if counts["failed"] else 0
 
 
-REPRODUCE = Command(
+COMMAND = Command(
     "reproduce",
-    "tables and figures of the sources: printed, ours, bound",
     ReproduceArguments,
     reproduce_items,
     "Makes every table and figure with results of both theses from this package alone, and compares it with what is printed. "

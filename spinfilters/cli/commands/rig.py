@@ -56,9 +56,8 @@ def print_rig(options: RigArguments) -> int:
     return 0
 
 
-RIG = Command(
+COMMAND = Command(
     "rig",
-    "how well a stereo rig can measure, before it is built",
     RigArguments,
     print_rig,
     "Accuracy of triangulation half-way between the cameras' axes (Tweddle 2013, section 5.3); the defaults are the thesis' rig.",

@@ -36,7 +36,7 @@ def scan(options: ScanCommandArguments) -> int:
     from spinfilters.io.output_files import refuse_foreign
     from spinfilters.simulation.scanned_scene import ScannedScene
 
-    folder, name = Path(options.output), f"{LIDAR.name} {SCAN.name}"
+    folder, name = Path(options.output), f"{COMMAND.name} {SCAN.name}"
     refuse_foreign(folder, name)
     scene = ScannedScene.of(options)
     console = wide_console()
@@ -129,7 +129,7 @@ def needed(options: NeededArguments) -> int:
     from spinfilters.plots.measurement_figures import scan_accuracy_figure
     from spinfilters.plots.style import save_figure
 
-    folder, place, name = Path(options.scans), Path(options.output), f"{LIDAR.name} {NEEDED.name}"
+    folder, place, name = Path(options.scans), Path(options.output), f"{COMMAND.name} {NEEDED.name}"
     wanted = np.deg2rad(options.attitude_deg)
     refuse_foreign(place, name)
     found = registered_scans(folder)
@@ -150,18 +150,18 @@ def needed(options: NeededArguments) -> int:
 
 SCAN = Command(
     "scan",
-    "scan a mesh with a simulated lidar",
     ScanCommandArguments,
     scan,
     "Writes scan.ply, scan.png and metadata; with --scans a data set of scans of the tumbling body, with truth, for "
     "'spinfilters compare'. Frame of the lidar: x along its axis, y towards elevation, z towards azimuth.",
+    help="scan a mesh with a simulated lidar",
 )
 NEEDED = Command(
     "needed",
-    "how many scans an attitude of a given accuracy takes",
     NeededArguments,
     needed,
     "Registers the scans of a data set of kind lidar-scans and estimates how many like them a mean attitude of the accuracy takes; "
     "writes scans_needed.png.",
+    help="how many scans an attitude of a given accuracy takes",
 )
-LIDAR = CommandGroup("lidar", "simulate scans of a body, estimate how many are needed", (SCAN, NEEDED))
+COMMAND = CommandGroup("lidar", (SCAN, NEEDED))

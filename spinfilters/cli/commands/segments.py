@@ -52,9 +52,8 @@ def list_segments(options: SegmentsArguments) -> int:
     return 0
 
 
-SEGMENTS = Command(
+COMMAND = Command(
     "segments",
-    "list the free flights of a recording",
     SegmentsArguments,
     list_segments,
     "Finds where a body flies freely: in body rates, where some inertia tensor keeps the angular momentum; in poses, where some "

@@ -44,7 +44,7 @@ def simulate(options: SimulateArguments) -> int:
     from spinfilters.plots.time_courses import rates_figure
 
     folder, scenario = Path(options.output), options.scenario
-    refuse_foreign(folder, SIMULATE.name)
+    refuse_foreign(folder, COMMAND.name)
     if scenario.kind == IMAGE_KIND:
         return _simulate_images(options, folder)
     if options.shape is not None or options.foil is not None:
@@ -54,7 +54,7 @@ def simulate(options: SimulateArguments) -> int:
             scenario, options.known_map, lambda done, total: report("motion", done, total)
         )
     assert dataset.truth is not None
-    with output_folder(folder, SIMULATE.name) as place:
+    with output_folder(folder, COMMAND.name) as place:
         write_dataset(dataset, place)
         save_figure(rates_figure([true_rates(dataset.truth)]), place / "truth.png")
     wide_console().print(_sentence(dataset, folder, scenario.epochs), highlight=False, soft_wrap=True)
@@ -89,12 +89,10 @@ def _simulate_images(options: SimulateArguments, folder: Path) -> int:
         foil=options.foil or 0.0,
         inspector=scenario.inspector,
     )
-    with progress_bars() as report, output_folder(folder, SIMULATE.name) as place:
+    with progress_bars() as report, output_folder(folder, COMMAND.name) as place:
         description = render(images, place, lambda done, total: report("images", done, total))
     wide_console().print(f"{description}: in {folder}", highlight=False, soft_wrap=True)
     return 0
 
 
-SIMULATE = Command(
-    "simulate", "write a simulated data set with truth, and a picture of it", SimulateArguments, simulate
-)
+COMMAND = Command("simulate", SimulateArguments, simulate)

@@ -68,7 +68,7 @@ def threshold(options: ThresholdArguments) -> int:
     from spinfilters.plots.style import save_figure
 
     folder, mission = Path(options.output), mission_of(options)
-    refuse_foreign(folder, THRESHOLD.name)
+    refuse_foreign(folder, COMMAND.name)
     found = spin_threshold(mission)
     sentences = _sentences(mission, found, options.rate_rpm)
     rates = {} if options.rate_rpm is None else {"the target": options.rate_rpm * RPM}
@@ -84,7 +84,7 @@ def threshold(options: ThresholdArguments) -> int:
         else {"rate_rpm": options.rate_rpm, "regime": found.regime(options.rate_rpm * RPM).value},
         "text": sentences,
     }
-    with output_folder(folder, THRESHOLD.name) as place:
+    with output_folder(folder, COMMAND.name) as place:
         write_text(place / "threshold.csv", _table(mission))
         save_figure(spin_threshold_figure({_name(options): mission}, rates), place / "threshold.png")
         write_json(place / "threshold.json", document)
@@ -146,9 +146,8 @@ def _table(mission: "InspectionMission") -> str:
     return "\n".join(lines) + "\n"
 
 
-THRESHOLD = Command(
+COMMAND = Command(
     "threshold",
-    "does a target tumble or spin, for a mission's thrust and propellant",
     ThresholdArguments,
     threshold,
     "An inspector that keeps station over a point of a turning target flies a circle (Tweddle 2013, section 1.2). The target "

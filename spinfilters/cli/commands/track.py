@@ -41,13 +41,13 @@ def track(options: TrackArguments) -> int:
         raise InputError(
             f"{path_text(source)}: has no stereo images; give a folder with cam0/data and cam1/data, and no tracks.csv"
         )
-    refuse_foreign(folder, TRACK.name)
+    refuse_foreign(folder, COMMAND.name)
     detector(options.detector)
     follow, began = track_images_online if options.online else track_images, time.perf_counter()
     with progress_bars() as report:
         tracked = follow(source, FrontEndOptions(options.detector), report)
     seconds = time.perf_counter() - began
-    with output_folder(folder, TRACK.name) as place:
+    with output_folder(folder, COMMAND.name) as place:
         write_dataset(replace(tracked.dataset, path=None), place)
         write_json(place / "front_end.json", {**tracked.document, "seconds": seconds})
     _print(tracked, folder, seconds)
@@ -72,9 +72,8 @@ def _print(tracked: "TrackedImages", folder: Path, seconds: float) -> None:
     )
 
 
-TRACK = Command(
+COMMAND = Command(
     "track",
-    "stereo images to tracks of landmarks",
     TrackArguments,
     track,
     "Reads stereo images in the EuRoC layout (cam0/data, cam0/data.csv, cam0/sensor.yaml; cam1), finds landmarks and follows them "

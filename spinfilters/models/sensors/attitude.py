@@ -71,7 +71,16 @@ class AttitudeSensor(Sensor):
         file="attitudes.csv",
         columns=("qx", "qy", "qz", "qw"),
         dimension=3,
-        noise=(NoiseOption("attitude_std", "attitudes", NumberRange(1e-12, 1e3, "rad"), 0.01, (0, 1, 2)),),
+        noise=(
+            NoiseOption(
+                "attitude_std",
+                "attitudes",
+                NumberRange(1e-12, 1e3, "rad"),
+                0.01,
+                (0, 1, 2),
+                scene_level="rotation_std",
+            ),
+        ),
         quaternion=0,
     )
     tells_frames = True
@@ -92,7 +101,7 @@ class AttitudeSensor(Sensor):
 
     def simulate(self, scene: Scene) -> SimulatedStream:
         """True attitudes turned by white noise."""
-        exact, std = scene.motion.block("a"), scene.noise.rotation_std
+        exact, std = scene.motion.block("a"), scene.noise.level("attitude_std")
         noisy = StateLayout(("a",)).retract(exact, std * scene.generator.standard_normal((len(exact), 3)))
         return SimulatedStream(MeasurementStream(self.name, scene.motion.time, noisy), {"attitude_std": std})
 

@@ -5,14 +5,15 @@ from typing import Final
 
 import casadi as ca
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from spinfilters.core.attitude_expressions import Expression
 from spinfilters.io.camera import Rig
 from spinfilters.io.measurement_log import MeasurementStream
 from spinfilters.io.sensor_format import NoiseOption, SensorFormat, SensorNoise
-from spinfilters.io.sensor_tables import read_gyro_csv, saturated, write_gyro_csv
+from spinfilters.io.sensor_tables import require_turns
 from spinfilters.io.stated_values import RATE, NumberRange
+from spinfilters.io.text_table import Table
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.sensor import (
     AnalysedSensor,
@@ -42,7 +43,7 @@ class Gyro(MeasurementModel):
 
     Bias b and relative error of the scale k where the layout holds them.
     The noise n has the covariance N + (scale_std |w|)^2 I, with N = noise_std^2 I or each sample's own.
-    Consumer gyros carry scale, cross-axis and timing errors that grow with the rate; ``scale_std`` stands for them, because a
+    Consumer gyros carry scale, cross-axis and timing errors that grow with the rate; ``scale_std`` covers them, because a
     fixed noise makes the normalised innovations of a fast spin tens to hundreds of times too large.
     Parameters of a measurement: (those of N, such as noise_std rad/s, scale_std 1).
     """
@@ -57,8 +58,7 @@ class Gyro(MeasurementModel):
         super().__init__(layout)
         self.noise = noise or IsotropicNoise(3)
         self.parameter_dim = self.noise.parameter_dim + 1
-        held = (block.name for block in (GYRO_BIAS, GYRO_SCALE) if layout.has(block))
-        self.needs = (*self.needs, *held)
+        self.needs = (*self.needs, *(block.name for block in (GYRO_BIAS, GYRO_SCALE) if layout.has(block)))
 
     def symbolic(self, state: dict[str, Expression], parameters: Expression) -> Expression:
         """Body rate in g axes, with scale error and bias where the state has them, rad/s."""
@@ -82,6 +82,11 @@ GYRO_FULL_SCALE: Final = 35.0
 """Largest rate of an outlier, rad/s: 2000 deg/s, the full scale of a common sensor."""
 
 
+def require_slow_turns(table: Table) -> None:
+    """Require fewer turns between the rows of a table than `require_turns` allows."""
+    require_turns(table, np.linalg.norm(table.values[:, 1:], axis=1))
+
+
 class GyroSensor(Sensor):
     """Sensor of the model `spinfilters.models.sensors.gyro.Gyro`."""
 
@@ -94,7 +99,14 @@ class GyroSensor(Sensor):
         logged_again=True,
         dimension=3,
         noise=(
-            NoiseOption("gyro_noise_std", "gyro", NumberRange(1e-12, 1e6, "rad/s"), 0.005, (0, 1, 2)),
+            NoiseOption(
+                "gyro_noise_std",
+                "gyro",
+                NumberRange(1e-12, 1e6, "rad/s"),
+                0.005,
+                (0, 1, 2),
+                scene_level="gyro_std",
+            ),
             NoiseOption(
                 "gyro_scale_std",
                 "gyro, of the rate",
@@ -104,8 +116,7 @@ class GyroSensor(Sensor):
             ),
         ),
         allowed=RATE,
-        read=read_gyro_csv,
-        write=write_gyro_csv,
+        check=require_slow_turns,
     )
     identified_option = "gyro_scale_std"
     error_blocks = (GYRO_BIAS, GYRO_SCALE)
@@ -140,16 +151,65 @@ class GyroSensor(Sensor):
 
     def simulate(self, scene: Scene) -> SimulatedStream:
         """True rates with bias and white noise."""
-        rates = scene.motion.block("w")
-        values = with_noise(rates + scene.noise.gyro_bias, scene.noise.gyro_std, scene.generator)
+        rates, std = scene.motion.block("w"), scene.noise.level("gyro_noise_std")
+        values = with_noise(rates + scene.noise.gyro_bias, std, scene.generator)
         stream = MeasurementStream(self.name, scene.motion.time, values)
-        return SimulatedStream(stream, {"gyro_noise_std": scene.noise.gyro_std})
+        return SimulatedStream(stream, {"gyro_noise_std": std})
+
+    def flipped(self, values: Float[np.ndarray, " v"]) -> Float[np.ndarray, " v"]:
+        """The rate backwards."""
+        return np.negative(values)
 
     def outliers(
         self, count: int, rig: Rig | None, generator: np.random.Generator
     ) -> Float[np.ndarray, "count 3"]:
         """Uniform within +-`GYRO_FULL_SCALE`."""
         return generator.uniform(-GYRO_FULL_SCALE, GYRO_FULL_SCALE, (count, 3))
+
+
+FLAT_TOP: Final[float] = 1e-3
+NEAR_TOP: Final[float] = 2e-2
+"""Of the largest |rate| of an axis: clipped samples lie within the first of it (offsets are corrected after clipping), and few
+others within the second. Of the samples within the second, a smooth peak has the square root of their ratio within the first."""
+FEWEST_CLIPPED: Final[int] = 3
+"""Samples that can make a flat top."""
+CHANCE: Final[float] = 1e-4
+"""Probability of a smooth peak below which a flat top is clipped, whatever the full scale."""
+FULL_SCALES: Final = np.deg2rad(125.0 * 2.0 ** np.arange(6))
+"""Of usual gyros, rad/s: at them a flat top of few samples is clipped."""
+FULL_SCALE_TOLERANCE: Final[float] = 5e-3
+"""Of a full scale."""
+
+
+def saturated(rate: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
+    """Whether a component of the rate is clipped at its largest magnitude.
+
+    An axis that is there most of the time spins steadily and is not taken for clipped; nor is a peak whose top is as flat by
+    chance, or by the resolution.
+    """
+    clipped = np.zeros(len(rate), dtype=bool)
+    for axis in np.asarray(rate).T:
+        clipped |= _flat_top(np.abs(axis), np.sign(axis))
+    return clipped
+
+
+def _flat_top(size: Float[np.ndarray, " n"], sign: Float[np.ndarray, " n"]) -> Bool[np.ndarray, " n"]:
+    """Clipped samples of an axis."""
+    from scipy.special import bdtrc  # slow to import: every command lists the sensors, few ask for this
+
+    largest, nothing = size.max(initial=0.0), np.zeros(len(size), dtype=bool)
+    if not 0 < largest < np.inf:
+        return nothing
+    resolution = np.diff(np.unique(size)).min(initial=largest) / largest
+    flat = max(FLAT_TOP, 1.5 * resolution)
+    top, near = size >= (1 - flat) * largest, size >= (1 - flat * NEAR_TOP / FLAT_TOP) * largest
+    together = bool(np.any(top[1:] & top[:-1] & (sign[1:] == sign[:-1])))
+    count, others = np.count_nonzero(top), np.count_nonzero(near)
+    if not together or not FEWEST_CLIPPED <= count <= len(size) / 2 or 2 * count <= others:
+        return nothing
+    usual = bool(np.any(np.abs(largest / FULL_SCALES - 1) < FULL_SCALE_TOLERANCE))
+    by_chance = float(bdtrc(count - 1, others, np.sqrt(FLAT_TOP / NEAR_TOP)))
+    return top if usual or by_chance < CHANCE else nothing
 
 
 GYRO = GyroSensor()

@@ -161,8 +161,17 @@ class LidarPointsSensor(Sensor):
         columns=("range_m", "azimuth_rad", "elevation_rad", "delay_s", "nx", "ny", "nz", "offset_m"),
         dimension=3,
         noise=(
-            NoiseOption("lidar_range_std", "ranges", NumberRange(1e-9, 1e6, "m"), 0.01, (0,)),
-            NoiseOption("lidar_angle_std", "angles", NumberRange(1e-12, 1.0, "rad"), 1e-4, (1, 2)),
+            NoiseOption(
+                "lidar_range_std",
+                "ranges",
+                NumberRange(1e-9, 1e6, "m"),
+                0.01,
+                (0,),
+                scene_level="position_std",
+            ),
+            NoiseOption(
+                "lidar_angle_std", "angles", NumberRange(1e-12, 1.0, "rad"), 1e-4, (1, 2), simulated=ANGLE_STD
+            ),
         ),
         repeats=True,
     )
@@ -209,7 +218,7 @@ class LidarPointsSensor(Sensor):
 
         model, layout = LidarPoint(scene.motion.layout), scene.motion.layout
         half = BOX * float(np.linalg.norm(scene.surface.points, axis=1).max())
-        std = np.array([scene.noise.position_std, ANGLE_STD, ANGLE_STD])
+        std = np.array([scene.noise.level("lidar_range_std"), *[scene.noise.level("lidar_angle_std")] * 2])
         covariance = np.tile(np.diag(std**2), (MOST_POINTS, 1, 1))
         delay = np.linspace(-SCAN_SECONDS / 2, SCAN_SECONDS / 2, MOST_POINTS)
         times, rows = [], []

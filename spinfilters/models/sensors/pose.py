@@ -7,6 +7,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
+from spinfilters.core.attitude_conversions import multiply, quaternion_from_rotation_vector
 from spinfilters.core.attitude_expressions import Expression, conjugate, product, short_mrp_from_quaternion
 from spinfilters.io.camera import Rig
 from spinfilters.io.measurement_log import MeasurementStream
@@ -102,9 +103,21 @@ def pose_format(
         columns=("tx", "ty", "tz", "qx", "qy", "qz", "qw"),
         dimension=6,
         noise=(
-            NoiseOption(f"{prefix}_position_std", "positions", NumberRange(1e-12, 1e9, "m"), 0.01, (0, 1, 2)),
             NoiseOption(
-                f"{prefix}_rotation_std", "attitudes", NumberRange(1e-12, 1e3, "rad"), 0.01, (3, 4, 5)
+                f"{prefix}_position_std",
+                "positions",
+                NumberRange(1e-12, 1e9, "m"),
+                0.01,
+                (0, 1, 2),
+                scene_level="position_std",
+            ),
+            NoiseOption(
+                f"{prefix}_rotation_std",
+                "attitudes",
+                NumberRange(1e-12, 1e3, "rad"),
+                0.01,
+                (3, 4, 5),
+                scene_level="rotation_std",
             ),
         ),
         quaternion=3,
@@ -153,7 +166,7 @@ class PoseSensor(Sensor):
         """True poses with white noise in position and attitude."""
         small, motion = StateLayout(("t", "a")), scene.motion
         exact = np.concatenate([motion.block("t"), motion.block("a")], axis=1)
-        stated = (scene.noise.position_std, scene.noise.rotation_std)
+        stated = [scene.noise.level(name) for name in self._options]
         std = np.repeat(stated, 3)
         noisy = small.retract(exact, std * scene.generator.standard_normal((len(exact), 6)))
         covariance = np.tile(np.diag(std**2), (len(exact), 1, 1))
@@ -167,6 +180,16 @@ class PoseSensor(Sensor):
         q = generator.standard_normal((count, 4))
         place = generator.uniform(-POSE_REACH_M, POSE_REACH_M, (count, 3))
         return np.hstack([place, q / np.linalg.norm(q, axis=1, keepdims=True)])
+
+    def flipped(self, values: Float[np.ndarray, "7"]) -> Float[np.ndarray, "7"]:
+        """The place on the other side of the camera."""
+        return np.append(-values[:3], values[3:])
+
+    def turned(
+        self, values: Float[np.ndarray, "7"], rotation_vector: Float[np.ndarray, "3"]
+    ) -> Float[np.ndarray, "7"]:
+        """The attitude turned on the body side, in the same place."""
+        return np.append(values[:3], multiply(values[3:], quaternion_from_rotation_vector(rotation_vector)))
 
     @property
     def _options(self) -> tuple[str, ...]:

@@ -121,6 +121,10 @@ class StereoSensor(Sensor):
         stream, landmarks = stereo_tracks(scene.front_end, scene.surface, scene.seen, scene.generator)
         return SimulatedStream(stream, {PIXEL_STD.name: scene.front_end.pixel_std}, landmarks, RIG)
 
+    def flipped(self, values: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
+        """The columns of the two cameras exchanged: a disparity of the wrong sign."""
+        return values[[2, 1, 0]]
+
     def outliers(
         self, count: int, rig: Rig | None, generator: np.random.Generator
     ) -> Float[np.ndarray, "count 3"]:

@@ -153,9 +153,7 @@ class MapInProgress:
             self.information[where[rows], candidate] += information[rows]
             self.weighted[where[rows], candidate] += weighted[rows]
             self.hits[where[rows], candidate] += 1
-        self._elect(where)
-
-    def _elect(self, where: Int[np.ndarray, " k"]) -> None:
+        # a candidate with more observations takes the place of the one that is chosen
         better = where[self.hits[where, ALTERNATIVE] > self.hits[where, CHOSEN]]
         for sums in (self.information, self.weighted, self.hits):
             sums[better] = sums[better][:, ::-1]

@@ -286,6 +286,7 @@ def _trimmed(seen: _UsableMatches) -> tuple[Float[np.ndarray, "f 7"], Bool[np.nd
 
 def _medians(values: Float[np.ndarray, "f k"], chosen: Bool[np.ndarray, "f k"]) -> Float[np.ndarray, " f"]:
     """Medians of the chosen values of each row; infinite where none is."""
+    # chosen values come first in each row, so that their middle is counted from its beginning
     ordered, counts = np.sort(np.where(chosen, values, np.inf), axis=1), np.count_nonzero(chosen, axis=1)
     middle = np.stack([np.maximum(counts - 1, 0) // 2, np.minimum(counts // 2, values.shape[1] - 1)], axis=1)
     return np.take_along_axis(ordered, middle, axis=1).mean(axis=1)

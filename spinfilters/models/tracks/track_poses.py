@@ -129,7 +129,7 @@ def fit_poses(epochs: Sequence[Matches], calibration: Float[np.ndarray, " c"]) -
     Parameters
     ----------
     epochs : Sequence[Matches]
-        Whose noise is told in one way: all by a standard deviation, or all by covariances; so are their points.
+        Whose noise is stated in one way: all by a standard deviation, or all by covariances; so are their points.
     calibration : Float[np.ndarray, ' c']
         Of the pair (`spinfilters.core.cameras.StereoPair`).
     """

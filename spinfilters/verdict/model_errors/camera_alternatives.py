@@ -25,10 +25,7 @@ U, V, RIGHT = 0, 1, 2
 
 
 def _normalised(each: MeasuredRows) -> tuple[Float[np.ndarray, "r i"], Float[np.ndarray, "r i"]]:
-    """Normalised image coordinates of predicted pixels, and the focal lengths.
-
-    About the principal point, for each component.
-    """
+    """Image coordinates of predicted pixels about the principal point over the focal length, and that length, by component."""
     pixels, calibration = each.model.predict(each.states, each.parameters), each.parameters[:, CALIBRATION:]
     columns = [U, V, U][: pixels.shape[1]]
     focal, centre = calibration[:, columns], calibration[:, [2 + k for k in columns]]

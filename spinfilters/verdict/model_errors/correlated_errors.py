@@ -80,6 +80,8 @@ class ExplainedErrors:
         count, factors = len(self.model.components), self.factors[epochs]
         stated = factors @ np.swapaxes(factors, 1, 2)
         measured, lasting = np.zeros_like(stated), np.zeros_like(stated)
+        # Unit errors of a component's r rows move states by M (n, r): M M' is their share of the stated covariance, M (w + S) M'
+        # that of white errors with the variance w and of lasting ones, S_ij = s exp(-|t_i - t_j| / tau).
         for number, away, every in self._moved:
             slow, moved = np.exp(levels[count + number] - away / np.exp(levels[-1])), every[epochs]
             across = np.swapaxes(moved, 1, 2)

@@ -346,7 +346,7 @@ class LinearRows:
 
     @cached_property
     def _landmark_sqrts(self) -> Float[np.ndarray, "L 3 3"]:
-        """L of the landmarks that are told, the identity of others."""
+        """L of the landmarks that are determined, the identity of others."""
         fit = self.normal.eliminated
         assert fit is not None
         return np.where(fit.is_constrained[:, None, None], fit.information_sqrt, np.eye(3))
@@ -359,11 +359,12 @@ class LinearRows:
         fit = self.normal.eliminated
         assert fit is not None
         p, seen, landmark = len(self.problem.ordering.pose), fit.observations.epoch, fit.observations.landmark
+        # blocks (N, 3, p) of observations: entry (n, i, j) stands in row j of its epoch's pose and column i of its landmark
         rows = np.broadcast_to((p * seen[:, None] + np.arange(p))[:, None], fit.coupling.shape)
         columns = np.broadcast_to((3 * landmark[:, None] + np.arange(3))[:, :, None], fit.coupling.shape)
         shape = p * self.problem.ordering.epochs, 3 * len(self.here.points)
-        told = np.where(fit.is_constrained[landmark, None, None], fit.coupling, 0.0)
-        return csr_array((told.ravel(), (rows.ravel(), columns.ravel())), shape=shape)
+        blocks = np.where(fit.is_constrained[landmark, None, None], fit.coupling, 0.0)
+        return csr_array((blocks.ravel(), (rows.ravel(), columns.ravel())), shape=shape)
 
     @cached_property
     def _inverses(self) -> Float[np.ndarray, "k v v"]:

@@ -302,6 +302,7 @@ def step_statistics(
     """
     after = after or _steps_after(motion)
     H = motion.kicks_of_steps(kicks(motion))
+    # per step: information F = H'H - H'(J P J')H and score u = H'r of its kicks, in units of their own size
     across = np.swapaxes(H, 1, 2)
     whole, spread = across @ H, across @ after.spread
     scale = np.sqrt(np.einsum("kmm->km", whole))
@@ -310,6 +311,7 @@ def step_statistics(
     u = np.einsum("kdm,kd->km", H, after.rest) * unit
     if not (np.isfinite(F).all() and np.isfinite(u).all()):
         return np.zeros(len(H))
+    # u' F^+ u over the directions that the measurements show
     values, vectors = np.linalg.eigh(F)
     along = np.einsum("kmv,km->kv", vectors, u)
     told = values > LEAST_TOLD

@@ -333,6 +333,7 @@ def information_by_epoch(
 ) -> Float[np.ndarray, "n n"]:
     """F among the errors of the chosen epochs, epoch by epoch, of measured columns."""
     q, count = columns.count, len(chosen)
+    # F = H'H - (J'H)' P (J'H): the second term couples all epochs, in blocks of q errors of each chosen epoch
     F = -rows.half_solved(_gradient(rows, columns, chosen)).gram
     own = np.zeros((rows.problem.ordering.epochs, q, q))
     for sensor, part in zip(rows.problem.motion.sensors, columns.sensors, strict=True):
@@ -342,6 +343,7 @@ def information_by_epoch(
     if observations is not None and columns.observations is not None:
         products = np.swapaxes(columns.observations, 1, 2) @ columns.observations
         own += summed(observations.epoch, len(own), products)
+    # the first term has the blocks on the diagonal alone, for a row is of one epoch
     number = np.arange(count)
     blocks = F.reshape(count, q, count, q)
     blocks[number, :, number] += own[chosen]
@@ -352,17 +354,20 @@ def _gradient(rows: LinearRows, columns: Columns, chosen: Int[np.ndarray, " c"])
     """J'H, a column for each chosen epoch and error."""
     ordering, fit, q, count = rows.problem.ordering, rows.normal.eliminated, columns.count, len(chosen)
     K, d, number = ordering.epochs, len(ordering.moving), np.arange(count)
+    # (epoch, component of its state, chosen epoch, error): a measurement of chosen epoch number c fills epoch chosen[c] alone
     every = np.zeros((K, len(ordering.order), count, q))
     for sensor, made, part in zip(rows.problem.motion.sensors, rows.by_epoch, columns.sensors, strict=True):
         by_epoch = made.gradient(part, K)[chosen]
         every[chosen[:, None], rows.columns_of(sensor), number[:, None]] += by_epoch
     landmarks = np.zeros((len(rows.here.points), 3, count * q))
     if fit is not None and rows.observation_rows is not None and columns.observations is not None:
+        # observations of the chosen epochs, with the number of their epoch among these
         place = np.full(K, -1)
         place[chosen] = number
         own = np.flatnonzero(place[fit.observations.epoch] >= 0)
         at, landmark = place[fit.observations.epoch[own]], fit.observations.landmark[own]
         by_row = np.swapaxes(rows.observation_rows[own, :, :-1], 1, 2) @ columns.observations[own]
+        # their rows have the columns [pose (6) | landmark (3)]; a landmark sums over the observations of each epoch by itself
         every[chosen, :6, number] += summed(at, count, by_row[:, :6])
         seen = summed(landmark * count + at, len(landmarks) * count, by_row[:, 6:])
         seen = seen.reshape(len(landmarks), count, 3, q)

@@ -1,15 +1,8 @@
-"""Every registration engine finds the same pose from the same start, with the same honest information."""
+"""A registered cloud is where it was moved to, within the deviations of its information."""
 
 import numpy as np
-import pytest
 
-from spinfilters.lidar.registration import (
-    PointToPlane,
-    RegistrationEngine,
-    SmallGicp,
-    cloud_of,
-    registered,
-)
+from spinfilters.lidar.registration import cloud_of, registered
 from spinfilters.lidar.scan_pose import rotation_matrix, rotation_vector
 
 EYE = np.array([-3.0, 0.0, 0.0])
@@ -25,29 +18,20 @@ def surface(seed: int) -> np.ndarray:
     return np.column_stack([x, y, z]) + STD * generator.standard_normal((4000, 3))
 
 
-def found_with(engine: RegistrationEngine) -> tuple[np.ndarray, np.ndarray]:
+def registration_error() -> tuple[np.ndarray, np.ndarray]:
     """Rotation and translation errors of a cloud that was moved, and the information they should have."""
     target = cloud_of(surface(0), EYE, 3000)
     moved = (surface(1) - TRANSLATION) @ ROTATION
     source = cloud_of(moved, (EYE - TRANSLATION) @ ROTATION, 3000)
-    found = registered(source, target, np.eye(3), np.zeros(3), 0.3, engine)
+    found = registered(source, target, np.eye(3), np.zeros(3), 0.3)
     turned = rotation_vector(found.rotation @ ROTATION.T)
     return np.concatenate([turned, found.translation - TRANSLATION]), found.information
 
 
-def test_own_engine_is_as_far_off_as_it_says() -> None:
-    error, information = found_with(PointToPlane())
+def test_a_registration_is_as_far_off_as_it_says() -> None:
+    error, information = registration_error()
     assert np.linalg.norm(error[:3]) < 1e-3
     assert error @ information @ error < 30.0  # six degrees of freedom
-
-
-def test_small_gicp_agrees_with_the_own_engine() -> None:
-    pytest.importorskip("small_gicp", reason="the extra peers is not installed")
-    own, _ = found_with(PointToPlane())
-    error, information = found_with(SmallGicp())
-    assert np.linalg.norm(error[:3] - own[:3]) < 1e-3
-    assert np.linalg.norm(error[3:] - own[3:]) < 1e-3
-    assert error @ information @ error < 60.0
 
 
 def test_clouds_without_noise_keep_their_neighbours() -> None:
@@ -57,6 +41,6 @@ def test_clouds_without_noise_keep_their_neighbours() -> None:
 
     target = cloud_of(exact(0.0), EYE, 3000)
     source = cloud_of((exact(0.02) - TRANSLATION) @ ROTATION, (EYE - TRANSLATION) @ ROTATION, 3000)
-    found = registered(source, target, np.eye(3), np.zeros(3), 0.3, PointToPlane())
+    found = registered(source, target, np.eye(3), np.zeros(3), 0.3)
     assert found.overlap > 0.8
     assert np.linalg.norm(rotation_vector(found.rotation @ ROTATION.T)) < 1e-3

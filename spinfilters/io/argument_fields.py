@@ -17,7 +17,7 @@ from typing import Annotated, Any, Final, Literal, TypeVar, Union, get_args, get
 
 from spinfilters.core.errors import InputError
 from spinfilters.io.input_file import value_text
-from spinfilters.io.stated_values import Argument, ArgumentGroup, NumberRange
+from spinfilters.io.stated_values import Argument, FieldNote, NumberRange
 
 R = TypeVar("R")
 
@@ -64,12 +64,13 @@ class GivenField:
 
     @property
     def usage(self) -> str:
-        """How it is given on the command line, such as ``-o OUT``."""
+        """How it is given on the command line, such as ``-o OUT or --output OUT``."""
+        if self.argument.positional:
+            return self.flag
         metavar = self.argument.metavar
         names = metavar if isinstance(metavar, str) else " ".join(metavar)
-        return (
-            self.flag if self.argument.positional else f"{self.argument.short or self.flag} {names}".strip()
-        )
+        flags = (self.argument.short, self.flag) if self.argument.short else (self.flag,)
+        return " or ".join(f"{flag} {names}".strip() for flag in flags)
 
     @property
     def choices(self) -> tuple[Any, ...] | None:
@@ -142,10 +143,10 @@ def _given_fields(
         kind, *notes = get_args(hint)
         inside = (*path, each.name)
         for note in notes:
-            if isinstance(note, ArgumentGroup):
-                yield from _given_fields(kind, inside, note.title or title, note.only)
-            elif isinstance(note, Argument):
-                yield _given_field(each, inside, kind, note, notes, title)
+            if note.group is not None:
+                yield from _given_fields(kind, inside, note.group.title or title, note.group.only)
+            elif note.argument is not None:
+                yield _given_field(each, inside, kind, note.argument, notes, title)
 
 
 def _given_field(
@@ -154,7 +155,8 @@ def _given_field(
     parts = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
     rest = [part for part in parts if part is not NoneType]
     default = each.default if each.default_factory is MISSING else each.default_factory()
-    allowed = next((note for note in (*notes, *_ranges(kind)) if isinstance(note, NumberRange)), None)
+    ranges = [note.range for note in (*notes, *_inner_notes(kind)) if note.range is not None]
+    allowed = ranges[0] if ranges else None
     return GivenField(path, argument, _plain(rest[0]), len(rest) < len(parts), default, allowed, title)
 
 
@@ -170,12 +172,12 @@ def _plain(kind: Any) -> Any:
     return get_args(kind)[0] if get_origin(kind) is Annotated else kind
 
 
-def _ranges(kind: Any) -> Iterator[NumberRange]:
-    """Ranges in the annotations within a type, such as those of a tuple's elements."""
+def _inner_notes(kind: Any) -> Iterator[FieldNote]:
+    """Notes in the annotations within a type, such as those of a tuple's elements."""
     for part in get_args(kind):
-        if isinstance(part, NumberRange):
-            yield part
-        yield from _ranges(part)
+        if get_origin(part) is Annotated:
+            yield from get_args(part)[1:]
+        yield from _inner_notes(part)
 
 
 def record_from(record: type[R], values: Mapping[str, Any]) -> R:

@@ -1,0 +1,170 @@
+"""Functions of an expression written with products, roots, exponentials, logarithms, and turns.
+
+A turn is exp(i a), its inverse the angle of a number of modulus 1: so sines and cosines obey their theorems in residues as well.
+"""
+
+from collections.abc import Callable
+from fractions import Fraction
+from typing import Protocol
+
+LONGEST_POWER = 64
+"""Integer exponents up to here become products."""
+
+
+class Program(Protocol):
+    """What registers are written with."""
+
+    def emit(self, operation: str, *operands: int) -> int:
+        """The register of an operation."""
+        ...
+
+    def constant(self, value: Fraction) -> int:
+        """The register of a constant."""
+        ...
+
+    def constant_of(self, register: int) -> Fraction | None:
+        """The constant in a register, if there is one."""
+        ...
+
+
+def _half(program: Program, register: int) -> int:
+    return program.emit("mul", program.constant(Fraction(1, 2)), register)
+
+
+def _turn(program: Program, angle: int) -> tuple[int, int]:
+    """exp(i a) and exp(-i a)."""
+    there = program.emit("cis", angle)
+    return there, program.emit("inv", there)
+
+
+def _sine(program: Program, angle: int) -> int:
+    there, back = _turn(program, angle)
+    return _half(program, program.emit("times_i", program.emit("sub", back, there)))
+
+
+def _cosine(program: Program, angle: int) -> int:
+    return _half(program, program.emit("add", *_turn(program, angle)))
+
+
+def _tangent(program: Program, angle: int) -> int:
+    there, back = _turn(program, angle)
+    above = program.emit("times_i", program.emit("sub", back, there))
+    return program.emit("div", above, program.emit("add", there, back))
+
+
+def _hyperbolic_sine(program: Program, a: int) -> int:
+    power = program.emit("exp", a)
+    return _half(program, program.emit("sub", power, program.emit("inv", power)))
+
+
+def _hyperbolic_cosine(program: Program, a: int) -> int:
+    power = program.emit("exp", a)
+    return _half(program, program.emit("add", power, program.emit("inv", power)))
+
+
+def _hyperbolic_tangent(program: Program, a: int) -> int:
+    """(exp(2 a) - 1) / (exp(2 a) + 1)."""
+    power, one = program.emit("exp", program.emit("twice", a)), program.constant(Fraction(1))
+    return program.emit("div", program.emit("sub", power, one), program.emit("add", power, one))
+
+
+def _complex(program: Program, real: int, imaginary: int) -> int:
+    return program.emit("add", real, program.emit("times_i", imaginary))
+
+
+def _other_leg(program: Program, a: int) -> int:
+    """sqrt(1 - a^2)."""
+    square = program.emit("sub", program.constant(Fraction(1)), program.emit("sq", a))
+    return program.emit("sqrt", square)
+
+
+def _arc_sine(program: Program, a: int) -> int:
+    return program.emit("arg", _complex(program, _other_leg(program, a), a))
+
+
+def _arc_cosine(program: Program, a: int) -> int:
+    return program.emit("arg", _complex(program, a, _other_leg(program, a)))
+
+
+def _angle(program: Program, y: int, x: int) -> int:
+    """Half the angle of (x + i y) / (x - i y), which has modulus 1."""
+    above = _complex(program, x, y)
+    below = program.emit("sub", x, program.emit("times_i", y))
+    return _half(program, program.emit("arg", program.emit("div", above, below)))
+
+
+def _arc_tangent(program: Program, a: int) -> int:
+    return _angle(program, a, program.constant(Fraction(1)))
+
+
+def _area_sine(program: Program, a: int) -> int:
+    root = program.emit("sqrt", program.emit("add", program.emit("sq", a), program.constant(Fraction(1))))
+    return program.emit("log", program.emit("add", a, root))
+
+
+def _area_cosine(program: Program, a: int) -> int:
+    root = program.emit("sqrt", program.emit("sub", program.emit("sq", a), program.constant(Fraction(1))))
+    return program.emit("log", program.emit("add", a, root))
+
+
+def _area_tangent(program: Program, a: int) -> int:
+    one = program.constant(Fraction(1))
+    quotient = program.emit("div", program.emit("add", one, a), program.emit("sub", one, a))
+    return _half(program, program.emit("log", quotient))
+
+
+def _logarithm_of_one_plus(program: Program, a: int) -> int:
+    return program.emit("log", program.emit("add", program.constant(Fraction(1)), a))
+
+
+def _exponential_less_one(program: Program, a: int) -> int:
+    return program.emit("sub", program.emit("exp", a), program.constant(Fraction(1)))
+
+
+def _hypotenuse(program: Program, a: int, b: int) -> int:
+    return program.emit("sqrt", program.emit("add", program.emit("sq", a), program.emit("sq", b)))
+
+
+def _power(program: Program, base: int, exponent: int) -> int:
+    """Products and a root where the exponent is a small half integer; else exp(exponent log(base))."""
+    value = program.constant_of(exponent)
+    if value is None or value.denominator > 2 or abs(value) > LONGEST_POWER:
+        return program.emit("exp", program.emit("mul", exponent, program.emit("log", base)))
+    whole = abs(value.numerator) // value.denominator
+    result = _whole_power(program, base, whole) if whole else None
+    if value.denominator == 2:
+        root = program.emit("sqrt", base)
+        result = root if result is None else program.emit("mul", result, root)
+    if result is None:
+        return program.constant(Fraction(1))
+    return program.emit("inv", result) if value < 0 else result
+
+
+def _whole_power(program: Program, base: int, exponent: int) -> int:
+    if exponent == 1:
+        return base
+    half = program.emit("sq", _whole_power(program, base, exponent // 2))
+    return program.emit("mul", half, base) if exponent % 2 else half
+
+
+LOWERED: dict[str, Callable[..., int]] = {
+    "sin": _sine,
+    "cos": _cosine,
+    "tan": _tangent,
+    "sinh": _hyperbolic_sine,
+    "cosh": _hyperbolic_cosine,
+    "tanh": _hyperbolic_tangent,
+    "asin": _arc_sine,
+    "acos": _arc_cosine,
+    "atan": _arc_tangent,
+    "atan2": _angle,
+    "asinh": _area_sine,
+    "acosh": _area_cosine,
+    "atanh": _area_tangent,
+    "log1p": _logarithm_of_one_plus,
+    "expm1": _exponential_less_one,
+    "hypot": _hypotenuse,
+    "pow": _power,
+    "constpow": _power,
+}
+"""CasADi's functions by name, as programs of operations that have a power series here."""

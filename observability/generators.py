@@ -1,0 +1,296 @@
+"""Generators in closed form: vector fields that move unknowns so that no output changes, found modulo a prime.
+
+A field xi of the unknowns leaves all outputs alone, at all times, if D xi_x = X f for every state, D xi_p = 0 for every
+parameter and X h = 0 for every output, where D is the derivative along the motion and X that along xi. With xi a sum of monomials
+these are linear equations for its coefficients at every point. They are solved modulo a prime at random points, lifted to
+fractions, and tried again at other points. The change of an unknown input is any function, and eliminated point by point.
+"""
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import combinations_with_replacement
+from math import isqrt
+
+import numpy as np
+from jaxtyping import Num
+
+from observability.exact_numbers import PrimeField, residue
+from observability.model_rank import ReachedModel, draw_points
+from observability.power_series import Series
+from observability.residue_matrices import Echelon, reduce_columns
+
+SPARE = 6
+"""Equations beyond the number of coefficients."""
+MOST_TERMS = 500
+"""Coefficients solved for at once; a larger ansatz is not tried."""
+
+
+@dataclass(frozen=True)
+class Term:
+    """One monomial of one component: the unknown that moves, and the factors."""
+
+    moved: str
+    factors: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Generator:
+    """A field of the unknowns with rational coefficients.
+
+    Attributes
+    ----------
+    terms : dict[Term, Fraction]
+        Coefficient by term.
+    """
+
+    terms: dict[Term, Fraction]
+
+    @property
+    def kind(self) -> str:
+        """Scaling, translation, affine or polynomial."""
+        if all(term.factors == (term.moved,) for term in self.terms):
+            return "scaling"
+        if not any(term.factors for term in self.terms):
+            return "translation"
+        return "affine" if all(len(term.factors) < 2 for term in self.terms) else "polynomial"
+
+    @property
+    def components(self) -> dict[str, str]:
+        """xi of every unknown that moves, as a formula."""
+        found: dict[str, list[str]] = defaultdict(list)
+        for term, value in self.terms.items():
+            found[term.moved].append(_product_in_words(value, term.factors))
+        return {name: " + ".join(parts).replace("+ -", "- ") for name, parts in found.items()}
+
+    def __str__(self) -> str:
+        """Finite moves by an amount ε where they are simple: x -> e^ε x."""
+        if self.kind == "scaling":
+            moves = [f"{t.moved} -> {_exponential(v)} {t.moved}" for t, v in self.terms.items()]
+        elif self.kind == "translation":
+            moves = [f"{t.moved} -> {t.moved} {_signed(v)}" for t, v in self.terms.items()]
+        else:
+            moves = [f"d{name}/dε = {text}" for name, text in self.components.items()]
+        return ", ".join(moves)
+
+
+def _product_in_words(value: Fraction, factors: Sequence[str]) -> str:
+    words = "*".join(factors)
+    if not words:
+        return str(value)
+    if abs(value) == 1:
+        return words if value > 0 else f"-{words}"
+    return f"{value}*{words}" if value.denominator == 1 else f"({value})*{words}"
+
+
+def _exponential(value: Fraction) -> str:
+    if value.denominator == 1:
+        return {1: "e^ε", -1: "e^-ε"}.get(int(value), f"e^({value}ε)")
+    return f"e^({value} ε)"
+
+
+def _signed(value: Fraction) -> str:
+    size = "ε" if abs(value) == 1 else f"{abs(value)} ε"
+    return f"{'-' if value < 0 else '+'} {size}"
+
+
+def generators(part: ReachedModel, moved: Sequence[str], count: int, seed: int = 1) -> list[Generator]:
+    """Independent generators, at most so many: scalings, then translations, affine and quadratic fields.
+
+    Parameters
+    ----------
+    part : ReachedModel
+        The model without a special point and known initial values.
+    moved : Sequence[str]
+        Unknowns that some null direction moves.
+    count : int
+        Dimension of the null space.
+    """
+    moving = [name for name in moved if name not in part.unknown_inputs]
+    if not moving:
+        return []
+    search = _Search(part, moving, count, seed)
+    search.scalings()
+    for degrees, wide in (((0, 1), False), ((0, 1, 2), False), ((1, 2), True)):
+        if search.missing:
+            search.try_degrees(degrees, wide)
+    return search.found
+
+
+class _Search:
+    """Ansatz after ansatz, until all directions have a generator."""
+
+    def __init__(self, part: ReachedModel, moved: list[str], count: int, seed: int) -> None:
+        self._part, self._moved, self._count = part, moved, count
+        self._random = np.random.default_rng(seed)
+        self._field = PrimeField()
+        self.found: list[Generator] = []
+        self._weights: list[dict[str, int]] = []
+        self._points = _Points(part, self._field, self._random)
+        self._fixed_point = _Points(part, self._field, self._random)
+        self._directions = Echelon(len(moved), self._field)
+
+    @property
+    def missing(self) -> int:
+        """Directions without a generator."""
+        return self._count - len(self.found)
+
+    def scalings(self) -> None:
+        """Fields x -> weight x."""
+        self._solve([Term(name, (name,)) for name in self._moved])
+        self._weights = [
+            {term.moved: residue(value, self._field.prime) for term, value in each.terms.items()}
+            for each in self.found
+        ]
+
+    def try_degrees(self, degrees: Sequence[int], wide: bool) -> None:
+        """Monomials of some degrees, split by their weights under the scalings found.
+
+        Factors are the unknowns that move, or (``wide``) all constants as well.
+        """
+        groups: dict[tuple[int, ...], list[Term]] = defaultdict(list)
+        others = [name for name in self._part.constants if wide or name in self._moved]
+        states = [name for name in self._moved if name not in self._part.constants]
+        for name in self._moved:
+            factors = others if name in others else [*others, *states]
+            for degree in degrees:
+                for chosen in combinations_with_replacement(factors, degree):
+                    term = Term(name, chosen)
+                    groups[self._weight(term)].append(term)
+        for terms in sorted(groups.values(), key=len):
+            if self.missing and len(terms) <= MOST_TERMS:
+                self._solve(terms)
+
+    def _weight(self, term: Term) -> tuple[int, ...]:
+        prime = self._field.prime
+        return tuple(
+            (sum(weights.get(name, 0) for name in term.factors) - weights.get(term.moved, 0)) % prime
+            for weights in self._weights
+        )
+
+    def _solve(self, terms: list[Term]) -> None:
+        matrix = self._points.equations(terms, len(terms) + SPARE)
+        rows = Echelon(len(terms), self._field)
+        rows.add(matrix)
+        kernel = rows.null_space()
+        for column in sorted(kernel.T, key=np.count_nonzero):
+            generator = _lifted(terms, column, self._field.prime)
+            if generator is not None and self.missing:
+                self._take(generator)
+
+    def _take(self, generator: Generator) -> None:
+        """Keep a generator that holds at fresh points and is independent of those known."""
+        terms = list(generator.terms)
+        fresh = _Points(self._part, PrimeField(base=271828183), self._random)
+        coefficients = fresh.field.numbers(list(generator.terms.values()))
+        rows = fresh.equations(terms, SPARE)
+        if fresh.field.reduced(fresh.field.product(rows, coefficients).sum(axis=1)).any():
+            return
+        before = self._directions.rank
+        self._directions.add(self._fixed_point.direction(generator, self._moved)[np.newaxis])
+        if self._directions.rank > before:
+            self.found.append(generator)
+
+
+class _Points:
+    """A model's rates, outputs and their gradients at random points."""
+
+    def __init__(self, part: ReachedModel, field: PrimeField, random: np.random.Generator) -> None:
+        self._part, self.field, self._random = part, field, random
+        self._values: dict[str, np.ndarray] = {}
+        self._rows = np.zeros((0, 0, 0), dtype=np.uint64)
+
+    def direction(self, generator: Generator, names: Sequence[str]) -> Num[np.ndarray, " n"]:
+        """The field at the first point."""
+        self._need(1)
+        found = dict.fromkeys(names, 0)
+        for term, value in generator.terms.items():
+            size = residue(value, self.field.prime) * int(self._monomial(term.factors)[0])
+            found[term.moved] = (found[term.moved] + size) % self.field.prime
+        return np.array(list(found.values()), dtype=np.uint64)
+
+    def equations(self, terms: Sequence[Term], count: int) -> Num[np.ndarray, "r t"]:
+        """At least so many equations for the coefficients of terms."""
+        part, field = self._part, self.field
+        each = max(1, len(part.states) + len(part.model.outputs) - len(part.unknown_inputs))
+        points = -(-count // each) + 2
+        self._need(points)
+        unknowns = part.unknowns
+        rows = np.zeros((points, self._rows.shape[0], len(terms)), dtype=np.uint64)
+        for k, term in enumerate(terms):
+            gradient = self._rows[:, :points, 1 + unknowns.index(term.moved)]
+            entry = field.product(gradient, self._monomial(term.factors)[:points])
+            if term.moved in part.states:
+                row = part.states.index(term.moved)
+                entry[row] = field.reduced(entry[row] + field.negative(self._rate(term.factors)[:points]))
+            rows[:, :, k] = entry.T
+        free = [1 + unknowns.index(name) for name in part.unknown_inputs]
+        if free:
+            inputs = self._rows[:, :points, free].transpose(1, 0, 2)
+            reduced = reduce_columns(np.concatenate([inputs, rows], axis=2), len(free), field)
+            rows = reduced.rest[:, :, len(free) :]
+        return rows.reshape(-1, len(terms))
+
+    def _monomial(self, factors: Sequence[str]) -> Num[np.ndarray, " b"]:
+        result = np.ones_like(next(iter(self._values.values())))
+        for name in factors:
+            result = self.field.product(result, self._values[name])
+        return result
+
+    def _rate(self, factors: Sequence[str]) -> Num[np.ndarray, " b"]:
+        """Derivative of a monomial along the motion."""
+        field, states = self.field, self._part.states
+        total = np.zeros_like(next(iter(self._values.values())))
+        for k, name in enumerate(factors):
+            if name in states:
+                others = self._monomial([*factors[:k], *factors[k + 1 :]])
+                total = field.reduced(total + field.product(others, self._rows[states.index(name), :, 0]))
+        return total
+
+    def _need(self, count: int) -> None:
+        """Draw as many points as are needed."""
+        if self._rows.shape[1] >= count:
+            return
+        part, unknowns = self._part, self._part.unknowns
+        point = draw_points(part, self._random, self.field, max(8, count))
+        batch, width = point.values[0].p.shape[1], 1 + len(unknowns)
+        series = Series(part.tape, point.decisions, self.field, (1, batch, width))
+        self._values = {}
+        for index, (group, values) in enumerate(zip(part.groups, point.values, strict=True)):
+            given = np.zeros((len(group), batch, width), dtype=np.uint64)
+            given[..., 0] = values.p
+            for k, name in enumerate(group):
+                self._values[name] = values.p[k]
+                if name in unknowns:
+                    given[k, :, 1 + unknowns.index(name)] = 1
+            series.put(index, 0, given)
+        self._rows = series.advance(0)
+
+
+def _lifted(terms: Sequence[Term], column: Num[np.ndarray, " t"], prime: int) -> Generator | None:
+    """A kernel vector in fractions, with coprime integers; None where its residues are of no simple fractions."""
+    kept = np.flatnonzero(column)
+    values = [_fraction(int(column[k]), prime) for k in kept]
+    if any(value is None for value in values):
+        return None
+    fractions = [value for value in values if value is not None]
+    scale = np.lcm.reduce([value.denominator for value in fractions])
+    whole = [value * int(scale) for value in fractions]
+    divisor = np.gcd.reduce([int(value) for value in whole])
+    sign = 1 if whole[0] > 0 else -1
+    return Generator(
+        {terms[k]: value / int(divisor) * sign for k, value in zip(kept.tolist(), whole, strict=True)}
+    )
+
+
+def _fraction(number: int, prime: int) -> Fraction | None:
+    """The fraction with small numerator and denominator that a residue is of, by Euclid's algorithm."""
+    bound = isqrt(prime // 2)
+    above, below = (prime, 0), (number, 1)
+    while below[0] > bound:
+        step = above[0] // below[0]
+        above, below = below, (above[0] - step * below[0], above[1] - step * below[1])
+    if not below[1] or abs(below[1]) > bound:
+        return None
+    return Fraction(below[0], below[1])

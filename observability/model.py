@@ -1,0 +1,273 @@
+"""A dynamic system of a user: x' = f(x, p, u, w), y = h(x, p, u, w), with what is unknown of it."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+from functools import cached_property
+from typing import Any, Final
+
+import casadi as ca
+
+from observability.model_text import FUNCTIONS, NAME, exact_number, formula
+from spinfilters.core.errors import InputError
+
+LISTS: Final = ("states", "parameters", "inputs", "unknown_inputs", "known_constants")
+TABLES: Final = ("equations", "outputs", "known_initial_values", "point")
+WORDS: Final = ("name", "source", "notes", "kinds", "answer")
+"""Of a model's file: what is read past."""
+MOST_NAMES: Final = 400
+
+
+@dataclass(frozen=True)
+class Model:
+    """Equations with the roles of their symbols.
+
+    Attributes
+    ----------
+    states, parameters, inputs, unknown_inputs, known_constants : tuple[str, ...]
+        Names. Unknown are the parameters, the states at time 0, and the unknown inputs at time 0.
+    symbols : Mapping[str, casadi.SX]
+        Of every name.
+    rates : Mapping[str, casadi.SX]
+        x' of every state.
+    outputs : Mapping[str, casadi.SX]
+        What is measured.
+    known_initial_values : Mapping[str, casadi.SX]
+        States known at time 0, as expressions of parameters and constants: they are no unknowns.
+    point : Mapping[str, Fraction]
+        States and parameters that have exactly these values, and are unknown all the same; all others are generic.
+    name : str
+        For titles.
+    """
+
+    states: tuple[str, ...]
+    parameters: tuple[str, ...]
+    inputs: tuple[str, ...]
+    unknown_inputs: tuple[str, ...]
+    known_constants: tuple[str, ...]
+    symbols: Mapping[str, ca.SX]
+    rates: Mapping[str, ca.SX]
+    outputs: Mapping[str, ca.SX]
+    known_initial_values: Mapping[str, ca.SX] = field(default_factory=dict)
+    point: Mapping[str, Fraction] = field(default_factory=dict)
+    name: str = "the system"
+
+    def __post_init__(self) -> None:
+        if not self.outputs:
+            raise InputError(f"{self.name}: nothing is measured; give at least one output")
+        for state in self.known_initial_values:
+            if state not in self.states:
+                raise InputError(
+                    f"{self.name}: the known initial value of {state!r} is of no state; states are {', '.join(self.states)}"
+                )
+        allowed = (*self.states, *self.parameters, *self.known_constants)
+        for each in self.point:
+            if each not in allowed:
+                raise InputError(
+                    f"{self.name}: the point names {each!r}, which is no state, parameter or constant; "
+                    f"use {', '.join(allowed) or 'none'}"
+                )
+            if each in self.known_initial_values:
+                raise InputError(
+                    f"{self.name}: {each!r} has a known initial value and a value of the point; give one of them"
+                )
+
+    @property
+    def unknowns(self) -> tuple[str, ...]:
+        """Parameters, states without a known initial value, unknown inputs."""
+        states = [each for each in self.states if each not in self.known_initial_values]
+        return (*self.parameters, *states, *self.unknown_inputs)
+
+    @property
+    def is_generic(self) -> bool:
+        """Whether every value is a generic one and every input known."""
+        return not (self.point or self.known_initial_values or self.unknown_inputs)
+
+    @cached_property
+    def reached(self) -> frozenset[str]:
+        """Names that some output depends on, directly or through states."""
+        found = set().union(*[_names_in(each) for each in self.outputs.values()])
+        waiting = [each for each in self.states if each in found]
+        while waiting:
+            state = waiting.pop()
+            for each in _names_in(self.rates[state]) - found:
+                found.add(each)
+                if each in self.states:
+                    waiting.append(each)
+        return frozenset(found)
+
+
+def _names_in(expression: ca.SX) -> set[str]:
+    return {symbol.name() for symbol in ca.symvar(expression)}
+
+
+def model_of(f: Any, h: Any = None, x: Any = None, **roles: Any) -> Model:
+    """A model of a dictionary of formulas, or of expressions (`model_of_text`, `model_of_expressions`)."""
+    if not isinstance(f, Mapping):
+        if h is None or x is None:
+            raise InputError("expressions need f, h and x; give all three, or a dictionary of formulas")
+        return model_of_expressions(f, h, x, **roles)
+    foreign = sorted(set(roles) - {"at", "name"})
+    foreign += [key for key, each in (("h", h), ("x", x)) if each is not None]
+    if foreign:
+        raise InputError(f"a dictionary of formulas holds everything itself; leave out {foreign[0]!r}")
+    document = dict(f)
+    if roles.get("at"):
+        document["point"] = dict(document.get("point", {})) | dict(roles["at"])
+    return model_of_text(document, str(roles.get("name") or document.get("name", "the system")))
+
+
+def model_of_text(document: Mapping[str, Any], name: str = "the model") -> Model:
+    """A model of formulas.
+
+    Parameters
+    ----------
+    document : Mapping
+        Lists ``states``, ``parameters``, ``inputs``, ``unknown_inputs``, ``known_constants`` of names, and tables ``equations``,
+        ``outputs``, ``known_initial_values``, ``point`` of formulas by name, as a TOML file has them.
+    name : str
+        For complaints and titles.
+
+    Raises
+    ------
+    InputError
+        One line with the name and the cure.
+    """
+    for key in document:
+        if key not in (*LISTS, *TABLES, *WORDS):
+            raise InputError(f"{name}: {key!r} is unknown; use {', '.join((*LISTS, *TABLES))}")
+    lists = {key: _names(document.get(key, ()), f"{name}: {key}") for key in LISTS}
+    tables = {key: _table(document.get(key, {}), f"{name}: {key}") for key in TABLES}
+    symbols = _symbols(lists, name)
+    missing = [each for each in lists["states"] if each not in tables["equations"]]
+    if missing:
+        raise InputError(f"{name}: the state {missing[0]!r} has no equation; add one to equations")
+    for each in tables["equations"]:
+        if each not in lists["states"]:
+            raise InputError(f"{name}: the equation of {each!r} is of no state; add it to states")
+    rates = {
+        each: formula(tables["equations"][each], symbols, f"{name}: the equation of {each}")
+        for each in lists["states"]
+    }
+    outputs = {
+        each: formula(text, symbols, f"{name}: the output {each}") for each, text in tables["outputs"].items()
+    }
+    constant = {each: symbols[each] for each in (*lists["parameters"], *lists["known_constants"])}
+    known = {
+        each: formula(text, constant, f"{name}: the known initial value of {each}")
+        for each, text in tables["known_initial_values"].items()
+    }
+    point = {
+        each: exact_number(text, f"{name}: {each} at the point") for each, text in tables["point"].items()
+    }
+    return Model(
+        **lists,
+        symbols=symbols,
+        rates=rates,
+        outputs=outputs,
+        known_initial_values=known,
+        point=point,
+        name=name,
+    )
+
+
+def model_of_expressions(
+    f: ca.SX | ca.Function | Sequence[ca.SX],
+    h: ca.SX | ca.Function | Sequence[ca.SX],
+    x: ca.SX | Sequence[ca.SX],
+    parameters: ca.SX | Sequence[ca.SX] = (),
+    inputs: ca.SX | Sequence[ca.SX] = (),
+    unknown_inputs: ca.SX | Sequence[ca.SX] = (),
+    known_constants: ca.SX | Sequence[ca.SX] = (),
+    known_initial_values: Mapping[str, Any] | None = None,
+    at: Mapping[str, Any] | None = None,
+    name: str = "the system",
+) -> Model:
+    """A model of CasADi expressions of scalar or vector symbols, or of functions of (x, parameters, inputs, unknown inputs).
+
+    Raises
+    ------
+    InputError
+        One line with the name and the cure.
+    """
+    given = dict(zip(LISTS, (x, parameters, inputs, unknown_inputs, known_constants), strict=True))
+    groups = {key: _scalars(value, key) for key, value in given.items()}
+    lists = {key: tuple(each.name() for each in group) for key, group in groups.items()}
+    symbols = _symbols(lists, name, [each for group in groups.values() for each in group])
+    arguments = [ca.vertcat(*group) for group in list(groups.values())[:4]]
+    rates, outputs = (_scalars_of(each, arguments) for each in (f, h))
+    if len(rates) != len(lists["states"]):
+        raise InputError(
+            f"{name}: f has {len(rates)} rows for {len(lists['states'])} states; give the rate of every state in the order of x"
+        )
+    foreign = set().union(set(), *[_names_in(each) for each in (*rates, *outputs)]) - set(symbols)
+    if foreign:
+        raise InputError(
+            f"{name}: {sorted(foreign)[0]!r} is in f or h but has no role; give it as a parameter, input or known constant"
+        )
+    known = {
+        each: formula(value, symbols, f"{name}: the known initial value of {each}")
+        if not isinstance(value, ca.SX)
+        else value
+        for each, value in (known_initial_values or {}).items()
+    }
+    point = {each: exact_number(value, f"{name}: {each} at the point") for each, value in (at or {}).items()}
+    return Model(
+        **lists,
+        symbols=symbols,
+        rates=dict(zip(lists["states"], rates, strict=True)),
+        outputs={f"y{k + 1}": each for k, each in enumerate(outputs)},
+        known_initial_values=known,
+        point=point,
+        name=name,
+    )
+
+
+def _scalars(value: Any, key: str) -> list[ca.SX]:
+    """Scalar symbols of a vector or of a list."""
+    parts = [value] if isinstance(value, ca.SX) else list(value)
+    found = [each[k] for each in parts for k in range(each.numel())]
+    for each in found:
+        if not each.is_symbolic():
+            raise InputError(f"{key}: {each} is no symbol; give casadi.SX symbols")
+    return found
+
+
+def _scalars_of(value: Any, arguments: list[ca.SX]) -> list[ca.SX]:
+    if isinstance(value, ca.Function):
+        value = value.expand()(*arguments[: value.n_in()])
+    whole = ca.densify(value if isinstance(value, ca.SX) else ca.vertcat(*[ca.SX(each) for each in value]))
+    return [whole[k] for k in range(whole.numel())]
+
+
+def _names(value: Any, where: str) -> tuple[str, ...]:
+    if isinstance(value, str) or not isinstance(value, Iterable):
+        raise InputError(f"{where} is {value!r}; give a list of names")
+    names = tuple(value)
+    for each in names:
+        if not isinstance(each, str) or not NAME.fullmatch(each) or each in FUNCTIONS:
+            raise InputError(
+                f"{where}: {each!r} is no name; use letters, digits and _, and no name of a function"
+            )
+    return names
+
+
+def _table(value: Any, where: str) -> Mapping[str, Any]:
+    if not isinstance(value, Mapping):
+        raise InputError(f"{where} is {value!r}; give a table of formulas by name")
+    for each, text in value.items():
+        if isinstance(text, bool) or not isinstance(text, str | int | float | Fraction):
+            raise InputError(f"{where}: {each} is {text!r}; give a formula in quotes, or a number")
+    return value
+
+
+def _symbols(
+    lists: Mapping[str, tuple[str, ...]], name: str, given: Sequence[ca.SX] | None = None
+) -> dict[str, ca.SX]:
+    names = [each for group in lists.values() for each in group]
+    twice = [each for each in names if names.count(each) > 1] if len(names) <= MOST_NAMES else []
+    if twice:
+        raise InputError(f"{name}: {twice[0]!r} is declared twice; give every name one role")
+    if len(names) > MOST_NAMES:
+        raise InputError(f"{name}: {len(names)} names; give at most {MOST_NAMES}")
+    return dict(zip(names, given or [ca.SX.sym(each) for each in names], strict=True))

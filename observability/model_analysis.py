@@ -1,0 +1,251 @@
+"""Observability of any system of a user's own equations: rank, names, proof, in words, JSON and HTML."""
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from functools import cached_property
+from html import escape
+from pathlib import Path
+from typing import Any, Final
+
+from observability.generators import Generator
+from observability.invariant_manifold import known_numbers, restricted, staying
+from observability.model import Model, model_of
+from observability.model_rank import ExactRank, exact_rank, reached
+from observability.named_directions import named_directions
+from spinfilters.core.errors import InputError
+
+LARGEST_FILE: Final = 1_000_000
+"""Bytes of a model's file."""
+
+
+class ModelProof(StrEnum):
+    """Why the rank of a model is known."""
+
+    FULL = "the exact rank is full"
+    GENERATORS = "the exact rank and the generators, which hold for finite moves, add up to all unknowns"
+    GENERIC = "at a generic point the first order of derivatives that adds nothing is the last"
+    OPEN = "open"
+
+
+@dataclass(frozen=True)
+class ModelAnalysis:
+    """Observability of a model; printed, it says what the outputs determine and what not.
+
+    Attributes
+    ----------
+    model : Model
+        What was asked.
+    core : Model
+        The same without states whose known initial values stay as they are.
+    exact : ExactRank
+        Of the unknowns that outputs depend on.
+    unreached : tuple[str, ...]
+        Unknowns that no output depends on.
+    """
+
+    model: Model
+    core: Model
+    exact: ExactRank
+    unreached: tuple[str, ...]
+
+    @property
+    def dimension(self) -> int:
+        """Unknowns: parameters, states at time 0 and unknown inputs at time 0."""
+        return len(self.model.unknowns)
+
+    @property
+    def rank(self) -> int:
+        """Dimensions that the outputs and all their derivatives determine."""
+        return self.exact.rank
+
+    @property
+    def null_dimension(self) -> int:
+        """Directions that they do not."""
+        return self.dimension - self.rank
+
+    @property
+    def order(self) -> int:
+        """Order of the derivatives that reaches the rank."""
+        return self.exact.order
+
+    @cached_property
+    def observable(self) -> dict[str, bool]:
+        """Of every unknown, whether the outputs determine it locally (at a special point: to first order)."""
+        moved = {name for name, row in zip(self.exact.names, self.exact.null_space, strict=True) if row.any()}
+        return {name: name not in moved and name not in self.unreached for name in self.model.unknowns}
+
+    @property
+    def unobservable(self) -> tuple[str, ...]:
+        """Unknowns that the outputs do not determine."""
+        return tuple(name for name, seen in self.observable.items() if not seen)
+
+    @cached_property
+    def generic_rank(self) -> int | None:
+        """Rank at generic points, where a special one was asked for."""
+        if not self.model.point:
+            return None
+        return exact_rank(reached(replace(self.model, point={}))).rank
+
+    @cached_property
+    def generators(self) -> tuple[Generator, ...]:
+        """Fields of the unknowns that no output notices, as closed forms; found when they are asked for.
+
+        At a special point these are the generic ones, and those of the states that stay at their values.
+        """
+        return tuple(named_directions(self.core)) if self.null_dimension else ()
+
+    @cached_property
+    def proof(self) -> ModelProof:
+        """Why the rank is known."""
+        if self.null_dimension == 0:
+            return ModelProof.FULL
+        if self.core.is_generic and self.exact.complete:
+            return ModelProof.GENERIC
+        known = len(self.generators) == self.null_dimension
+        return ModelProof.GENERATORS if known else ModelProof.OPEN
+
+    @property
+    def certified(self) -> bool:
+        """Whether the rank is known from below and above."""
+        return self.proof is not ModelProof.OPEN
+
+    @property
+    def sentences(self) -> list[str]:
+        """The whole text."""
+        verb = "have" if self.certified else "have at least"
+        lines = [
+            f"{self.model.name}: of {self.dimension} unknowns the outputs {verb} rank {self.rank}"
+            + (f", reached with derivatives up to order {self.order}." if self.order else ".")
+        ]
+        seen = [name for name, each in self.observable.items() if each]
+        lines.append(f"Observable: {', '.join(seen) or 'none'}.")
+        if self.unobservable:
+            count = self.null_dimension
+            lines.append(
+                f"Not observable: {', '.join(self.unobservable)} ({count} direction{'s' if count > 1 else ''})."
+            )
+        if self.unreached:
+            lines.append(f"No output depends on {', '.join(self.unreached)}.")
+        lines += [f"No output notices {each} ({each.kind})." for each in self.generators]
+        unnamed = self.null_dimension - len(self.generators)
+        if unnamed:
+            lines.append(f"{unnamed} direction{'s' if unnamed > 1 else ''} without a closed form.")
+        lines.append(f"Proof: {self._proof_in_words()}.")
+        if self.generic_rank is not None and self.generic_rank > self.rank:
+            lines.append(f"This point is special: generic points nearby have rank {self.generic_rank}.")
+        return lines
+
+    def _proof_in_words(self) -> str:
+        if self.proof is not ModelProof.OPEN:
+            return self.proof.value
+        reasons = [
+            ("a special point", self.model.point),
+            ("known initial values", self.model.known_initial_values),
+            ("unknown inputs", self.model.unknown_inputs),
+        ]
+        words = " and ".join(name for name, given in reasons if given)
+        return (
+            f"open: the exact rank is a lower bound; with {words} no order of derivatives is known to be the last "
+            f"({len(self.exact.names) + 2 + len(self.model.states)} were taken)"
+        )
+
+    def __str__(self) -> str:
+        """The sentences, one a line."""
+        return "\n".join(self.sentences)
+
+    def _repr_html_(self) -> str:
+        rows = "".join(
+            f"<tr><td>{escape(name)}</td><td>{'observable' if seen else 'not observable'}</td></tr>"
+            for name, seen in self.observable.items()
+        )
+        text = "".join(f"<p>{escape(line)}</p>" for line in self.sentences)
+        return f"{text}<table><tr><th>unknown</th><th></th></tr>{rows}</table>"
+
+    def document(self) -> dict[str, Any]:
+        """The analysis for JSON."""
+        return {
+            "model": self.model.name,
+            "unknowns": list(self.model.unknowns),
+            "rank": self.rank,
+            "dimension": self.dimension,
+            "order": self.order,
+            "observable": self.observable,
+            "not_reached": list(self.unreached),
+            "generators": [{"kind": each.kind, "components": each.components} for each in self.generators],
+            "generic_rank": self.generic_rank,
+            "certified": self.certified,
+            "proof": self._proof_in_words(),
+            "text": self.sentences,
+        }
+
+
+def analyse(f: Any, h: Any = None, x: Any = None, **roles: Any) -> ModelAnalysis:
+    """Observability of x' = f, y = h: what the outputs tell of states, parameters and unknown inputs.
+
+    Parameters
+    ----------
+    f : Mapping, casadi.SX or casadi.Function
+        A dictionary of formulas as a TOML file has them (`model_of_text`), or the rates of all states.
+    h : casadi.SX or casadi.Function
+        Outputs, with expressions.
+    x : casadi.SX
+        States, with expressions.
+    **roles : Any
+        ``parameters``, ``inputs``, ``unknown_inputs``, ``known_constants`` as symbols; ``known_initial_values`` and ``at``, values
+        by name; ``name``. With a dictionary only ``at`` and ``name``.
+
+    Raises
+    ------
+    InputError
+        One line with the name and the cure.
+
+    Examples
+    --------
+    >>> import casadi as ca
+    >>> from observability import analyse
+    >>> x, k = ca.SX.sym("x", 2), ca.SX.sym("k")
+    >>> print(analyse(ca.vertcat(x[1], -k * x[0]), x[0], x, parameters=k))
+    the system: of 3 unknowns the outputs have rank 3, reached with derivatives up to order 2.
+    Observable: k, x_0, x_1.
+    Proof: the exact rank is full.
+    """
+    return analysis_of(model_of(f, h, x, **roles))
+
+
+def analysis_of(model: Model) -> ModelAnalysis:
+    """The analysis of a model."""
+    still = staying(model, known_numbers(model))
+    core = restricted(model, still) if still else model
+    part = reached(core)
+    unreached = tuple(name for name in model.unknowns if name not in part.unknowns)
+    return ModelAnalysis(model, core, exact_rank(part), unreached)
+
+
+def analyse_file(path: str | Path) -> ModelAnalysis:
+    """The analysis of a TOML file with a model.
+
+    Raises
+    ------
+    InputError
+        For a file that cannot be read or holds no model, in one line with its name.
+    """
+    return analyse(read_model(Path(path)), name=Path(path).name)
+
+
+def read_model(path: Path) -> Mapping[str, Any]:
+    """The document of a model's TOML file."""
+    if path.suffix != ".toml":
+        raise InputError(
+            f"{path}: a model is read from a TOML file, in which nothing is executed; write it as {path.stem}.toml, "
+            "or call observability.analyse in Python"
+        )
+    try:
+        if path.stat().st_size > LARGEST_FILE:
+            raise InputError(f"{path} has more than {LARGEST_FILE} bytes; a model's file is smaller")
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror}") from None
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise InputError(f"{path} is no TOML file: {str(error).splitlines()[0]}") from None

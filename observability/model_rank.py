@@ -1,0 +1,408 @@
+"""Exact rank of a model's outputs by its unknowns at a random or special point, with its null space."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+
+import casadi as ca
+import numpy as np
+from jaxtyping import Bool, Num
+
+from observability.exact_numbers import NotRegularError, PrimeField, residue
+from observability.function_values import (
+    BranchDecisions,
+    FunctionValues,
+    Residues,
+    function_values,
+    powers,
+)
+from observability.model import Model
+from observability.power_series import Series
+from observability.residue_matrices import Echelon, null_vectors, reduce_columns
+from observability.tape import PIECEWISE, Choices, Tape, float_choices, tape_of
+from spinfilters.core.errors import InputError
+
+BATCHES = (1, 16, 64, 256)
+"""Random points drawn at once until all roots and logarithms exist."""
+MOST_PRIMES = 400
+"""Primes tried for values that are given and cannot be drawn."""
+MOST_POINTS = 20_000
+"""Points drawn at once, at most."""
+SIEVED = 1 << 18
+"""Numbers q below 2^29 among which primes are looked for."""
+
+
+@dataclass(frozen=True)
+class ReachedModel:
+    """What of a model some output depends on, as one tape.
+
+    Attributes
+    ----------
+    model : Model
+        The whole.
+    states, constants, inputs, unknown_inputs : tuple[str, ...]
+        Names that outputs depend on; constants are parameters and known constants.
+    """
+
+    model: Model
+    states: tuple[str, ...]
+    constants: tuple[str, ...]
+    inputs: tuple[str, ...]
+    unknown_inputs: tuple[str, ...]
+
+    @property
+    def unknowns(self) -> tuple[str, ...]:
+        """In the order of the model's unknowns."""
+        named = {*self.states, *self.constants, *self.unknown_inputs}
+        return tuple(each for each in self.model.unknowns if each in named)
+
+    @cached_property
+    def tape(self) -> Tape:
+        """(states, constants, inputs, unknown inputs) -> rates, then outputs."""
+        rows = [self.model.rates[each] for each in self.states] + list(self.model.outputs.values())
+        return tape_of(self.model.name, self.arguments, ca.vertcat(*rows))
+
+    @cached_property
+    def start(self) -> Tape:
+        """Same arguments -> states at time 0."""
+        known, symbols = self.model.known_initial_values, self.model.symbols
+        rows = [known.get(each, symbols[each]) for each in self.states]
+        return tape_of(f"{self.model.name}: the start", self.arguments, ca.vertcat(*rows))
+
+    @property
+    def arguments(self) -> list[ca.SX]:
+        """Symbols, group by group."""
+        return [
+            ca.vertcat(ca.SX(0, 1), *[self.model.symbols[each] for each in group]) for group in self.groups
+        ]
+
+    @property
+    def groups(self) -> tuple[tuple[str, ...], ...]:
+        """The names, group by group."""
+        return (self.states, self.constants, self.inputs, self.unknown_inputs)
+
+
+def reached(model: Model) -> ReachedModel:
+    """The part of a model that its outputs depend on."""
+    seen = set(model.reached)
+    for state in model.states:
+        if state in seen and state in model.known_initial_values:
+            seen |= {symbol.name() for symbol in ca.symvar(model.known_initial_values[state])}
+    constants = (*model.parameters, *model.known_constants)
+    groups = (model.states, constants, model.inputs, model.unknown_inputs)
+    return ReachedModel(model, *[tuple(each for each in group if each in seen) for group in groups])
+
+
+@dataclass(frozen=True)
+class DrawnPoint:
+    """A point, or several, in the residues of a prime field.
+
+    Attributes
+    ----------
+    field : PrimeField
+        Of the residues.
+    values : tuple[Residues, ...]
+        States, constants, inputs, unknown inputs, (n, b) each.
+    decisions, start_decisions : BranchDecisions
+        Of the tapes of motion and start.
+    """
+
+    field: PrimeField
+    values: tuple[Residues, ...]
+    decisions: BranchDecisions
+    start_decisions: BranchDecisions
+
+    @property
+    def first(self) -> "DrawnPoint":
+        """The first of several points."""
+        values = tuple(Residues(each.p[:, :1], each.q[:, :1]) for each in self.values)
+        return DrawnPoint(self.field, values, _first(self.decisions), _first(self.start_decisions))
+
+
+def _first(decisions: BranchDecisions) -> BranchDecisions:
+    choices, values = (
+        {index: each[:, :1] for index, each in group.items()}
+        for group in (decisions.choices, decisions.values)
+    )
+    return BranchDecisions(choices, values)
+
+
+def draw_point(part: ReachedModel, generator: np.random.Generator) -> DrawnPoint:
+    """A random point at which all functions have values; what the model's point gives is kept.
+
+    Raises
+    ------
+    InputError
+        Where none is found.
+    """
+    reason = "division by 0"
+    for prime, batch in _attempts(part):
+        field = PrimeField(int(generator.integers(2, 1 << 30)), prime) if prime else _field(generator)
+        try:
+            return _tried(part, field, batch, generator).first
+        except NotRegularError as error:
+            reason = str(error)
+    where = " with these values given" if part.model.point or part.model.known_initial_values else ""
+    raise InputError(
+        f"{part.model.name}: no point was found{where} at which all functions have exact values ({reason}); "
+        "leave given values generic, or move them off a singularity"
+    )
+
+
+def _field(generator: np.random.Generator) -> PrimeField:
+    return PrimeField(int(generator.integers(2, 1 << 30)))
+
+
+def _attempts(part: ReachedModel) -> Iterator[tuple[int | None, int]]:
+    """Primes (None for the usual one) and batch sizes."""
+    for batch in BATCHES:
+        yield None, batch
+    needs_primes = bool(part.model.point or part.model.known_initial_values) or _constants_matter(part)
+    if needs_primes:
+        for prime in other_primes()[:MOST_PRIMES]:
+            yield prime, BATCHES[1]
+
+
+def _constants_matter(part: ReachedModel) -> bool:
+    """Whether a root or logarithm may be of a number of the formulas."""
+    return bool(part.tape.operations & {"sqrt", "log", "arg"})
+
+
+def other_primes() -> list[int]:
+    """Primes 4 q + 1 with q prime, the largest below 2^31."""
+    top = 1 << 29
+    numbers = np.arange(top - SIEVED, top, dtype=np.int64)
+    good = np.ones(SIEVED, dtype=bool)
+    root = np.arange(3, 1 << 16, 2)
+    small = root[[all(value % k for k in range(3, int(value**0.5) + 1, 2)) for value in root.tolist()]]
+    good &= numbers % 2 == 1
+    for divisor in small.tolist():
+        first = -(top - SIEVED) % divisor
+        good[first::divisor] = False
+        # 4 q + 1 = 0 modulo the divisor
+        also = (-pow(4, -1, divisor) - (top - SIEVED)) % divisor
+        good[also::divisor] = False
+    return [int(4 * q + 1) for q in numbers[good][::-1].tolist()]
+
+
+def draw_points(
+    part: ReachedModel, generator: np.random.Generator, field: PrimeField, count: int
+) -> DrawnPoint:
+    """At least so many random points of a field at once.
+
+    Raises
+    ------
+    InputError
+        Where they are not found.
+    """
+    batch = count
+    while batch <= MOST_POINTS:
+        try:
+            found = _tried(part, field, batch, generator)
+        except NotRegularError:
+            batch *= 4
+            continue
+        if found.values[0].p.shape[1] >= count:
+            return found
+        batch *= 4
+    raise InputError(f"{part.model.name}: too few points at which all functions have exact values")
+
+
+def _tried(part: ReachedModel, field: PrimeField, batch: int, generator: np.random.Generator) -> DrawnPoint:
+    """The good points of a batch; NotRegularError where there is none."""
+    piecewise = not PIECEWISE.isdisjoint(part.tape.operations)
+    floats = [_floats(part, group, batch, generator) for group in part.groups] if piecewise else []
+    given = [
+        _drawn(part, group, field, batch, generator, floats[k] if piecewise else None)
+        for k, group in enumerate(part.groups)
+    ]
+    start = function_values(part.start, field, given, {})
+    given[0] = start.output
+    choices = float_choices(part.tape, floats) if piecewise else {}
+    motion = function_values(part.tape, field, given, choices)
+    good = start.regular & motion.regular
+    if not good.any():
+        raise NotRegularError(motion.reason or start.reason)
+    values = tuple(Residues(each.p[:, good], each.q[:, good]) for each in given)
+    return DrawnPoint(field, values, _decisions(motion, choices, good), _decisions(start, {}, good))
+
+
+def _decisions(found: FunctionValues, choices: Choices, good: Bool[np.ndarray, " b"]) -> BranchDecisions:
+    values, kept = (
+        {index: each[:, good] for index, each in group.items()} for group in (found.values, choices)
+    )
+    return BranchDecisions(kept, values)
+
+
+def _floats(
+    part: ReachedModel, names: Sequence[str], batch: int, generator: np.random.Generator
+) -> Num[np.ndarray, "n b"]:
+    """Thousandths between 0.5 and 2 that floats hold nearly, where branches are to be decided."""
+    drawn = generator.integers(500, 2000, (len(names), batch)) / 1000
+    for k, name in enumerate(names):
+        if name in part.model.point:
+            drawn[k] = float(part.model.point[name])
+        elif name in part.model.known_initial_values:
+            raise InputError(
+                f"{part.model.name}: abs, min and max together with known initial values are not analysed; give a point instead"
+            )
+    return drawn
+
+
+def _drawn(
+    part: ReachedModel,
+    names: Sequence[str],
+    field: PrimeField,
+    batch: int,
+    generator: np.random.Generator,
+    floats: Num[np.ndarray, "n b"] | None,
+) -> Residues:
+    """Values of a group: fourth powers modulo p, so that roots of their products exist, anything modulo q."""
+    shape = (len(names), batch)
+    p = powers(field.base, generator.integers(1, field.order, shape, dtype=np.uint64), field.prime)
+    q = generator.integers(1, field.order, shape, dtype=np.uint64)
+    for k, name in enumerate(names):
+        if name in part.model.point:
+            value = part.model.point[name]
+            p[k], q[k] = residue(value, field.prime), residue(value, field.order)
+        elif floats is not None:
+            for j in range(batch):
+                value = Fraction(round(1000 * floats[k, j]), 1000)
+                p[k, j], q[k, j] = residue(value, field.prime), residue(value, field.order)
+    return Residues(p, q)
+
+
+@dataclass(frozen=True)
+class ExactRank:
+    """Rank of all orders that were taken.
+
+    Attributes
+    ----------
+    names : tuple[str, ...]
+        Unknowns that outputs depend on.
+    ranks : tuple[int, ...]
+        With orders 0, 0 to 1, and so on.
+    null_space : ndarray of shape (n, d)
+        Residues, one vector in each column.
+    complete : bool
+        Whether no higher order can add to it.
+    field : PrimeField
+        Of the residues.
+    """
+
+    names: tuple[str, ...]
+    ranks: tuple[int, ...]
+    null_space: Num[np.ndarray, "n d"]
+    complete: bool
+    field: PrimeField
+
+    @property
+    def rank(self) -> int:
+        """Of all orders."""
+        return len(self.names) - self.null_space.shape[1]
+
+    @property
+    def order(self) -> int:
+        """The first with the last rank."""
+        return self.ranks.index(self.ranks[-1]) if self.ranks else 0
+
+
+def exact_rank(part: ReachedModel, seed: int = 0) -> ExactRank:
+    """Rank and null space of a model's outputs by its unknowns.
+
+    At a generic point with generic inputs the first order that adds nothing is the last; elsewhere as many orders are taken as
+    there are unknowns and states, and two more.
+    """
+    generator = np.random.default_rng(seed)
+    names = part.unknowns
+    if not names:
+        return ExactRank(names, (0,), np.zeros((0, 0), dtype=np.uint64), True, _field(generator))
+    point = draw_point(part, generator)
+    if part.unknown_inputs:
+        return _with_unknown_inputs(part, point, generator)
+    most = len(names) + 2 if part.model.is_generic else len(names) + 2 + len(part.states)
+    rows, ranks = Echelon(len(names), point.field), []
+    for order_rows in _output_rows(part, point, most, generator):
+        rows.add(order_rows)
+        ranks.append(rows.rank)
+        if rows.rank == len(names):
+            return ExactRank(names, tuple(ranks), rows.null_space(), True, point.field)
+        if part.model.is_generic and len(ranks) > 1 and ranks[-1] == ranks[-2]:
+            return ExactRank(names, tuple(ranks), rows.null_space(), True, point.field)
+    return ExactRank(names, tuple(ranks), rows.null_space(), False, point.field)
+
+
+def _with_unknown_inputs(part: ReachedModel, point: DrawnPoint, generator: np.random.Generator) -> ExactRank:
+    """Derivatives of unknown inputs are unknown as well, and eliminated first."""
+    names, field = part.unknowns, point.field
+    most = len(names) + 2 + len(part.states)
+    taken, ranks, tried = [], [], {most // 2, (3 * most) // 4, most - 1}
+    for order, rows in enumerate(_output_rows(part, point, most, generator)):
+        taken.append(rows)
+        if order not in tried:
+            continue
+        whole = np.concatenate(taken)
+        jets = whole.shape[1] - len(names)
+        ordered = np.concatenate([whole[:, len(names) :], whole[:, : len(names)]], axis=1)
+        rest = reduce_columns(ordered[np.newaxis], jets, field).rest[0, :, jets:]
+        last = reduce_columns(rest[rest.any(axis=1)][np.newaxis], len(names), field)
+        ranks.append(int(last.rank[0]))
+        if ranks[-1] == len(names) or order == most - 1:
+            space = null_vectors(last, len(names), field)
+            return ExactRank(names, tuple(ranks), space, ranks[-1] == len(names), field)
+    raise AssertionError
+
+
+def _output_rows(
+    part: ReachedModel, point: DrawnPoint, orders: int, generator: np.random.Generator
+) -> Iterator[Num[np.ndarray, "r n"]]:
+    """Gradients of the outputs' Taylor coefficients, order by order; columns are unknowns, then jets of unknown inputs."""
+    field, states, unknown = point.field, len(part.states), len(part.unknown_inputs)
+    width = 1 + len(part.unknowns) + unknown * (orders - 1)
+    series = Series(part.tape, point.decisions, field, (orders, 1, width))
+    state = _start(part, point, width)
+    for order in range(orders):
+        series.put(0, order, state)
+        for index, given in _given(part, point, order, width, generator):
+            series.put(index, order, given)
+        found = series.advance(order)
+        yield found[states:, 0, 1:]
+        state = field.product(found[:states], field.numbers([Fraction(1, order + 1)]))
+
+
+def _start(part: ReachedModel, point: DrawnPoint, width: int) -> Num[np.ndarray, "n 1 m"]:
+    """States at time 0 with their tangents by the unknowns."""
+    series = Series(part.start, point.start_decisions, point.field, (1, 1, width))
+    for index, (group, values) in enumerate(zip(part.groups, point.values, strict=True)):
+        series.put(index, 0, _with_tangents(part, group, values.p, width))
+    return series.advance(0)
+
+
+def _given(
+    part: ReachedModel, point: DrawnPoint, order: int, width: int, generator: np.random.Generator
+) -> Iterator[tuple[int, Num[np.ndarray, "n 1 m"]]]:
+    """Coefficients of constants, known inputs and unknown inputs of an order."""
+    if order == 0:
+        for index in (1, 2, 3):
+            yield index, _with_tangents(part, part.groups[index], point.values[index].p, width)
+        return
+    for index in (2, 3):
+        count = len(part.groups[index])
+        values = np.zeros((count, 1, width), dtype=np.uint64)
+        values[:, 0, 0] = generator.integers(0, point.field.prime, count, dtype=np.uint64)
+        if index == 3:
+            jets = 1 + len(part.unknowns) + (order - 1) * count + np.arange(count)
+            values[np.arange(count), 0, jets] = 1
+        yield index, values
+
+
+def _with_tangents(
+    part: ReachedModel, names: Sequence[str], p: Num[np.ndarray, "n 1"], width: int
+) -> Num[np.ndarray, "n 1 m"]:
+    values = np.zeros((len(names), 1, width), dtype=np.uint64)
+    values[..., 0] = p
+    for k, name in enumerate(names):
+        if name in part.unknowns:
+            values[k, 0, 1 + part.unknowns.index(name)] = 1
+    return values

@@ -1,0 +1,200 @@
+"""Formulas of a model as text: a small grammar, read without evaluating anything as code."""
+
+import re
+from collections.abc import Callable, Mapping
+from fractions import Fraction
+from typing import Final
+
+import casadi as ca
+
+from spinfilters.core.errors import InputError
+
+LONGEST_FORMULA: Final = 20_000
+"""Characters."""
+DEEPEST: Final = 100
+"""Parentheses and signs within one another."""
+LARGEST_EXPONENT: Final = 30
+"""Powers of ten in a number."""
+FUNCTIONS: Final[Mapping[str, tuple[int, Callable[..., ca.SX]]]] = {
+    "exp": (1, ca.exp),
+    "log": (1, ca.log),
+    "sqrt": (1, ca.sqrt),
+    "sin": (1, ca.sin),
+    "cos": (1, ca.cos),
+    "tan": (1, ca.tan),
+    "asin": (1, ca.asin),
+    "acos": (1, ca.acos),
+    "atan": (1, ca.atan),
+    "atan2": (2, ca.atan2),
+    "sinh": (1, ca.sinh),
+    "cosh": (1, ca.cosh),
+    "tanh": (1, ca.tanh),
+    "abs": (1, ca.fabs),
+    "min": (2, ca.fmin),
+    "max": (2, ca.fmax),
+}
+"""Functions of a formula with the number of their arguments."""
+NAME: Final = re.compile(r"[A-Za-z_][A-Za-z_0-9]*")
+_TOKEN: Final = re.compile(
+    r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|(?P<name>[A-Za-z_][A-Za-z_0-9]*)"
+    r"|(?P<sign>\*\*|[-+*/^(),]))"
+)
+
+
+def formula(text: str | float, symbols: Mapping[str, ca.SX], where: str) -> ca.SX:
+    """The expression of a formula.
+
+    Parameters
+    ----------
+    text : str or float
+        With + - * / ** (or ^), parentheses, numbers, names, and the functions of `FUNCTIONS`.
+    symbols : Mapping[str, casadi.SX]
+        Expressions by name.
+    where : str
+        Of what, for complaints: "the equation of x1".
+
+    Raises
+    ------
+    InputError
+        With the place and the cure.
+    """
+    return _Formula(str(text), symbols, where).expression()
+
+
+def exact_number(text: str | float, where: str) -> Fraction:
+    """A number of a model as a fraction: "3/2", "0.25", 1e-3.
+
+    Raises
+    ------
+    InputError
+        For what is no number.
+    """
+    try:
+        return Fraction(repr(text) if isinstance(text, float) else str(text).strip())
+    except (ValueError, ZeroDivisionError):
+        raise InputError(f"{where} is {text!r}, which is no number; give one such as 0.5 or 3/2") from None
+
+
+class _Formula:
+    """One formula, read from left to right."""
+
+    def __init__(self, text: str, symbols: Mapping[str, ca.SX], where: str) -> None:
+        self._symbols, self._where, self._next, self._depth = symbols, where, 0, 0
+        if len(text) > LONGEST_FORMULA:
+            raise InputError(f"{where} has {len(text)} characters; give at most {LONGEST_FORMULA}")
+        self._tokens = self._split(text)
+
+    def expression(self) -> ca.SX:
+        """The whole."""
+        result = self._sum()
+        if self._next < len(self._tokens):
+            raise self._wrong(f"{self._tokens[self._next][1]!r} is not expected here")
+        return result
+
+    def _split(self, text: str) -> list[tuple[str, str]]:
+        tokens, at, text = [], 0, text.rstrip()
+        while at < len(text):
+            match = _TOKEN.match(text, at)
+            if match is None:
+                raise self._wrong(f"{text[at:].strip()[:1]!r} has no meaning here")
+            kind = str(match.lastgroup)
+            tokens.append((kind, match[kind]))
+            at = match.end()
+        return tokens
+
+    def _peek(self) -> str:
+        return self._tokens[self._next][1] if self._next < len(self._tokens) else ""
+
+    def _take(self, *wanted: str) -> str | None:
+        if self._next < len(self._tokens) and self._tokens[self._next] in [("sign", each) for each in wanted]:
+            self._next += 1
+            return self._tokens[self._next - 1][1]
+        return None
+
+    def _sum(self) -> ca.SX:
+        self._depth += 1
+        if self._depth > DEEPEST:
+            raise self._wrong(f"more than {DEEPEST} parentheses lie within one another")
+        result = self._product()
+        while sign := self._take("+", "-"):
+            other = self._product()
+            result = result + other if sign == "+" else result - other
+        self._depth -= 1
+        return result
+
+    def _product(self) -> ca.SX:
+        result = self._signed()
+        while sign := self._take("*", "/"):
+            other = self._signed()
+            if sign == "/" and other.is_zero():
+                raise self._wrong("something is divided by 0")
+            result = result * other if sign == "*" else result / other
+        return result
+
+    def _signed(self) -> ca.SX:
+        negative = False
+        while sign := self._take("+", "-"):
+            negative ^= sign == "-"
+        result = self._power()
+        return -result if negative else result
+
+    def _power(self) -> ca.SX:
+        base = self._atom()
+        if self._take("**", "^"):
+            self._depth += 1
+            if self._depth > DEEPEST:
+                raise self._wrong(f"more than {DEEPEST} powers lie within one another")
+            exponent = self._signed()
+            self._depth -= 1
+            return base**exponent
+        return base
+
+    def _atom(self) -> ca.SX:
+        if self._next >= len(self._tokens):
+            raise self._wrong("it ends where something is still expected")
+        kind, word = self._tokens[self._next]
+        self._next += 1
+        if kind == "number":
+            return self._number(word)
+        if kind == "name":
+            return self._called(word) if self._peek() == "(" else self._symbol(word)
+        if word == "(":
+            result = self._sum()
+            self._close()
+            return result
+        raise self._wrong(f"{word!r} is not expected here")
+
+    def _number(self, word: str) -> ca.SX:
+        _, _, exponent = word.lower().partition("e")
+        if len(word) > 2 * LARGEST_EXPONENT or abs(int(exponent or 0)) > LARGEST_EXPONENT:
+            raise self._wrong(f"the number {word[:40]} is too long; keep it between 1e-30 and 1e30")
+        return ca.SX(float(word))
+
+    def _symbol(self, word: str) -> ca.SX:
+        if word not in self._symbols:
+            raise self._wrong(
+                f"{word!r} is unknown; declare it among states, parameters, inputs, unknown_inputs or known_constants"
+            )
+        return self._symbols[word]
+
+    def _called(self, word: str) -> ca.SX:
+        if word not in FUNCTIONS:
+            raise self._wrong(f"the function {word!r} is unknown; use one of {', '.join(FUNCTIONS)}")
+        count, function = FUNCTIONS[word]
+        self._take("(")
+        arguments = [self._sum()]
+        while self._take(","):
+            arguments.append(self._sum())
+        self._close()
+        if len(arguments) != count:
+            raise self._wrong(
+                f"{word} takes {count} argument{'s' if count > 1 else ''}, got {len(arguments)}"
+            )
+        return function(*arguments)
+
+    def _close(self) -> None:
+        if not self._take(")"):
+            raise self._wrong("a parenthesis is not closed; add ')'")
+
+    def _wrong(self, words: str) -> InputError:
+        return InputError(f"{self._where}: {words}")

@@ -1,0 +1,149 @@
+"""An analysis of a user's equations says what is observable, proved or open, in words, JSON, HTML and at the command line."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import casadi as ca
+import pytest
+
+import observability
+from observability import analyse, analyse_file
+from spinfilters.cli.main import main
+from spinfilters.core.errors import InputError
+
+SPRING = """
+name = "a damped spring"
+states = ["x", "v"]
+parameters = ["k", "m", "d"]
+[equations]
+x = "v"
+v = "-(k*x + d*v)/m"
+[outputs]
+y = "x"
+"""
+
+
+@pytest.fixture
+def spring(tmp_path: Path) -> Path:
+    path = tmp_path / "spring.toml"
+    path.write_text(SPRING)
+    return path
+
+
+def test_a_file_is_analysed(spring: Path) -> None:
+    found = analyse_file(spring)
+    assert (found.rank, found.dimension, found.order) == (4, 5, 3)
+    assert found.observable == {"k": False, "m": False, "d": False, "x": True, "v": True}
+    assert found.certified
+    assert "Not observable: k, m, d (1 direction)." in str(found)
+    assert "No output notices k -> e^ε k, m -> e^ε m, d -> e^ε d (scaling)." in str(found)
+
+
+def test_expressions_are_analysed_in_five_lines() -> None:
+    x, k = ca.SX.sym("x", 2), ca.SX.sym("k")
+    found = analyse(ca.vertcat(x[1], -k * x[0]), x[0], x, parameters=k)
+    assert found.unobservable == ()
+    assert found.sentences[-1] == "Proof: the exact rank is full."
+
+
+def test_a_special_point_is_certified_by_what_stays_and_compared_with_generic_ones() -> None:
+    x, k = ca.SX.sym("x", 2), ca.SX.sym("k")
+    found = analyse(ca.vertcat(x[1], -k * x[0]), x[0], x, parameters=k, at={"x_0": 0, "x_1": 0})
+    assert found.proof.name == "GENERATORS"
+    assert found.unobservable == ("k",)
+    assert found.generic_rank == 3
+    assert "generic points nearby have rank 3" in str(found)
+
+
+def test_a_special_point_without_generators_is_open() -> None:
+    document = {
+        "states": ["x", "z"],
+        "parameters": ["a"],
+        "equations": {"x": "z*a + x", "z": "1"},
+        "outputs": {"y": "x**3"},
+    }
+    found = analyse(document, at={"x": 0, "z": 0, "a": 0})
+    assert not found.certified
+    assert "at least rank" in str(found)
+    assert "Proof: open" in str(found)
+
+
+def test_a_known_initial_value_that_stays_leaves_a_generic_model() -> None:
+    document = {
+        "states": ["a", "b"],
+        "parameters": ["k", "l"],
+        "equations": {"a": "-k*a", "b": "k*a - l*b"},
+        "outputs": {"y": "b"},
+    }
+    assert analyse(document).unobservable == ()
+    found = analyse(document | {"known_initial_values": {"a": 0}})
+    assert found.unobservable == ("k",)
+    assert found.proof.name == "GENERIC"
+
+
+def test_what_no_output_depends_on_is_named() -> None:
+    document = {
+        "states": ["x", "z"],
+        "parameters": ["a", "b"],
+        "equations": {"x": "-a*x", "z": "b*x"},
+        "outputs": {"y": "x"},
+    }
+    found = analyse(document)
+    assert found.unreached == ("b", "z")
+    assert "No output depends on b, z." in str(found)
+    assert [each.components for each in found.generators] == [{"b": "1"}, {"z": "1"}]
+
+
+def test_the_document_and_the_page_say_the_same(spring: Path) -> None:
+    found = analyse_file(spring)
+    document = json.loads(json.dumps(found.document()))
+    assert document["rank"] == 4
+    assert document["observable"]["x"]
+    assert "<td>x</td><td>observable</td>" in found._repr_html_()
+
+
+def test_the_command_writes_what_it_prints(
+    spring: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "found"
+    assert main(["observe", str(spring), "-o", str(folder)]) == 0
+    assert "Observable: x, v." in capsys.readouterr().out
+    assert "Observable: x, v." in (folder / "observe.txt").read_text()
+    assert json.loads((folder / "observe.json").read_text())["rank"] == 4
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("model.py", "x = 1", "write it as model.toml"),
+        ("model.toml", "states = [", "is no TOML file"),
+        ("model.toml", SPRING.replace('x = "v"', ""), "the state 'x' has no equation"),
+    ],
+)
+def test_a_wrong_file_is_refused_in_one_line_and_nothing_is_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, text: str, words: str
+) -> None:
+    (tmp_path / name).write_text(text)
+    assert main(["observe", str(tmp_path / name), "-o", str(tmp_path / "found")]) == 2
+    complaint = capsys.readouterr().err
+    assert words in complaint
+    assert complaint.count("\n") <= 1
+    assert not (tmp_path / "found").exists()
+
+
+def test_a_missing_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot be read"):
+        analyse_file(tmp_path / "none.toml")
+
+
+def test_importing_the_package_loads_nothing_heavy() -> None:
+    program = "import sys, observability; print(sorted({'casadi', 'numpy', 'scipy'} & set(sys.modules)))"
+    found = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert found.stdout.strip() == "[]"
+
+
+def test_unknown_names_of_the_package_are_attribute_errors() -> None:
+    with pytest.raises(AttributeError, match="has no attribute 'nothing'"):
+        getattr(observability, "noth" + "ing")

@@ -1,0 +1,77 @@
+"""A filter that is judged by its own checks alone."""
+
+from dataclasses import replace
+from functools import cache
+from typing import NoReturn
+
+import pytest
+
+from experiments.what_holds import drawn
+from spinfilters.evaluation.metrics import quantity_errors
+from spinfilters.models.status import QUANTITIES, Holds, Verdict
+from spinfilters.run.estimation import Comparison, compare_estimators
+from spinfilters.run.preparation import prepare
+from spinfilters.settings.run_settings import Settings
+from spinfilters.verdict import agreement_tests, doubts
+
+FULL = Settings(estimators=("mekf",))
+FILTER = replace(FULL, verdict="filter")
+WRONG_SCALE = 25
+"""A gyro whose scale is wrong: its filter's innovations are as they should be, and its rate 20 deviations off."""
+RIGHT = 2
+
+
+@cache
+def judged(number: int, settings: Settings) -> Comparison:
+    """The MEKF on a recording of the experiment's sample."""
+    return compare_estimators(prepare(drawn(number).dataset, settings), settings, lambda *_: None)
+
+
+def test_an_error_that_a_filter_absorbs_is_not_called_ok_without_the_smoothed_checks() -> None:
+    (full,), (alone,) = (judged(WRONG_SCALE, own).evaluations for own in (FULL, FILTER))
+    assert quantity_errors(alone)["rate"][-1] > 4
+    assert [each.check for each in full.history.status.findings] == ["model-error:gyro-scale"]
+    assert [each.check for each in alone.history.status.findings] == ["smoothed-checks-left-out"]
+
+
+@pytest.mark.parametrize("number", [WRONG_SCALE, RIGHT])
+def test_the_filters_own_checks_leave_no_quantity_that_holds(number: int) -> None:
+    status = judged(number, FILTER).evaluations[0].history.status
+    assert status.verdict is Verdict.DEGRADED
+    assert Holds.OK not in {status.holds[name] for name in QUANTITIES}
+    assert "--verdict full" in status.reasons[0]
+
+
+def test_nothing_is_smoothed_behind_the_initialisation(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> NoReturn:
+        raise AssertionError("asks for a smoothed motion")
+
+    setup = prepare(drawn(RIGHT).dataset, FILTER)
+    setup = replace(
+        setup, initial=replace(setup.initial, departure=5.0)
+    )  # vague: a full verdict smooths everything
+    for module, name in (
+        (doubts, "tested_models"),
+        (doubts, "stated_level_diagnostics"),
+        (agreement_tests, "smooth_at_once"),
+    ):
+        monkeypatch.setattr(module, name, refuse)
+    (found,) = compare_estimators(setup, FILTER, lambda *_: None).evaluations
+    assert found.history.status.verdict is Verdict.DEGRADED
+
+
+def test_what_the_recording_shows_is_still_found() -> None:
+    setup = prepare(drawn(RIGHT).dataset, FILTER)
+    (gyro,) = setup.dataset.log.streams
+    faster = replace(gyro, values=200.0 * gyro.values)
+    log = replace(setup.dataset.log, streams=(faster,))
+    models = doubts.models_of_recording(replace(setup, dataset=replace(setup.dataset, log=log)))
+    assert [each.name for each in models.units] == ["gyro-unit"]
+
+
+def test_a_filter_is_still_compared_with_a_smoother_among_the_estimators() -> None:
+    both = replace(FILTER, estimators=("mekf", "smoother"))
+    run = judged(RIGHT, both)
+    found = doubts.doubts_of(run.evaluations, run.setup, both)
+    assert found.smoother is not None
+    assert found.smoother.name == "smoother"
