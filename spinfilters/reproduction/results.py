@@ -204,7 +204,13 @@ def _read(place: Path) -> dict[str, Any] | None:
     sound = isinstance(document, dict) and all(
         isinstance(document.get(key), kind) for key, kind in needed.items()
     )
-    return document if sound and document["name"] == place.name else None
+    if not sound or document["name"] != place.name:
+        return None
+    parts = [
+        *(isinstance(row, dict) for row in document["rows"]),
+        *(isinstance(name, str) for name in document["pictures"]),
+    ]
+    return document if all(parts) else None
 
 
 def _documents(folder: Path) -> Iterator[dict[str, Any]]:

@@ -8,7 +8,7 @@ import pytest
 from spinfilters.core.errors import InputError
 from spinfilters.reproduction.item import TWEDDLE, Agreement, ComparedNumber, Item, ItemResult
 from spinfilters.reproduction.items import ITEMS, chosen_items
-from spinfilters.reproduction.results import reproduce
+from spinfilters.reproduction.results import reproduce, write_pages
 
 QUICK = [item for item in ITEMS if item.seconds <= 2.0]
 
@@ -88,6 +88,19 @@ def test_damaged_results_are_made_again_or_refused(tmp_path: Path) -> None:
     (place / "item.json").write_text(json.dumps(document | {"rows": 3}))
     with pytest.raises(InputError, match="changed since"):
         reproduce([one], tmp_path)
+
+
+@pytest.mark.parametrize("changed", [{"rows": [3]}, {"pictures": [None]}, {"result": 1}, {"name": "other"}])
+def test_items_that_somebody_changed_are_left_out_of_the_page(
+    changed: dict[str, object], tmp_path: Path
+) -> None:
+    one = item(lambda: ItemResult([ComparedNumber("rate", 1.0, printed=1.0)]))
+    reproduce([one], tmp_path)
+    path = tmp_path / one.name / "item.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | changed))
+    (tmp_path / "reproduce.html").unlink()
+    write_pages(tmp_path)
+    assert not (tmp_path / "reproduce.html").exists()
 
 
 def test_names_choose_items_by_their_beginning() -> None:
