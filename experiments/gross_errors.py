@@ -20,6 +20,7 @@ from typing import Any, Final
 import numpy as np
 
 from experiments.command_line import run_study
+from spinfilters.api.arguments import CampaignArguments
 from spinfilters.api.campaign_frames import campaign_rows
 from spinfilters.campaigns.rows_folder import read_rows
 from spinfilters.campaigns.study import read_study, study_from
@@ -66,7 +67,7 @@ def _rows(sensor: str, seeds: int, output: Path, workers: int | None) -> list[Ro
     document = dict(read_study(STUDIES / f"{name}.toml").document)
     document["study"] = {**document["study"], "seeds": seeds}
     folder = output / name
-    campaign_rows(document, folder, workers=workers, resume=folder.exists())
+    campaign_rows(document, folder, CampaignArguments(workers=workers, resume=folder.exists()))
     rows = read_rows(folder, study_from(document, name).columns).to_pylist()
     return [row for row in rows if row["seed"] < seeds]
 

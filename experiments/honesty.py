@@ -29,6 +29,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from experiments.command_line import run_study
+from spinfilters.api.arguments import CampaignArguments
 from spinfilters.api.campaign_frames import campaign_rows
 from spinfilters.campaigns.rows_folder import read_rows
 from spinfilters.campaigns.runner import Runner
@@ -162,7 +163,7 @@ def _runs(name: str, seeds: int, options: argparse.Namespace) -> list[FaultOutco
     document["study"] = {**document["study"], "seeds": seeds, "root_seed": options.root_seed}
     folder = options.output / name
     if not options.report:
-        campaign_rows(document, folder, workers=options.workers, resume=folder.exists())
+        campaign_rows(document, folder, CampaignArguments(workers=options.workers, resume=folder.exists()))
     rows = read_rows(folder, study_from(document, name).columns).to_pylist()
     rows = [row for row in rows if row["seed"] < seeds]
     return _with_told(document, rows, options.output / f"{name}-told.json")

@@ -27,6 +27,7 @@ VALIDATED = {
     "spinfilters/core/compiled.py": "arrays or numbers for buffers",
     "spinfilters/filters/timeline.py": "an index is a number or a slice",
     "spinfilters/lidar/scan.py": "a file, and its times",
+    "spinfilters/reproduction/results.py": "files of an earlier call",
     "spinfilters/run/array_files.py": "files of a run",
     "spinfilters/run/checkpoints.py": "files of a run",
     "spinfilters/run/conditions.py": "a file",

@@ -96,7 +96,7 @@ class ObserveArguments:
         tuple[str, ...],
         Argument(
             "one or several together: stereo, monocular, lidar (range, azimuth and elevation of points of the body), pose (of a "
-            "lidar's scan match or a tracker), attitude, gyro",
+            "lidar's scan match or a tracker), attitude, gyro, magnetometer",
             flag="--sensor",
             metavar="NAME",
             cure='names of sensors such as "stereo,gyro", or a list of at least one',

@@ -324,7 +324,7 @@ class _TableMaker:
             drawn = () if kind == "belief" else drawn_numbers(kind, table)
             for number in drawn:
                 _ = validated(_StudyFile, {kind: _nested(number.key.split("."), number.largest)})
-            fixed = table
+            fixed: dict[str, Any] = table
             for number in drawn:
                 key, _, inner = number.key.partition(".")
                 smallest = {**fixed[key], inner: number.smallest} if inner else number.smallest

@@ -67,7 +67,7 @@ class EmbeddedEntry(EstimatorEntry["EmbeddedFilter"]):
                 "of --estimators"
             )
         count = _substeps(setup, settings.process.tolerance)
-        options = EmbedOptions(sensor.name, LARGEST_MAP, self.real, count)
+        options = EmbedOptions(sensor.name, LARGEST_MAP, self.real, count)  # pyright: ignore[reportArgumentType]  (checked there)
         return EmbeddedFilter(setup.process, options)
 
     def begin(self, estimator: "EmbeddedFilter", setup: Setup) -> None:

@@ -124,7 +124,8 @@ class Scenario:
         str,
         StudyKey("sensor"),
         Argument(
-            "stereo-tracks, mono-tracks, pose, attitude, gyro, lidar-points, lidar-poses, or stereo-images, which are rendered",
+            "stereo-tracks, mono-tracks, pose, attitude, gyro, magnetometer, lidar-points, lidar-poses, or stereo-images, which "
+            "are rendered",
             cure='the name of a kind of data set, such as "gyro"',
         ),
     ] = "stereo-tracks"

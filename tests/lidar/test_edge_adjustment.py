@@ -5,7 +5,6 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from experiments.lidar_thesis.sequences import SEQUENCES
 from spinfilters.core.ray_angles import angles_of
 from spinfilters.lidar.edge_adjustment import RangeEvidence, edge_adjusted
 from spinfilters.lidar.face_map import Face, TrackedFaces
@@ -13,6 +12,7 @@ from spinfilters.lidar.mesh import box
 from spinfilters.lidar.planes import PointNoise, identified_noise
 from spinfilters.lidar.scan import RayPattern, Scan, rvs_noise
 from spinfilters.lidar.scan_pose import ScanPose
+from spinfilters.reproduction.decoust.sequences import SEQUENCES
 from spinfilters.simulation.lidar_scanner import LidarSettings, Scanner, Still, thesis_rotation
 
 PLACE, SIZE = np.array([500.0, 0.0, 0.0]), 1.6

@@ -7,7 +7,6 @@ import pytest
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from experiments.lidar_thesis.sequences import SEQUENCES
 from spinfilters.core.absolute_orientation import nearest_rotation
 from spinfilters.core.errors import InputError
 from spinfilters.lidar.mesh import TriangleMesh, box
@@ -24,6 +23,7 @@ from spinfilters.lidar.scan import (
 from spinfilters.lidar.scan_adjustment import AdjustedScans
 from spinfilters.lidar.scan_pose import ScanPose, rotation_vector
 from spinfilters.lidar.scan_poses import ScanPoses, scan_poses
+from spinfilters.reproduction.decoust.sequences import SEQUENCES
 from spinfilters.simulation.lidar_scanner import LidarSettings, Scanner, Still, thesis_rotation
 from spinfilters.simulation.lidar_sequence import Initial, scan_sequence, scan_times, tumble_of
 

@@ -18,7 +18,7 @@ def test_what_a_sensor_was_not_asked_is_said(sensor: str) -> None:
     found = scope(case)
     assert "overall scale of the inertia" in found.not_asked
     assert ("attitude" in found.not_asked) == (sensor == "gyro")
-    rotation_only = sensor in ("gyro", "attitude")
+    rotation_only = sensor in ("gyro", "attitude", "magnetometer")
     assert ("position and velocity" in found.not_asked) == rotation_only
     assert ("centre of mass" in found.not_asked) == rotation_only
     assert ("a map of landmarks" in found.not_asked) == (sensor not in ("stereo", "monocular", "lidar"))

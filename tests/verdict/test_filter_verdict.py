@@ -7,7 +7,7 @@ from typing import NoReturn
 import pytest
 
 from experiments.what_holds import drawn
-from spinfilters.evaluation.metrics import quantity_errors
+from spinfilters.evaluation.stated_errors import quantity_errors
 from spinfilters.models.status import QUANTITIES, Holds, Verdict
 from spinfilters.run.estimation import Comparison, compare_estimators
 from spinfilters.run.preparation import prepare

@@ -66,6 +66,21 @@ COMMANDS: Final = (
         "how well conditioned covariances are, by time step and units",
         "spinfilters.cli.commands.condition",
     ),
+    ListedCommand(
+        "polhode",
+        "how a body of given moments turns freely: polhode, herpolhode, cones, stability",
+        "spinfilters.cli.commands.free_spin",
+    ),
+    ListedCommand(
+        "threshold",
+        "does a target tumble or spin, for a mission's thrust and propellant",
+        "spinfilters.cli.commands.threshold",
+    ),
+    ListedCommand(
+        "reproduce",
+        "tables and figures of the sources: printed, ours, bound",
+        "spinfilters.cli.commands.reproduce",
+    ),
     ListedCommand("embed", "write the filter as C for a microcontroller", "spinfilters.cli.commands.embed"),
     ListedCommand("plot", "draw the figures of a run folder again", "spinfilters.cli.commands.plot"),
     ListedCommand(

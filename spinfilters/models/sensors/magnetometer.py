@@ -87,10 +87,10 @@ class MagnetometerSensor(Sensor):
     tells_frames = True
     analysis = AnalysedSensor(
         Magnetometer,
-        (1e-7, *FIELD),
+        (1e-7, 0.0, 0.0, 5e-5),
         "magnetometer 1e-7 T",
         words="a magnetometer",
-        assumption="the magnetic field in frame i is known",
+        assumption="the magnetic field in frame i is known, z of that frame along it",
     )
 
     def bind(

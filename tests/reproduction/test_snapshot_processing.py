@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from experiments.lidar_thesis.reference_frames import best_fitting_sphere
-from experiments.lidar_thesis.sequences import PLACE, SEQUENCES, ProcessedSequence, processed_sequence
 from spinfilters.core.errors import InputError
+from spinfilters.reproduction.decoust.reference_frames import best_fitting_sphere
+from spinfilters.reproduction.decoust.sequences import PLACE, SEQUENCES, ProcessedSequence, processed_sequence
 from spinfilters.simulation.lidar_sequence import RANGE_NOISE
 
 TABLE_4_1 = np.array([[-0.05, 3.28, 1.71], [8.35, 0.98, -6.17], [-0.50, -1.06, -3.47]])

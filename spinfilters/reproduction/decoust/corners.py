@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import KDTree
 
-from experiments.lidar_thesis.scan_features import (
+from spinfilters.reproduction.decoust.scan_features import (
     BOUNDARY,
     EDGE,
     Parameters,
@@ -15,7 +15,7 @@ from experiments.lidar_thesis.scan_features import (
     find_bndry_points,
     find_edge_points,
 )
-from experiments.lidar_thesis.surfaces import Surfaces, surf_segm
+from spinfilters.reproduction.decoust.surfaces import Surfaces, surf_segm
 
 PAIRS: Final = ((0, 1), (1, 2), (2, 0))
 """Surfaces whose intersections are the edges."""

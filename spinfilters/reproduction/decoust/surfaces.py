@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Int
 from scipy.cluster.hierarchy import fcluster, linkage
 
-from experiments.lidar_thesis.scan_features import SURFACE, Parameters, PointFeatures
+from spinfilters.reproduction.decoust.scan_features import SURFACE, Parameters, PointFeatures
 
 UNRECOGNISED = -1
 GAP = 20.0

@@ -7,15 +7,15 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from experiments.lidar_thesis.corners import SnapshotFeatures, snapshot_features
-from experiments.lidar_thesis.reference_frames import (
+from spinfilters.lidar.mesh import box
+from spinfilters.lidar.scan import LidarNoise
+from spinfilters.reproduction.decoust.corners import SnapshotFeatures, snapshot_features
+from spinfilters.reproduction.decoust.reference_frames import (
     reference_frame,
     tracked_boundary_corners,
     transition_errors,
 )
-from experiments.lidar_thesis.scan_features import Parameters
-from spinfilters.lidar.mesh import box
-from spinfilters.lidar.scan import LidarNoise
+from spinfilters.reproduction.decoust.scan_features import Parameters
 from spinfilters.simulation.lidar_scanner import LidarSettings, Scanner, Still, thesis_rotation
 
 PLACE: Final = np.array([500.0, 0.0, 0.0])

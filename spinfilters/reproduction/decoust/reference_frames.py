@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from experiments.lidar_thesis.corners import SnapshotFeatures
 from spinfilters.core.errors import InputError
+from spinfilters.reproduction.decoust.corners import SnapshotFeatures
 
 
 @dataclass(frozen=True, eq=False)

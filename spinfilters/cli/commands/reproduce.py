@@ -1,0 +1,68 @@
+"""The command ``reproduce``: tables and figures of the sources, printed and ours."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from spinfilters.cli.command import Command
+from spinfilters.io.stated_values import Argument
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReproduceArguments:
+    """Arguments of ``reproduce``."""
+
+    names: Annotated[
+        tuple[str, ...],
+        Argument(
+            "tables and figures, or how their names begin, such as tweddle-table or decoust; all, or list",
+            positional=True,
+            metavar="NAME",
+        ),
+    ]
+    output: Annotated[
+        str, Argument("results; what is there already is kept", short="-o", metavar="FOLDER")
+    ] = "runs/reproduce"
+    again: Annotated[bool, Argument("make also what is there already")] = False
+
+
+def reproduce_items(options: ReproduceArguments) -> int:
+    """Make the chosen items, their page and table, and print how they compare."""
+    from rich.table import Table
+
+    from spinfilters.cli.console import wide_console
+    from spinfilters.reproduction.item import Item
+    from spinfilters.reproduction.items import ITEMS, chosen_items
+    from spinfilters.reproduction.results import PAGE_FILE, Finished, reproduce
+
+    console = wide_console()
+    if options.names == ("list",):
+        table = Table("name", "printed as", "what it shows", "about")
+        for item in ITEMS:
+            table.add_row(item.name, f"{item.source}, {item.number}", item.title, f"{item.seconds:.0f} s")
+        console.print(table)
+        return 0
+    items, folder = chosen_items(options.names), Path(options.output)
+
+    def report(item: Item, done: Finished | None) -> None:
+        if done is not None:
+            kept = " (kept)" if done.kept else f", {done.document['processor_s']:.0f} s"
+            console.print(f"{item.name}: {done.agreement}{kept}", highlight=False)
+
+    found = reproduce(items, folder, options.again, report)
+    counts = {
+        word: sum(each.agreement == word for each in found)
+        for word in ("agrees", "better", "differs", "failed")
+    }
+    console.print(", ".join(f"{count} {word}" for word, count in counts.items() if count), highlight=False)
+    console.print(f"written to {folder}; look at {folder / PAGE_FILE}", highlight=False, soft_wrap=True)
+    return 2 if counts["failed"] else 0
+
+
+COMMAND = Command(
+    "reproduce",
+    ReproduceArguments,
+    reproduce_items,
+    "Makes every table and figure with results of both theses from this package alone, and compares it with what is printed. "
+    "Items that are there already are kept, so that an interrupted call goes on where it ended.",
+)

@@ -1,0 +1,1 @@
+"""Tables and figures of the sources: printed, computed by this package, and bound."""

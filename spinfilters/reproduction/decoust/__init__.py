@@ -1,0 +1,1 @@
+"""Tables and figures of Decoust (2008), a file each."""

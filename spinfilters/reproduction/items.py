@@ -1,0 +1,46 @@
+"""Every table and figure of the sources that a command makes, in the order of the sources."""
+
+from typing import Final
+
+from spinfilters.core.errors import InputError
+from spinfilters.reproduction.decoust.parameter_influence import PARAMETER_INFLUENCE
+from spinfilters.reproduction.decoust.snapshots import SNAPSHOTS
+from spinfilters.reproduction.item import Item
+from spinfilters.reproduction.tweddle.polhodes import POLHODES
+from spinfilters.reproduction.tweddle.spin_thresholds import SPIN_THRESHOLDS
+from spinfilters.reproduction.tweddle.stereo_rig import STEREO_RIG
+from spinfilters.reproduction.tweddle.time_step_conditioning import CONDITIONING
+
+ITEMS: Final[tuple[Item, ...]] = (
+    SPIN_THRESHOLDS,
+    *POLHODES,
+    *CONDITIONING,
+    STEREO_RIG,
+    *PARAMETER_INFLUENCE,
+    *SNAPSHOTS,
+)
+
+
+def chosen_items(names: tuple[str, ...]) -> tuple[Item, ...]:
+    """Items of the given names, in the order of the sources; a beginning of a name stands for all that begin so.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Names or beginnings of names, such as ``tweddle`` or ``decoust-figure-4``; ``all``, or none, for all.
+
+    Raises
+    ------
+    InputError
+        A name that is the beginning of no item.
+    """
+    wanted = set()
+    for name in names or ("all",):
+        found = {item.name for item in ITEMS if name == "all" or item.name == name}
+        found = found or {item.name for item in ITEMS if item.name.startswith(name)}
+        if not found:
+            raise InputError(
+                f"{name}: no table or figure has this name; `spinfilters reproduce list` names them"
+            )
+        wanted |= found
+    return tuple(item for item in ITEMS if item.name in wanted)

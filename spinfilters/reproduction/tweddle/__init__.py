@@ -1,0 +1,1 @@
+"""Tables and figures of Tweddle (2013), a file each."""
