@@ -20,12 +20,13 @@ State blocks (error dimension; defined in `spinfilters.models.state_blocks`)
     Optional, each where a data set or a setting asks for it:
     ``d`` 1  aerodynamic drag, 1/rad             ``l`` 1  drag linear in the rate, 1/s
     ``b`` 3  bias of the gyro, g axes, rad/s     ``k`` 1  scale error of the gyro, 1
-    ``f`` 3  constant acceleration, i, m/s^2     ``h`` 3  angular momentum of a flywheel inside, g axes, J rad/s
+    ``f`` 3  constant acceleration, i, m/s^2     ``h`` 3  angular momentum of a flywheel inside, g axes, unit of J times rad/s
     ``m`` 3  constant torque on the body as its angular acceleration J^-1 tau, g axes, rad/s^2
     The centre of mass moves as r = t + R_ig c, r' = v; the rate as w' = J^-1 (J w x w), J in g axes.
-    A data set that sees rotation only (a gyro) uses the blocks a, w, s (and d): the origin of i then rides on the centre of mass.
+    A data set that shows rotation only (a gyro) uses a, w, s and the optional blocks d, l, b, k, h, m; the origin of i is then the
+    centre of mass.
 Noise
-    Continuous densities end in ``_psd`` and state units such as (rad/s^2)^2/Hz; discrete covariances end in ``_cov``.
+    Names of continuous densities end in ``_psd``, with units such as (rad/s^2)^2/Hz; those of discrete covariances end in ``_cov``.
 """
 
 from typing import Final

@@ -66,7 +66,9 @@ class MultiplicativeEkf(MultiplicativeFilter):
     def correct(
         self, measurement: Measurement, outliers: SensorOutlierRejection, scale: float
     ) -> Update | None:
-        """As every filter's, in one pass of compiled code where that proves right; iterated where the model is far from linear."""
+        """The correction of `MultiplicativeFilter.correct`: by one compiled pass where its result holds, else step by
+        step, and iterated where the measurement model is far from linear.
+        """
         found = self._correct_in_one_pass(measurement, outliers, scale)
         if found is not None:
             return found
@@ -98,7 +100,7 @@ class MultiplicativeEkf(MultiplicativeFilter):
     def _correct_in_one_pass(
         self, measurement: Measurement, outliers: SensorOutlierRejection, scale: float
     ) -> Update | None:
-        """The compiled update, None where there is none or iteration is due: values refused, or not as the model predicted."""
+        """The update by compiled code; None without any, or where the step is large and the linear model does not hold."""
         model, count = measurement.model, len(measurement.values)
         compiled = compiled_update(model)
         if compiled is None:

@@ -36,7 +36,7 @@ from spinfilters.models.gauge import GAUGE_DIM, state_in_g
 from spinfilters.models.state_layout import Gaussian, StateLayout
 
 NOTHING_CHANGED = MapChange(NO_IDS, np.zeros(0), NO_IDS, NO_IDS)
-"""What an update that could not be made did to the map."""
+"""Change of the map by an update that could not be made: none."""
 
 
 class LinearisedProcess(NamedTuple):
@@ -51,7 +51,8 @@ class LinearisedProcess(NamedTuple):
     noise : ndarray of float, shape (n, k)
         G with G G' = Q, at the stated densities.
     spread : ndarray of float, shape (n, r), or None
-        Predicted errors per unit of the factor's coordinates, followed by what a regression leaves; None is F S.
+        F S, the predicted errors per column of the square root S, with further columns for what a regression cannot explain;
+        None where F S itself is meant.
     """
 
     mean: Float[np.ndarray, " m"]
@@ -294,7 +295,7 @@ class MultiplicativeFilter(Estimator):
         return self._held
 
     def _anchored(self, dim: int, rows: Int[np.ndarray, " k"]) -> HeldMap:
-        """The map, anchored at the present pose where only new landmarks are seen, and enough of them to fix a pose."""
+        """The map, anchored at the present pose where too few of its landmarks are seen to fix a pose, but enough new ones."""
         held, known = self._with_map(), int(np.count_nonzero(rows >= 0))
         if len(held.landmarks) == 0 or dim * known >= GAUGE_DIM or dim * (len(rows) - known) < GAUGE_DIM:
             return held

@@ -1,4 +1,7 @@
-"""Process model of a torque-free rigid body with disturbances: propagation, linearised steps, process noise."""
+"""Process model of a rigid body that turns and moves freely: propagation, linearised steps, process noise.
+
+Disturbances are white; drag, a constant torque, a flywheel and a constant acceleration are optional blocks of the state.
+"""
 
 from dataclasses import dataclass
 from functools import cache, lru_cache
@@ -36,7 +39,7 @@ from spinfilters.models.state_layout import StateLayout
 DISTURBED = (RATE.name, VELOCITY.name)
 """Blocks that disturbances kick, where a layout has them."""
 TOGETHER = 16
-"""Intervals of a path in one compiled call; the last call of a path goes on without disturbances, unseen."""
+"""Intervals of a path in one compiled call; the last call is padded with undisturbed steps, which are cut off."""
 
 
 class DisturbedSteps:
@@ -52,7 +55,7 @@ class DisturbedSteps:
 
     @property
     def kicked(self) -> list[int]:
-        """Places in a point of the components that are kicked, block after block."""
+        """Indices, within a state, of the components that disturbances act on, block after block."""
         every = np.arange(self._layout.mean_dim)
         blocks = (block for block in DISTURBED if block in self._layout.blocks)
         return np.concatenate([every[self._layout.mean_slice(block)] for block in blocks]).tolist()
@@ -126,7 +129,8 @@ class DisturbedSteps:
 SMALLEST_SQUARE = 1e-300
 """Added under a square root, so that the drag of a body at rest has a derivative."""
 MOST_SUBSTEPS, USUAL_SUBSTEPS = 1 << 17, 64
-"""Budget of a whole motion: so many substeps are a fifth of a second, of which a start takes up to a hundred passes."""
+"""Largest number of substeps of a whole motion, or of each step on average. The first takes 0.2 s of processor time, and an
+initialisation integrates a motion up to a hundred times."""
 
 
 @dataclass(frozen=True)
@@ -166,7 +170,7 @@ def body_acceleration(
 ) -> Expression:
     """Body acceleration w' in g axes, rad/s^2 (Tweddle 2013, Eq. 4.103).
 
-    w' = J^-1 ((J w + h) x w) - d |w| w - l w + m; the sign of 3.16-3.18 is corrected.
+    w' = J^-1 ((J w + h) x w) - d |w| w - l w + m; the print lacks the minus sign of its Eqs 3.16 to 3.18.
 
     Parameters
     ----------
@@ -294,9 +298,10 @@ class TorqueFreeProcess:
         Parameters
         ----------
         there : Float[np.ndarray, 'k m']
-            With the mass distribution of ``here``.
+            Expected ends of the steps, with the mass distribution of ``here``.
         about : Float[np.ndarray, 'k m'] | None
-            Points at which slopes are taken: those of ``here`` with other constants, or None for ``here``.
+            States at which the derivatives are taken: those of ``here`` with other constants (inertia, drag);
+            None for ``here``.
         """
         return self._many.linearise(here, there, dt, self._densities, about)
 

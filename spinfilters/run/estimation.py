@@ -1,4 +1,12 @@
-"""Every estimator on one prepared data set: run, evaluate, judge."""
+"""Every estimator on one prepared data set: run, evaluate, judge.
+
+A measurement passes the rooms of the package in this order. `io` reads files into arrays; `vision` and `lidar` turn images and
+scans into such arrays. `models` says how state and sensors behave, and `simulation` draws from the same models. `inference` finds
+the first state, inertia and noise levels. `filters` estimate epoch by epoch, and `smoother` solves all epochs by least squares.
+`evaluation` computes errors, bounds and all metrics; `verdict` tests the residuals and says what holds; `plots` draws figures and
+pages. This room, `run`, calls them for one recording and writes its folder. `api` and `cli` are what users call; `live`,
+`campaigns` and `embedded` use the same estimators on a stream, on many recordings, and as C.
+"""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -57,7 +65,7 @@ class Comparison:
 
     @cached_property
     def conditions(self) -> Conditions:
-        """Map, noise and seed of the run, and contradictions of the truth."""
+        """Map, noise and seed of the run, and what contradicts itself in the data set's truth."""
         return conditions_of(self.setup)
 
 
@@ -70,7 +78,7 @@ class ComparisonExtent:
     bounding : Bounding
         Adds the bounds to the errors.
     rehearsing : Rehearsing
-        Builds what an estimator needs before its clock runs, by a twin.
+        Runs a second copy of an estimator first, so that compiled code is ready before its run time is measured.
     """
 
     bounding: Bounding = with_bounds
@@ -87,12 +95,12 @@ class _RunObservers:
 
 
 def build_estimator(name: str, setup: Setup, settings: Settings) -> Estimator:
-    """The estimator of a name that takes this data set epoch by epoch.
+    """The estimator of that name, for a data set that it takes epoch by epoch.
 
     Raises
     ------
     InputError
-        The estimator takes it at once.
+        This estimator solves all epochs in one batch.
     """
     entry = estimator_entries()[name]
     if entry.batch(setup, settings) is not None:
@@ -160,7 +168,7 @@ def compare_estimators(
 
 
 def _fitting_entries(settings: Settings, setup: Setup) -> dict[str, AnyEntry]:
-    """Entries of all estimators. InputError: one of the settings that holds no landmarks, where it must."""
+    """Entries of all estimators. InputError: a chosen estimator cannot hold landmarks, and the data set has some."""
     entries = estimator_entries()
     without = [name for name in settings.estimators if not entries[name].holds_landmarks]
     if without and setup.initial.has_landmarks:
@@ -200,12 +208,12 @@ def _run_epochs(
     setup: Setup,
     observers: _RunObservers,
 ) -> tuple[EstimateHistory, GrowingHistory]:
-    """The epochs behind the initialisation, from the last checkpoint or from the first; those of a run that had ended as kept.
+    """Estimate the epochs after the initialisation, from the last checkpoint if there is one; a finished run is only read.
 
     Parameters
     ----------
     twin : Estimator
-        Built alike; it builds what both need before the clock of the other runs.
+        A copy that runs first, so that compiled code is ready before the run time of ``estimator`` is measured.
 
     Returns
     -------
@@ -249,7 +257,7 @@ def _final_history(
     rows: GrowingHistory,
     setup: Setup,
 ) -> EstimateHistory:
-    """Final estimates; where they cannot be computed those of each epoch, as ``failed``."""
+    """Final estimates. Where they cannot be computed, the filtered estimates of each epoch, with the verdict ``failed``."""
     try:
         history = entry.final(estimator, passed, setup)
     except NUMERICAL_ERRORS as error:
@@ -266,7 +274,7 @@ def _is_cut_short(history: EstimateHistory, epochs: int) -> bool:
 
 
 def _with_initialisation(history: EstimateHistory, rows: GrowingHistory, setup: Setup) -> EstimateHistory:
-    """A filter's history with its initialisation in front: smoothed epochs, of which nothing is counted."""
+    """A filter's history with its initialisation in front: smoothed epochs, which no error or count includes."""
     start = setup.initial
     count = len(start.mean)
     before = dict.fromkeys(EPOCH_ARRAYS, np.zeros(count)) | {

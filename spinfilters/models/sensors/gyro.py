@@ -45,7 +45,7 @@ class Gyro(MeasurementModel):
     The noise n has the covariance N + (scale_std |w|)^2 I, with N = noise_std^2 I or each sample's own.
     Consumer gyros carry scale, cross-axis and timing errors that grow with the rate; ``scale_std`` covers them, because a
     fixed noise makes the normalised innovations of a fast spin tens to hundreds of times too large.
-    Parameters of a measurement: (those of N, such as noise_std rad/s, scale_std 1).
+    Parameters of a measurement: (those of N, such as noise_std in rad/s, then scale_std without a unit).
     """
 
     name = "gyro"
@@ -83,7 +83,7 @@ GYRO_FULL_SCALE: Final = 35.0
 
 
 def require_slow_turns(table: Table) -> None:
-    """Require fewer turns between the rows of a table than `require_turns` allows."""
+    """Refuse a table whose body turns too far between two rows for a motion to be seen (`require_turns`)."""
     require_turns(table, np.linalg.norm(table.values[:, 1:], axis=1))
 
 
@@ -145,7 +145,7 @@ class GyroSensor(Sensor):
         return stream.values
 
     def diagnostics(self, stream: MeasurementStream) -> Sequence[str]:
-        """Reason on saturated samples, with their number."""
+        """A reason for doubt that names the number of saturated samples, where there are any."""
         count = int(np.count_nonzero(saturated(stream.values)))
         return [f"{count} gyro samples are saturated"] if count else []
 
@@ -157,7 +157,7 @@ class GyroSensor(Sensor):
         return SimulatedStream(stream, {"gyro_noise_std": std})
 
     def flipped(self, values: Float[np.ndarray, " v"]) -> Float[np.ndarray, " v"]:
-        """The rate backwards."""
+        """The rate with the opposite sign, as by an axis that points the other way."""
         return np.negative(values)
 
     def outliers(
@@ -169,23 +169,23 @@ class GyroSensor(Sensor):
 
 FLAT_TOP: Final[float] = 1e-3
 NEAR_TOP: Final[float] = 2e-2
-"""Of the largest |rate| of an axis: clipped samples lie within the first of it (offsets are corrected after clipping), and few
-others within the second. Of the samples within the second, a smooth peak has the square root of their ratio within the first."""
+"""Relative distances from the largest |rate| of an axis. Clipped samples lie within `FLAT_TOP` of it (offsets are corrected after
+clipping), and few others lie within `NEAR_TOP`. A smooth peak has about sqrt(FLAT_TOP / NEAR_TOP) of those in the top."""
 FEWEST_CLIPPED: Final[int] = 3
 """Samples that can make a flat top."""
 CHANCE: Final[float] = 1e-4
-"""Probability of a smooth peak below which a flat top is clipped, whatever the full scale."""
+"""A flat top counts as clipped, whatever the full scale, where a smooth peak has it with a smaller probability than this."""
 FULL_SCALES: Final = np.deg2rad(125.0 * 2.0 ** np.arange(6))
-"""Of usual gyros, rad/s: at them a flat top of few samples is clipped."""
+"""Full scales of usual gyros, rad/s: a flat top of few samples counts as clipped where it lies at one of them."""
 FULL_SCALE_TOLERANCE: Final[float] = 5e-3
-"""Of a full scale."""
+"""Relative distance from a full scale that still counts as at it."""
 
 
 def saturated(rate: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
     """Whether a component of the rate is clipped at its largest magnitude.
 
-    An axis that is there most of the time spins steadily and is not taken for clipped; nor is a peak whose top is as flat by
-    chance, or by the resolution.
+    An axis that stays at its largest rate most of the time spins steadily and does not count as clipped; nor does a peak whose flat
+    top can be chance or the sensor's resolution.
     """
     clipped = np.zeros(len(rate), dtype=bool)
     for axis in np.asarray(rate).T:
