@@ -6,6 +6,7 @@ from spinfilters.core.errors import InputError
 from spinfilters.reproduction.decoust.parameter_influence import PARAMETER_INFLUENCE
 from spinfilters.reproduction.decoust.snapshots import SNAPSHOTS
 from spinfilters.reproduction.item import Item
+from spinfilters.reproduction.tweddle.inertia_observability import INERTIA_OBSERVABILITY
 from spinfilters.reproduction.tweddle.polhodes import POLHODES
 from spinfilters.reproduction.tweddle.spin_thresholds import SPIN_THRESHOLDS
 from spinfilters.reproduction.tweddle.stereo_rig import STEREO_RIG
@@ -14,6 +15,7 @@ from spinfilters.reproduction.tweddle.time_step_conditioning import CONDITIONING
 ITEMS: Final[tuple[Item, ...]] = (
     SPIN_THRESHOLDS,
     *POLHODES,
+    INERTIA_OBSERVABILITY,
     *CONDITIONING,
     STEREO_RIG,
     *PARAMETER_INFLUENCE,
