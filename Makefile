@@ -39,8 +39,10 @@ docs:
 	@echo build/site/index.html
 
 # the tests whose outcome depends on arithmetic
-numeric := $(addprefix tests/,core evaluation filters inference models observability simulation smoother verdict \
-  test_blas_kernels.py)
+numeric := $(addprefix tests/,core evaluation filters models observability simulation smoother test_blas_kernels.py \
+  $(addprefix inference/test_,identification.py initial_estimate.py initialiser_faults.py masked_errors.py) \
+  $(addprefix verdict/test_,alternatives.py calibration_sensitivity.py correlated_errors.py epoch_information.py error_size.py \
+  inspector_alternatives.py laplace_likelihood.py model_errors.py null_distributions.py))
 
 kernels:
 	$(environment) test
