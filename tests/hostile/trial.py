@@ -125,6 +125,10 @@ def _be_command(case: Case, place: Path) -> None:
         )
         warnings.resetwarnings()
         warnings.showwarning = _show  # as the interpreter does, whatever a test runner has put in its place
+        if (
+            "distributed" in sys.modules
+        ):  # its threads are not there in a forked child, which would wait for them for ever
+            os.execv(sys.executable, [sys.executable, "-m", "spinfilters", *map(str, case.command(place))])
         code = main(case.command(place))
     except SystemExit as stop:  # argparse
         code = stop.code if isinstance(stop.code, int) else 1

@@ -233,7 +233,7 @@ def test_a_run_draws_the_path_of_its_inspector() -> None:
     [
         (["--inspector", "spiral"], "use one of static, circle, sway, dead-band"),
         (["--inspector", "sway", "--inspector-error", "late", "soon"], "give its size as a number"),
-        (["--inspector", "sway", "--inspector-error", "late", "1", "2"], "give one size"),
+        (["--inspector", "sway", "--inspector-error", "late", "1", "2"], "give one number"),
         (["--inspector", "sway", "--inspector-error", "late"], "give a size of 1e-06 to 10"),
         (["--inspector", "circle", "--kind", "gyro"], "a gyro"),
     ],
