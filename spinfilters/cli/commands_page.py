@@ -3,13 +3,12 @@
 import sys
 from collections.abc import Iterator
 from dataclasses import MISSING
-from pathlib import Path
 from typing import Any, Final
 
 from spinfilters.cli.command import Command
 from spinfilters.cli.commands import COMMANDS
 from spinfilters.io.argument_fields import GivenField, default_text, given_fields
-from spinfilters.io.output_files import write_text
+from spinfilters.io.output_files import write_or_print
 
 HEAD: Final = """# All commands
 
@@ -63,11 +62,7 @@ def _cell(text: str) -> str:
 
 def main(arguments: list[str]) -> int:
     """Write the page to a file, or print it."""
-    if not arguments:
-        sys.stdout.write(page())
-        return 0
-    write_text(Path(arguments[0]), page())
-    return 0
+    return write_or_print(page(), arguments)
 
 
 if __name__ == "__main__":

@@ -101,6 +101,16 @@ def multiply(q: Quaternions, p: Quaternions) -> Quaternions:
     return _numeric(expressions.product, 4, 4)(_unit("q", q), _unit("p", p))[0]
 
 
+def quaternion_product(
+    left: Float[np.ndarray, "*#batch 4"], right: Float[np.ndarray, "*#batch 4"]
+) -> Float[np.ndarray, "*#batch 4"]:
+    """Hamilton product of quaternions of any norm, as `multiply` but unchecked: R(product) = R(left) R(right)."""
+    v, s, u, w = left[..., :3], left[..., 3:], right[..., :3], right[..., 3:]
+    vector = s * u + w * v + np.cross(v, u)
+    scalar = s * w - np.sum(v * u, axis=-1, keepdims=True)
+    return np.concatenate([vector, scalar], axis=-1)
+
+
 def inverse(q: Quaternions) -> Quaternions:
     """q_ba of q_ab."""
     return _numeric(expressions.conjugate, 4)(_unit("q", q))[0]

@@ -237,12 +237,12 @@ def inertial_acceleration(
 
 
 def _quaternion_rate(q: Array, w: Array) -> Array:
-    return 0.5 * _quaternion_product(q, _appended(w, np.zeros(w.shape[:-1])))
+    return 0.5 * conversions.quaternion_product(q, _appended(w, np.zeros(w.shape[:-1])))
 
 
 def _body_rate_of_quaternion(q: Array, rate: Array) -> Array:
     conjugate = q * np.array([-1.0, -1.0, -1.0, 1.0])
-    return 2.0 * _quaternion_product(conjugate, rate)[..., :3]
+    return 2.0 * conversions.quaternion_product(conjugate, rate)[..., :3]
 
 
 def _matrix_rate(R: Array, w: Array) -> Array:
@@ -333,12 +333,6 @@ def _body_rate_of_euler321(angles: Array, rate: Array) -> Array:
     y = pitch * np.cos(phi) + yaw * np.cos(theta) * np.sin(phi)
     z = yaw * np.cos(theta) * np.cos(phi) - pitch * np.sin(phi)
     return np.stack(np.broadcast_arrays(x, y, z), axis=-1)
-
-
-def _quaternion_product(q: Array, p: Array) -> Array:
-    """Hamilton product of two quaternions of any norm."""
-    v, s, u, t = q[..., :3], q[..., 3:], p[..., :3], p[..., 3:]
-    return _appended(s * u + t * v + np.cross(v, u), (s * t)[..., 0] - np.sum(v * u, axis=-1))
 
 
 def _cross_matrix(w: Array) -> Array:

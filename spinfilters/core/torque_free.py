@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
+from spinfilters.core.attitude_conversions import quaternion_product
 from spinfilters.core.errors import InputError
 from spinfilters.core.polhode import (
     PolhodeShape,
@@ -211,7 +212,7 @@ def motion_of_moments(
         rate, turn = _fixed_rate_motion(rate0, flat_time)
     else:
         rate, turn = _moving_rate_motion(moments, rate0, flat_time)
-    attitude = _product(attitude0, turn).reshape(*time.shape, 4)
+    attitude = quaternion_product(attitude0, turn).reshape(*time.shape, 4)
     return TorqueFreeMotion(time, attitude, rate.reshape(*time.shape, 3) * scale)
 
 
@@ -257,7 +258,7 @@ def _moving_rate_motion(
     rate = rates.rate(time)
     twist = _turn_about(_encircled_axis(rates), momentum_twist(moments, rate0, rates, time))
     conjugate = _tilt(moments * rate, rates) * np.array([-1.0, -1.0, -1.0, 1.0])
-    return rate, _product(_product(_tilt(moments * rate0, rates), twist), conjugate)
+    return rate, quaternion_product(quaternion_product(_tilt(moments * rate0, rates), twist), conjugate)
 
 
 def _encircled_axis(rates: EulerRates) -> Float[np.ndarray, "3"]:
@@ -282,16 +283,6 @@ def _turn_about(
     """Quaternion of the turn by an angle in rad about a unit vector."""
     half = 0.5 * np.asarray(angle)
     return np.concatenate([np.sin(half)[..., None] * direction, np.cos(half)[..., None]], axis=-1)
-
-
-def _product(
-    left: Float[np.ndarray, "*#batch 4"], right: Float[np.ndarray, "*#batch 4"]
-) -> Float[np.ndarray, "*#batch 4"]:
-    """Hamilton product, scalar last: R(product) = R(left) R(right)."""
-    v, s, u, w = left[..., :3], left[..., 3:], right[..., :3], right[..., 3:]
-    vector = s * u + w * v + np.cross(v, u)
-    scalar = s * w - np.sum(v * u, axis=-1, keepdims=True)
-    return np.concatenate([vector, scalar], axis=-1)
 
 
 def _unit_quaternion(quaternion: Float[np.ndarray, "4"]) -> Float[np.ndarray, "4"]:

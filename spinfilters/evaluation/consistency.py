@@ -145,9 +145,7 @@ def normalised_errors(history: EstimateHistory, truth: Truth) -> NormalisedError
         As `true_states` and `common_stamps`.
     """
     layout = history.layout
-    rows, true_rows = common_stamps(history.time, truth.time)
-    finite = finite_epochs(history)[rows]
-    rows, true_rows = rows[finite], true_rows[finite]
+    rows, true_rows = _comparable_epochs(history, truth)
     error = layout.local(history.mean[rows], true_states(truth, layout)[true_rows])
     moved = _frame_changes(truth, layout)[true_rows] if truth.frame_is_fitted else None
 
@@ -165,6 +163,15 @@ def normalised_errors(history: EstimateHistory, truth: Truth) -> NormalisedError
     return NormalisedErrors(history.time[rows], squares.pop("total"), dof, squares)
 
 
+def _comparable_epochs(
+    history: EstimateHistory, truth: Truth
+) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
+    """Rows of history and truth at their common stamps, without epochs whose estimate is not finite."""
+    rows, true_rows = common_stamps(history.time, truth.time)
+    finite = finite_epochs(history)[rows]
+    return rows[finite], true_rows[finite]
+
+
 def rotation_nees(history: EstimateHistory, truth: Truth) -> NormalisedErrors | None:
     """NEES of rate and mass distribution, which need no frame i, where both are in the same axes of g; None without an epoch.
 
@@ -174,9 +181,7 @@ def rotation_nees(history: EstimateHistory, truth: Truth) -> NormalisedErrors | 
         As `true_states` and `common_stamps`.
     """
     layout = history.layout
-    rows, true_rows = common_stamps(history.time, truth.time)
-    finite = finite_epochs(history)[rows]
-    rows, true_rows = rows[finite], true_rows[finite]
+    rows, true_rows = _comparable_epochs(history, truth)
     if not len(rows):
         return None
     error = layout.local(history.mean[rows], true_states(truth, layout)[true_rows])

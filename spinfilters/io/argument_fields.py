@@ -98,7 +98,7 @@ class GivenField:
 
     @property
     def help(self) -> str:
-        """What it is, with its default."""
+        """Help of the argument with its default."""
         text = default_text(self.default)
         told = not text or "(default" in self.argument.help
         return self.argument.help if told else f"{self.argument.help} (default {text})"

@@ -11,6 +11,7 @@ import os
 import re
 import secrets
 import shutil
+import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -63,6 +64,15 @@ def write_bytes(path: Path, data: bytes) -> None:
 def write_text(path: Path, text: str) -> None:
     """Write the text as UTF-8 with line feeds, atomically; errors as `atomic_file`."""
     write_bytes(path, text.encode("utf-8"))
+
+
+def write_or_print(text: str, arguments: list[str]) -> int:
+    """Write a text to the file that the arguments of a command name, or print it without any; the exit code."""
+    if arguments:
+        write_text(Path(arguments[0]), text)
+    else:
+        sys.stdout.write(text)
+    return 0
 
 
 def write_json(path: Path, document: object) -> None:

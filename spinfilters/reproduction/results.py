@@ -25,6 +25,7 @@ from spinfilters.io.output_files import made_folder, output_folder, write_json, 
 from spinfilters.plots.page import image, note, page, table
 from spinfilters.plots.style import save_figure
 from spinfilters.reproduction.item import Agreement, ComparedNumber, Item, ItemResult
+from spinfilters.reproduction.items import ITEMS
 from spinfilters.version import __version__
 
 COMMAND: Final = "reproduce"
@@ -179,7 +180,7 @@ def _csv(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _kept(place: Path) -> Mapping[str, Any] | None:
-    """What an earlier call of this version wrote, unless it failed."""
+    """The document that an earlier call of this version wrote for an item; None without one, or where it failed."""
     document = _read(place)
     if document is None or (document.get("schema"), document.get("version")) != (SCHEMA, __version__):
         return None
@@ -215,8 +216,6 @@ def _read(place: Path) -> dict[str, Any] | None:
 
 def _documents(folder: Path) -> Iterator[dict[str, Any]]:
     """Documents of all items in a folder, in the order of the sources."""
-    from spinfilters.reproduction.items import ITEMS
-
     for item in ITEMS:
         document = _read(folder / item.name)
         if document is not None:

@@ -3,9 +3,8 @@
 import re
 import sys
 from collections.abc import Iterator
-from pathlib import Path
 
-from spinfilters.io.output_files import write_text
+from spinfilters.io.output_files import write_or_print
 from spinfilters.models.status import ALL, LABELS, QUANTITIES, Holds
 from spinfilters.verdict.check import Check
 from spinfilters.verdict.checks import CHECKS
@@ -76,11 +75,7 @@ def _error_rows() -> Iterator[str]:
 
 def main(arguments: list[str]) -> int:
     """Write the page to a file, or print it."""
-    if not arguments:
-        sys.stdout.write(page())
-        return 0
-    write_text(Path(arguments[0]), page())
-    return 0
+    return write_or_print(page(), arguments)
 
 
 if __name__ == "__main__":

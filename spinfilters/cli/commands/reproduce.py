@@ -45,6 +45,7 @@ def reproduce_items(options: ReproduceArguments) -> int:
     items, folder = chosen_items(options.names), Path(options.output)
 
     def report(item: Item, done: Finished | None) -> None:
+        """Print how an item compares, once it is made."""
         if done is not None:
             kept = " (kept)" if done.kept else f", {done.document['processor_s']:.0f} s"
             console.print(f"{item.name}: {done.agreement}{kept}", highlight=False)

@@ -11,7 +11,7 @@ from spinfilters.core.axis_stability import axis_stability
 from spinfilters.core.polhode import PolhodeKind, polhode_of_moments
 from spinfilters.core.rolling_motion import RollingMotion, cones, rolling_motion
 from spinfilters.plots.free_rotation import cones_figure, polhode_figure
-from spinfilters.reproduction.item import TWEDDLE, ComparedNumber, Item, ItemResult
+from spinfilters.reproduction.item import ComparedNumber, ItemResult, tweddle_item
 
 PRINTED_MOMENTS: Final = np.array([3.0, 1.0, 1.0 / 3.0])
 POSSIBLE_MOMENTS: Final = np.array([1.3, 1.0, 1.0 / 3.0])
@@ -122,38 +122,33 @@ def _both_figures(rate: np.ndarray) -> dict[str, Figure]:
 
 
 POLHODES: Final = (
-    Item(
-        "tweddle-figure-2-6",
-        TWEDDLE,
-        "Figure 2-6, section 2.5.1",
+    tweddle_item(
+        "Figure 2-6",
+        "section 2.5.1",
         "Polhode of a spin about the intermediate axis",
         make_intermediate_axis,
     ),
-    Item(
-        "tweddle-figure-2-7",
-        TWEDDLE,
-        "Figure 2-7, section 2.5.1",
+    tweddle_item(
+        "Figure 2-7",
+        "section 2.5.1",
         "Polhode about the axis of largest inertia",
         partial(make_stable_axis, (2.0, 1.0, 1.0), PolhodeKind.ABOUT_MAJOR, 0),
     ),
-    Item(
-        "tweddle-figure-2-8",
-        TWEDDLE,
-        "Figure 2-8, section 2.5.1",
+    tweddle_item(
+        "Figure 2-8",
+        "section 2.5.1",
         "Space and body cone, retrograde",
         partial(make_cones, (1.0, 1.0, 1.8), "retrograde"),
     ),
-    Item(
-        "tweddle-figure-2-9",
-        TWEDDLE,
-        "Figure 2-9, section 2.5.1",
+    tweddle_item(
+        "Figure 2-9",
+        "section 2.5.1",
         "Polhode about the axis of smallest inertia",
         partial(make_stable_axis, (0.0, 0.5, 2.0), PolhodeKind.ABOUT_MINOR, 2),
     ),
-    Item(
-        "tweddle-figure-2-10",
-        TWEDDLE,
-        "Figure 2-10, section 2.5.1",
+    tweddle_item(
+        "Figure 2-10",
+        "section 2.5.1",
         "Space and body cone, prograde",
         partial(make_cones, (1.0, 1.0, 0.4), "prograde"),
     ),

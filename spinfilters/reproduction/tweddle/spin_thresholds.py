@@ -5,7 +5,7 @@ from typing import Final
 from spinfilters.core.conventions import RPM
 from spinfilters.core.spin_threshold import ORBITAL_EXPRESS, SPHERES, spin_threshold
 from spinfilters.plots.free_rotation import spin_threshold_figure
-from spinfilters.reproduction.item import TWEDDLE, ComparedNumber, Item, ItemResult
+from spinfilters.reproduction.item import ComparedNumber, ItemResult, tweddle_item
 
 PRINTED: Final = {
     "SPHERES": (SPHERES, (2.20, 2.17, 2.17), 0.005),
@@ -35,10 +35,9 @@ def make_table() -> ItemResult:
     )
 
 
-SPIN_THRESHOLDS: Final = Item(
-    "tweddle-table-1.1",
-    TWEDDLE,
-    "Table 1.1, section 1.2",
+SPIN_THRESHOLDS: Final = tweddle_item(
+    "Table 1.1",
+    "section 1.2",
     "Rates between tumbling and spinning targets",
     make_table,
 )

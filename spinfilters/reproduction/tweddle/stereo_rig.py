@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from spinfilters.io.camera import PinholeCamera, StereoRig
 from spinfilters.plots.style import BLUE, GREEN, RED, tidy
-from spinfilters.reproduction.item import TWEDDLE, ComparedNumber, Item, ItemResult
+from spinfilters.reproduction.item import ComparedNumber, ItemResult, tweddle_item
 from spinfilters.vision.stereo_geometry import rig_accuracy
 
 PIXEL, FOCAL, BASELINE, DISTANCE = 6e-6, 2.8e-3, 0.09, 0.5
@@ -109,10 +109,9 @@ def _figure(rig: StereoRig) -> Figure:
     return figure
 
 
-STEREO_RIG: Final = Item(
-    "tweddle-table-5.1",
-    TWEDDLE,
-    "Table 5.1 with text, section 5.3",
+STEREO_RIG: Final = tweddle_item(
+    "Table 5.1",
+    "with its text, section 5.3",
     "Angles of view, distances and accuracy of the stereo rig",
     make_rig_numbers,
 )

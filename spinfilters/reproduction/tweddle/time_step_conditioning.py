@@ -12,7 +12,7 @@ from observability.conditioning import (
     double_integrator_covariance,
 )
 from spinfilters.plots.observability_figures import TIME_STEPS, conditioning_figure
-from spinfilters.reproduction.item import TWEDDLE, ComparedNumber, Item, ItemResult
+from spinfilters.reproduction.item import ComparedNumber, ItemResult, tweddle_item
 
 ALPHAS: Final = (0.1, 1.0, 10.0)
 SLIP: Final[str] = (
@@ -128,24 +128,21 @@ def _long_axis(dt: float) -> float:
 
 
 CONDITIONING: Final = (
-    Item(
-        "tweddle-figure-4-6",
-        TWEDDLE,
-        "Figure 4-6, section 4.9",
+    tweddle_item(
+        "Figure 4-6",
+        "section 4.9",
         "Condition number over the time step",
         make_condition_numbers,
     ),
-    Item(
-        "tweddle-figure-4-7",
-        TWEDDLE,
-        "Figure 4-7, section 4.9",
+    tweddle_item(
+        "Figure 4-7",
+        "section 4.9",
         "Uncertainty ellipses over the time step",
         make_uncertainty_ellipses,
     ),
-    Item(
-        "tweddle-figure-4-8",
-        TWEDDLE,
-        "Figure 4-8, section 4.9",
+    tweddle_item(
+        "Figure 4-8",
+        "section 4.9",
         "Condition number over time step and unit",
         make_velocity_units,
     ),
