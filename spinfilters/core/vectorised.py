@@ -9,13 +9,10 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Int
 
-from spinfilters.core.c_library import FLAGS, NATIVE, load_text
+from spinfilters.core.c_library import FLAGS, LANES, NATIVE, load_text
 from spinfilters.core.compiled import Compiled, address
 from spinfilters.core.errors import ShapeError
 from spinfilters.core.working_time import built_property
-
-LANES = 8
-"""Items side by side: one vector of 512 bits, two of 256."""
 
 _BINARY = {ca.OP_ADD: "+", ca.OP_SUB: "-", ca.OP_MUL: "*", ca.OP_DIV: "/", ca.OP_LT: "<", ca.OP_LE: "<="}
 _COMPARED = {ca.OP_EQ: "==", ca.OP_NE: "!=", ca.OP_AND: "&&", ca.OP_OR: "||"}

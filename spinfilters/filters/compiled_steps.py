@@ -14,7 +14,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from spinfilters.core.c_library import KERNEL_FLAGS, Signature, has_wide_vectors, load_text, with_signatures
+from spinfilters.core.c_library import KERNEL_FLAGS, LANES, Signature, load_text, with_signatures
 from spinfilters.core.compiled import address
 from spinfilters.filters.estimator import Measurement
 from spinfilters.filters.landmark_steps import (
@@ -36,8 +36,6 @@ from spinfilters.models.measurement import MeasurementModel
 LOOSE_SUMS: Final = ("-fassociative-math", "-fno-signed-zeros", "-fno-trapping-math")
 FLAGS: Final = (*KERNEL_FLAGS, *LOOSE_SUMS, "-fno-strict-aliasing", "-Wno-psabi")
 """Sums may be taken in any order, so that they are vectorised; what is not finite stays so."""
-LANES: Final = 8 if has_wide_vectors() else 4
-"""Numbers side by side: one vector. GCC takes a vector wider than the machine's apart, in 2 to 9 times the time."""
 LARGEST_STATE: Final = 64
 """Errors of a state; larger ones go through NumPy."""
 MOST_DIM: Final = 8

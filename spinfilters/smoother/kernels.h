@@ -1,5 +1,6 @@
 /* What the loops of `landmarks.c` and `velocities.c` share. `elimination.py`, `motion_factors.py` and `linear_system.py` say
- * what the loops compute, and do the same in NumPy for machines without a compiler. Matrices are row by row. */
+ * what the loops compute, and do the same in NumPy for machines without a compiler. Matrices are row by row. LANES, how many
+ * numbers a vector of this machine holds, is defined in front of this text. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -7,6 +8,7 @@
 enum { R = 3, POSE = 6, WIDE = 8, ROW = POSE + 3 + 1 };
 typedef long long integer;
 typedef double wide __attribute__((vector_size(8 * WIDE), aligned(8 * WIDE)));
+typedef double lanes __attribute__((vector_size(8 * LANES), aligned(8 * LANES)));
 typedef double unaligned_wide __attribute__((vector_size(8 * WIDE), aligned(8)));
 typedef double four __attribute__((vector_size(32), aligned(8)));
 typedef double two __attribute__((vector_size(16), aligned(8)));

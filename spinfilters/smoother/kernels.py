@@ -8,7 +8,7 @@ from importlib.resources import files
 
 import numpy as np
 
-from spinfilters.core.c_library import KERNEL_FLAGS, Signature, load_text, with_signatures
+from spinfilters.core.c_library import KERNEL_FLAGS, LANES, Signature, load_text, with_signatures
 
 SOURCES = ("kernels.h", "landmarks.c", "velocities.c")
 _SIGNATURES = {
@@ -28,7 +28,7 @@ _SIGNATURES = {
 def kernels() -> ctypes.PyDLL | None:
     """The library, or None."""
     folder = files("spinfilters.smoother")
-    text = "".join(folder.joinpath(name).read_text() for name in SOURCES)
+    text = f"enum {{ LANES = {LANES} }};\n" + "".join(folder.joinpath(name).read_text() for name in SOURCES)
     return with_signatures(load_text("smoother_kernels", text, KERNEL_FLAGS), _SIGNATURES)
 
 

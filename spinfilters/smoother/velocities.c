@@ -6,9 +6,9 @@ static void subtract_row(double* to, const double* from, double factor, integer 
   for (integer j = tail; j < width; ++j) to[j] -= factor * from[j];
 }
 
-/* Rows [d] of vectors [wides] divided by the root of what spreads them, noise noise' + floor^2 I with noise [d][q]; NaN
+/* Rows [d] of vectors [groups] divided by the root of what spreads them, noise noise' + floor^2 I with noise [d][q]; NaN
  * where it has none. */
-static void whiten(integer d, integer wides, integer q, double floor, const double* noise, wide* rows, double* root) {
+static void whiten(integer d, integer groups, integer q, double floor, const double* noise, lanes* rows, double* root) {
   /* Q = noise noise' + floor^2 I, [d][d]. */
   for (integer a = 0; a < d; ++a)
     for (integer b = 0; b <= a; ++b) {
@@ -20,23 +20,23 @@ static void whiten(integer d, integer wides, integer q, double floor, const doub
   /* Forward substitution L rows = rows, L L' = Q. */
   for (integer a = 0; a < d; ++a) {
     double scale = good ? 1 / root[a * d + a] : NAN;
-    for (integer j = 0; j < wides; ++j) {
-      wide x = rows[a * wides + j];
-      for (integer b = 0; b < a; ++b) x -= root[a * d + b] * rows[b * wides + j];
-      rows[a * wides + j] = scale * x;
+    for (integer j = 0; j < groups; ++j) {
+      lanes x = rows[a * groups + j];
+      for (integer b = 0; b < a; ++b) x -= root[a * d + b] * rows[b * groups + j];
+      rows[a * groups + j] = scale * x;
     }
   }
 }
 
-/* rows' rows of rows [d] of vectors [wides], as grams [w][w]. */
-static void gram(integer d, integer wides, integer w, const wide* rows, double* grams) {
+/* rows' rows of rows [d] of vectors [groups], as grams [w][w]. */
+static void gram(integer d, integer groups, integer w, const lanes* rows, double* grams) {
   const double* numbers = (const double*)rows;
   for (integer i = 0; i < w; ++i)
-    for (integer j = 0; j < wides; ++j) {
-      wide sum = {0};
-      for (integer a = 0; a < d; ++a) sum += numbers[a * wides * WIDE + i] * rows[a * wides + j];
-      integer left = w - j * WIDE;
-      memcpy(grams + i * w + j * WIDE, &sum, (left < WIDE ? left : WIDE) * sizeof(double));
+    for (integer j = 0; j < groups; ++j) {
+      lanes sum = {0};
+      for (integer a = 0; a < d; ++a) sum += numbers[a * groups * LANES + i] * rows[a * groups + j];
+      integer left = w - j * LANES;
+      memcpy(grams + i * w + j * LANES, &sum, (left < LANES ? left : LANES) * sizeof(double));
     }
 }
 
@@ -45,17 +45,17 @@ static void gram(integer d, integer wides, integer w, const wide* rows, double* 
  * noise [K][n][q]. */
 int step_rows(integer K, integer n, integer d, integer c, integer q, const integer* moving, const integer* constant, double floor,
               const double* defect, const double* transition, const double* noise, double* rows, double* grams) {
-  integer w = 2 * d + c + 1, wides = (w + WIDE - 1) / WIDE;
-  void* raw = malloc(d * wides * sizeof(wide) + d * (d + q) * sizeof(double) + 64);
+  integer w = 2 * d + c + 1, groups = (w + LANES - 1) / LANES;
+  void* raw = malloc(d * groups * sizeof(lanes) + d * (d + q) * sizeof(double) + 64);
   if (raw == 0) return 1;
-  wide* padded = (wide*)(((size_t)raw + 63) & ~(size_t)63);
-  double *root = (double*)(padded + d * wides), *spread = root + d * d;
-  memset(padded, 0, d * wides * sizeof(wide));
+  lanes* padded = (lanes*)(((size_t)raw + 63) & ~(size_t)63);
+  double *root = (double*)(padded + d * groups), *spread = root + d * d;
+  memset(padded, 0, d * groups * sizeof(lanes));
   for (integer k = 0; k < K; ++k, defect += n, transition += n * n, noise += n * q, rows += d * w, grams += w * w) {
     /* Row a: [-Phi_moving | I | -Phi_constant | defect], columns here (d), there (d), constants (c), right-hand side. */
     for (integer a = 0; a < d; ++a) {
       const double* T = transition + moving[a] * n;
-      double* row = (double*)(padded + a * wides);
+      double* row = (double*)(padded + a * groups);
       for (integer b = 0; b < d; ++b) {
         row[b] = -T[moving[b]];
         row[d + b] = a == b;
@@ -64,9 +64,9 @@ int step_rows(integer K, integer n, integer d, integer c, integer q, const integ
       row[w - 1] = defect[moving[a]];
       memcpy(spread + a * q, noise + moving[a] * q, q * sizeof(double));
     }
-    whiten(d, wides, q, floor, spread, padded, root);
-    for (integer a = 0; a < d; ++a) memcpy(rows + a * w, padded + a * wides, w * sizeof(double));
-    gram(d, wides, w, padded, grams);
+    whiten(d, groups, q, floor, spread, padded, root);
+    for (integer a = 0; a < d; ++a) memcpy(rows + a * w, padded + a * groups, w * sizeof(double));
+    gram(d, groups, w, padded, grams);
   }
   free(raw);
   return 0;
