@@ -113,7 +113,9 @@ def test_what_a_front_end_doubts_is_stated_first_and_no_other_cause_is_named(dat
     (found,) = plain_comparison(doubted, Settings(estimators=("smoother",))).evaluations
     first, *others = found.history.status.findings
     assert first.check == "data-set"
-    assert not [each.sentence for each in others if "most like" in each.sentence and "contact" in each.sentence]
+    assert not [
+        each.sentence for each in others if "most like" in each.sentence and "contact" in each.sentence
+    ]
 
 
 def test_stamps_that_fall_with_the_names_are_refused(folder: Path, tmp_path: Path) -> None:
