@@ -257,7 +257,8 @@ def read_layout(path: Path, stated: Sequence[str] = ()) -> TableLayout:
             break
         held.append((number, line))
     if stated:
-        return _stated_layout(path, tuple(stated), held, encoding)
+        number, line = next((each for each in held if _is_numbers(each[1])), (0, ""))
+        return _stated_layout(path, tuple(stated), number, line, encoding)
     for index, (number, line) in enumerate(held):
         found = _header(line, held[index + 1][1] if index + 1 < len(held) else "")
         if found is not None:
@@ -310,11 +311,8 @@ def _own_layout(path: Path) -> TableLayout:
     return TableLayout(names, delimiter=delimiter, decimal_comma=_has_decimal_comma(delimiter, second))
 
 
-def _stated_layout(
-    path: Path, names: tuple[str, ...], held: Sequence[tuple[int, str]], encoding: str
-) -> TableLayout:
+def _stated_layout(path: Path, names: tuple[str, ...], number: int, line: str, encoding: str) -> TableLayout:
     """Layout of a table whose columns the user names: all above its first line of numbers is left out."""
-    number, line = next((each for each in held if _is_numbers(each[1])), (0, ""))
     if not number:
         raise InputError(f"{path_text(path)}: has no line of numbers; export or copy it again")
     delimiter = max(_DELIMITERS, key=line.count)

@@ -37,7 +37,9 @@ FORMS: dict[str, Callable[[np.ndarray, tuple[str, ...]], Any]] = {
     "pair": lambda rows, _names: (rows[:, 0], rows[:, 1:]),
     "mapping": lambda rows, names: dict(zip(names, rows.T, strict=True)),
     "lists": lambda rows, names: {name: column.tolist() for name, column in zip(names, rows.T, strict=True)},
-    "records": lambda rows, names: np.rec.fromarrays(list(rows.T), names=",".join(names)),
+    "records": lambda rows, names: np.array(
+        list(map(tuple, rows.tolist())), dtype=[(name, float) for name in names]
+    ),
 }
 
 
