@@ -144,6 +144,8 @@ SAME_ANGLE: Final = np.deg2rad(3.0)
 """Between the normals of two faces that are one, at most."""
 SAME_OFFSET: Final = 0.02
 """Between their offsets, in sizes of the body, at most."""
+LOOSE: Final = 0.05
+"""Standard deviation of a direction of faces and poses, rad or sizes of the body, from which it counts as not determined."""
 SETTLED: Final = 1e-8
 """Predicted cost reduction of a step, in squared standard deviations, below which faces and poses are found."""
 _STEPS = 8
@@ -202,7 +204,11 @@ def adjusted_faces(tracked: TrackedFaces, evidence: FaceEvidence, size: float) -
         ]
         free = _directions_without_gauge(tracked, size)
         S, side = _eliminate_poses(blocks, size)
-        step = free @ np.linalg.solve(free.T @ S @ free, free.T @ side)
+        # what no scan determines, such as how faces are turned that are only seen one after the other, stays as it was tracked:
+        # there the information is that of the priors, and steps would follow rounding and the curvature of the residuals
+        values, vectors = np.linalg.eigh(free.T @ S @ free)
+        known = vectors[:, values > LOOSE**-2.0]
+        step = free @ (known @ ((known.T @ (free.T @ side)) / values[values > LOOSE**-2.0]))
         tracked = _apply_step(tracked, blocks, step)
         if step @ side < SETTLED:
             break

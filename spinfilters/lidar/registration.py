@@ -173,21 +173,21 @@ def _dependence_factor(matches: ScanMatches, size: float) -> float:
 
 
 def coarse_pose(
-    source: Cloud, target: Cloud, widest: float
+    source: Cloud, target: Cloud, about: Float[np.ndarray, "3 3"], widest: float
 ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
-    """The best of many starts about the middles of both clouds, rotations up to ``widest`` rad."""
+    """The best of many starts about the middles of both clouds, rotations up to ``widest`` rad from ``about``."""
     few = Cloud.of(
         *(each[:: max(1, len(source.points) // _COARSE)] for each in (source.points, source.normals))
     )
     middle, centre, reach = target.points.mean(axis=0), source.points.mean(axis=0), 0.7 * target.size
-    best, score = (np.eye(3), middle - centre), np.inf
+    best, score = (about, middle - about @ centre), np.inf
     axes = np.concatenate(
         [np.eye(3), -np.eye(3), *([[a, b, c]] for a in (-1, 1) for b in (-1, 1) for c in (-1, 1))]
     )
     axes = axes / np.linalg.norm(axes, axis=1, keepdims=True)
     turns = [np.zeros(3), *(angle * axis for angle in np.arange(0.35, widest + 0.01, 0.35) for axis in axes)]
     for turn in turns:
-        R = Rotation.from_rotvec(turn).as_matrix()
+        R = Rotation.from_rotvec(turn).as_matrix() @ about
         t = middle - R @ centre
         for k in range(_COARSE_ITERATIONS):
             matches = closest_points(few, target, R, t, reach * 0.75**k)

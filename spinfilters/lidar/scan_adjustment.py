@@ -36,6 +36,7 @@ from spinfilters.lidar.registration import (
 from spinfilters.lidar.scan_pose import (
     ROTATION_PRIOR,
     ScanPose,
+    largest_departure,
     pose_covariance,
     predicted_pose,
     rotation_matrix,
@@ -428,19 +429,39 @@ def match_scans(
 
 
 def _next_pose(clouds: list[Cloud], poses: list[ScanPose], time: float, size: float) -> ScanPose:
-    """The pose of the next scan.
+    """The pose of the next scan: registered from the prediction, or searched where that leads to little overlap.
 
-    From the prediction, or searched where that leads to little overlap.
+    Symmetric bodies fit in several attitudes. Of those the motion explains one, and what it does not explain is left out: the scan
+    then has the prediction, with the covariance of a pose that no point determines.
     """
     number = len(poses)
     R, t = predicted_pose(poses, time, size)
     target = _scan_matching_map(clouds, poses, R, list(range(number)))
     found = registered(clouds[number], target, R.T, -R.T @ t, _REACH * size)
-    if found.overlap < SURE_OVERLAP or number == 1:
-        start = coarse_pose(clouds[number], target, WIDEST_TURN)
+    if number == 1:
+        start = coarse_pose(clouds[number], target, R.T, WIDEST_TURN)
         other = registered(clouds[number], target, *start, _REACH * size)
-        found = max(found, other, key=lambda each: each.overlap / max(each.residual_std, 1e-12) ** 0.5)
+        return _scan_pose_of(max(found, other, key=_fit_quality), time, size)
+    widest = largest_departure(poses, time)
+    if found.overlap < SURE_OVERLAP:
+        start = coarse_pose(clouds[number], target, R.T, widest)
+        other = registered(clouds[number], target, *start, _REACH * size)
+        fits = [each for each in (found, other) if _turn_between(each.rotation, R.T) <= widest]
+        found = max(fits, key=_fit_quality, default=found)
+    if _turn_between(found.rotation, R.T) > widest:
+        covariance, lacking = pose_covariance(np.zeros((6, 6)), R, size)
+        return ScanPose(time, R, t, covariance, lacking)
     return _scan_pose_of(found, time, size)
+
+
+def _fit_quality(found: Registration) -> float:
+    """Large where many points match closely."""
+    return found.overlap / max(found.residual_std, 1e-12) ** 0.5
+
+
+def _turn_between(R: Float[np.ndarray, "3 3"], Q: Float[np.ndarray, "3 3"]) -> float:
+    """Angle of the rotation between two attitudes, rad."""
+    return float(Rotation.from_matrix(R @ Q.T).magnitude())
 
 
 def _scan_matching_map(

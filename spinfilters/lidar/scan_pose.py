@@ -109,6 +109,13 @@ WIDEST: Final = 2.0
 SURE: Final = float(np.sqrt(UNDETERMINED)) * ROTATION_PRIOR
 """Standard deviation of a rotation, rad, below which it is determined."""
 _DEGREE = 4  # of the polynomial
+RATE_STEPS: Final = 9
+"""Steps between scans by which a rate is interpolated."""
+_RATE_DEGREE, _ROUNDS = 3, 6  # of that polynomial, and of its weights
+LEAST_DEPARTURE: Final = 0.1
+"""Of an attitude from its prediction, rad, that is always admitted."""
+FEW_STEPS: Final = 4
+"""Scans up to which the rate is hardly known."""
 EXACT: Final = 1e-4
 """Standard deviation, rad and sizes of the body, below which a prediction takes no pose."""
 CHANGE: Final = 0.3
@@ -135,7 +142,48 @@ def predicted_pose(
     if len(recent) < 2:
         return last.rotation, last.translation
     rotation = rotation_matrix((time - last.time) * _mean_rate(recent)) @ last.rotation
-    return rotation, _extrapolate_drift(recent, time, rotation, size)
+    return rotation, drifted_origin(recent, time, rotation, size)
+
+
+def rate_of_step(poses: Sequence[ScanPose], step: int) -> Float[np.ndarray, "3"] | None:
+    """Mean rate in L, rad/s, from scan ``step`` to the next, by a polynomial over the nearest steps whose rotation is determined.
+
+    A rotation that one of the two scans does not determine is bridged so. Steps that do not fit have little weight (Cauchy loss).
+    None where there are too few.
+    """
+    sure = [pose is not poses[0] and _rotation_std(pose) < SURE for pose in poses]
+    known = [k for k in range(1, len(poses) - 1) if sure[k] and sure[k + 1]]
+    if step < 0 or len(known) < RATE_STEPS:
+        return None
+    times = np.array([pose.time for pose in poses])
+    middles = (times[1:] + times[:-1]) / 2
+    near = sorted(known, key=lambda k: abs(middles[k] - middles[step]))[:RATE_STEPS]
+    late = middles[near] - middles[step]
+    rates = np.array(
+        [
+            rotation_vector(poses[k + 1].rotation @ poses[k].rotation.T) / (times[k + 1] - times[k])
+            for k in near
+        ]
+    )
+    A, weights = np.vander(late / np.abs(late).max(), _RATE_DEGREE + 1), np.ones(len(near))
+    found = np.zeros((_RATE_DEGREE + 1, 3))
+    for _ in range(_ROUNDS):
+        found = np.linalg.lstsq(A * weights[:, None], rates * weights[:, None], rcond=None)[0]
+        off = np.linalg.norm(rates - A @ found, axis=1)
+        weights = 1 / np.sqrt(1 + (off / (3 * np.median(off) + 1e-12)) ** 2)
+    return found[-1]
+
+
+def largest_departure(poses: Sequence[ScanPose], time: float) -> float:
+    """Angle, rad, by which the attitude at a time may differ from the prediction where the body goes on as before.
+
+    A rate that is known from one step only may be wrong by half of it; one from many changes by `CHANGE` of its square.
+    """
+    recent = poses[-MOST_SCANS:]
+    if len(recent) < 2:
+        return np.pi
+    turn = float(np.linalg.norm(_mean_rate(recent))) * (time - recent[-1].time)
+    return LEAST_DEPARTURE + turn * (0.5 if len(recent) < FEW_STEPS else min(CHANGE * (1.0 + turn), 0.5))
 
 
 def _mean_rate(poses: Sequence[ScanPose]) -> Float[np.ndarray, "3"]:
@@ -156,7 +204,7 @@ def _mean_rate(poses: Sequence[ScanPose]) -> Float[np.ndarray, "3"]:
     return np.linalg.solve(np.sum(W, axis=0), np.einsum("nij,nj->i", W, rates))
 
 
-def _extrapolate_drift(
+def drifted_origin(
     poses: Sequence[ScanPose], time: float, rotation: Float[np.ndarray, "3 3"], size: float
 ) -> Float[np.ndarray, "3"]:
     """Origin of g at a time, m, by a weighted uniform drift.

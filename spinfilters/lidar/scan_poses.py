@@ -40,10 +40,13 @@ from spinfilters.lidar.planes import (
 from spinfilters.lidar.scan import Scan, without_isolated, without_repeats
 from spinfilters.lidar.scan_adjustment import MOST_POINTS, SURE_OVERLAP, match_scans, shared_inflation
 from spinfilters.lidar.scan_pose import (
+    MOST_SCANS,
     ScanPose,
+    drifted_origin,
     interpolated_rotation,
     pose_covariance,
     predicted_pose,
+    rate_of_step,
     rotation_matrix,
     rotation_vector,
 )
@@ -63,6 +66,8 @@ def track_faces(
 ) -> TrackedFaces:
     """Poses and faces from the planes of every scan.
 
+    Tracked twice: where one face is in view, a rotation about its normal comes from the rate alone, which is known better from the
+    scans before and behind than from the first few.
     Frame g has the lidar's axes at the first scan and its origin at ``middle``.
 
     Parameters
@@ -70,24 +75,42 @@ def track_faces(
     size : float
         Of the body, m: how far a predicted position may be wrong.
     """
+    poses, faces, matches = _follow_faces(times, planes, middle, size, ())
+    poses, faces, matches = _follow_faces(times, planes, middle, size, poses)
+    return _adjust_map(poses, faces, matches, planes, size)
+
+
+def _follow_faces(
+    times: Sequence[float],
+    planes: Sequence[Sequence[FittedPlane]],
+    middle: Float[np.ndarray, "3"],
+    size: float,
+    before: Sequence[ScanPose],
+) -> tuple[list[ScanPose], list[Face], list[tuple[int, ...]]]:
+    """Poses, faces and matches in the order of time; ``before`` holds the poses of an earlier pass, or none."""
     poses: list[ScanPose] = []
     faces: list[Face] = []
     matches: list[tuple[int, ...]] = []
-    for time, seen in zip(times, planes, strict=True):
+    for number, (time, seen) in enumerate(zip(times, planes, strict=True)):
         R, t = predicted_pose(poses, time, size) if poses else (np.eye(3), middle)
+        rate = rate_of_step(before, number - 1)
+        if rate is not None:
+            R = rotation_matrix((time - poses[-1].time) * rate) @ poses[-1].rotation
+            if len(poses) > 1:
+                t = drifted_origin(poses[-MOST_SCANS:], time, R, size)
         pairs: list[tuple[int, int]] = []
         for gate in (0.5 * size, 0.15 * size):
             pairs = _match_planes(seen, faces, R, t, gate)
             R, t = _align_pose([MatchedFace(seen[i], faces[j]) for i, j in pairs], R, t, size)
         of_plane = dict(pairs)
-        for number, plane in enumerate(seen):
-            if number not in of_plane:
-                of_plane[number] = len(faces)
+        for plane_number, plane in enumerate(seen):
+            if plane_number not in of_plane:
+                of_plane[plane_number] = len(faces)
                 faces.append(_face_of_plane(plane, R, t))
-        matches.append(tuple(of_plane[number] for number in range(len(seen))))
+        matches.append(tuple(of_plane[each] for each in range(len(seen))))
         known = normal_equations([MatchedFace(seen[i], faces[j]) for i, j in pairs], R, t)[0]
         poses.append(ScanPose(time, R, t, pose_covariance(known, R, size)[0]))
-    return _adjust_map(poses, faces, matches, planes, size)
+    return poses, faces, matches
 
 
 def _face_of_plane(plane: FittedPlane, R: Float[np.ndarray, "3 3"], t: Float[np.ndarray, "3"]) -> Face:

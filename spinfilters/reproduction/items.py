@@ -4,6 +4,8 @@ from typing import Final
 
 from spinfilters.core.errors import InputError
 from spinfilters.reproduction.decoust.parameter_influence import PARAMETER_INFLUENCE
+from spinfilters.reproduction.decoust.processed_clouds import PROCESSED_CLOUDS
+from spinfilters.reproduction.decoust.simulated_scans import SIMULATED_SCANS, STL_READER
 from spinfilters.reproduction.decoust.snapshots import SNAPSHOTS
 from spinfilters.reproduction.item import Item
 from spinfilters.reproduction.tweddle.inertia_observability import INERTIA_OBSERVABILITY
@@ -18,8 +20,11 @@ ITEMS: Final[tuple[Item, ...]] = (
     INERTIA_OBSERVABILITY,
     *CONDITIONING,
     STEREO_RIG,
+    *SIMULATED_SCANS,
     *PARAMETER_INFLUENCE,
+    *PROCESSED_CLOUDS,
     *SNAPSHOTS,
+    STL_READER,
 )
 
 

@@ -9,6 +9,7 @@ from spinfilters.lidar.scan_pose import (
     ScanPose,
     interpolated_rotation,
     predicted_pose,
+    rate_of_step,
     rotation_matrix,
     rotation_vector,
 )
@@ -87,3 +88,18 @@ def test_an_exact_first_pose_leaves_the_prediction_finite() -> None:
     poses = [pose(k, (0, 0, 0), (0, 0, 0), 0.0 if k == 0 else 1e-4) for k in range(2)]
     assert np.isfinite(predicted_pose(poses, 2.0, SIZE)[1]).all()
     assert off([*poses, pose(2.0, (0, 0, 0), (0, 0, 0), 1e-4)], 3.0)[0] < 1e-3
+
+
+def test_the_rate_across_scans_that_do_not_determine_their_rotation_comes_from_both_sides() -> None:
+    """Faces on both sides of such scans are tied by it: a prediction from the scans before alone turned them by degrees."""
+    rate, poses = np.array([0.1, 0.2, -0.15]), []
+    for k in range(16):
+        vague = k in (3, 4)
+        wrong = np.array([0.0, 0.3, 0.0]) if vague else np.zeros(3)
+        covariance = np.diag([*[1e-6] * 3, *[0.04 if vague else 1e-8] * 3])
+        poses.append(ScanPose(float(k), rotation_matrix(k * rate + wrong), np.zeros(3), covariance))
+    found = rate_of_step(poses, 3)
+    assert found is not None
+    np.testing.assert_allclose(found, rate, atol=1e-6)
+    assert rate_of_step(poses[:6], 3) is None
+    assert rate_of_step(poses, -1) is None
