@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
@@ -218,7 +219,7 @@ class Conditions:
     contradictions: tuple[str, ...] = ()
     calibration: tuple[ConsideredDeviation, ...] = ()
 
-    @property
+    @cached_property
     def sentences(self) -> list[str]:
         """Conditions in words.
 
