@@ -17,7 +17,7 @@ from spinfilters.io.measurement_log import MeasurementStream
 from spinfilters.io.sensor_format import sensor_format
 from spinfilters.io.truth import Truth
 from spinfilters.models.sensor_registry import sensor_of
-from spinfilters.verdict.unstated_calibration import enlarged_words
+from spinfilters.verdict.calibration_errors import enlarged_words
 
 WINDOW: Final = 1.0
 """Rad of turn after which attitudes and rates start together again, so that a gyro's bias does not add up."""
