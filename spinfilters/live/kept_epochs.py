@@ -145,16 +145,22 @@ def final_verdict(kept: KeptEpochs, settings: Settings, last: LastAnswer) -> Fin
     extent = ComparisonExtent(bounding=lambda found, _: list(found), rehearsing=lambda *_: None)
     try:
         comparison = compare_estimators(prepare(kept.dataset, chosen), chosen, lambda *_: None, extent=extent)
-    except (SpinfiltersError, *NUMERICAL_ERRORS) as error:
-        why = str(error) if isinstance(error, SpinfiltersError) else reason(numerical(error))
-        return FinalVerdict(len(kept), None, f"not known: the kept epochs cannot be estimated ({why})")
+    except SpinfiltersError as error:
+        return _unknown(kept, str(error))
+    except NUMERICAL_ERRORS as error:
+        return _unknown(kept, reason(numerical(error)))
     (evaluation,) = comparison.evaluations
     if comparison.interrupted:
-        return FinalVerdict(len(kept), None, "not known: interrupted")
+        return _unknown(kept, "interrupted")
     if kept.holds_initialisation:
         status = compared_with(evaluation.history, last)
         evaluation = evaluation.with_status(status)
     return FinalVerdict(len(kept), evaluation.history.status, held_text(evaluation))
+
+
+def _unknown(kept: KeptEpochs, why: str) -> FinalVerdict:
+    """No verdict, for a reason."""
+    return FinalVerdict(len(kept), None, f"not known: the kept epochs could not be judged ({why})")
 
 
 def compared_with(history: EstimateHistory, last: LastAnswer) -> EstimatorStatus:
