@@ -11,7 +11,7 @@ from typing import TextIO
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.live.kept_epochs import NOT_JUDGED, FinalVerdict
+from spinfilters.live.kept_epochs import NO_VERDICT, FinalVerdict
 from spinfilters.models.state_layout import Gaussian
 from spinfilters.models.status import EstimatorStatus, Verdict
 from spinfilters.plots.live_course import LiveCourse
@@ -176,7 +176,7 @@ class LiveSummary:
     latencies: list[float] = field(default_factory=list)
     work: list[float] = field(default_factory=list)
     events: Counter[str] = field(default_factory=Counter)
-    final: FinalVerdict = NOT_JUDGED
+    final: FinalVerdict = NO_VERDICT
 
     @property
     def missed(self) -> int:

@@ -123,7 +123,7 @@ class FinalVerdict:
         }
 
 
-NOT_JUDGED: Final = FinalVerdict()
+NO_VERDICT: Final = FinalVerdict()
 
 
 @dataclass(frozen=True)
