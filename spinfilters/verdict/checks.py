@@ -132,6 +132,7 @@ CHECKS: Final[tuple[Check, ...]] = (
     Check(
         "data-set", ALL, Needs.RECORDING, "Does the reader or the front end trust what it made of raw data?", CERTAIN,
         "the measurements that were made of raw data are doubtful", "check the raw data, and what their reader remarks",
+        is_cause=True,
     ),
     Check(
         "sensor-data", ALL, Needs.RECORDING, "Are the values of each sensor within its range?", CERTAIN,
