@@ -29,18 +29,21 @@ from spinfilters.evaluation.estimated_motion import (
 )
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.io.argument_checks import (
-    A_RECORDING,
     ESTIMATORS,
+    KIND,
     called,
     checked_arguments,
+    is_path,
     names,
     one_of,
     optional,
     path,
+    refuse,
     text,
 )
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.input_file import path_text, value_text
+from spinfilters.io.memory_tables import WHAT_TO_GIVE, is_table
 from spinfilters.models.body import BodyEstimate
 from spinfilters.models.status import verdict_sentences
 from spinfilters.run.comparison_run import RunOutput, compare_dataset, compare_into, silent, write_comparison
@@ -324,7 +327,7 @@ AnySettings = Settings | Mapping[str, Any] | str | os.PathLike[str]
 
 @checked_arguments(
     RunArguments,
-    data=one_of(Dataset, path_of=A_RECORDING, cure="a path or a data set of spinfilters.load or .simulate"),
+    kind=optional(text(KIND)),
     segment=optional(one_of(int, str, cure='a number, times such as "6.55:7.4", or "auto"')),
     settings=optional(
         one_of(Settings, Mapping, path_of="a settings file", cure="Settings, a mapping of tables, or a path")
@@ -334,12 +337,14 @@ AnySettings = Settings | Mapping[str, Any] | str | os.PathLike[str]
 )
 @on_one_blas_thread
 def compare(
-    data: Dataset | str | os.PathLike[str],
+    data: Any,
     estimators: Sequence[str] | str | None = None,
     settings: AnySettings | None = None,
     segment: int | str | None = None,
     output: str | os.PathLike[str] | None = None,
     *,
+    kind: str | None = None,
+    units: str | Mapping[str, str] | None = None,
     resume: bool = False,
     predict: float | None = None,
     convergence: bool = False,
@@ -351,8 +356,8 @@ def compare(
 
     Parameters
     ----------
-    data : Dataset, str or os.PathLike
-        A data set, or the path of one (see `load`).
+    data : Dataset, str, os.PathLike, data frame, mapping or array
+        A data set, the path of one, or a table in memory (see `load`): ``compare(frame, units="deg/s")``.
     estimators : str, sequence of str or None
         Names among "mekf", "ukf", "smoother", "filterpy-ekf", "filterpy-ukf", "embedded", "embedded-double"; one text may list
         several, with commas. None takes those of the settings, by default the first three.
@@ -362,6 +367,8 @@ def compare(
         Of a recording, see `load`.
     output : str, os.PathLike or None
         Folder to write the run into, with checkpoints and pictures; None writes nothing, and `Run.save` can later.
+    kind, units : str or None
+        Of a table in memory, or units of a file, see `load`.
     resume : bool
         Whether to go on from what an interrupted run has left in ``output``; a finished run is read from there.
     predict : float or None
@@ -389,7 +396,7 @@ def compare(
         Ctrl-C; what was estimated is in ``output``, if given, for ``resume`` to go on from.
     """
     chosen = _settings(settings, estimators, verdict)
-    dataset = _dataset(data, segment)
+    dataset = _dataset(data, segment, kind, units)
     how = RunArguments(resume=resume, predict=predict, convergence=convergence, explain=explain)
     if output is None:
         if resume or how.optional_outputs is not None:
@@ -467,9 +474,16 @@ def _names(estimators: Sequence[str] | str) -> tuple[str, ...]:
     return names_in(estimators) if isinstance(estimators, str) else tuple(estimators)
 
 
-def _dataset(data: Dataset | str | os.PathLike[str], segment: int | str | None) -> Dataset:
-    if isinstance(data, Dataset):
-        if segment is not None:
-            raise InputError(f"segment {segment} is of a recording's folder; give its path, not a data set")
-        return data
-    return load(data, segment)
+def _dataset(
+    data: Any, segment: int | str | None, kind: str | None, units: str | Mapping[str, str] | None
+) -> Dataset:
+    """The data set, or that of a path or of a table in memory. InputError: what is of no use for a data set."""
+    if not isinstance(data, Dataset):
+        if not is_path(data) and not is_table(data):
+            refuse("data", data, WHAT_TO_GIVE)
+        return load(data, segment, kind=kind, units=units)
+    if segment is not None:
+        raise InputError(f"segment {segment} is of a recording's folder; give its path, not a data set")
+    if kind is not None or units is not None:
+        raise InputError("kind and units are of tables in memory; a data set has its own: leave them out")
+    return data

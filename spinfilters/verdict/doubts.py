@@ -178,7 +178,13 @@ def models_of_recording(setup: Setup) -> TestedModels:
 
 
 def _explained(setup: Setup, settings: Settings, evaluations: Sequence[Evaluation]) -> TestedModels:
-    """Score tests of the models, with slips of front ends, and a flywheel fitted where anything is suspected."""
+    """Score tests of the models, with slips of front ends, and a flywheel fitted where anything is suspected.
+
+    None of measurements that their own front end doubts: wrong poses look like contact, and no other cause is named before that
+    one is mended.
+    """
+    if setup.dataset.doubts:
+        return models_of_recording(setup)
     models, best = tested_models(setup, evaluations), tested_history(setup, evaluations)
     is_suspect = models.is_suspect or best is None or best.status.verdict is not Verdict.OK
     models = replace(models, slips=front_end_slips(setup, with_fits=is_suspect))
