@@ -158,13 +158,17 @@ class Run(Mapping[str, EstimatorResult]):
     folder: Path | None = None
 
     @classmethod
-    def from_comparison(cls, comparison: Comparison, settings: Settings, folder: Path | None = None) -> "Run":
-        """Run of a comparison that has just ended."""
+    def from_comparison(
+        cls,
+        comparison: Comparison,
+        settings: Settings,
+        document: Mapping[str, Any],
+        folder: Path | None = None,
+    ) -> "Run":
+        """Run of a comparison that has just ended, with the content of its summary.json."""
         results = {e.name: EstimatorResult(e, comparison.maps.get(e.name)) for e in comparison.evaluations}
         conditions = tuple(comparison.conditions.sentences)
-        return cls(
-            comparison.setup.dataset, settings, results, conditions, summary(comparison), comparison, folder
-        )
+        return cls(comparison.setup.dataset, settings, results, conditions, document, comparison, folder)
 
     @classmethod
     def from_folder(cls, folder: Path, settings: Settings) -> "Run":
@@ -406,12 +410,13 @@ def compare(
     if output is None:
         if resume or how.optional_outputs is not None:
             raise InputError("resume, predict, convergence and explain work in a run folder; give output")
-        return Run.from_comparison(_whole(compare_dataset(dataset, chosen, progress), None), chosen)
+        comparison = _whole(compare_dataset(dataset, chosen, progress), None)
+        return Run.from_comparison(comparison, chosen, summary(comparison))
     folder = Path(output)
     written = compare_into(dataset, chosen, RunOutput(folder, how.resume, how.optional_outputs), progress)
-    if written.comparison is None:
+    if written.comparison is None or written.summary is None:
         return Run.from_folder(folder, chosen)
-    return Run.from_comparison(_whole(written.comparison, folder), chosen, folder)
+    return Run.from_comparison(_whole(written.comparison, folder), chosen, written.summary, folder)
 
 
 @checked_arguments(folder=path("a run's folder"))

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
@@ -16,7 +17,7 @@ from spinfilters.io.measurement_log import MeasurementStream
 from spinfilters.io.sensor_format import sensor_format
 from spinfilters.io.truth import Truth
 from spinfilters.models.sensor_registry import sensor_of
-from spinfilters.verdict.unstated_calibration import enlarged_words
+from spinfilters.verdict.calibration_errors import enlarged_words
 
 WINDOW: Final = 1.0
 """Rad of turn after which attitudes and rates start together again, so that a gyro's bias does not add up."""
@@ -220,7 +221,7 @@ class Conditions:
     calibration: tuple[ConsideredDeviation, ...] = ()
     belief_at: float | None = None
 
-    @property
+    @cached_property
     def sentences(self) -> list[str]:
         """Conditions in words.
 
