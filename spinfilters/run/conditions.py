@@ -209,6 +209,7 @@ class Conditions:
     map: "known" or "unknown", None where no landmark is seen.   landmarks: of a known map.
     sensors, disturbances: their noise.   seed: of a simulated data set.
     contradictions: sentences on how the truth contradicts itself.   calibration: deviations that are considered.
+    belief_at: time of the stated belief that estimators begin from, s; None where first epochs are smoothed.
     """
 
     map: str | None
@@ -218,6 +219,7 @@ class Conditions:
     seed: int | None
     contradictions: tuple[str, ...] = ()
     calibration: tuple[ConsideredDeviation, ...] = ()
+    belief_at: float | None = None
 
     @cached_property
     def sentences(self) -> list[str]:
@@ -243,6 +245,10 @@ class Conditions:
                 f"If the calibration is exact (a simulation of your own), state [calibration] {keys}."
             )
         absent = [_absent(each) for each in self.sensors if each.is_absent]
+        if self.belief_at is not None:
+            first.append(
+                f"Every estimator begins from the stated belief at t = {self.belief_at:.6g} s; no first epochs are smoothed."
+            )
         return [*([" ".join(first)] if first else []), noise, *absent, *calibration, *self.contradictions]
 
     @property
@@ -278,6 +284,7 @@ def conditions_of(setup: Setup) -> Conditions:
         seed if isinstance(seed, int) and not isinstance(seed, bool) else None,
         () if dataset.truth is None else tuple(contradictions(dataset.truth)),
         setup.calibration,
+        setup.end_of_initialisation if setup.is_given else None,
     )
 
 

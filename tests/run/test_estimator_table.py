@@ -90,4 +90,3 @@ def test_every_member_of_the_family_estimates_the_same_recording(kind: str) -> N
     for name in ("iekf", "invariant", "ekf-joint"):
         assert rates[name] == pytest.approx(rates["mekf"], rel=0.2)
     assert rates["rts"] < rates["mekf"]
-    assert rates["smoother"] < rates["mekf"]
