@@ -33,16 +33,16 @@ LARGEST_JOINT_MAP = 200
 """Landmarks in the state: with more, those that were seen longest ago leave it by marginalisation."""
 
 
-class _Rows(NamedTuple):
+class _JointRows(NamedTuple):
     """Whitened observations of k values: innovations, Jacobians by all unknowns, and log determinants of the noise factors."""
 
     innovation: Float[np.ndarray, "k d"]
     jacobian: Float[np.ndarray, "k d N"]
     log_noise: Float[np.ndarray, " k"]
 
-    def only(self, keep: Bool[np.ndarray, " k"]) -> "_Rows":
+    def only(self, keep: Bool[np.ndarray, " k"]) -> "_JointRows":
         """The chosen values."""
-        return _Rows(*(part[keep] for part in self))
+        return _JointRows(*(part[keep] for part in self))
 
 
 class JointEkf(Estimator):
@@ -163,15 +163,15 @@ class JointEkf(Estimator):
         self.ids, self.points = snapshot["ids"].copy(), snapshot["points"].copy()
         self._last, self._now = snapshot["last"].copy(), int(snapshot["now"])
 
-    def _rows_of_state(self, m: Measurement) -> _Rows:
+    def _rows_of_state(self, m: Measurement) -> _JointRows:
         innovation, jacobian, valid, log_noise = m.model.linearise(self.mean, m.parameters, m.values)
         H = np.zeros((*innovation.shape, len(self.covariance)))
         H[..., m.model.columns] = jacobian
-        return _Rows(innovation, H, log_noise).only(usable(innovation, valid))
+        return _JointRows(innovation, H, log_noise).only(usable(innovation, valid))
 
     def _rows_of_landmarks(
         self, sensor: LandmarkSensor, m: Measurement, at: Int[np.ndarray, " k"], known: Bool[np.ndarray, " k"]
-    ) -> _Rows:
+    ) -> _JointRows:
         at, n = at[known], self.layout.error_dim
         parameters = m.parameters[known].copy()
         parameters[:, :3] = self.points[at]
@@ -180,10 +180,10 @@ class JointEkf(Estimator):
         H[..., sensor.columns] = found.jacobian
         for i, place in enumerate(at):  # by the landmark's own three columns
             H[i, :, n + 3 * place : n + 3 * place + 3] = found.by_landmark[i]
-        rows = _Rows(found.innovation, H, found.log_noise)
+        rows = _JointRows(found.innovation, H, found.log_noise)
         return rows.only(usable(found.innovation, found.valid))
 
-    def _correct(self, rows: _Rows) -> UpdateReport:
+    def _correct(self, rows: _JointRows) -> UpdateReport:
         """K = P H' S^-1,  x <- x [+] K y,  P <- (I - K H) P,  then the reset of the state's error."""
         rows = rows.only(self._within_gate(rows))
         used, d = rows.innovation.shape
@@ -205,7 +205,7 @@ class JointEkf(Estimator):
         log_root = float(np.log(np.diag(root)).sum()) + float(rows.log_noise.sum())
         return UpdateReport(nis, len(y), used, 0, -0.5 * (nis + len(y) * LOG_2_PI) - log_root)
 
-    def _within_gate(self, rows: _Rows) -> Bool[np.ndarray, " k"]:
+    def _within_gate(self, rows: _JointRows) -> Bool[np.ndarray, " k"]:
         """Whether each observation by itself is within its gate."""
         from scipy.special import chdtri  # slow to import
 
