@@ -38,6 +38,7 @@ from spinfilters.io.argument_checks import (
     one_of,
     optional,
     path,
+    plain_numbers,
     refuse,
     text,
 )
@@ -401,6 +402,7 @@ AnySettings = Settings | Mapping[str, Any] | str | os.PathLike[str]
     RunArguments,
     kind=optional(text(KIND)),
     segment=optional(one_of(int, str, cure='a number, times such as "6.55:7.4", or "auto"')),
+    belief=optional(one_of(Mapping, cure='{"mean": {"rate": (0, 0, 1), ...}, "std": {...}}')),
     settings=optional(
         one_of(Settings, Mapping, path_of="a settings file", cure="Settings, a mapping of tables, or a path")
     ),
@@ -422,6 +424,8 @@ def compare(
     convergence: bool = False,
     explain: bool = False,
     verdict: str | None = None,
+    belief: Mapping[str, Any] | None = None,
+    from_truth: int | None = None,
     progress: Progress = silent,
 ) -> Run:
     """Estimators side by side on one recording, as ``spinfilters compare`` runs them.
@@ -439,8 +443,10 @@ def compare(
         Of a recording, see `load`.
     output : str, os.PathLike or None
         Folder to write the run into, with checkpoints and pictures; None writes nothing, and `Run.save` can later.
-    kind, units : str or None
-        Of a table in memory, or units of a file, see `load`.
+    kind : str or None
+        Of a table in memory, see `load`.
+    units : str, Mapping or None
+        Of the columns of a table or of a file, see `load`.
     resume : bool
         Whether to go on from what an interrupted run has left in ``output``; a finished run is read from there.
     predict : float or None
@@ -452,6 +458,11 @@ def compare(
     verdict : str or None
         "full" judges by all checks, "filter" by those alone that need no smoothed motion, which leave every estimate degraded at
         best. None takes that of the settings.
+    belief : Mapping or None
+        From which every estimator begins at the first epoch, in place of smoothed first epochs: ``mean`` by block, and ``std`` by
+        block or a ``covariance``, as the settings' table ``[initialisation]`` has them.
+    from_truth : int or None
+        Seed of the error of a belief that is drawn about the truth, with ``std`` of ``belief`` or usual deviations.
     progress : Callable[[str, int, int], None]
         Called with what is being done, steps done and steps in all.
 
@@ -467,7 +478,7 @@ def compare(
     KeyboardInterrupt
         Ctrl-C; what was estimated is in ``output``, if given, for ``resume`` to go on from.
     """
-    chosen = _settings(settings, estimators, verdict)
+    chosen = _beginning(_settings(settings, estimators, verdict), belief, from_truth)
     dataset = _dataset(data, segment, kind, units)
     how = RunArguments(resume=resume, predict=predict, convergence=convergence, explain=explain)
     if output is None:
@@ -536,6 +547,32 @@ def _settings(
     if verdict is not None:
         chosen = replace(chosen, verdict=verdict)
     return chosen if estimators is None else replace(chosen, estimators=_names(estimators))
+
+
+def _beginning(settings: Settings, belief: Mapping[str, Any] | None, from_truth: int | None) -> Settings:
+    """The settings with a belief from which estimators begin. InputError: one that cannot be."""
+    changes: dict[str, Any] = {}
+    if belief is not None:
+        known = ("mean", "std", "covariance")
+        for name in belief:
+            if name not in known:
+                raise InputError(f"belief.{value_text(name)[1:-1]} is unknown; give {', '.join(known)}")
+        changes = {name: _as_setting(name, value) for name, value in belief.items()}
+    if from_truth is not None:
+        changes |= {"from_truth": True, "draw": from_truth}
+    if not changes:
+        return settings
+    return replace(settings, initialisation=replace(settings.initialisation, **changes))
+
+
+def _as_setting(name: str, value: Any) -> Any:
+    """Arrays of a belief as the lists of a settings file. InputError: no table of blocks."""
+    plain = value.tolist() if isinstance(value, np.ndarray) else plain_numbers(value)
+    if name == "covariance":
+        return tuple(map(tuple, plain))
+    if not isinstance(plain, Mapping):
+        raise InputError(f"belief.{name} is {value_text(value)}; give numbers by block, such as rate")
+    return dict(plain)
 
 
 def _names(estimators: Sequence[str] | str) -> tuple[str, ...]:

@@ -225,6 +225,8 @@ class Conditions:
         Sentences on how the truth contradicts itself.
     calibration : tuple[ConsideredDeviation, ...]
         Deviations that are considered.
+    belief_at : float or None
+        Time of the stated belief that estimators begin from, s; None where first epochs are smoothed.
     """
 
     map: str | None
@@ -234,6 +236,7 @@ class Conditions:
     seed: int | None
     contradictions: tuple[str, ...] = ()
     calibration: tuple[ConsideredDeviation, ...] = ()
+    belief_at: float | None = None
 
     @cached_property
     def sentences(self) -> list[str]:
@@ -259,6 +262,10 @@ class Conditions:
                 f"If the calibration is exact (a simulation of your own), state [calibration] {keys}."
             )
         absent = [_absent(each) for each in self.sensors if each.is_absent]
+        if self.belief_at is not None:
+            first.append(
+                f"Every estimator begins from the stated belief at t = {self.belief_at:.6g} s; no first epochs are smoothed."
+            )
         return [*([" ".join(first)] if first else []), noise, *absent, *calibration, *self.contradictions]
 
     @property
@@ -294,6 +301,7 @@ def conditions_of(setup: Setup) -> Conditions:
         seed if isinstance(seed, int) and not isinstance(seed, bool) else None,
         () if dataset.truth is None else tuple(contradictions(dataset.truth)),
         setup.calibration,
+        setup.end_of_initialisation if setup.is_given else None,
     )
 
 

@@ -154,8 +154,11 @@ def doubts_of(
     smoother where the belief is too wide for a linearisation.
     """
     if setup.is_given:
-        shared, reference = shared_diagnostics(setup), reference_smoother([], setup, settings)
-        own = filter_diagnostics(setup)
+        shared, own, reference = shared_diagnostics(setup), filter_diagnostics(setup), None
+        if settings.verdict == FILTER:
+            shared.append(finding("smoothed-checks-left-out", {}))
+        else:
+            reference = reference_smoother([], setup, settings)
         return Doubts(setup, settings, evaluations, shared, own, reference, baselines=baselines)
     smoothers = [each.history for each in evaluations if each.name == SMOOTHER]
     shared = [*shared_diagnostics(setup), *motion_diagnostics(setup, settings)]
