@@ -232,19 +232,67 @@ class TorqueFreeProcess:
         self._integrator, self._many, self._disturbed = _integrators(layout, tolerance)
 
     def with_noise(self, noise: ProcessNoise) -> "TorqueFreeProcess":
-        """The same body with other disturbances."""
+        """The same body with other disturbances.
+
+        Parameters
+        ----------
+        noise : ProcessNoise
+            Densities of the disturbances.
+
+        Returns
+        -------
+        TorqueFreeProcess
+            Process of the same layout and tolerance.
+        """
         return TorqueFreeProcess(self.layout, noise, self._tolerance)
 
     def with_layout(self, layout: StateLayout) -> "TorqueFreeProcess":
-        """The same disturbances over another layout."""
+        """The same disturbances over another layout.
+
+        Parameters
+        ----------
+        layout : StateLayout
+            Blocks of its state.
+
+        Returns
+        -------
+        TorqueFreeProcess
+            Process with the same noise and tolerance.
+        """
         return TorqueFreeProcess(layout, self.noise, self._tolerance)
 
     def step(self, x: Float[np.ndarray, "*batch m"], dt: float) -> Float[np.ndarray, "*batch m"]:
-        """Points after ``dt`` seconds (dt > 0) without noise."""
+        """Points after ``dt`` seconds (dt > 0) without noise.
+
+        Parameters
+        ----------
+        x : ndarray of float, shape (..., m)
+            Points of the layout.
+        dt : float
+            Duration, s; positive.
+
+        Returns
+        -------
+        ndarray of float, shape (..., m)
+            Points at the end.
+        """
         return self._integrator.step(x, dt)
 
     def steps(self, x: Float[np.ndarray, "k m"], dt: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k m"]:
-        """Points after ``dt`` seconds (dt > 0) of their own without noise."""
+        """Points after ``dt`` seconds (dt > 0) of their own without noise.
+
+        Parameters
+        ----------
+        x : ndarray of float, shape (k, m)
+            Points of the layout.
+        dt : ndarray of float, shape (k,)
+            Duration of each, s; positive.
+
+        Returns
+        -------
+        ndarray of float, shape (k, m)
+            Points at the ends.
+        """
         return self._integrator.steps(x, dt)
 
     def disturbed_steps(
@@ -256,9 +304,18 @@ class TorqueFreeProcess:
 
         Parameters
         ----------
+        x : ndarray of float, shape (..., m)
+            Points before the first step.
+        dt : float
+            Duration of a step, s; positive.
         normal : Float[np.ndarray, 'n *batch 2 b']
             Independent standard normals before and after each step: of the body rate, then of the velocity if
             there is one.
+
+        Returns
+        -------
+        ndarray of float, shape (..., m)
+            Points after the last step.
         """
         psd = np.repeat([self.noise.torque_psd, self.noise.force_psd], 3)[: self.disturbed_dim]
         return self._disturbed.run(x, dt, np.sqrt(psd * (dt / 2)) * normal)
@@ -270,8 +327,17 @@ class TorqueFreeProcess:
 
         Parameters
         ----------
+        x : ndarray of float, shape (m,)
+            Point at the begin.
+        dt : float
+            Duration of an interval, s; positive.
         normal : Float[np.ndarray, 'n k 2 b']
             As of `disturbed_steps`, for every interval.
+
+        Returns
+        -------
+        ndarray of float, shape (n_plus_1, m)
+            Points at the begin and at the end of every interval.
         """
         h = dt / normal.shape[1]
         psd = np.repeat([self.noise.torque_psd, self.noise.force_psd], 3)[: self.disturbed_dim]
@@ -283,7 +349,20 @@ class TorqueFreeProcess:
         return len(self._disturbed.kicked)
 
     def linearise(self, x: Float[np.ndarray, " m"], dt: float) -> LinearisedStep:
-        """Step of dt s with error transition and noise factor."""
+        """Step of dt s with error transition and noise factor.
+
+        Parameters
+        ----------
+        x : ndarray of float, shape (m,)
+            Point before the step.
+        dt : float
+            Duration, s; positive.
+
+        Returns
+        -------
+        LinearisedStep
+            Point after it, error transition Phi (n, n), and factor G of the process noise, Q = G G'.
+        """
         return self._integrator.linearise(x, dt, self._densities)
 
     def linearise_steps(
@@ -297,11 +376,20 @@ class TorqueFreeProcess:
 
         Parameters
         ----------
+        here : ndarray of float, shape (k, m)
+            States before the steps.
+        dt : ndarray of float, shape (k,)
+            Duration of each step, s.
         there : Float[np.ndarray, 'k m']
             Expected ends of the steps, with the mass distribution of ``here``.
         about : Float[np.ndarray, 'k m'] | None
             States at which the derivatives are taken: those of ``here`` with other constants (inertia, drag);
             None for ``here``.
+
+        Returns
+        -------
+        LinearisedSteps
+            Defects, error transitions and noise factors of all steps.
         """
         return self._many.linearise(here, there, dt, self._densities, about)
 
@@ -309,6 +397,13 @@ class TorqueFreeProcess:
         """Require that a motion can be integrated within the budget of substeps.
 
         The budget is `MAX_SUBSTEPS` for one step, and for all steps `MOST_SUBSTEPS` or on average `USUAL_SUBSTEPS`.
+
+        Parameters
+        ----------
+        time : ndarray of float, shape (k,)
+            Stamps, ascending, s.
+        rates : ndarray of float, shape (k, 3)
+            Body rate at each, rad/s.
 
         Raises
         ------
@@ -330,7 +425,20 @@ class TorqueFreeProcess:
         )
 
     def noise_covariance(self, x: Float[np.ndarray, " m"], dt: float) -> Float[np.ndarray, "n n"]:
-        """Q (n, n) of the multiplicative error over dt s from x."""
+        """Q (n, n) of the multiplicative error over dt s from x.
+
+        Parameters
+        ----------
+        x : ndarray of float, shape (m,)
+            Point before the step.
+        dt : float
+            Duration, s; positive.
+
+        Returns
+        -------
+        ndarray of float, shape (n, n)
+            Covariance of the error that disturbances add.
+        """
         factor = self.linearise(x, dt).noise_factor
         return factor @ factor.T
 

@@ -53,7 +53,8 @@ def read_summary(folder: Path) -> dict[str, Any]:
 
     Raises
     ------
-    InputError: missing, too large, not JSON, another schema.
+    InputError
+        Missing, too large, not JSON, another schema.
     """
     path = folder / SUMMARY_FILE
     if not path.is_file():
@@ -83,7 +84,8 @@ def read_process(folder: Path, tolerance: float) -> TorqueFreeProcess:
 
     Raises
     ------
-    InputError: as `read_summary`, or the summary does not tell it.
+    InputError
+        As `read_summary`, or the summary does not tell it.
     """
     document = read_summary(folder)
     try:

@@ -17,7 +17,6 @@ from spinfilters.verdict.checks import finding
 from spinfilters.verdict.judge import unmoved_quantities
 from spinfilters.verdict.model_errors.correlated_errors import (
     CorrelatedErrors,
-    ObservationCorrelation,
     correlated_errors,
     observation_correlation,
 )
@@ -81,14 +80,26 @@ def possible_correlation(
     if seen is not None and seen.score > LARGEST_SCORE:
         left = seen.inflation / _stated_inflation(setup)
         if left > LARGEST_NEES:
-            return PossibleCorrelation((_landmark_finding(seen, left),), score_inflation=left)
+            numbers = {"correlation": seen.value, "score": seen.score, "inflation": left}
+            return PossibleCorrelation((finding("correlated-observations", numbers),), score_inflation=left)
         if seen.inflation > LARGEST_NEES:
             return NO_CORRELATION
     found = [] if model is None else correlated_errors(rows, model, stated)
     if not found:
         return NO_CORRELATION
     likely = [each for each in found if each.probability > LIKELY and each.expected_nees > LARGEST_NEES]
-    doubts = tuple(_correlated_finding(each) for each in likely[:1])
+    doubts = tuple(
+        finding(
+            "correlated-errors",
+            {
+                "time": each.time,
+                "sizes": _sizes(each),
+                "advantage": each.advantage,
+                "inflation": each.inflation,
+            },
+        )
+        for each in likely[:1]
+    )
     widest = max(found, key=lambda each: float(np.square(each.widening).sum()))
     undecided = finding("correlation-undecided", {"time": widest.time, "sizes": _sizes(widest)})
     return PossibleCorrelation(doubts, widest.widening, undecided)
@@ -99,16 +110,6 @@ def _stated_inflation(setup: Setup) -> float:
     formats = [sensor_format(stream.sensor) for stream in setup.log.streams]
     names = {option.name for form in formats if form.has_landmarks for option in form.noise}
     return max((by for name, by in setup.inflation.items() if name in names), default=1.0)
-
-
-def _landmark_finding(seen: ObservationCorrelation, left: float) -> Finding:
-    numbers = {"correlation": seen.value, "score": seen.score, "inflation": left}
-    return finding("correlated-observations", numbers)
-
-
-def _correlated_finding(found: CorrelatedErrors) -> Finding:
-    numbers = {"advantage": found.advantage, "inflation": found.inflation}
-    return finding("correlated-errors", {"time": found.time, "sizes": _sizes(found)} | numbers)
 
 
 def _sizes(found: CorrelatedErrors) -> str:
@@ -362,7 +363,11 @@ def model_findings(models: TestedModels, tested: EstimateHistory | None) -> list
     """
     about = _moved(models, tested)
     found = [finding("front-end-slip", {"text": each.sentence, "cure": each.cure}) for each in models.slips]
-    found += [*models.correlated.doubts, *map(_unit_finding, models.units)]
+    found += models.correlated.doubts
+    found += [
+        finding("wrong-unit", {"text": unit.sentence, "cure": unit.cure}, unit.about, unit.name)
+        for unit in models.units
+    ]
     if models.slow is not None:
         numbers = {"text": slow_phrase(models.slow), **_numbers(models.slow)}
         found.append(finding("slow-change", numbers, about))
@@ -374,10 +379,6 @@ def model_findings(models: TestedModels, tested: EstimateHistory | None) -> list
         numbers = {"text": models.causes, **_numbers(models.classes[0][0])}
         found.append(finding("model-error", numbers, about, names))
     return found
-
-
-def _unit_finding(unit: WrongUnit) -> Finding:
-    return finding("wrong-unit", {"text": unit.sentence, "cure": unit.cure}, unit.about, unit.name)
 
 
 def _numbers(test: ScoreTest) -> dict[str, float | str]:
