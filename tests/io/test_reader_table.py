@@ -48,8 +48,7 @@ def test_the_documentation_tells_the_order_of_the_readers() -> None:
     assert (
         "folders with a `dataset.toml` at 0, "
         "phyphox exports at 10, other phone exports at 20, folders of EuRoC and TUM at 25, archives at 30, ROS bags at 40, PX4 "
-        "logs at 42, files of arrays at 45, yours at 50"
-        in page
+        "logs at 42, files of arrays at 45, yours at 50" in page
     )
     assert "other folders at 90, tables with named columns at 95, other files at 100" in page
 
