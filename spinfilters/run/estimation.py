@@ -32,8 +32,8 @@ from spinfilters.core.errors import NUMERICAL_ERRORS, InputError, numerical
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.evaluation.recording_bound import Bounding, with_bounds
 from spinfilters.filters.estimator import Estimator
-from spinfilters.filters.history import EPOCH_ARRAYS, EstimateHistory, GrowingHistory
-from spinfilters.filters.timeline import NO_EPOCH_LEFT, Timeline, rehearse, run_interruptible, times_of
+from spinfilters.filters.history import EstimateHistory, GrowingHistory
+from spinfilters.filters.timeline import NO_EPOCH_LEFT, Timeline, rehearse, run_interruptible
 from spinfilters.inference.estimator_entry import AnyEntry
 from spinfilters.inference.setup import Setup
 from spinfilters.io.input_file import reason
@@ -289,12 +289,4 @@ def _is_cut_short(history: EstimateHistory, epochs: int) -> bool:
 
 def _with_initialisation(history: EstimateHistory, rows: GrowingHistory, setup: Setup) -> EstimateHistory:
     """A filter's history with its initialisation in front: smoothed epochs, which no error or count includes."""
-    start = setup.initial
-    count = len(start.mean)
-    before = dict.fromkeys(EPOCH_ARRAYS, np.zeros(count)) | {
-        "time": times_of(setup.timeline[:count]),
-        "mean": start.mean,
-        "factor": start.factor,
-        "runtime": setup.initial_runtime,
-    }
-    return rows.ended(history.name, history.status, before)
+    return rows.ended(history.name, history.status, setup.initial_arrays)

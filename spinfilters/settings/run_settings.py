@@ -9,6 +9,7 @@ import numpy as np
 
 from spinfilters.core.errors import InputError
 from spinfilters.core.plugins import installed_plugins
+from spinfilters.filters.error_coordinates import InvariantOptions
 from spinfilters.filters.iterated_update import IterationOptions
 from spinfilters.filters.measurement_prediction import SigmaPointOptions
 from spinfilters.filters.noise_levels import AdaptationOptions
@@ -179,11 +180,15 @@ else:
 
 DEFAULT_ESTIMATORS: Final = ("mekf", "ukf", "smoother")
 """Estimators of a comparison where nobody names any."""
+LAGS: Final = (1, 2, 5, 10, 20, 50)
+"""Lags of the smoothers with a fixed lag, epochs."""
 ESTIMATORS: Final = (
     *("mekf", "ukf", "smoother"),
     *("filterpy-ekf", "filterpy-ukf"),
     *("embedded", "embedded-double"),
     "smoother-latest",
+    *("iekf", "rts", "invariant", "ekf-joint"),
+    *(f"smoother-lag-{lag}" for lag in LAGS),
 )
 """Estimators of this package, in the order of the table."""
 
@@ -445,6 +450,7 @@ class Settings:
     iteration: IterationOptions = field(default_factory=IterationOptions)
     adaptation: AdaptationOptions = field(default_factory=AdaptationOptions)
     smoother: SmootherSettings = field(default_factory=SmootherSettings)
+    invariant: InvariantOptions = field(default_factory=InvariantOptions)
     verdict: Literal["full", "filter"] = FULL
 
     def __post_init__(self) -> None:
