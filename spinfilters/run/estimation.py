@@ -12,7 +12,7 @@ One more of a kind is a file or an entry in its room, and a line in the table of
     sensor             models/sensors/            models/sensor_registry.py
     state block        models/                    models/state_blocks.py
     file format        io/                        run/readers.py
-    estimator          filters/ or smoother/      run/estimators.py
+    estimator          filters/ or smoother/      run/estimators.py, its name in settings/run_settings.py
     metric             evaluation/                evaluation/metrics.py
     check of results   verdict/                   verdict/checks.py
     possible cause     verdict/model_errors/      verdict/model_errors/alternatives.py (what may explain residuals beside noise)
