@@ -179,11 +179,10 @@ def _fit_ranges(expected: ExpectedRanges, measured: Float[np.ndarray, " n"]) -> 
     good = np.isfinite(residual)
     if good.mean() < 0.9:
         return None
-    J = np.nan_to_num(expected.by_pose / expected.std[:, None]) * good[:, None]
+    # rays that miss have no residual: their rows go, since a weight of NaN times zero is NaN
+    residual, J = residual[good], (expected.by_pose / expected.std[:, None])[good]
     weight = _huber_weights(residual)
-    residual = np.nan_to_num(residual)
-    chi = float(np.mean(np.minimum(residual[good] ** 2, _LARGE**2)))
-    return _RangeFit((J * weight[:, None]).T @ J, J.T @ (weight * residual), chi)
+    return _RangeFit((J * weight[:, None]).T @ J, J.T @ (weight * residual), _reduced(residual))
 
 
 def _huber_weights(residual: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
