@@ -419,6 +419,8 @@ class Settings:
         How many epochs begin the estimates, and the prior of their first state.
     ukf : SigmaPointOptions
         Spread and weights of the UKF's sigma points.
+    invariant : InvariantOptions
+        Error coordinates of the invariant EKF.
     landmarks : LandmarkOptions
         How filters represent landmarks of an unknown map.
     robust : RobustOptions
