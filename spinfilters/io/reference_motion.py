@@ -206,8 +206,8 @@ def _reference(path: Path, columns: _Columns) -> ReferenceMotion:
         held &= np.isfinite(values).all(axis=1)
     if not held.all():
         said.append(f"{np.count_nonzero(~held)} rows without numbers")
-    if "attitude" in columns:
-        norm = np.linalg.norm(columns["attitude"], axis=1)
+    if "q_lm" in columns:
+        norm = np.linalg.norm(columns["q_lm"], axis=1)
         unit = ~held | (np.abs(norm - 1.0) <= UNIT)
         if not unit.all():
             said.append(f"{np.count_nonzero(~unit)} rows whose quaternion is not of norm one")
@@ -219,15 +219,15 @@ def _reference(path: Path, columns: _Columns) -> ReferenceMotion:
         said.append(f"{np.count_nonzero(~fresh)} rows that repeat a time")
     rows = rows[fresh]
     chosen = {name: values[rows] for name, values in columns.items()}
-    if "attitude" in chosen and len(rows):
-        q = chosen["attitude"] / np.linalg.norm(chosen["attitude"], axis=1, keepdims=True)
-        chosen["attitude"] = continuous_quaternions(q)
+    if "q_lm" in chosen and len(rows):
+        q = chosen["q_lm"] / np.linalg.norm(chosen["q_lm"], axis=1, keepdims=True)
+        chosen["q_lm"] = continuous_quaternions(q)
     if "rate_i" in chosen:
-        chosen["rate"] = rotate(inverse(chosen["attitude"]), chosen.pop("rate_i"))
+        chosen["rate"] = rotate(inverse(chosen["q_lm"]), chosen.pop("rate_i"))
     return ReferenceMotion(
         path_text(path),
         time[rows],
-        chosen.get("attitude"),
+        chosen.get("q_lm"),
         chosen.get("position"),
         chosen.get("rate"),
         chosen.get("velocity"),
@@ -244,7 +244,7 @@ def _first_row(lines: Sequence[str]) -> str:
 def _tum_columns(path: Path, lines: Sequence[str]) -> _Columns:
     rows = [line.replace(",", " ").split() for line in lines if not line.lstrip().startswith("#")]
     values = _numbers(path, rows, 8)
-    return {"time": values[:, :1], "position": values[:, 1:4], "attitude": values[:, 4:]}
+    return {"time": values[:, :1], "position": values[:, 1:4], "q_lm": values[:, 4:]}
 
 
 def _table_columns(path: Path, lines: Sequence[str]) -> _Columns:
@@ -268,7 +268,7 @@ def _table_columns(path: Path, lines: Sequence[str]) -> _Columns:
         )
     chosen = {
         "position": found(_POSITIONS),
-        "attitude": found(_ATTITUDES),
+        "q_lm": found(_ATTITUDES),
         "velocity": found(_VELOCITIES),
         "rate_i" if set(TRUTH_COLUMNS) <= set(names) else "rate": found(_RATES),
     }
@@ -307,7 +307,7 @@ def _motive_columns(path: Path, lines: Sequence[str]) -> _Columns:
     return {
         "time": values[:, 1:2],
         "position": scale * values[:, position],
-        "attitude": values[:, attitude],
+        "q_lm": values[:, attitude],
     }
 
 
