@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Final
 
-from spinfilters.models.status import ALL, BODY, MOMENTS, NOTHING, OWN_STATUS, Finding, Holds
+from spinfilters.models.status import ALL, AXES, BODY, MOMENTS, NOTHING, OWN_STATUS, Finding, Holds
 from spinfilters.verdict import check as of_estimate
 from spinfilters.verdict.check import Check, Needs, base_name
 
@@ -53,6 +53,14 @@ CHECKS: Final[tuple[Check, ...]] = (
         "look for the epoch at which the filter fails, and for wrong measurements there",
     ),
     Check(
+        "posterior-not-gaussian", frozenset({AXES}), Needs.SMOOTHER,
+        "Does the Gaussian belief of the mass distribution propose samples of its posterior? Pareto shape at most 0.7, where one "
+        "direction has a deviation above 0.1", LIMIT,
+        "the posterior of the moments is not Gaussian (Pareto shape {shape:.2g}, at most 0.7 is of use): mean and interval of the "
+        "moments are those of its samples, axes those of its mode",
+        "record a motion that wobbles",
+    ),
+    Check(
         "unobservable", NOTHING, Needs.SMOOTHER,
         "Is each component of the state known better than 0.7 of its prior deviation?", LIMIT,
         "the data do not determine some components of the state", "record a motion that wobbles",
@@ -98,6 +106,13 @@ CHECKS: Final[tuple[Check, ...]] = (
     Check(
         "prediction-range", NOTHING, Needs.ESTIMATE, "Can a live estimate be predicted as far ahead as asked?", CERTAIN,
         "it cannot be predicted so far ahead", "ask for a shorter prediction",
+    ),
+    Check(
+        "live-disagrees", ALL, Needs.FILTER,
+        "Is the last answer of a live run within 4 joint deviations of the estimate of its kept epochs?",
+        "below 1e-4 a component",
+        "the last answer is {deviations:.2g} joint deviations away from what the kept epochs together say",
+        "rely on the estimate of the recording (spinfilters compare)",
     ),
     Check(
         OWN_STATUS, ALL, Needs.ESTIMATE, "What an estimator, a plug-in for instance, says of itself", "as its author states",

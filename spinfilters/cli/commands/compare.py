@@ -96,6 +96,7 @@ def compare(options: CompareArguments) -> int:
         _print_comparison(written.comparison, folder)
         if options.dataset is not None and choice is None:
             _print_flights(written.comparison)
+    optional_outputs = written.optional_outputs
     if optional_outputs is not None:
         for line in (*optional_outputs.sentences(folder), optional_outputs.lacking(folder)):
             if line is not None:
@@ -127,6 +128,9 @@ def settings_of(options: CompareArguments) -> "Settings":
         settings = replace(settings, process=replace(settings.process, drag=law))
     if how.verdict is not None:
         settings = replace(settings, verdict=how.verdict)
+    if how.from_truth is not None:
+        drawn = replace(settings.initialisation, from_truth=True, draw=how.from_truth, mean={})
+        settings = replace(settings, initialisation=drawn)
     return settings
 
 
