@@ -4,7 +4,6 @@ The thesis prints pictures; the numbers here are what its text says of them, and
 """
 
 import time
-from collections.abc import Sequence
 from functools import cache, partial
 from typing import Final
 
@@ -12,14 +11,13 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from mpl_toolkits.mplot3d import Axes3D
 
 from spinfilters.lidar.mesh import TriangleMesh, box
 from spinfilters.lidar.scan import LidarNoise, RayPattern
-from spinfilters.plots.scene import draw_wires, equal_scales
+from spinfilters.plots.scene import draw_wires, equal_scales, space_figure
 from spinfilters.plots.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SKY, tidy
 from spinfilters.reproduction.decoust.corners import SnapshotFeatures, snapshot_features
-from spinfilters.reproduction.decoust.reference_frames import best_fitting_sphere
+from spinfilters.reproduction.decoust.reference_frames import Sphere, best_fitting_sphere
 from spinfilters.reproduction.decoust.scan_features import (
     BOUNDARY,
     EDGE,
@@ -342,7 +340,7 @@ def make_sphere() -> ItemResult:
             f"the fit amplifies errors {sphere.amplification:.2g} times; without it the radius is {1000 * without:.2f} mm",
         ),
     ]
-    return ItemResult(rows, {"sphere": _corners_figure([(found, sphere.centre, sphere.radius)])})
+    return ItemResult(rows, {"sphere": _corners_figure(found, sphere)})
 
 
 def make_sequence(number: int) -> ItemResult:
@@ -367,33 +365,27 @@ def make_sequence(number: int) -> ItemResult:
     left_out = len(errors) - int(np.count_nonzero(errors < WORST))
     return ItemResult(
         rows,
-        {"corners": _corners_figure([(found, sphere.centre, sphere.radius)])},
+        {"corners": _corners_figure(found, sphere)},
         {"attitudes": table},
         note=f"{left_out} snapshots without a corner, or with one that is {WORST:g} m off or more, are left out of the sphere.",
     )
 
 
-def _corners_figure(found: Sequence[tuple[ProcessedSequence, Float[np.ndarray, "3"], float]]) -> Figure:
+def _corners_figure(found: ProcessedSequence, sphere: Sphere) -> Figure:
     """Corners, boundary corners and the fitted sphere in space, m about the true centre."""
-    figure = Figure(figsize=(7.0, 6.4), layout="constrained")
-    axes = figure.add_subplot(projection="3d", computed_zorder=False)
-    assert isinstance(axes, Axes3D)
-    for each, centre, radius in found:
-        draw_wires(axes, np.full(3, radius), GREY)
-        for points, colour, name in (
-            (each.corners, PURPLE, "corner"),
-            *(
-                (each.boundary_corners[:, k], BOUNDARY_COLOURS[k], f"boundary corner {k + 1}")
-                for k in range(3)
-            ),
-        ):
-            shown = (points - PLACE)[:, [0, 2, 1]]
-            shown = shown[np.linalg.norm(shown, axis=1) < 1.2 * radius]
-            axes.plot(*shown.T, "o", color=colour, markersize=5, label=name, zorder=4)
-        axes.plot(
-            *(centre - PLACE)[[0, 2, 1]], "+", color=RED, markersize=12, label="fitted centre", zorder=5
-        )
-        equal_scales(axes, radius * np.array([[-1.0, -1, -1], [1, 1, 1]]))
+    figure, axes = space_figure(7.0, 6.4)
+    draw_wires(axes, np.full(3, sphere.radius), GREY)
+    boundary = [(found.boundary_corners[:, k], f"boundary corner {k + 1}") for k in range(3)]
+    for (points, name), colour in zip(
+        ((found.corners, "corner"), *boundary), (PURPLE, *BOUNDARY_COLOURS), strict=True
+    ):
+        shown = (points - PLACE)[:, [0, 2, 1]]
+        shown = shown[np.linalg.norm(shown, axis=1) < 1.2 * sphere.radius]
+        axes.plot(*shown.T, "o", color=colour, markersize=5, label=name, zorder=4)
+    axes.plot(
+        *(sphere.centre - PLACE)[[0, 2, 1]], "+", color=RED, markersize=12, label="fitted centre", zorder=5
+    )
+    equal_scales(axes, sphere.radius * np.array([[-1.0, -1, -1], [1, 1, 1]]))
     axes.set(xlabel="x - 500 [m]", ylabel="z [m]", zlabel="y [m]")
     axes.view_init(elev=20, azim=-150)
     axes.set_title("corners about the centre of rotation", fontsize="medium", color=BLACK)

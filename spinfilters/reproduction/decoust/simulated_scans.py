@@ -5,7 +5,7 @@ spacecraft's drawing (appendix A) has no legible dimension, and the complex shap
 """
 
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Final
@@ -53,7 +53,7 @@ def make_mesh() -> ItemResult:
     again = _through_stl(mesh)
     return ItemResult(
         [*_reader_rows(mesh, again)],
-        {"mesh": _mesh_figure([(again, GREY)], "facets of the spacecraft")},
+        {"mesh": _mesh_figure([again], [GREY], "facets of the spacecraft")},
         note="The dimensions of the thesis' drawing are not legible; the spacecraft is our own: box, two panels, antenna.",
     )
 
@@ -64,7 +64,7 @@ def make_complex_mesh() -> ItemResult:
     again = _through_stl(mesh)
     return ItemResult(
         [*_reader_rows(mesh, again)],
-        {"mesh": _mesh_figure([(again, BLUE)], f"a trefoil knot of {len(mesh.triangles)} facets")},
+        {"mesh": _mesh_figure([again], [BLUE], f"a trefoil knot of {len(mesh.triangles)} facets")},
         note="The thesis does not name its complex shape; a trefoil knot stands in its place.",
     )
 
@@ -138,7 +138,7 @@ def make_moved_cube() -> ItemResult:
     ]
     rows.append(ComparedNumber("rotation of an edge about z", angle, printed=45.0, unit="deg", tolerance=0.5))
     figure = _mesh_figure(
-        [(cube, GREEN), (moved, ORANGE)], "the cube about the lidar (green), moved and rotated (yellow)"
+        [cube, moved], [GREEN, ORANGE], "the cube about the lidar (green), moved and rotated (yellow)"
     )
     return ItemResult(rows, {"cubes": figure})
 
@@ -438,11 +438,11 @@ def _faces_seen(points: Float[np.ndarray, "n 3"]) -> set[tuple[int, float]]:
     return {(int(a), float(s)) for (a, s), count in zip(pairs, counts, strict=True) if count >= 10}
 
 
-def _mesh_figure(meshes: list[tuple[TriangleMesh, str]], title: str) -> Figure:
+def _mesh_figure(meshes: Sequence[TriangleMesh], colours: Sequence[str], title: str) -> Figure:
     """Facets in space, shaded by the direction of their normals."""
     figure, axes = space_figure(7.0, 6.0)
     light = np.array([-0.5, -0.6, 0.62])
-    for mesh, colour in meshes:
+    for mesh, colour in zip(meshes, colours, strict=True):
         few = slice(None, None, max(1, len(mesh.triangles) // DRAWN // 4 + 1))
         shade = 0.55 + 0.45 * np.clip(mesh.normals[few] @ light, -0.6, 1.0)
         rgb = np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)]) / 255.0
@@ -453,7 +453,7 @@ def _mesh_figure(meshes: list[tuple[TriangleMesh, str]], title: str) -> Figure:
             linewidths=0.3 if len(mesh.triangles) < DRAWN else 0.0,
         )
         axes.add_collection3d(faces)
-    equal_scales(axes, np.concatenate([mesh.vertices for mesh, _ in meshes]))
+    equal_scales(axes, np.concatenate([mesh.vertices for mesh in meshes]))
     axes.set(xlabel="x [m]", ylabel="y [m]", zlabel="z [m]")
     axes.set_title(title, fontsize="medium")
     axes.view_init(elev=25, azim=-120)
