@@ -249,6 +249,9 @@ def _widened(evaluation: Evaluation, doubts: Doubts) -> Evaluation:
         considered = [each for each in setup.calibration if each.std > 0]
         times = enlargements(considered, doubts.models.tests)
         history = history if (times == 1).all() else history.with_larger_calibration(times)
+    drift = doubts.models.clock_drift
+    if drift is not None and len(history.time) <= len(drift) and np.isfinite(drift).all():
+        history = history.with_calibration_error(drift[: len(history.time)])
     return evaluation if history is evaluation.history else evaluated(history, setup)
 
 

@@ -43,6 +43,7 @@ from spinfilters.verdict.model_errors.score_tests import Alternative, ScoreTest,
 from spinfilters.verdict.model_errors.smoothed_motion import SmoothedMotion
 from spinfilters.verdict.recording_tests import wrong_units
 from spinfilters.verdict.tested_models import NOT_TESTED, TestedModels, possible_correlation
+from spinfilters.verdict.unstated_calibration import possible_clock_drift
 
 SUSPECTED: Final = 0.05
 """Probability of a test below which its error is tested at smaller densities too."""
@@ -124,8 +125,18 @@ def tested_models(setup: Setup, evaluations: Sequence[Evaluation]) -> TestedMode
     found = tested_about(setup, best.mean[:most], table().values(), jumps)
     correlated = possible_correlation(setup, found.solved, stated_levels(setup))
     has_inspector = setup.dataset.inspector is not None
+    drift = None
+    if found.solved is not None and len(best.time) <= most:
+        motion = SmoothedMotion(times_of(setup.timeline[: len(best.mean)]), found.solved)
+        drift = possible_clock_drift(setup, motion, found.tests)
     return replace(
-        found, units=units, std=std, correlated=correlated, solved=None, has_inspector=has_inspector
+        found,
+        units=units,
+        std=std,
+        correlated=correlated,
+        solved=None,
+        has_inspector=has_inspector,
+        clock_drift=drift,
     )
 
 
