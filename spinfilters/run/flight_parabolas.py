@@ -45,7 +45,10 @@ def turns_on(
 
     Parameters
     ----------
-    attitude: R_ig at times in s.   margin: samples at each end; those between tell how much the rate changes in flight.
+    attitude : ndarray of float, shape (n, 3, 3)
+        R_ig at the stamps.
+    margin : int
+        Samples at each end; those between tell how much the rate changes in flight.
     """
     good, by = (
         np.ones(len(time), dtype=bool),
@@ -192,7 +195,8 @@ def _flights(log: PoseLog, piece: Stretch, gravity: Float[np.ndarray, " 3"], fac
 
     Parameters
     ----------
-    factor: on the length of windows: what a hand does over a short one a centre of mass somewhere else explains.
+    factor : float
+        On the length of windows: what a hand does over a short one a centre of mass somewhere else explains.
     """
     windows = _windows(log, piece, GRAVITY, factor)
     if windows is None:

@@ -71,7 +71,8 @@ def refuse_foreign_run(folder: Path) -> None:
 
     Raises
     ------
-    InputError: it holds foreign files, or a link in the place of a folder that a run writes into.
+    InputError
+        It holds foreign files, or a link in the place of a folder that a run writes into.
     """
     if folder.is_dir() and any(each.name != LOCK_FILE for each in folder.iterdir()) and not _is_run(folder):
         raise InputError(
@@ -114,10 +115,29 @@ def mark_run_folder(folder: Path, settings: Settings) -> None:
         write_configuration(folder, settings)
 
 
-def write_run(folder: Path, comparison: Comparison, settings: Settings) -> None:
+def write_run(folder: Path, comparison: Comparison, settings: Settings) -> dict[str, Any]:
     """Write everything but the figures; summary.json comes last.
 
     Checkpoints stay until then, and beyond where Ctrl-C cut the run short.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the run; made where it does not exist.
+    comparison : Comparison
+        What the estimators left behind.
+    settings : Settings
+        They become config.toml.
+
+    Returns
+    -------
+    dict
+        Content of summary.json, before its numbers are rounded to text.
+
+    Raises
+    ------
+    InputError
+        The folder holds something else than a run, or the data set that the run is made from.
     """
     refuse_foreign_run(folder)
     make_folder(folder)
@@ -134,9 +154,11 @@ def write_run(folder: Path, comparison: Comparison, settings: Settings) -> None:
         write_history(part / HISTORY_FILE, evaluation.history)
         if evaluation.name in comparison.maps:
             write_map_ply(part / MAP_FILE, comparison.maps[evaluation.name])
-    write_json(folder / SUMMARY_FILE, summary(comparison))
+    document = summary(comparison)
+    write_json(folder / SUMMARY_FILE, document)
     if not comparison.interrupted:
         remove_checkpoints(folder)
+    return document
 
 
 def read_histories(folder: Path, names: Sequence[str]) -> list[EstimateHistory]:
@@ -144,7 +166,8 @@ def read_histories(folder: Path, names: Sequence[str]) -> list[EstimateHistory]:
 
     Raises
     ------
-    InputError: as `spinfilters.run.array_files.read_history`, or a history of another estimator than its folder's.
+    InputError
+        As `spinfilters.run.array_files.read_history`, or a history of another estimator than its folder's.
     """
     paths = [folder / name / HISTORY_FILE for name in names]
     histories = [read_history(path) for path in paths]
@@ -169,7 +192,8 @@ def read_figure_data(folder: Path) -> FigureData:
 
     Raises
     ------
-    InputError: a folder that is no run, or a damaged one.
+    InputError
+        A folder that is no run, or a damaged one.
     """
     document = read_summary(folder)
     dataset = read_dataset(folder / DATASET_FOLDER)

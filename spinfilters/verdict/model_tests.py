@@ -43,7 +43,6 @@ from spinfilters.verdict.model_errors.score_tests import Alternative, ScoreTest,
 from spinfilters.verdict.model_errors.smoothed_motion import SmoothedMotion
 from spinfilters.verdict.recording_tests import wrong_units
 from spinfilters.verdict.tested_models import NOT_TESTED, TestedModels, possible_correlation
-from spinfilters.verdict.unstated_calibration import possible_clock_drift
 
 SUSPECTED: Final = 0.05
 """Probability of a test below which its error is tested at smaller densities too."""
@@ -115,9 +114,9 @@ MOST_EPOCHS_WITH_MAP, MOST_EPOCHS = 300, 1024
 """Of a recording that are tested: those of landmarks tie all poses together."""
 
 
-def tested_models(setup: Setup, evaluations: Sequence[Evaluation]) -> TestedModels:
-    """Score tests about the motion of the best estimator; no tests where no estimate can be linearised."""
-    best, units = tested_history(setup, evaluations), tuple(wrong_units(setup.dataset))
+def tested_models(setup: Setup, best: EstimateHistory | None) -> TestedModels:
+    """Score tests about the motion of the best estimate (`tested_history`); none where no estimate can be linearised."""
+    units = tuple(wrong_units(setup.dataset))
     if best is None:
         return replace(NOT_TESTED, units=units)
     most = tested_epochs(setup)
@@ -125,18 +124,8 @@ def tested_models(setup: Setup, evaluations: Sequence[Evaluation]) -> TestedMode
     found = tested_about(setup, best.mean[:most], table().values(), jumps)
     correlated = possible_correlation(setup, found.solved, stated_levels(setup))
     has_inspector = setup.dataset.inspector is not None
-    drift = None
-    if found.solved is not None and len(best.time) <= most:
-        motion = SmoothedMotion(times_of(setup.timeline[: len(best.mean)]), found.solved)
-        drift = possible_clock_drift(setup, motion, found.tests)
     return replace(
-        found,
-        units=units,
-        std=std,
-        correlated=correlated,
-        solved=None,
-        has_inspector=has_inspector,
-        clock_drift=drift,
+        found, units=units, std=std, correlated=correlated, solved=None, has_inspector=has_inspector
     )
 
 
