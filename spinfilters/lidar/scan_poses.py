@@ -309,6 +309,8 @@ MOST_IN_FRONT: Final = 0.1
 """Share of a scan's points in front of one of its planes, of the median scan, up to which a body counts as convex.
 
 A box has none, a spacecraft with panels 0.4 to 0.9."""
+FEWEST_REGISTERED: Final = 600
+"""Points of the median scan from which such a body is registered: of fewer, 500 on a spacecraft, attitudes were 5 deg off."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -452,7 +454,8 @@ def _has_faces(clouds: Sequence[Float[np.ndarray, "n 3"]], noise: PointNoise, se
     before = [
         _share_in_front(points, planes, noise) for points, (planes, _) in zip(looked_at, found, strict=True)
     ]
-    return bool(flat and np.median(before) <= MOST_IN_FRONT)
+    is_coarse = np.median([len(points) for points in looked_at]) < FEWEST_REGISTERED
+    return bool(flat and (is_coarse or np.median(before) <= MOST_IN_FRONT))
 
 
 def _share_in_front(
