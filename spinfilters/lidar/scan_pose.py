@@ -53,6 +53,15 @@ def rotation_matrix(vector: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
     return Rotation.from_rotvec(vector).as_matrix()
 
 
+Placement = tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]
+"""R_Lg and the origin of g in L, m."""
+
+
+def move_placement(placement: Placement, step: Float[np.ndarray, "6"]) -> Placement:
+    """The placement after a rotation in L, rad, and a translation, m."""
+    return rotation_matrix(step[:3]) @ placement[0], placement[1] + step[3:]
+
+
 def rotation_vector(R: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3"]:
     """Rotation vector, rad, of the short way round."""
     return Rotation.from_matrix(nearest_rotation(R)).as_rotvec()

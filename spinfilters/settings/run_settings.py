@@ -9,6 +9,7 @@ import numpy as np
 
 from spinfilters.core.errors import InputError
 from spinfilters.core.plugins import installed_plugins
+from spinfilters.core.robust_losses import Barron, Gate, Huber, LeastSquares, PseudoHuber, RobustLoss
 from spinfilters.filters.iterated_update import IterationOptions
 from spinfilters.filters.measurement_prediction import SigmaPointOptions
 from spinfilters.filters.noise_levels import AdaptationOptions
@@ -30,7 +31,6 @@ from spinfilters.models.state_blocks import (
     VELOCITY,
     StateBlock,
 )
-from spinfilters.smoother.losses import Barron, Gate, Huber, LeastSquares, PseudoHuber, RobustLoss
 from spinfilters.smoother.sliding_smoother import SmootherOptions
 from spinfilters.smoother.window import FixedLag, FullSmoothing, LandmarkMarginalization, WindowPolicy
 

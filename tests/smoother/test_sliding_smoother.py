@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from spinfilters.core.errors import InputError
+from spinfilters.core.robust_losses import Gate, LeastSquares
 from spinfilters.filters.estimator import LandmarkBelief, Measurement
 from spinfilters.filters.shared_modes import LandmarkOptions
 from spinfilters.filters.timeline import Epoch, SensorNoise, build_timeline
@@ -16,7 +17,6 @@ from spinfilters.models.sensors.pose import Pose, pose_parameters
 from spinfilters.models.state_layout import ROTATION_BLOCKS, StateLayout
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 from spinfilters.smoother.linear_system import Marginals, SchurSystem
-from spinfilters.smoother.losses import Gate, LeastSquares
 from spinfilters.smoother.priors import FirstStatePrior
 from spinfilters.smoother.problem import Stage
 from spinfilters.smoother.sliding_smoother import SlidingSmoother, SmootherOptions, UpdateResult

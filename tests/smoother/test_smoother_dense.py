@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from jaxtyping import Float
 
+from spinfilters.core.robust_losses import LeastSquares, PseudoHuber, RobustLoss
 from spinfilters.filters.estimator import Measurement
 from spinfilters.filters.timeline import Epoch
 from spinfilters.models.sensors.pose import Pose, pose_parameters
 from spinfilters.smoother.linear_system import Marginals, SchurSystem, latest_factor
-from spinfilters.smoother.losses import LeastSquares, PseudoHuber, RobustLoss
 from spinfilters.smoother.problem import InitialGuess, NormalEquations, Problem, Stage
 from tests.smoother.smoothing_samples import LAYOUT, PROCESS, SMALL, Sample, perturbed, sample
 
