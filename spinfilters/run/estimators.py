@@ -1,6 +1,6 @@
 """The estimators of a comparison: an entry each, and the table of all.
 
-One more is a class here and a line in `OWN`, with its name among those of the settings.
+One more is a class, in a file of its own or here, and a line in `OWN`.
 """
 
 from dataclasses import dataclass, replace
@@ -131,7 +131,6 @@ class FilterpyUkfEntry(EstimatorEntry[Estimator]):
 class MultiplicativeEntry(EstimatorEntry[MultiplicativeFilter]):
     """A multiplicative filter: it continues with the landmarks of the initialisation."""
 
-    is_default = True
     holds_landmarks = True
 
     def begin(self, estimator: MultiplicativeFilter, setup: Setup) -> None:
@@ -187,7 +186,6 @@ class SmootherEntry(EstimatorEntry[RecursiveSmoother]):
     """Recursive for tracks without a map (`RecursiveSmoother`), batch for everything else (`BatchSmoother`)."""
 
     name, order = NAME, 2
-    is_default = True
     holds_landmarks = True
     continues = False
 
@@ -227,7 +225,6 @@ class LatestSmootherEntry(SmootherEntry):
     """Table entry of the smoother without revision by later measurements, to be compared with filters."""
 
     name, order = "smoother-latest", 7
-    is_default = False
 
     def batch(self, setup: Setup, settings: Settings) -> BatchSmoother | None:
         """None: it takes landmarks epoch by epoch.
@@ -267,7 +264,7 @@ OWN: Final[tuple[AnyEntry, ...]] = (
     EmbeddedDoubleEntry(),
     LatestSmootherEntry(),
 )
-"""Estimators of this package; `spinfilters.settings.run_settings` lists their names for the settings."""
+"""Estimators of this package; the settings take their names from here (`spinfilters.settings.run_settings.estimator_names`)."""
 
 
 def estimator_entries() -> dict[str, AnyEntry]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal
 import numpy as np
 
 from spinfilters.core.errors import InputError
-from spinfilters.core.plugins import installed_plugins
+from spinfilters.core.plugins import in_order, members_above
 from spinfilters.core.robust_losses import Barron, Gate, Huber, LeastSquares, PseudoHuber, RobustLoss
 from spinfilters.filters.iterated_update import IterationOptions
 from spinfilters.filters.measurement_prediction import SigmaPointOptions
@@ -113,13 +113,6 @@ else:
 
 DEFAULT_ESTIMATORS: Final = ("mekf", "ukf", "smoother")
 """Estimators of a comparison where nobody names any."""
-ESTIMATORS: Final = (
-    *("mekf", "ukf", "smoother"),
-    *("filterpy-ekf", "filterpy-ukf"),
-    *("embedded", "embedded-double"),
-    "smoother-latest",
-)
-"""Estimators of this package, in the order of the table."""
 
 
 class NamedEstimator:
@@ -128,19 +121,17 @@ class NamedEstimator:
     Attributes
     ----------
     name: as in ``--estimators``; also its folder in a run.
-    order: of the table and of messages.   is_default: whether a comparison has it where nobody names estimators.
+    order: of the table and of messages.
     """
 
     name: str
     order: int = 100
-    is_default: bool = False
 
 
 def estimator_names() -> tuple[str, ...]:
     """Names of all estimators, in the order of the table. InputError: a plug-in that cannot be loaded."""
-    others = installed_plugins("spinfilters.estimators", NamedEstimator)
-    every = [*enumerate(ESTIMATORS), *((each.order, each.name) for each in others)]
-    return tuple(dict.fromkeys(name for _, name in sorted(every, key=lambda each: each[0])))
+    every = in_order(members_above("spinfilters.estimators", NamedEstimator))
+    return tuple(dict.fromkeys(each.name for each in every))
 
 
 def names_in(text: str) -> tuple[str, ...]:

@@ -112,7 +112,7 @@ def settings_of(options: CompareArguments) -> "Settings":
         A config file that cannot be used, an unknown estimator.
     """
     from spinfilters.run.estimators import estimator_entries
-    from spinfilters.settings.run_settings import Settings, names_in, read_settings
+    from spinfilters.settings.run_settings import DEFAULT_ESTIMATORS, Settings, names_in, read_settings
 
     how = options.how
     settings = read_settings(Path(how.config)) if how.config else Settings()
@@ -120,8 +120,8 @@ def settings_of(options: CompareArguments) -> "Settings":
         settings = replace(settings, estimators=names_in(options.estimators))
     elif options.known_map and not how.config:
         entries = estimator_entries().values()
-        names = tuple(entry.name for entry in entries if entry.is_default or entry.is_baseline)
-        settings = replace(settings, estimators=names)
+        baselines = (entry.name for entry in entries if entry.is_baseline)
+        settings = replace(settings, estimators=(*DEFAULT_ESTIMATORS, *baselines))
     if how.drag or how.drag_law:
         law = how.drag_law or settings.process.drag or True  # a law of the config file stays
         settings = replace(settings, process=replace(settings.process, drag=law))
