@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from spinfilters.core.absolute_orientation import nearest_rotation
 from spinfilters.core.camera_trajectory import CameraTrajectory
 from spinfilters.simulation.body_view import Appearance, SurfaceTexture, named_mesh
 from spinfilters.simulation.image_sequence import Imaging, RenderedScene, SeenMotion, write_sequence
@@ -114,7 +115,6 @@ def example_rig(size: tuple[int, int] = _SIZE) -> RawRig:
     width, height = size
     focal = _FOCAL_PX * width / _SIZE[0]
     turned = np.array([[1.0, -0.002, 0.004], [0.002, 1.0, -0.003], [-0.004, 0.003, 1.0]])
-    U, _, Vt = np.linalg.svd(turned)
     centre = ((width - 1) / 2, (height - 1) / 2)
     left = RawCamera(
         np.array([focal, focal, centre[0] + 3.0, centre[1] - 2.0]),
@@ -129,7 +129,7 @@ def example_rig(size: tuple[int, int] = _SIZE) -> RawRig:
         np.array([-0.075, 0.015, -0.0002, 0.0002, 0.0]),
         width,
         height,
-        U @ Vt,
+        nearest_rotation(turned),
         np.array([_BASELINE_M, 0.0004, -0.0003]),
     )
     return RawRig(left, right)

@@ -18,9 +18,10 @@ from typing import Final, NamedTuple, Protocol
 import numpy as np
 from jaxtyping import Float
 
+from spinfilters.core.attitude_conversions import cross_matrix
 from spinfilters.core.gauss_newton import StepEquations
 from spinfilters.lidar.planes import FittedPlane
-from spinfilters.lidar.scan_pose import ROTATION_PRIOR, ScanPose, body_side, move_placement, skew
+from spinfilters.lidar.scan_pose import ROTATION_PRIOR, ScanPose, body_side, move_placement
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +120,7 @@ def residual_and_jacobian(
     n, arm = R @ face.normal, t - plane.centroid
     residual = np.array([*(plane.tangents.T @ n), face.offset + n @ arm])
     J = np.zeros((3, 6))
-    J[:2, :3] = -plane.tangents.T @ skew(n)
+    J[:2, :3] = -plane.tangents.T @ cross_matrix(n)
     J[2, :3], J[2, 3:] = np.cross(n, arm), n
     return residual, J
 
@@ -344,7 +345,10 @@ def _projection_without_gauge(
 def _gauge_jacobian(face: Face) -> Float[np.ndarray, "3 6"]:
     """Change of a face by a rotation and by a shift of frame g."""
     return np.block(
-        [[face.tangents.T @ -skew(face.normal), np.zeros((2, 3))], [np.zeros((1, 3)), face.normal[None]]]
+        [
+            [face.tangents.T @ -cross_matrix(face.normal), np.zeros((2, 3))],
+            [np.zeros((1, 3)), face.normal[None]],
+        ]
     )
 
 

@@ -9,8 +9,8 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import KDTree
-from scipy.spatial.transform import Rotation
 
+from spinfilters.core.attitude_conversions import matrix_from_rotation_vector
 from spinfilters.core.gauss_newton import StepEquations, gauss_newton, step_equations
 from spinfilters.lidar.scan_pose import Placement, move_placement
 
@@ -192,7 +192,7 @@ def coarse_pose(
     axes = axes / np.linalg.norm(axes, axis=1, keepdims=True)
     turns = [np.zeros(3), *(angle * axis for angle in np.arange(0.35, widest + 0.01, 0.35) for axis in axes)]
     for turn in turns:
-        R = Rotation.from_rotvec(turn).as_matrix()
+        R = matrix_from_rotation_vector(turn)
         t = middle - R @ centre
         reaches = (reach * 0.75**k for k in count())
 

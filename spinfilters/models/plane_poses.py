@@ -9,8 +9,8 @@ from typing import Final
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial.transform import Rotation
 
+from spinfilters.core.attitude_conversions import matrix_from_quaternion, matrix_from_rotation_vector
 from spinfilters.core.errors import InputError
 from spinfilters.core.gauss_newton import LeastSquaresEnd, StepEquations, gauss_newton, step_equations
 
@@ -92,7 +92,10 @@ def _searched(scan: PlanePoints, good: float, place: Float[np.ndarray, "3"] | No
     few, middle = scan.thinned(_SEARCHED), scan.points.mean(axis=0)
     centre = (few.normals * few.offsets[:, None]).mean(axis=0)
     best: PlanePose | None = None
-    for R in Rotation.random(_SPREAD, rng=np.random.default_rng(0)).as_matrix():
+    drawn = np.random.default_rng(0).standard_normal(
+        (_SPREAD, 4)
+    )  # of all directions alike: uniform attitudes
+    for R in matrix_from_quaternion(drawn / np.linalg.norm(drawn, axis=1, keepdims=True)):
         found = _settled(few, R, middle - R @ centre if place is None else place)
         if found is not None and (best is None or found.residual_std < best.residual_std):
             best = found
@@ -116,7 +119,7 @@ def _settled(scan: PlanePoints, R: Float[np.ndarray, "3 3"], t: Float[np.ndarray
     def retract(placement: _Placement, step: Float[np.ndarray, " 6"]) -> _Placement:
         R, t = placement  # a step is half a radian and half a radius of the body at most
         step = step * min(1.0, 0.5 / max(float(np.abs(step).max()), 1e-300))
-        return Rotation.from_rotvec(step[:3]).as_matrix() @ R, t + size * step[3:]
+        return matrix_from_rotation_vector(step[:3]) @ R, t + size * step[3:]
 
     found = gauss_newton(
         (R, t),
