@@ -253,7 +253,8 @@ def test_the_latest_state_and_the_map_are_told_together_with_their_joint_covaria
     assert isinstance(normal.solution, SchurSystem)
     marginals = Marginals(normal.solution, normal.eliminated)
     assert normal.eliminated is not None
-    expected = marginals.landmark_covariance(np.flatnonzero(normal.eliminated.is_constrained))
+    by_epochs, own = marginals.landmark_rows(np.flatnonzero(normal.eliminated.is_constrained))
+    expected = by_epochs @ by_epochs.swapaxes(1, 2) + own @ own.swapaxes(1, 2)
     rows = told.joint_factor()[LAYOUT.error_dim :].reshape(len(told.ids), 3, -1)
     found, wanted = (np.sqrt(np.einsum("kii->ki", P)) for P in (rows @ rows.swapaxes(1, 2), expected))
     np.testing.assert_allclose(found, wanted, rtol=0.05)  # what few modes leave out is each landmark's own
