@@ -57,6 +57,14 @@ class RunArguments:
             cure='"full" or "filter"',
         ),
     ] = None
+    from_truth: Annotated[
+        int | None,
+        NumberRange(0, 2**63 - 1, whole=True),
+        Argument(
+            "begin from a belief about the truth, whose error is drawn with this seed, and smooth no first epochs",
+            metavar="SEED",
+        ),
+    ] = None
 
     @property
     def optional_outputs(self) -> "OptionalOutputs | None":

@@ -8,7 +8,7 @@ from typing import Final, Literal, NamedTuple
 
 from spinfilters.core.errors import InputError
 from spinfilters.io.input_file import path_text, value_text
-from spinfilters.io.stated_values import RATE_UNITS, ReadingOptions
+from spinfilters.io.stated_values import LENGTH_UNITS, RATE_UNITS, ReadingOptions
 
 Quantity = Literal["time", "rate", "acceleration", "position", "quaternion"]
 
@@ -210,7 +210,7 @@ AXES: Final[dict[Quantity, str]] = {
 KNOWN_UNITS: Final[dict[Quantity, dict[str, float]]] = {
     "rate": RATE_UNITS,
     "acceleration": {"m/s^2": 1.0, "g": 9.80665, "mg": 9.80665e-3},
-    "position": {"m": 1.0, "mm": 1e-3, "cm": 1e-2},
+    "position": LENGTH_UNITS,
     "quaternion": {},
 }
 """SI units in the units of each quantity."""

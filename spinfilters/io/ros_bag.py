@@ -15,7 +15,8 @@ from spinfilters.io.dataset import Dataset
 from spinfilters.io.dataset_reader import StatedReader
 from spinfilters.io.input_file import MAX_TABLE_ROWS, path_text, printable, reason, require_file, value_text
 from spinfilters.io.measurement_log import Acceleration, MeasurementStream
-from spinfilters.io.motion_table import MotionTable, motion_dataset
+from spinfilters.io.motion_file import motion_dataset
+from spinfilters.io.motion_table import MotionTable
 
 LARGEST_BAG: Final = 64 * 1024**3
 """Bytes: messages are read one by one, so that a bag with images may be large."""

@@ -29,7 +29,9 @@ from spinfilters.lidar.face_map import (
     with_map_errors,
 )
 from spinfilters.lidar.planes import (
+    CLEAR,
     FEWEST,
+    FLATNESS,
     FittedPlane,
     PointNoise,
     extent_of,
@@ -281,6 +283,10 @@ MOST_EXCESS: Final = 1.25
 Patches of a curved surface exceed the noise: plane faces have 0.8 to 1.0, a bumpy sphere of a metre at 30 m 1.2 to 2.5."""
 LOOKED_AT: Final = 9
 """Scans from which it is decided whether a body has faces."""
+MOST_IN_FRONT: Final = 0.1
+"""Share of a scan's points in front of one of its planes, of the median scan, up to which a body counts as convex.
+
+A box has none, a spacecraft with panels 0.4 to 0.9."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -410,12 +416,35 @@ def _doubts(
 
 
 def _has_faces(clouds: Sequence[Float[np.ndarray, "n 3"]], noise: PointNoise, seed: int) -> bool:
-    """Whether most points of some scans lie on planes."""
+    """Whether most points of some scans lie on the plane faces of a convex body.
+
+    Faces are recognised by their normals. Of a convex body no two seen at once are parallel; of others, a hidden face and the one
+    in front of it differ by an offset only, and are taken for one another.
+    """
     generator = np.random.default_rng(seed)
     looked_at = clouds[:: max(1, len(clouds) // LOOKED_AT)][:LOOKED_AT]
     found = [extract_planes(points, noise, generator) for points in looked_at]
+    if np.median([share for _, share in found]) < PLANE_SHARE:
+        return False
     flat = np.median([_reduced_chi_square(planes) for planes, _ in found]) < MOST_EXCESS
-    return bool(np.median([share for _, share in found]) >= PLANE_SHARE and flat)
+    before = [
+        _share_in_front(points, planes, noise) for points, (planes, _) in zip(looked_at, found, strict=True)
+    ]
+    return bool(flat and np.median(before) <= MOST_IN_FRONT)
+
+
+def _share_in_front(
+    points: Float[np.ndarray, "n 3"], planes: Sequence[FittedPlane], noise: PointNoise
+) -> float:
+    """Largest share of a scan's points that are clearly in front of one of its planes."""
+    clear = FLATNESS * extent_of(points)
+    return max(
+        (
+            float(np.mean(plane.distances(points) > CLEAR * noise.across(points, plane.normal) + clear))
+            for plane in planes
+        ),
+        default=0.0,
+    )
 
 
 def _extract_all_planes(

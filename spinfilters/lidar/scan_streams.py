@@ -70,7 +70,7 @@ def face_points(found: ScanPoses) -> FacePoints:
     """
     if found.faces is None:
         raise InputError(
-            "the body has no plane faces for points to be measured against; use kind = 'lidar-scans'"
+            "the body has no plane faces for points to be measured against, or some behind others; use kind = 'lidar-scans'"
         )
     parts = [_face_points_of_scan(found, found.faces, k) for k in range(len(found.poses))]
     if not sum(len(part.time) for part in parts):

@@ -3,14 +3,15 @@
 What draws is imported where it draws: matplotlib would be a third of the time before the first epoch.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from spinfilters.inference.setup import Setup
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.output_files import made_folder
-from spinfilters.plots.figures import draw_run, picture_files
+from spinfilters.plots.figures import FigureData, draw_run, picture_files
 from spinfilters.run.checkpoints import StoreOf, checkpoint_stores, no_checkpoints, remove_checkpoints
 from spinfilters.run.estimation import Comparison, Progress, compare_estimators
 from spinfilters.run.preparation import prepare
@@ -52,11 +53,16 @@ class WrittenRun:
 
     Attributes
     ----------
-    comparison: None where a finished run was there already, whose estimators were not run again.
-    completed: names of what that finished run lacked and was made now.
+    comparison : Comparison or None
+        None where a finished run was there already, whose estimators were not run again.
+    summary : mapping or None
+        Content of summary.json, where it was written now.
+    completed : tuple of str
+        Names of what that finished run lacked and was made now.
     """
 
     comparison: Comparison | None
+    summary: Mapping[str, Any] | None = None
     completed: tuple[str, ...] = ()
 
 
@@ -84,8 +90,8 @@ def compare_into(
     refuse_foreign_run(folder)
     with made_folder(folder), locked_run(folder):
         if output.resume and finished_run(folder, dataset, settings) is not None:
-            return WrittenRun(None, tuple(_complete(dataset, settings, output, report)))
-        return WrittenRun(_compare_and_write(dataset, settings, output, report))
+            return WrittenRun(None, completed=tuple(_complete(dataset, settings, output, report)))
+        return _compare_and_write(dataset, settings, output, report)
 
 
 def write_comparison(
@@ -95,31 +101,35 @@ def write_comparison(
     refuse_source_within(folder, comparison.setup.dataset.path)
     refuse_foreign_run(folder)
     with made_folder(folder), locked_run(folder):
-        _write_and_draw(folder, comparison, settings, report)
+        write_run(folder, comparison, settings)
         if not comparison.interrupted:
-            _write_report(folder, comparison)
+            figure_data = figure_data_of(comparison)
+            _draw(folder, figure_data, report)
+            _write_report(folder, figure_data)
 
 
 def _compare_and_write(
     dataset: Dataset, settings: Settings, output: RunOutput, report: Progress
-) -> Comparison:
+) -> WrittenRun:
     """Run, write and draw in a locked folder, from its checkpoints when resuming."""
     folder, optional_outputs = output.folder, output.optional_outputs
     setup = _initialised(dataset, settings, report)
     if optional_outputs is not None:
         optional_outputs.check(setup, settings)
     comparison = compare_estimators(setup, settings, report, _checkpoints(output, setup, settings))
-    _write_and_draw(folder, comparison, settings, report)
-    if comparison.interrupted:
-        return comparison
+    written = WrittenRun(comparison, write_run(folder, comparison, settings))
+    if comparison.interrupted:  # by Ctrl-C: no figures of a part
+        return written
+    figure_data = figure_data_of(comparison)
+    _draw(folder, figure_data, report)
     try:
         if optional_outputs is not None:
             optional_outputs.write(
                 folder, comparison, settings, lambda done, total: report("convergence", done, total)
             )
     finally:  # the page stands, whatever came of these
-        _write_report(folder, comparison)
-    return comparison
+        _write_report(folder, figure_data)
+    return written
 
 
 def _initialised(dataset: Dataset, settings: Settings, report: Progress) -> Setup:
@@ -137,18 +147,17 @@ def _checkpoints(output: RunOutput, setup: Setup, settings: Settings) -> StoreOf
     return checkpoint_stores(output.folder, setup, settings)
 
 
-def _write_and_draw(folder: Path, comparison: Comparison, settings: Settings, report: Progress) -> None:
-    """The run folder; figures only where Ctrl-C has not cut the run short."""
-    write_run(folder, comparison, settings)
-    if comparison.interrupted:
-        return
-    draw_run(figure_data_of(comparison), folder, lambda done, total: report("figures", done, total))
+def _draw(
+    folder: Path, figure_data: FigureData, report: Progress, names: Sequence[str] | None = None
+) -> list[str]:
+    """Draw these figures, or all; their names."""
+    return draw_run(figure_data, folder, lambda done, total: report("figures", done, total), names)
 
 
-def _write_report(folder: Path, comparison: Comparison) -> None:
+def _write_report(folder: Path, figure_data: FigureData) -> None:
     from spinfilters.run.run_report import write_run_report
 
-    write_run_report(figure_data_of(comparison), folder)
+    write_run_report(figure_data, folder)
 
 
 def _complete(dataset: Dataset, settings: Settings, output: RunOutput, report: Progress) -> list[str]:
@@ -159,9 +168,7 @@ def _complete(dataset: Dataset, settings: Settings, output: RunOutput, report: P
             output.folder, dataset, settings, lambda done, total: report("convergence", done, total)
         )
     if made or not (output.folder / REPORT_FILE).exists():
-        from spinfilters.run.run_report import write_run_report
-
-        write_run_report(read_figure_data(output.folder), output.folder)
+        _write_report(output.folder, read_figure_data(output.folder))
         made.append(REPORT_FILE)
     return made
 
@@ -169,7 +176,4 @@ def _complete(dataset: Dataset, settings: Settings, output: RunOutput, report: P
 def _draw_missing(folder: Path, settings: Settings, report: Progress) -> list[str]:
     """Draw the figures that a finished run lacks because it was stopped while they were drawn."""
     missing = [name for name in picture_files(settings.estimators) if not (folder / name).exists()]
-    if not missing:
-        return []
-    figure_data = read_figure_data(folder)
-    return draw_run(figure_data, folder, lambda done, total: report("figures", done, total), missing)
+    return _draw(folder, read_figure_data(folder), report, missing) if missing else []

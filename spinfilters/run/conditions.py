@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
@@ -16,7 +17,7 @@ from spinfilters.io.measurement_log import MeasurementStream
 from spinfilters.io.sensor_format import sensor_format
 from spinfilters.io.truth import Truth
 from spinfilters.models.sensor_registry import sensor_of
-from spinfilters.verdict.unstated_calibration import enlarged_words
+from spinfilters.verdict.calibration_errors import enlarged_words
 
 WINDOW: Final = 1.0
 """Rad of turn after which attitudes and rates start together again, so that a gyro's bias does not add up."""
@@ -208,6 +209,7 @@ class Conditions:
     map: "known" or "unknown", None where no landmark is seen.   landmarks: of a known map.
     sensors, disturbances: their noise.   seed: of a simulated data set.
     contradictions: sentences on how the truth contradicts itself.   calibration: deviations that are considered.
+    belief_at: time of the stated belief that estimators begin from, s; None where first epochs are smoothed.
     """
 
     map: str | None
@@ -217,8 +219,9 @@ class Conditions:
     seed: int | None
     contradictions: tuple[str, ...] = ()
     calibration: tuple[ConsideredDeviation, ...] = ()
+    belief_at: float | None = None
 
-    @property
+    @cached_property
     def sentences(self) -> list[str]:
         """Conditions in words.
 
@@ -242,6 +245,10 @@ class Conditions:
                 f"If the calibration is exact (a simulation of your own), state [calibration] {keys}."
             )
         absent = [_absent(each) for each in self.sensors if each.is_absent]
+        if self.belief_at is not None:
+            first.append(
+                f"Every estimator begins from the stated belief at t = {self.belief_at:.6g} s; no first epochs are smoothed."
+            )
         return [*([" ".join(first)] if first else []), noise, *absent, *calibration, *self.contradictions]
 
     @property
@@ -277,6 +284,7 @@ def conditions_of(setup: Setup) -> Conditions:
         seed if isinstance(seed, int) and not isinstance(seed, bool) else None,
         () if dataset.truth is None else tuple(contradictions(dataset.truth)),
         setup.calibration,
+        setup.end_of_initialisation if setup.is_given else None,
     )
 
 

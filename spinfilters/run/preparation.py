@@ -35,6 +35,7 @@ from spinfilters.io.sensor_tables import require_motion
 from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.models.state_blocks import ACCELERATION, CENTRE_OF_MASS
 from spinfilters.models.state_layout import Gaussian
+from spinfilters.run.given_belief import given_belief
 from spinfilters.settings.run_settings import AUTO, LINEAR, QUADRATIC, Settings
 from spinfilters.smoother.priors import FirstStatePrior
 from spinfilters.verdict.model_errors.motion_alternatives import ConstantAcceleration
@@ -60,6 +61,7 @@ def prepare(dataset: Dataset, settings: Settings, initial: GivenInitialisation |
     """
     begin = working_seconds()
     with dataset.naming():
+        initial = initial or given_belief(dataset, settings.initialisation)
         if initial is not None:
             setup = first_setup(dataset, settings, initial)
         else:

@@ -114,10 +114,29 @@ def mark_run_folder(folder: Path, settings: Settings) -> None:
         write_configuration(folder, settings)
 
 
-def write_run(folder: Path, comparison: Comparison, settings: Settings) -> None:
+def write_run(folder: Path, comparison: Comparison, settings: Settings) -> dict[str, Any]:
     """Write everything but the figures; summary.json comes last.
 
     Checkpoints stay until then, and beyond where Ctrl-C cut the run short.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the run; made where it does not exist.
+    comparison : Comparison
+        What the estimators left behind.
+    settings : Settings
+        They become config.toml.
+
+    Returns
+    -------
+    dict
+        Content of summary.json, before its numbers are rounded to text.
+
+    Raises
+    ------
+    InputError
+        The folder holds something else than a run, or the data set that the run is made from.
     """
     refuse_foreign_run(folder)
     make_folder(folder)
@@ -134,9 +153,11 @@ def write_run(folder: Path, comparison: Comparison, settings: Settings) -> None:
         write_history(part / HISTORY_FILE, evaluation.history)
         if evaluation.name in comparison.maps:
             write_map_ply(part / MAP_FILE, comparison.maps[evaluation.name])
-    write_json(folder / SUMMARY_FILE, summary(comparison))
+    document = summary(comparison)
+    write_json(folder / SUMMARY_FILE, document)
     if not comparison.interrupted:
         remove_checkpoints(folder)
+    return document
 
 
 def read_histories(folder: Path, names: Sequence[str]) -> list[EstimateHistory]:

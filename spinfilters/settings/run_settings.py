@@ -31,6 +31,7 @@ from spinfilters.models.state_blocks import (
     VELOCITY,
     StateBlock,
 )
+from spinfilters.settings.stated_belief import require_belief
 from spinfilters.smoother.sliding_smoother import SmootherOptions
 from spinfilters.smoother.window import FixedLag, FullSmoothing, LandmarkMarginalization, WindowPolicy
 
@@ -38,6 +39,19 @@ PRIOR_STD = NumberRange(1e-9, 1e9)
 """Of a prior in the settings, in its unit."""
 _OPTIONAL_PRIORS = {block.prior_option: block.prior_range for block in BLOCKS.values() if block.prior_range}
 """Ranges of the options of blocks that a state has only where they are set."""
+
+
+class TruthValue:
+    """Strict bool of a setting: no number, no text."""
+
+    def __str__(self) -> str:
+        return "true or false"
+
+    def __get_pydantic_core_schema__(self, _source: object, _handler: object) -> Any:
+        from pydantic_core import core_schema
+
+        truth = core_schema.bool_schema(strict=True)
+        return core_schema.no_info_before_validator_function(plain_number, truth)
 
 
 @dataclass(frozen=True)
@@ -52,6 +66,12 @@ class _OptionsOfEveryState:
     mass_std: of the prior of the mass distribution about the sphere, in the logarithm of second moments (a phone lies at 2).
     centre_std: of the prior of the centre of mass about the origin of g, m.   speed_std: of its velocity, m/s.
     drag_std: of the prior of the drag coefficient, 1/rad.   linear_drag_std: of that of a drag linear in the rate, 1/s.
+    mean: of a belief at the first epoch, from which every estimator begins, by block: position (of frame g in i, m), attitude
+        (q_ig), velocity (of the centre of mass, m/s), rate (rad/s, g axes), center_of_mass (m, g), mass_distribution or
+        principal_moments (about the axes of g). No first epochs are smoothed then.
+    std: its standard deviations by block.   covariance: in their place, of the errors in the order of the state.
+    from_truth: whether that belief is the truth of the first epoch with an error drawn from std or covariance.
+    draw: seed of that error.
     """
 
     epochs: Annotated[int, NumberRange(1, 100_000, whole=True)] = 60
@@ -63,12 +83,30 @@ class _OptionsOfEveryState:
     speed_std: Annotated[float, PRIOR_STD] = VELOCITY.prior_std
     drag_std: Annotated[float, PRIOR_STD] = DRAG.prior_std
     linear_drag_std: Annotated[float, PRIOR_STD] = LINEAR_DRAG.prior_std
+    mean: dict[str, Any] = field(default_factory=dict)
+    std: dict[str, Any] = field(default_factory=dict)
+    covariance: tuple[tuple[float, ...], ...] = ()
+    from_truth: Annotated[bool, TruthValue()] = False
+    draw: Annotated[int, NumberRange(0, 2**63 - 1, whole=True)] = 0
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
+        require_belief(self.mean, self.std, self.covariance)
+        if self.from_truth and self.mean:
+            raise InputError("initialisation.from_truth takes the mean from the truth; leave out mean")
+        if (self.std or self.covariance) and not self.states_belief:
+            raise InputError(
+                "initialisation.std and covariance are of a belief; state its mean too, or from_truth = true"
+            )
+        for name in _NUMBERS:
+            value = getattr(self, name)
             allowed = value >= 0 if name in _OPTIONAL_PRIORS else value > 0
             if not (np.isfinite(value) and allowed):
                 raise InputError(f"initialisation.{name} is {value}; it must be positive")
+
+    @property
+    def states_belief(self) -> bool:
+        """Whether every estimator begins from a belief that is stated, and no first epochs are smoothed."""
+        return bool(self.mean) or self.from_truth
 
     def states_prior(self, block: StateBlock) -> bool:
         """Whether the option that a block names for its prior is set."""
@@ -88,6 +126,12 @@ class _OptionsOfEveryState:
         return max(4, min(self.epochs, inside, round(self.share * len(timeline))))
 
 
+_NUMBERS: Final = (
+    *("epochs", "share", "duration", "iterations", "mass_std", "centre_std", "speed_std"),
+    *("drag_std", "linear_drag_std", *_OPTIONAL_PRIORS),
+)
+"""Options that are numbers, which must be positive."""
+
 if TYPE_CHECKING:
 
     class InitialisationOptions(_OptionsOfEveryState):
@@ -97,7 +141,11 @@ if TYPE_CHECKING:
         gyro_bias_std, of the prior of a gyro's bias, rad/s, or gyro_scale_error_std, of that of its relative scale error.
         """
 
-        def __init__(self, **options: float) -> None: ...
+        mean: dict[str, Any]
+        std: dict[str, Any]
+        covariance: tuple[tuple[float, ...], ...]
+
+        def __init__(self, **options: Any) -> None: ...
 
         def __getattr__(self, name: str) -> float: ...
 
@@ -264,19 +312,6 @@ else:
         frozen=True,
         namespace={"__doc__": "Standard deviations of the calibration, see the module."},
     )
-
-
-class TruthValue:
-    """Strict bool of a setting: no number, no text."""
-
-    def __str__(self) -> str:
-        return "true or false"
-
-    def __get_pydantic_core_schema__(self, _source: object, _handler: object) -> Any:
-        from pydantic_core import core_schema
-
-        truth = core_schema.bool_schema(strict=True)
-        return core_schema.no_info_before_validator_function(plain_number, truth)
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from spinfilters.smoother.latest_epoch import (
 )
 from spinfilters.smoother.linear_system import Marginals, joint_belief, latest_factor
 from spinfilters.smoother.marginalization import without_landmarks, without_oldest
-from spinfilters.smoother.momentum_restart import RetrySchedule, fits
+from spinfilters.smoother.momentum_restart import RetrySchedule, fits, restarted_from_momentum
 from spinfilters.smoother.priors import StatePrior
 from spinfilters.smoother.problem import (
     LinearizationPoint,
@@ -437,8 +437,6 @@ class SlidingSmoother:
             return 0
         if not self.state.retry_schedule.is_due(len(self.window.epochs), self.state.fits):
             return 0
-        from spinfilters.smoother.momentum_restart import restarted_from_momentum
-
         linear = self._linearised()
         found, tries = restarted_from_momentum(problem, self.window, linear)
         if found is not None:

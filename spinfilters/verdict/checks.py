@@ -99,6 +99,13 @@ CHECKS: Final[tuple[Check, ...]] = (
         "it cannot be predicted so far ahead", "ask for a shorter prediction",
     ),
     Check(
+        "live-disagrees", ALL, Needs.FILTER,
+        "Is the last answer of a live run within 4 joint deviations of the estimate of its kept epochs?",
+        "below 1e-4 a component",
+        "the last answer is {deviations:.2g} joint deviations away from what the kept epochs together say",
+        "rely on the estimate of the recording (spinfilters compare)",
+    ),
+    Check(
         OWN_STATUS, ALL, Needs.ESTIMATE, "What an estimator, a plug-in for instance, says of itself", "as its author states",
         "the estimator doubts its result", "read its documentation",
     ),
@@ -124,6 +131,7 @@ CHECKS: Final[tuple[Check, ...]] = (
     Check(
         "data-set", ALL, Needs.RECORDING, "Does the reader or the front end trust what it made of raw data?", CERTAIN,
         "the measurements that were made of raw data are doubtful", "check the raw data, and what their reader remarks",
+        is_cause=True,
     ),
     Check(
         "sensor-data", ALL, Needs.RECORDING, "Are the values of each sensor within its range?", CERTAIN,

@@ -24,6 +24,7 @@ from spinfilters.verdict.agreement_tests import (
     motion_diagnostics,
     reference_smoother,
 )
+from spinfilters.verdict.calibration_errors import enlargements
 from spinfilters.verdict.check import LARGEST_MOMENT_STD, LEFT_OUT, Evidence, rejected_share
 from spinfilters.verdict.checks import MOST_MOMENTUM, finding
 from spinfilters.verdict.flywheel_refit import with_flywheel_refit
@@ -32,7 +33,6 @@ from spinfilters.verdict.model_tests import tested_epochs, tested_history, teste
 from spinfilters.verdict.noise_diagnostics import filter_noise_diagnostics, stated_level_diagnostics
 from spinfilters.verdict.recording_tests import front_end_slips, pose_findings, wrong_units
 from spinfilters.verdict.tested_models import NOT_TESTED, TestedModels, model_findings
-from spinfilters.verdict.unstated_calibration import enlargements
 
 
 def shared_diagnostics(setup: Setup) -> list[Finding]:
@@ -154,8 +154,11 @@ def doubts_of(
     smoother where the belief is too wide for a linearisation.
     """
     if setup.is_given:
-        shared, reference = shared_diagnostics(setup), reference_smoother([], setup, settings)
-        own = filter_diagnostics(setup)
+        shared, own, reference = shared_diagnostics(setup), filter_diagnostics(setup), None
+        if settings.verdict == FILTER:
+            shared.append(finding("smoothed-checks-left-out", {}))
+        else:
+            reference = reference_smoother([], setup, settings)
         return Doubts(setup, settings, evaluations, shared, own, reference, baselines=baselines)
     smoothers = [each.history for each in evaluations if each.name == SMOOTHER]
     shared = [*shared_diagnostics(setup), *motion_diagnostics(setup, settings)]
@@ -178,7 +181,13 @@ def models_of_recording(setup: Setup) -> TestedModels:
 
 
 def _explained(setup: Setup, settings: Settings, evaluations: Sequence[Evaluation]) -> TestedModels:
-    """Score tests of the models, with slips of front ends, and a flywheel fitted where anything is suspected."""
+    """Score tests of the models, with slips of front ends, and a flywheel fitted where anything is suspected.
+
+    None of measurements that their own front end doubts: wrong poses look like contact, and no other cause is named before that
+    one is mended.
+    """
+    if setup.dataset.doubts:
+        return models_of_recording(setup)
     models, best = tested_models(setup, evaluations), tested_history(setup, evaluations)
     is_suspect = models.is_suspect or best is None or best.status.verdict is not Verdict.OK
     models = replace(models, slips=front_end_slips(setup, with_fits=is_suspect))

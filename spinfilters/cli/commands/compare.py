@@ -127,6 +127,9 @@ def settings_of(options: CompareArguments) -> "Settings":
         settings = replace(settings, process=replace(settings.process, drag=law))
     if how.verdict is not None:
         settings = replace(settings, verdict=how.verdict)
+    if how.from_truth is not None:
+        drawn = replace(settings.initialisation, from_truth=True, draw=how.from_truth, mean={})
+        settings = replace(settings, initialisation=drawn)
     return settings
 
 

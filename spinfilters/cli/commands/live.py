@@ -67,6 +67,7 @@ def live(options: LiveArguments) -> int:
     from spinfilters.io.output_files import write_json
     from spinfilters.live.answer import AnswerWriter, CourseRecorder
     from spinfilters.live.executive import Executive
+    from spinfilters.live.kept_epochs import KeptEpochs, LastAnswer, final_verdict
     from spinfilters.live.live_options import live_setup
     from spinfilters.live.sources import Replay, open_lines
     from spinfilters.run.readers import read_dataset
@@ -77,12 +78,14 @@ def live(options: LiveArguments) -> int:
     lines = None if options.input is None else open_lines(options.input, dataset.log.sensors)
     setup = live_setup(dataset, settings, options.filter)
     require_uninterrupted()
-    executive = Executive(setup, _live_options(options, settings))
+    kept = KeptEpochs(dataset, setup.time)
+    executive = Executive(setup, _live_options(options, settings), kept.keep)
     source: Source = lines or Replay(dataset.log, setup.time, options.speed)
     if options.summary:  # a place that cannot be written is said now, not when the run is over
         write_json(Path(options.summary), executive.summary.document())
     course = CourseRecorder(executive.summary.deadline)
     writer = AnswerWriter(options.format, sys.stdout)
+    last = None
     try:
         with ExitStack() as stack:
             stack.callback(writer.close)
@@ -90,6 +93,12 @@ def live(options: LiveArguments) -> int:
             for answer in executive.run(until_interrupted(source.epochs())):
                 show(answer)
                 course.keep(answer)
+                last = answer
+        require_uninterrupted()
+        if last is not None:
+            estimator = "smoother" if last.source == "smoother" else options.filter
+            answered = LastAnswer(last.time, last.belief, estimator)
+            executive.summary.final = final_verdict(kept, settings, answered)
     except KeyboardInterrupt:
         pass
     except BrokenPipeError:  # nobody reads the answers any more
