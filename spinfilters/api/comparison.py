@@ -63,8 +63,10 @@ class EstimatorResult:
 
     Attributes
     ----------
-    evaluation: everything that was computed of it, `spinfilters.evaluation.estimator_evaluation.Evaluation`.
-    landmarks: (k, 3) m in frame g, the map that it ended with or was given; None without any.
+    evaluation : Evaluation
+        Everything that was computed of it, `spinfilters.evaluation.estimator_evaluation.Evaluation`.
+    landmarks : ndarray of float, shape (k, 3) or None
+        Map that it ended with or was given, m, frame g; None without any.
     """
 
     evaluation: Evaluation
@@ -122,9 +124,15 @@ class EstimatorResult:
     def to_dataframe(self) -> Any:
         """The trajectory as a pandas.DataFrame over ``time_s``, with the columns of ``trajectory.csv``.
 
+        Returns
+        -------
+        Any
+            pandas.DataFrame, a row an epoch.
+
         Raises
         ------
-        ImportError: pandas is not installed.
+        ImportError
+            pandas is not installed.
         """
         columns = dict(zip(TRAJECTORY_COLUMNS, trajectory_columns(self.trajectory), strict=True))
         return data_frame(columns, TRAJECTORY_COLUMNS[0])
@@ -143,10 +151,20 @@ class Run(Mapping[str, EstimatorResult]):
 
     Attributes
     ----------
-    dataset, settings: that it was made with.   results: by name of the estimator.
-    conditions: sentences on the map, the seed and the noise.   summary: the content of ``summary.json``.
-    comparison: what the estimators left behind, None where the run was read from its folder.
-    folder: that holds the run, None where it was not written.
+    dataset : Dataset
+        That it was made of.
+    settings : Settings
+        That it was made with.
+    results : Mapping[str, EstimatorResult]
+        By name of the estimator.
+    conditions : tuple[str, ...]
+        Sentences on the map, the seed and the noise.
+    summary : Mapping[str, Any]
+        The content of ``summary.json``.
+    comparison : Comparison or None
+        What the estimators left behind, None where the run was read from its folder.
+    folder : Path or None
+        That holds the run, None where it was not written.
     """
 
     dataset: Dataset
@@ -165,14 +183,44 @@ class Run(Mapping[str, EstimatorResult]):
         document: Mapping[str, Any],
         folder: Path | None = None,
     ) -> "Run":
-        """Run of a comparison that has just ended, with the content of its summary.json."""
+        """Run of a comparison that has just ended, with the content of its summary.json.
+
+        Parameters
+        ----------
+        comparison : Comparison
+            Of all estimators.
+        settings : Settings
+            That it was made with.
+        document : Mapping[str, Any]
+            Content of summary.json.
+        folder : Path or None
+            That it was written into; None where it was not.
+
+        Returns
+        -------
+        Run
+            With a result for every estimator.
+        """
         results = {e.name: EstimatorResult(e, comparison.maps.get(e.name)) for e in comparison.evaluations}
         conditions = tuple(comparison.conditions.sentences)
         return cls(comparison.setup.dataset, settings, results, conditions, document, comparison, folder)
 
     @classmethod
     def from_folder(cls, folder: Path, settings: Settings) -> "Run":
-        """Run of a complete run folder. InputError: a damaged one."""
+        """Run of a complete run folder. InputError: a damaged one.
+
+        Parameters
+        ----------
+        folder : Path
+            Of a complete run.
+        settings : Settings
+            Those of its config.toml.
+
+        Returns
+        -------
+        Run
+            As the run that wrote it, without the comparison.
+        """
         shown_run = read_figure_data(folder)
         maps = {e.name: folder / e.name / MAP_FILE for e in shown_run.evaluations}
         landmarks = {name: read_map_ply(path) for name, path in maps.items() if path.exists()}
@@ -202,12 +250,19 @@ class Run(Mapping[str, EstimatorResult]):
 
         Parameters
         ----------
-        name: of the table of figures: "summary", "rates", "inertia", "polhode", "scene", "consistency", "errors-mekf" (or
-            another estimator's), or that of an installed figure.
+        name : str
+            Of the table of figures: "summary", "rates", "inertia", "polhode", "scene", "consistency", "errors-mekf" (or another
+            estimator's), or that of an installed figure.
+
+        Returns
+        -------
+        Figure
+            A matplotlib figure.
 
         Raises
         ------
-        InputError: no such figure, or one that needs what the run does not have.
+        InputError
+            No such figure, or one that needs what the run does not have.
         """
         from spinfilters.plots.figures import FigureData, drawn_figure
 
@@ -218,9 +273,20 @@ class Run(Mapping[str, EstimatorResult]):
     def save(self, folder: str | os.PathLike[str]) -> Path:
         """Write the run folder of the command, with its pictures; returns its path.
 
+        Parameters
+        ----------
+        folder : str or os.PathLike[str]
+            New, or that of an earlier run.
+
+        Returns
+        -------
+        Path
+            Of the folder.
+
         Raises
         ------
-        InputError: the folder holds something else than a run or cannot be written; the run was read from a folder itself.
+        InputError
+            The folder holds something else than a run or cannot be written; the run was read from a folder itself.
         """
         if self.comparison is None:
             raise InputError(f"this run was read from {self.folder}; copy that folder")
@@ -229,6 +295,11 @@ class Run(Mapping[str, EstimatorResult]):
 
     def to_dataframe(self) -> Any:
         """The numbers of ``summary.json`` as a pandas.DataFrame, a row per estimator; tables as ``a.b``, lists as ``a_1``.
+
+        Returns
+        -------
+        Any
+            pandas.DataFrame with the index "estimator".
 
         Raises
         ------
@@ -283,7 +354,8 @@ def data_frame(columns: Mapping[str, Any], index: str) -> Any:
 
     Raises
     ------
-    ImportError: pandas is not installed.
+    ImportError
+        pandas is not installed.
     """
     try:
         pandas = import_module("pandas")
@@ -371,8 +443,10 @@ def compare(
         Of a recording, see `load`.
     output : str, os.PathLike or None
         Folder to write the run into, with checkpoints and pictures; None writes nothing, and `Run.save` can later.
-    kind, units : str or None
-        Of a table in memory, or units of a file, see `load`.
+    kind : str or None
+        Of a table in memory, see `load`.
+    units : str, Mapping or None
+        Of the columns of a table or of a file, see `load`.
     resume : bool
         Whether to go on from what an interrupted run has left in ``output``; a finished run is read from there.
     predict : float or None

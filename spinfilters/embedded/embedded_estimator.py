@@ -246,7 +246,7 @@ class EmbeddedFilter(Estimator):
 
     def predict(self, dt: float) -> None:
         """Advance by dt s; a step that would not stay finite is left out and counted."""
-        result = self._call("sf_predict", self._real(dt))
+        result = self._call("sf_predict", real_type(self.options)(dt))
         self._fast += result == FAST
         self._not_finite += result > FAST
 
@@ -383,9 +383,6 @@ class EmbeddedFilter(Estimator):
         upper = np.eye(n)
         upper[rows, columns] = np.array(self._filter.u, dtype=float)
         return upper
-
-    def _real(self, value: float) -> ctypes.c_float | ctypes.c_double:
-        return real_type(self.options)(value)
 
     def _array(
         self, values: Float[np.ndarray, " k"]

@@ -115,6 +115,20 @@ class EstimateHistory:
         added = self.calibration * np.sqrt(times**2 - 1.0)
         return replace(self.considering(added), calibration=self.calibration * times)
 
+    def preceded_by(self, before: Mapping[str, np.ndarray]) -> "EstimateHistory":
+        """With the epochs of an initialisation in front.
+
+        Parameters
+        ----------
+        before : Mapping[str, ndarray]
+            Every array of `EPOCH_ARRAYS`.
+        """
+        counted = {
+            name: before[name].astype(int) if name in COUNTS else before[name] for name in EPOCH_ARRAYS
+        }
+        joined = {name: np.concatenate([counted[name], getattr(self, name)]) for name in EPOCH_ARRAYS}
+        return replace(self, initialisation=len(before["time"]), **joined)
+
     def widened(self, widening: Float[np.ndarray, "k e e"]) -> "EstimateHistory":
         """With covariances F B B' F' in place of F F'.
 

@@ -26,6 +26,7 @@ from spinfilters.smoother.motion_factors import STRETCH
 from spinfilters.smoother.problem import InitialGuess, Problem, problem_of
 from spinfilters.smoother.recursive_smoother import RecursiveSmoother
 from spinfilters.smoother.sliding_smoother import MarginalizedState, UpdateResult
+from spinfilters.smoother.window import WindowPolicy
 
 
 def measured_motion(setup: Setup) -> InitialMotion:
@@ -111,11 +112,20 @@ ANNEALED_ITERATIONS = 30
 """At most, from a trajectory that no filter has made."""
 
 
-def sliding_smoother(setup: Setup, settings: Settings) -> RecursiveSmoother:
-    """The smoother of tracks without a map; for sensors that tie nothing together see `smooth_at_once`."""
+def sliding_smoother(
+    setup: Setup, settings: Settings, policy: WindowPolicy | None = None
+) -> RecursiveSmoother:
+    """The smoother of tracks without a map; for sensors that tie nothing together see `smooth_at_once`.
+
+    Parameters
+    ----------
+    policy : WindowPolicy or None
+        Of what leaves its window, in place of that of the settings.
+    """
     timeline = setup.timeline
     every = (measurement.model for epoch in timeline for measurement in epoch.measurements)
     options = settings.smoother.options(len(timeline))
+    options = options if policy is None else replace(options, policy=policy)
     return RecursiveSmoother(setup.process, options, tuple(dict.fromkeys(every)))
 
 

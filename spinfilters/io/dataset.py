@@ -45,14 +45,20 @@ class DatasetOptions:
 
     Parameters
     ----------
-    sensor_noise: standard deviations of the sensors, by the names of the registry's options; each is a keyword argument and an
-        attribute too (``pixel_std``), None where the file is silent.
-    force_psd, torque_psd: of the white disturbances, see `spinfilters.models.process`.   None where the file is silent.
-    frames: in words, what the frames i and g of this data set are.
-    notes: numbers and words for the reader, such as a seed; no estimator looks at them.
-    calibration: standard deviations of the calibration by `ConsiderParameter.name`, those that the data set tells.
-    covariance_inflation: factor, at least 1, on the covariances that rows state for themselves, so that errors which rows have in
-        common weigh as much as they should where estimators take them for white noise; residuals are smaller by it.
+    sensor_noise : Mapping[str, float]
+        Standard deviations of the sensors, by the names of the registry's options; each is a keyword argument and an attribute too
+        (``pixel_std``), None where the file is silent.
+    force_psd, torque_psd : float or None
+        Of the white disturbances, see `spinfilters.models.process`. None where the file is silent.
+    frames : str
+        In words, what the frames i and g of this data set are.
+    notes : Mapping[str, Note]
+        Numbers and words for the reader, such as a seed; no estimator looks at them.
+    calibration : Mapping[str, float]
+        Standard deviations of the calibration by `ConsiderParameter.name`, those that the data set tells.
+    covariance_inflation : float
+        Factor, at least 1, on the covariances that rows state for themselves, so that errors which rows have in common weigh as
+        much as they should where estimators take them for white noise; residuals are smaller by it.
 
     Raises
     ------
@@ -242,10 +248,14 @@ class Dataset:
         With the sensor of that kind; other sensors may be there too.
     path : Path | None
         Where it was read, None when made in memory.
+    description : str
+        In words, of whoever made the data set.
     truth, rig, known_map
         None where not known; measurements of a camera need its rig.
     inspector : MeasurementStream | None
         Poses of cam0 in i over the time of all measurements of cameras; None where frame i is that of cam0.
+    options : DatasetOptions
+        Standard deviations of its sensors and its calibration, and notes of its maker.
     segment : Segment | None
         The stretch of a recording that this is, None of a whole one.
     acceleration : Acceleration | None
@@ -443,7 +453,18 @@ class Dataset:
         return place if self.segment is None else f"{place}, {self.segment.label}"
 
     def part(self, segment: Segment) -> "Dataset":
-        """The data set within a time interval. InputError: no measurement within."""
+        """The data set within a time interval. InputError: no measurement within.
+
+        Parameters
+        ----------
+        segment : Segment
+            Begin and end, s; None for those of the recording.
+
+        Returns
+        -------
+        Dataset
+            Its measurements from begin to end, both within; truth, map and calibration as they are.
+        """
         start = self.log.start if segment.start is None else segment.start
         end = self.log.end if segment.end is None else segment.end
         force = None if self.acceleration is None else self.acceleration.slice(start, end)
@@ -453,7 +474,13 @@ class Dataset:
 
     @contextmanager
     def naming(self) -> Iterator[None]:
-        """Prefix InputErrors about the measurements with `name`."""
+        """Prefix InputErrors about the measurements with `name`.
+
+        Returns
+        -------
+        Iterator[None]
+            Context in which the measurements are used.
+        """
         try:
             yield
         except InputError as error:

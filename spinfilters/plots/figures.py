@@ -77,7 +77,12 @@ class FigureEntry(ABC):
 
     Attributes
     ----------
-    name: as in ``run.figure(name)``, and of its PNG file.   caption: what it shows, a sentence.   order: of the table.
+    name : str
+        As in ``run.figure(name)``, and of its PNG file.
+    caption : str
+        What it shows, a sentence.
+    order : int
+        Of the table.
     """
 
     name: str
@@ -253,7 +258,8 @@ def drawn_figure(figure_data: FigureData, name: str) -> "Figure":
 
     Raises
     ------
-    InputError: no such figure, or one that needs what the run does not have.
+    InputError
+        No such figure, or one that needs what the run does not have.
     """
     from spinfilters.plots.style import drawn
 

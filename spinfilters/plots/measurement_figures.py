@@ -87,7 +87,12 @@ def scan_accuracy_figure(stds: Float[np.ndarray, " n"], asked: float, needed: in
 
     Parameters
     ----------
-    stds: of the first 1, 2, ... n scans, rad.   asked: standard deviation, rad.   needed: scans that it takes.
+    stds : ndarray of float, shape (n,)
+        Of the first 1, 2, ... n scans, rad.
+    asked : float
+        Standard deviation, rad.
+    needed : int
+        Scans that it takes.
     """
     figure = Figure(figsize=(7, 4.5), layout="constrained")
     axes, count = figure.add_subplot(), np.arange(1, len(stds) + 1)

@@ -179,7 +179,8 @@ def conditioning_figure(
 
     Parameters
     ----------
-    time_step, alpha: a time step, s, to mark, and a unit of velocity, 1/s.
+    time_step, alpha
+        A time step, s, to mark, and a unit of velocity, 1/s.
     """
     figure = Figure(figsize=(11.0, 8.4), layout="constrained")
     over_time, ellipses, units, whole = figure.subplots(2, 2).ravel()

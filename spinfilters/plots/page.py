@@ -32,7 +32,8 @@ def page(parts: Mapping[str, str], title: str, script: str = "") -> str:
 
     Parameters
     ----------
-    script: the only one that a browser runs on the page; its hash stands in the page's policy.
+    script : str
+        The only one that a browser runs on the page; its hash stands in the page's policy.
     """
     body = "".join(f"<section><h2>{escape(head)}</h2>{inner}</section>" for head, inner in parts.items())
     policy = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
@@ -111,7 +112,12 @@ class ShownModel:
 
     Attributes
     ----------
-    vertices: (v, 3) m, principal axes.   triangles: (f, 3), anticlockwise seen from outside, or none.   grey: (v,) 0..255.
+    vertices : ndarray of float, shape (v, 3)
+        In principal axes, m.
+    triangles : ndarray of int, shape (f, 3)
+        Anticlockwise seen from outside, or none.
+    grey : ndarray of float, shape (v,)
+        From 0 to 255.
     """
 
     vertices: Float[np.ndarray, "v 3"]

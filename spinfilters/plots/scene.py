@@ -127,15 +127,20 @@ def scene_figure(
 
     Parameters
     ----------
-    camera: drawn at the last epoch when given, with its path where it moves.   map_points: landmarks, m, frame g.
-    initialisation: how many of the first epochs a smoother made for a filter; dotted.
+    camera : DrawnCamera or None
+        Drawn at the last epoch when given, with its path where it moves.
+    map_points : ndarray of float, shape (k, 3) or None
+        Landmarks, m, frame g.
+    initialisation : int
+        How many of the first epochs a smoother made for a filter; dotted.
     """
     held = np.flatnonzero(trajectory.is_finite)
     centre = np.zeros(3) if body.center_of_mass_g is None else body.center_of_mass_g
     if not held.size or not np.isfinite([*body.principal_axes_g, centre]).all():
         return note_figure("No scene: the body at the end is not finite")
     initialisation = int(np.searchsorted(held, initialisation))
-    trajectory, map_points = trajectory.at(held), _or_none(map_points)
+    trajectory = trajectory.at(held)
+    map_points = map_points if map_points is not None and len(map_points) else None
     if not trajectory.sees_position:
         return _directions_figure(trajectory, body, initialisation)
     figure, axes = space_figure(9.4, 7.4)
@@ -157,11 +162,6 @@ def scene_figure(
 
 def _moves(camera: DrawnCamera | None) -> bool:
     return camera is not None and camera.inspector is not None
-
-
-def _or_none(points: Float[np.ndarray, "k 3"] | None) -> Float[np.ndarray, "k 3"] | None:
-    """None of no points."""
-    return points if points is not None and len(points) else None
 
 
 def _title(time: Float[np.ndarray, " n"], has_landmarks: bool) -> str:
@@ -310,7 +310,8 @@ def estimated_polhode_figure(rates: BodyRates, body: BodyEstimate, initialisatio
 
     Parameters
     ----------
-    initialisation: how many of the first epochs a smoother made for a filter; hollow.
+    initialisation : int
+        How many of the first epochs a smoother made for a filter; hollow.
     """
     path = np.rad2deg(rates.in_axes(body.principal_axes_g).rate)
     if not np.isfinite(path[-1]).all():
@@ -328,24 +329,25 @@ def estimated_polhode_figure(rates: BodyRates, body: BodyEstimate, initialisatio
     extent = np.maximum(curve.energy_semi_axes, curve.momentum_semi_axes)
     equal_scales(axes, np.stack([-extent, extent]), zoom=1.0)
     axes.view_init(elev=22, azim=-52)
-    _label_moments(axes)
-    axes.set_title(f"{rates.label.upper()}: rate goes {curve.kind.value}\n{_moments(body)}")
+    for axis, name in zip((axes.xaxis, axes.yaxis, axes.zaxis), PRINCIPAL_NAMES, strict=True):
+        axis.set_label_text(f"{name} axis [deg/s]")
+        axis.labelpad = 8.0
+    minor, middle, _ = body.principal_moments
+    moments = f"moments of inertia {minor:.3f} : {middle:.3f} : 1"
+    axes.set_title(f"{rates.label.upper()}: rate goes {curve.kind.value}\n{moments}")
+    hollow = Line2D(
+        [], [], linestyle="none", marker="o", color=PURPLE, markerfacecolor="none", label=INITIALISATION
+    )
     legend_below(
         figure,
         [
             Patch(color=BLUE, alpha=0.35, label="constant energy"),
             Line2D([], [], color=RED, linewidth=0.7, label="constant momentum"),
             Line2D([], [], color=BLACK, linewidth=1.6, label="polhode of the last rate (both branches)"),
-            *([_hollow()] if initialisation else []),
+            *([hollow] if initialisation else []),
         ],
     )
     return figure
-
-
-def _label_moments(axes: Axes3D) -> None:
-    for axis, name in zip((axes.xaxis, axes.yaxis, axes.zaxis), PRINCIPAL_NAMES, strict=True):
-        axis.set_label_text(f"{name} axis [deg/s]")
-        axis.labelpad = 8.0
 
 
 def _draw_rates(
@@ -359,14 +361,3 @@ def _draw_rates(
     before, own = path[time < begin], path[time >= begin]
     axes.scatter(*before.T, s=16, facecolors="none", edgecolors=PURPLE, depthshade=False, zorder=4)
     return axes.scatter(*own.T, c=time[time >= begin], cmap="cividis", s=18, depthshade=False, zorder=5)
-
-
-def _hollow() -> Line2D:
-    return Line2D(
-        [], [], linestyle="none", marker="o", color=PURPLE, markerfacecolor="none", label=INITIALISATION
-    )
-
-
-def _moments(body: BodyEstimate) -> str:
-    minor, middle, _ = body.principal_moments
-    return f"moments of inertia {minor:.3f} : {middle:.3f} : 1"

@@ -212,7 +212,8 @@ def save_figure(figure: Figure, path: Path) -> None:
 
     Raises
     ------
-    InputError: as `spinfilters.io.output_files.write_bytes`.
+    InputError
+        As `spinfilters.io.output_files.write_bytes`.
     """
     write_bytes(path, picture_bytes(figure, "png", dpi=_DPI))
 

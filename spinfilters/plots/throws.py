@@ -26,8 +26,14 @@ class Throw:
 
     Attributes
     ----------
-    number: of its segment.   ratios: (2,) Jmin / Jmax and Jmid / Jmax.   covariance: (2, 2) of these.
-    degraded: whether the estimate should not be trusted.
+    number : int
+        Of its segment.
+    ratios : ndarray of float, shape (2,)
+        Jmin / Jmax and Jmid / Jmax.
+    covariance : ndarray of float, shape (2, 2)
+        Of these.
+    degraded : bool
+        Whether the estimate should not be trusted.
     """
 
     number: int
@@ -46,7 +52,8 @@ def throws_figure(throws: Sequence[Throw], reference: Float[np.ndarray, "2"] | N
 
     Parameters
     ----------
-    reference: (Jmin / Jmax, Jmid / Jmax) known otherwise, a cross and lines.
+    reference : ndarray of float, shape (2,) or None
+        Jmin / Jmax and Jmid / Jmax as known otherwise, drawn as a cross and lines.
     """
     figure = Figure(figsize=(13.0, 6.2), layout="constrained")
     grid = figure.add_gridspec(2, 2, width_ratios=(1.0, 1.15))

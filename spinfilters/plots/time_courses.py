@@ -64,7 +64,11 @@ def rates_figure(
     panels[-1].set_xlabel("time [s]")
     figure.suptitle(f"Body rates: {_speed(estimates[0])}", fontsize="large")
     handles = [line.handle for line in lines]
-    known = [] if reference is None else [_reference_handle(reference)]
+    known = []
+    if reference is not None:
+        known.append(
+            Line2D([], [], linestyle="none", marker="o", markersize=3.2, color=BLACK, label=reference.label)
+        )
     band = Patch(color=GREY, alpha=0.3, label=f"±{SIGMAS:g} σ")
     legend_below(figure, [*handles, band, *known, *start_handle(end_of_initialisation)])
     return figure
@@ -83,10 +87,6 @@ def _reference(axes: Axes, rates: BodyRates, axis: int) -> None:
     axes.plot(
         rates.time[::step], value[::step], linestyle="none", marker="o", markersize=3.2, color=BLACK, zorder=1
     )
-
-
-def _reference_handle(rates: BodyRates) -> Line2D:
-    return Line2D([], [], linestyle="none", marker="o", markersize=3.2, color=BLACK, label=rates.label)
 
 
 def _speed(rates: BodyRates) -> str:
@@ -314,7 +314,10 @@ class PredictionCurves:
 
     Attributes
     ----------
-    before, ahead: motion.   rates_before, rates_ahead: body rates about principal axes; their label is the estimator's name.
+    before, ahead : Trajectory
+        Motion.
+    rates_before, rates_ahead : BodyRates
+        Body rates about principal axes; their label is the estimator's name.
     """
 
     before: Trajectory

@@ -38,8 +38,12 @@ class RunOutput:
 
     Attributes
     ----------
-    folder: of the run.   resume: go on from its checkpoints, or complete it where it is finished.
-    optional_outputs: what is written only when asked for, None for nothing.
+    folder : Path
+        Of the run.
+    resume : bool
+        Go on from its checkpoints, or complete it where it is finished.
+    optional_outputs : OptionalOutputs or None
+        What is written only when asked for, None for nothing.
     """
 
     folder: Path
@@ -82,8 +86,9 @@ def compare_into(
 
     Raises
     ------
-    InputError: as `compare_dataset`; the folder holds something else, belongs to another running process or cannot be written; what
-        is asked for in addition cannot be made.
+    InputError
+        As `compare_dataset`; the folder holds something else, belongs to another running process or cannot be written; what is
+        asked for in addition cannot be made.
     """
     folder = output.folder
     refuse_source_within(folder, dataset.path)

@@ -151,9 +151,16 @@ class StatedNoise:
 
     Attributes
     ----------
-    label: what it is called in a sentence.   source: `STATED`, `IDENTIFIED`, or `PRIOR` where the data only bound it, or nothing.
-    std: of an identified value.   upper: bound on one that cannot be told from zero.
-    smallest: level below which none is identified; 0 of what has no such bound.
+    label : str
+        What it is called in a sentence.
+    source : str
+        `STATED`, `IDENTIFIED`, or `PRIOR` where the data only bound it, or nothing.
+    std : float or None
+        Of an identified value.
+    upper : float or None
+        Bound on one that cannot be told from zero.
+    smallest : float
+        Level below which none is identified; 0 of what has no such bound.
     """
 
     name: str
@@ -206,10 +213,20 @@ class Conditions:
 
     Attributes
     ----------
-    map: "known" or "unknown", None where no landmark is seen.   landmarks: of a known map.
-    sensors, disturbances: their noise.   seed: of a simulated data set.
-    contradictions: sentences on how the truth contradicts itself.   calibration: deviations that are considered.
-    belief_at: time of the stated belief that estimators begin from, s; None where first epochs are smoothed.
+    map : str or None
+        "known" or "unknown", None where no landmark is seen.
+    landmarks : int or None
+        Of a known map.
+    sensors, disturbances : tuple[StatedNoise, ...]
+        Their noise.
+    seed : int or None
+        Of a simulated data set.
+    contradictions : tuple[str, ...]
+        Sentences on how the truth contradicts itself.
+    calibration : tuple[ConsideredDeviation, ...]
+        Deviations that are considered.
+    belief_at : float or None
+        Time of the stated belief that estimators begin from, s; None where first epochs are smoothed.
     """
 
     map: str | None
@@ -330,13 +347,10 @@ def _source(name: str, setup: Setup) -> str:
     """Source of a noise level that is not among those identified."""
     if name not in setup.unstated:
         return STATED
-    by_rates = setup.gyro_noise is not None and name in _identified_options(setup)
-    return IDENTIFIED if by_rates else PRIOR
-
-
-def _identified_options(setup: Setup) -> set[str | None]:
-    """Options of rate sensors of unknown error."""
-    return {sensor_of(stream.sensor).identified_option for stream in setup.dataset.log.streams}
+    if setup.gyro_noise is None:
+        return PRIOR
+    by_rates = {sensor_of(stream.sensor).identified_option for stream in setup.dataset.log.streams}
+    return IDENTIFIED if name in by_rates else PRIOR
 
 
 def _counted(considered: ConsideredDeviation) -> str:

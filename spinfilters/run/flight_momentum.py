@@ -34,8 +34,14 @@ class RotationHistory:
 
     Attributes
     ----------
-    time: s.   rates: (n, 3) rad/s.   angle: rotated since the first sample, rad.
-    momentum: (n, 3, 6) of R J w over the elements xx, yy, zz, xy, xz, yz of J.
+    time : ndarray of float, shape (n,)
+        Stamps, s.
+    rates : ndarray of float, shape (n, 3)
+        Body rates, rad/s.
+    angle : ndarray of float, shape (n,)
+        Rotated since the first sample, rad.
+    momentum : ndarray of float, shape (n, 3, 6)
+        Angular momentum R J w over the elements xx, yy, zz, xy, xz, yz of J.
     """
 
     time: Float[np.ndarray, " n"]
@@ -127,8 +133,12 @@ class MomentumChange:
 
     Attributes
     ----------
-    error: root mean square about a straight line over the angle, over |h|.   loss: of |h| from start to end, as a share.
-    turn: of its direction from start to end, rad; air slows a body, but what turns h is another torque.
+    error : float
+        Root mean square about a straight line over the angle, over |h|.
+    loss : float
+        Of |h| from start to end, as a share.
+    turn : float
+        Of its direction from start to end, rad; air slows a body, but what turns h is another torque.
     """
 
     error: float

@@ -49,7 +49,10 @@ def turns_on(
 
     Parameters
     ----------
-    attitude: R_ig at times in s.   margin: samples at each end; those between tell how much the rate changes in flight.
+    attitude : ndarray of float, shape (n, 3, 3)
+        R_ig at the stamps.
+    margin : int
+        Samples at each end; those between tell how much the rate changes in flight.
     """
     good, rates = np.ones(len(time), dtype=bool), _body_rates(time, attitude)
     jumps = np.linalg.norm(np.diff(rates, axis=0), axis=1)  # of samples k, k + 1 and k + 2
@@ -202,7 +205,8 @@ def _flights(log: PoseLog, piece: Stretch, gravity: Float[np.ndarray, " 3"], fac
 
     Parameters
     ----------
-    factor: on the length of windows: what a hand does over a short one a centre of mass somewhere else explains.
+    factor : float
+        On the length of windows: what a hand does over a short one a centre of mass somewhere else explains.
     """
     windows = _windows(log, piece, GRAVITY, factor)
     if windows is None:

@@ -104,8 +104,14 @@ class FreeFlight:
 
     Attributes
     ----------
-    start, end: s, on the clock of the recording.   epochs: measurements within.   rotation: rad.
-    evidence: in words.
+    start, end : float
+        On the clock of the recording, s.
+    epochs : int
+        Measurements within.
+    rotation : float
+        Of the body within, rad.
+    evidence : str
+        In words.
     """
 
     start: float
@@ -124,7 +130,8 @@ def find_flights(dataset: Dataset) -> list[FreeFlight]:
 
     Raises
     ------
-    InputError: measurements of other kinds; rates between whose samples a body turns by more than half a revolution.
+    InputError
+        Measurements of other kinds; rates between whose samples a body turns by more than half a revolution.
     """
     finder = _FINDERS.get(dataset.sensor)
     if finder is None:
@@ -228,7 +235,8 @@ def unexplained_force(
 
     Parameters
     ----------
-    time, rates: of the gyro, s and rad/s.
+    time, rates
+        Of the gyro, s and rad/s.
     """
     inside = (force.time >= time[0]) & (force.time <= time[-1])
     if np.count_nonzero(inside) < 4 or len(time) < 4:

@@ -57,7 +57,8 @@ def times_ahead(time: Float[np.ndarray, " n"], seconds: float) -> Float[np.ndarr
 
     Raises
     ------
-    InputError: less than one step, or more than `MOST_STEPS`.
+    InputError
+        Less than one step, or more than `MOST_STEPS`.
     """
     interval = float(np.median(np.diff(time)))
     if not interval * (1 - ROUNDING) <= seconds <= interval * MOST_STEPS:
@@ -80,7 +81,8 @@ def write_predictions(
 
     Raises
     ------
-    InputError: as `times_ahead`; a file cannot be written.
+    InputError
+        As `times_ahead`; a file cannot be written.
     """
     good = _sound(histories)
     predicted = [_predicted(process, each, times_ahead(each.time, seconds)) for each in good]
@@ -103,7 +105,8 @@ def read_predictions(folder: Path, histories: Sequence[EstimateHistory]) -> list
 
     Raises
     ------
-    InputError: a prediction is missing where there are others, damaged, or of another run.
+    InputError
+        A prediction is missing where there are others, damaged, or of another run.
     """
     good = _sound(histories)
     paths = [folder / history.name / ARRAYS for history in good]
@@ -193,8 +196,10 @@ class Explanation:
 
     Attributes
     ----------
-    settings: that hold it, as tables of the settings file.   evaluation: of the estimator that was run again; None where the data
-        set was refused, with the ``refusal``.
+    settings : Mapping[str, Mapping[str, Any]]
+        That hold it, as tables of the settings file.
+    evaluation : Evaluation or None
+        Of the estimator that was run again; None where the data set was refused, with the ``refusal``.
     """
 
     alternative: Alternative
@@ -387,7 +392,8 @@ class OptionalOutputs:
 
         Raises
         ------
-        InputError: as `check`; a file of the run is damaged.
+        InputError
+            As `check`; a file of the run is damaged.
         """
         made = []
         if self.convergence and not smoother_convergence.is_whole(folder):
@@ -424,7 +430,8 @@ def draw_optional_outputs(
 
     Raises
     ------
-    InputError: a file that one is drawn from is missing or damaged; what else there is has been drawn.
+    InputError
+        A file that one is drawn from is missing or damaged; what else there is has been drawn.
     """
     drawn: list[str] = []
     faults: list[InputError] = []

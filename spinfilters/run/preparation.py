@@ -75,7 +75,24 @@ def prepare(dataset: Dataset, settings: Settings, initial: GivenInitialisation |
 def first_setup(dataset: Dataset, settings: Settings, initial: GivenInitialisation | None = None) -> Setup:
     """The setup of exactly these settings: no drag and no acceleration but those that they state.
 
-    Parameters and errors: `prepare`.
+    Parameters
+    ----------
+    dataset : Dataset
+        Measurements, and what is stated of their sensors.
+    settings : Settings
+        Of the run; "auto" means a quadratic drag here, and no acceleration.
+    initial : GivenInitialisation or None
+        Gives the initialisation where the first epochs are not to be smoothed.
+
+    Returns
+    -------
+    Setup
+        What every estimator of the run shares.
+
+    Raises
+    ------
+    InputError
+        As `prepare`.
     """
     # Process, sensors and noise, as settings and data set state them.
     log = log_with_noise(dataset.log, settings)

@@ -71,7 +71,8 @@ def refuse_foreign_run(folder: Path) -> None:
 
     Raises
     ------
-    InputError: it holds foreign files, or a link in the place of a folder that a run writes into.
+    InputError
+        It holds foreign files, or a link in the place of a folder that a run writes into.
     """
     if folder.is_dir() and any(each.name != LOCK_FILE for each in folder.iterdir()) and not _is_run(folder):
         raise InputError(
@@ -165,7 +166,8 @@ def read_histories(folder: Path, names: Sequence[str]) -> list[EstimateHistory]:
 
     Raises
     ------
-    InputError: as `spinfilters.run.array_files.read_history`, or a history of another estimator than its folder's.
+    InputError
+        As `spinfilters.run.array_files.read_history`, or a history of another estimator than its folder's.
     """
     paths = [folder / name / HISTORY_FILE for name in names]
     histories = [read_history(path) for path in paths]
@@ -190,7 +192,8 @@ def read_figure_data(folder: Path) -> FigureData:
 
     Raises
     ------
-    InputError: a folder that is no run, or a damaged one.
+    InputError
+        A folder that is no run, or a damaged one.
     """
     document = read_summary(folder)
     dataset = read_dataset(folder / DATASET_FOLDER)

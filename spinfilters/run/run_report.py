@@ -55,7 +55,8 @@ def write_run_report(figure_data: FigureData, folder: Path) -> Path:
 
     Raises
     ------
-    InputError: the page cannot be written.
+    InputError
+        The page cannot be written.
     """
     with np.errstate(all="ignore"):  # what a failed estimator left is shown as it is
         model = _model_section(figure_data, folder)

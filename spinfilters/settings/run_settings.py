@@ -10,6 +10,7 @@ import numpy as np
 from spinfilters.core.errors import InputError
 from spinfilters.core.plugins import in_order, members_above
 from spinfilters.core.robust_losses import Barron, Gate, Huber, LeastSquares, PseudoHuber, RobustLoss
+from spinfilters.filters.error_coordinates import InvariantOptions
 from spinfilters.filters.iterated_update import IterationOptions
 from spinfilters.filters.measurement_prediction import SigmaPointOptions
 from spinfilters.filters.noise_levels import AdaptationOptions
@@ -60,18 +61,36 @@ class _OptionsOfEveryState:
 
     Attributes
     ----------
-    epochs: how many epochs it looks at, at most.   share: of the recording, at most; a third more where filters need it.
-    duration: how many seconds it looks at, at most.
-    iterations: of the smoother, at most.
-    mass_std: of the prior of the mass distribution about the sphere, in the logarithm of second moments (a phone lies at 2).
-    centre_std: of the prior of the centre of mass about the origin of g, m.   speed_std: of its velocity, m/s.
-    drag_std: of the prior of the drag coefficient, 1/rad.   linear_drag_std: of that of a drag linear in the rate, 1/s.
-    mean: of a belief at the first epoch, from which every estimator begins, by block: position (of frame g in i, m), attitude
-        (q_ig), velocity (of the centre of mass, m/s), rate (rad/s, g axes), center_of_mass (m, g), mass_distribution or
-        principal_moments (about the axes of g). No first epochs are smoothed then.
-    std: its standard deviations by block.   covariance: in their place, of the errors in the order of the state.
-    from_truth: whether that belief is the truth of the first epoch with an error drawn from std or covariance.
-    draw: seed of that error.
+    epochs : int
+        How many epochs it looks at, at most.
+    share : float
+        Of the recording, at most; a third more where filters need it.
+    duration : float
+        How many seconds it looks at, at most.
+    iterations : int
+        Of the smoother, at most.
+    mass_std : float
+        Of the prior of the mass distribution about the sphere, in the logarithm of second moments (a phone lies at 2).
+    centre_std : float
+        Of the prior of the centre of mass about the origin of g, m.
+    speed_std : float
+        Of its velocity, m/s.
+    drag_std : float
+        Of the prior of the drag coefficient, 1/rad.
+    linear_drag_std : float
+        Of that of a drag linear in the rate, 1/s.
+    mean : dict
+        Of a belief at the first epoch, from which every estimator begins, by block: position (of frame g in i, m), attitude (q_ig),
+        velocity (of the centre of mass, m/s), rate (rad/s, g axes), center_of_mass (m, g), mass_distribution or principal_moments
+        (about the axes of g). No first epochs are smoothed then.
+    std : dict
+        Its standard deviations by block.
+    covariance : tuple of tuples of float
+        In their place, of the errors in the order of the state.
+    from_truth : bool
+        Whether that belief is the truth of the first epoch with an error drawn from std or covariance.
+    draw : int
+        Seed of that error.
     """
 
     epochs: Annotated[int, NumberRange(1, 100_000, whole=True)] = 60
@@ -168,8 +187,10 @@ class NamedEstimator:
 
     Attributes
     ----------
-    name: as in ``--estimators``; also its folder in a run.
-    order: of the table and of messages.
+    name : str
+        As in ``--estimators``; also its folder in a run.
+    order : int
+        Of the table and of messages.
     """
 
     name: str
@@ -199,13 +220,21 @@ class SmootherSettings:
 
     Attributes
     ----------
-    mode: "full" keeps everything, "frozen" eliminates landmarks for good that have not been seen for some revolutions,
-        "window" keeps the latest epochs; "automatic" is "full" for short recordings and "frozen" for others.
-    epochs: that stay at least, in the modes "frozen" and "window".   revolutions: see "frozen".
-    loss: of a residual: "gate" (nothing beyond width), "huber", "pseudo-huber", "barron" (alpha = shape) or "none"
-        (least squares).
-    width: where it begins to bend, standard deviations.   shape: Barron's alpha, at most 2.
-    iterations: per epoch, at most.
+    mode : str
+        "full" keeps everything, "frozen" eliminates landmarks for good that have not been seen for some revolutions, "window" keeps
+        the latest epochs; "automatic" is "full" for short recordings and "frozen" for others.
+    epochs : int
+        That stay at least, in the modes "frozen" and "window".
+    revolutions : float
+        See "frozen".
+    loss : str
+        Of a residual: "gate" (nothing beyond width), "huber", "pseudo-huber", "barron" (alpha = shape) or "none" (least squares).
+    width : float
+        Where it begins to bend, standard deviations.
+    shape : float
+        Barron's alpha, at most 2.
+    iterations : int
+        Per epoch, at most.
     """
 
     mode: str = "automatic"
@@ -320,15 +349,23 @@ class ProcessSettings:
 
     Attributes
     ----------
-    force_psd: (m/s^2)^2/Hz.   torque_psd: (rad/s^2)^2/Hz. "auto" takes the data set's own; where it is silent it is
-        identified (`spinfilters.inference.identified_noise`), but for the torque of a gyro of correlated unknown error: what
-        the disturbances of thrown bodies were found to be (`spinfilters.inference.identified_noise`).
-    drag: whether the state has an aerodynamic drag coefficient, and of which law: torques "quadratic" in the rate (or true) or
+    force_psd : float or "auto"
+        (m/s^2)^2/Hz.
+    torque_psd : float or "auto"
+        (rad/s^2)^2/Hz. "auto" takes the data set's own; where it is silent it is identified
+        (`spinfilters.inference.identified_noise`), but for the torque of a gyro of correlated unknown error: what the disturbances
+        of thrown bodies were found to be (`spinfilters.inference.identified_noise`).
+    drag : bool, "linear", "quadratic" or "auto"
+        Whether the state has an aerodynamic drag coefficient, and of which law: torques "quadratic" in the rate (or true) or
         "linear"; "auto" takes the likelier of both where the first epochs tell one from none (`spinfilters.run.preparation`).
-    gravity: whether the state has a constant acceleration; "auto" where the first epochs of a sensor of places ask for it.
-    body_torque: whether the state has a constant body torque.
-    rotor: whether the state has the angular momentum of a flywheel that turns steadily inside the body.
-    tolerance: of the integrator, rad and relative rate per step.
+    gravity : bool or "auto"
+        Whether the state has a constant acceleration; "auto" where the first epochs of a sensor of places ask for it.
+    body_torque : bool
+        Whether the state has a constant body torque.
+    rotor : bool
+        Whether the state has the angular momentum of a flywheel that turns steadily inside the body.
+    tolerance : float
+        Of the integrator, rad and relative rate per step.
     """
 
     force_psd: Auto | Annotated[float, DENSITIES["force_psd"]] = AUTO
@@ -357,13 +394,36 @@ class Settings:
     ----------
     estimators : tuple[str, ...]
         Names of the estimators, in the order of the results.
+    process : ProcessSettings
+        Disturbances of the motion, and which constants the state has.
+    sensors : SensorSettings
+        Standard deviations of the sensors' noise.
+    calibration : CalibrationSettings
+        Standard deviations of the calibration's errors.
+    initialisation : InitialisationOptions
+        How many epochs begin the estimates, and the prior of their first state.
+    ukf : SigmaPointOptions
+        Spread and weights of the UKF's sigma points.
+    invariant : InvariantOptions
+        Error coordinates of the invariant EKF.
+    landmarks : LandmarkOptions
+        How filters represent landmarks of an unknown map.
+    robust : RobustOptions
+        Gate and robust loss of the filters.
+    iteration : IterationOptions
+        Iterated updates by landmarks.
+    adaptation : AdaptationOptions
+        Which noise levels filters adapt to their innovations.
+    smoother : SmootherSettings
+        Window, robust loss and iterations of the smoother.
     verdict : "full" or "filter"
         Checks by which estimates are judged: all of them, or those alone that need no smoothed motion. The latter cost less, and
         leave every estimate ``degraded`` at best, because they do not show errors of the models that a filter's state absorbs.
 
     Raises
     ------
-    InputError: an unknown key of a table, a value of another type or out of its range, an unknown or repeated estimator.
+    InputError
+        An unknown key of a table, a value of another type or out of its range, an unknown or repeated estimator.
     """
 
     estimators: tuple[str, ...] = DEFAULT_ESTIMATORS
@@ -377,6 +437,7 @@ class Settings:
     iteration: IterationOptions = field(default_factory=IterationOptions)
     adaptation: AdaptationOptions = field(default_factory=AdaptationOptions)
     smoother: SmootherSettings = field(default_factory=SmootherSettings)
+    invariant: InvariantOptions = field(default_factory=InvariantOptions)
     verdict: Literal["full", "filter"] = FULL
 
     def __post_init__(self) -> None:
@@ -417,7 +478,8 @@ def read_settings(path: Path) -> Settings:
 
     Raises
     ------
-    InputError: missing, too large, not TOML, an unknown key, a value of another type or out of range.
+    InputError
+        Missing, too large, not TOML, an unknown key, a value of another type or out of range.
     """
     return settings_from(read_toml(path), path_text(path))
 
@@ -458,7 +520,8 @@ def with_present_keys(document: Mapping[str, Any]) -> dict[str, Any]:
 
     Raises
     ------
-    InputError: a table or key under its former and its present name.
+    InputError
+        A table or key under its former and its present name.
     """
     tables = _renamed(document, FORMER_TABLES, "")
     return {

@@ -18,7 +18,8 @@ def validated(record: type, values: Mapping[str, object]) -> dict[str, Any]:
 
     Raises
     ------
-    InputError: an unknown key in a table, a value of another type or out of its range.
+    InputError
+        An unknown key in a table, a value of another type or out of its range.
     """
     try:
         checked = _model(record).model_validate(dict(values))

@@ -58,9 +58,18 @@ class TorqueFreeTumble:
 
     Attributes
     ----------
-    principal_moments: (3,) any scale.   principal_axes: (3, 3) rows, right-handed, in g.   center_of_mass: (3,) in g, m.
-    rate: (3,) at t = 0 about the principal axes, rad/s.   attitude: (3, 3) R_Lg at t = 0.
-    position, velocity: (3,) of the centre of mass in L, m and m/s.
+    principal_moments : ndarray of float, shape (3,)
+        Any scale.
+    principal_axes : ndarray of float, shape (3, 3)
+        Rows, right-handed, in g.
+    center_of_mass : ndarray of float, shape (3,)
+        In g, m.
+    rate : ndarray of float, shape (3,)
+        At t = 0 about the principal axes, rad/s.
+    attitude : ndarray of float, shape (3, 3)
+        R_Lg at t = 0.
+    position, velocity : ndarray of float, shape (3,)
+        Of the centre of mass in L, m and m/s.
     """
 
     principal_moments: Float[np.ndarray, "3"]
@@ -116,7 +125,10 @@ class RayHits:
 
     Attributes
     ----------
-    distance: (n,) m, inf for a miss.   triangle: (n,) of the mesh, -1 for a miss.
+    distance : ndarray of float, shape (n,)
+        Along the ray, m; infinite for a miss.
+    triangle : ndarray of int, shape (n,)
+        Of the mesh, -1 for a miss.
     """
 
     distance: Float[np.ndarray, " n"]

@@ -287,6 +287,7 @@ def _add_steps(M: np.ndarray, tridiagonal: Blocks, blocks: np.ndarray, sizes: Bl
 
 def _diagonal(M: Float[np.ndarray, "a b"], count: int, p: int) -> Float[np.ndarray, "k p p"]:
     """The first ``count`` blocks of p x p on a matrix' diagonal, as a view."""
+    # from one block to the next: p rows down and p columns on
     row, column = M.strides
     return np.lib.stride_tricks.as_strided(M, (count, p, p), (p * (row + column), row, column))
 

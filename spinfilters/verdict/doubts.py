@@ -167,8 +167,9 @@ def doubts_of(
         tested, reference = None, finished_history(smoothers)
         shared.append(finding("smoothed-checks-left-out", {}))
     else:
-        models = _explained(setup, settings, evaluations)
-        tested, reference = tested_history(setup, evaluations), reference_smoother(smoothers, setup, settings)
+        tested = tested_history(setup, evaluations)
+        models = _explained(setup, settings, tested)
+        reference = reference_smoother(smoothers, setup, settings)
     shared += [*model_findings(models, tested), *measurement_findings(smoothers, evaluations)]
     own = filter_diagnostics(setup)
     return Doubts(setup, settings, evaluations, shared, own, reference, models, baselines)
@@ -180,15 +181,15 @@ def models_of_recording(setup: Setup) -> TestedModels:
     return replace(NOT_TESTED, units=tuple(wrong_units(setup.dataset)), slips=slips)
 
 
-def _explained(setup: Setup, settings: Settings, evaluations: Sequence[Evaluation]) -> TestedModels:
-    """Score tests of the models, with slips of front ends, and a flywheel fitted where anything is suspected.
+def _explained(setup: Setup, settings: Settings, best: EstimateHistory | None) -> TestedModels:
+    """Score tests about the best estimate, with slips of front ends, and a flywheel fitted where anything is suspected.
 
     None of measurements that their own front end doubts: wrong poses look like contact, and no other cause is named before that
     one is mended.
     """
     if setup.dataset.doubts:
         return models_of_recording(setup)
-    models, best = tested_models(setup, evaluations), tested_history(setup, evaluations)
+    models = tested_models(setup, best)
     is_suspect = models.is_suspect or best is None or best.status.verdict is not Verdict.OK
     models = replace(models, slips=front_end_slips(setup, with_fits=is_suspect))
     if best is None or not is_suspect or models.slips:

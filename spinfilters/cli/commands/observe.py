@@ -96,7 +96,7 @@ def _observe_model(options: ObserveCommandArguments, model: str) -> int:
     found = analyse_file(model)
     with output_folder(folder, COMMAND.name) as place:
         write_text(place / "observe.txt", f"{found}\n")
-        write_json(place / "observe.json", found.document())
+        write_json(place / "observability.json", found.document())
     wide_console().print(f"{found}\nwritten to {folder}", highlight=False, markup=False, soft_wrap=True)
     return 0
 
