@@ -23,7 +23,11 @@ if TYPE_CHECKING:
     from spinfilters.run.segment_runs import SegmentResult
     from spinfilters.settings.run_settings import Settings
 
-NAMES: Final = "mekf, ukf, smoother, smoother-latest, filterpy-ekf, filterpy-ukf, embedded"
+NAMES: Final = (
+    "mekf, ukf, smoother, smoother-latest, iekf, rts, invariant, ekf-joint, smoother-lag-1, smoother-lag-2, smoother-lag-5, "
+    "smoother-lag-10, smoother-lag-20, smoother-lag-50, filterpy-ekf, filterpy-ukf, embedded"
+)
+"""Names for the help, which loads no estimator; a test compares them with the table."""
 RECORDING: Final = "data set folder, phyphox export, gyro .csv or TUM .tum"
 _FLIGHTS_PRINTED: Final = 4
 
