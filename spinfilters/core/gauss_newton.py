@@ -17,7 +17,7 @@ from typing import Generic, TypeVar
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.core.robust_losses import LeastSquares, RobustLoss
+from spinfilters.core.robust_losses import RobustLoss
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +50,7 @@ def step_equations(
     loss : RobustLoss or None
         Of the squared residuals; None for plain least squares.
     """
-    if loss is None or isinstance(loss, LeastSquares):
+    if loss is None:
         return StepEquations(jacobian.T @ jacobian, jacobian.T @ residual)
     weight = loss.weight(residual**2)
     return StepEquations((jacobian * weight[:, None]).T @ jacobian, jacobian.T @ (weight * residual))
