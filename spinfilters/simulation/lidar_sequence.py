@@ -188,8 +188,6 @@ PRESETS: Final = {
 """By table or figure. Table 3.2 is that of the point-cloud processing, here in the pose of Table 4.1.
 
 The resolutions 5 and 10 of Table 2.1 are taken as degrees between rays: with so many rays, spans of 5 and 6 deg hold none."""
-BODIES: Final = ("cube", "spacecraft")
-"""Built-in bodies."""
 
 
 def mesh_of(name: str) -> TriangleMesh:
