@@ -180,7 +180,8 @@ class ReferenceComparison:
             found.append("the motion does not determine the offset of its clock, which is taken as zero")
         axis, angle = axis_and_angle(self.correction)
         found.append(
-            f"its axes are the principal axes {_flip_text(self.flip)}, turned by {np.rad2deg(angle):.3f} ± {np.rad2deg(self.correction_std):.2g} "
+            f"its axes are the principal axes {_flip_text(self.flip)}, "
+            f"turned by {np.rad2deg(angle):.3f} ± {np.rad2deg(self.correction_std):.2g} "
             f"deg about [{', '.join(f'{value:.3f}' for value in axis)}]"
         )
         return found

@@ -64,8 +64,8 @@ LOST: Final = "the metrology of the test is lost; the simulated one has the stat
 
 SIMULATED: Final = (
     "The metrology is simulated. Its rate and the noise of its gyros and velocities are not printed: 5 Hz, 0.5 deg/s and 1 mm/s "
-    "are taken, and deviations of rates and velocities are mostly these. What is better than printed here says that such a metrology "
-    "and this smoother would have agreed better, not that the thesis' own data would."
+    "are taken, and deviations of rates and velocities are mostly these. What is better than printed here says that such a "
+    "metrology and this smoother would have agreed better, not that the thesis' own data would."
 )
 
 
