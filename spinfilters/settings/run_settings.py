@@ -485,7 +485,7 @@ class Settings:
             "estimators": list(self.estimators),
             "verdict": self.verdict,
         }  # keys of no table stand first in TOML
-        return own | {name: table for name, table in asdict(self).items() if name not in own}
+        return own | {name: _as_toml(table) for name, table in asdict(self).items() if name not in own}
 
 
 def read_settings(path: Path) -> Settings:
@@ -544,6 +544,13 @@ def with_keys(settings: Settings, changes: Sequence[str]) -> Settings:
 
 
 _DEEPEST: Final = 3  # tables within tables
+
+
+def _as_toml(value: Any) -> Any:
+    """Tables and lists as TOML reads them again, so that a document equals the one of its file."""
+    if isinstance(value, dict):
+        return {name: _as_toml(inner) for name, inner in value.items()}
+    return [_as_toml(inner) for inner in value] if isinstance(value, list | tuple) else value
 
 
 def _is_default(name: str, value: object) -> bool:
