@@ -119,6 +119,12 @@ class EstimateHistory:
         added = self.calibration * np.sqrt(times**2 - 1.0)
         return replace(self.considering(added), calibration=self.calibration * times)
 
+    def with_calibration_error(self, error: Float[np.ndarray, "n e"]) -> "EstimateHistory":
+        """With one more error of the calibration, independent of the others, by its effect on every epoch."""
+        added = error[:, :, np.newaxis]
+        known = added if self.calibration is None else np.concatenate([self.calibration, added], axis=2)
+        return replace(self.considering(added), calibration=known)
+
     def preceded_by(self, before: Mapping[str, np.ndarray]) -> "EstimateHistory":
         """With the epochs of an initialisation in front.
 

@@ -171,6 +171,8 @@ class TestedModels:
         Of front ends, beside which residuals tell of no other cause.
     has_inspector : bool
         Whether poses of a moving camera are given, of which some cures speak.
+    clock_drift : (k, n) float array or None
+        Error of the tested states by one deviation of a drift of the clock, where that is to be counted.
     """
 
     tests: tuple[ScoreTest, ...] = ()
@@ -183,6 +185,7 @@ class TestedModels:
     score_inflation: float | None = None
     slips: tuple[Slip, ...] = ()
     has_inspector: bool = False
+    clock_drift: Float[np.ndarray, "k n"] | None = None
 
     @cached_property
     def classes(self) -> tuple[tuple[ScoreTest, ...], ...]:
