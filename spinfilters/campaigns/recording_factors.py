@@ -4,7 +4,7 @@ Motion, body, sensor and noise are groups of the fields of a `Scenario`: keys, d
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from inspect import get_annotations
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, TypeVar, get_args, get_origin
 
@@ -339,6 +339,12 @@ def prepared_with_drawn_belief(
         return drawn_start(layout, true_states(truth, layout)[0], np.diag(std), generator)
 
     return prepare(dataset, settings, initial)
+
+
+def prepared_about_truth(dataset: Dataset, settings: Settings, belief: BeliefFactor, seed: int) -> Setup:
+    """Prepared data set of a user's own, with a belief drawn about its truth. InputError: it has none."""
+    drawn = replace(settings.initialisation, from_truth=True, draw=seed, std=dict(belief.by_block), mean={})
+    return prepare(dataset, replace(settings, initialisation=drawn))
 
 
 def require_frames(sensor: SensorFactor) -> None:

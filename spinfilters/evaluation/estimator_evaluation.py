@@ -278,8 +278,9 @@ class Evaluation:
 
     @cached_property
     def body(self) -> BodyEstimate:
-        """The body after the last epoch."""
-        return body_estimate(self.history.belief(-1))
+        """The body after the last epoch; its moments are means over samples of their posterior where that was sampled."""
+        body, mass = body_estimate(self.history.belief(-1)), self.history.mass
+        return body if mass is None else mass.body(body)
 
     @property
     def moment_texts(self) -> list[str]:

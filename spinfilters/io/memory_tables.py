@@ -147,13 +147,18 @@ def _columns(table: Any, form: SensorFormat | None, options: ReadingOptions) -> 
     if isinstance(table, np.ndarray) and table.dtype.names is not None:
         return array_columns({name: table[name] for name in table.dtype.names})
     if _is_frame(table):
-        return array_columns(_index_of(table) | {str(name): table[name] for name in table.columns})
+        return array_columns(_frame_columns(table))
     if form is None:
         raise InputError(
             f"an array does not tell what its columns are; give kind=..., one of {', '.join(dataset_kinds())}"
         )
     header = form.header[1:] if options.rate is not None else form.header
     return array_columns(dict(zip(header, _array(table, form.kind, header), strict=True)))
+
+
+def _frame_columns(frame: Any) -> dict[str, Any]:
+    """Columns of a data frame by their names, with its index where that is a clock."""
+    return _index_of(frame) | {str(name): frame[name] for name in frame.columns}
 
 
 def _array(table: Any, kind: str, header: tuple[str, ...]) -> list[np.ndarray]:

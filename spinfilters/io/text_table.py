@@ -252,10 +252,14 @@ def read_layout(path: Path, stated: Sequence[str] = ()) -> TableLayout:
     # no cell is known before the header is found, so that delimiters alone leave a line empty
     preamble = TableLayout((), encoding, header_line=0, comments=COMMENTS)
     held: list[tuple[int, str]] = []
-    for number, line in _data_lines(path, preamble):
+    marked: tuple[int, str] | None = None  # the comment in front of the first numbers may be their header
+    for number, raw in _data_lines(path, replace(preamble, comments=())):
         if number > PREAMBLE_LINES:
             break
-        held.append((number, line))
+        if line := preamble.content(raw):
+            held.append((number, line))
+        elif not any(_is_numbers(each) for _, each in held):
+            marked = (number, raw.strip().lstrip("#").strip())
     if stated:
         number, line = next((each for each in held if _is_numbers(each[1])), (0, ""))
         return _stated_layout(path, tuple(stated), number, line, encoding)
@@ -264,6 +268,9 @@ def read_layout(path: Path, stated: Sequence[str] = ()) -> TableLayout:
         if found is not None:
             return replace(found, encoding=encoding, header_line=number, comments=COMMENTS)
         if _is_numbers(line):
+            found = None if marked is None else _header(marked[1], line)
+            if found is not None and marked is not None:
+                return replace(found, encoding=encoding, header_line=marked[0], comments=COMMENTS)
             raise _no_header(path, number, line)
     raise InputError(f"{path_text(path)}: has no line of column names; add one, such as time_s,wx,wy,wz")
 
@@ -363,7 +370,8 @@ def _is_numbers(line: str) -> bool:
 
 def _no_header(path: Path, number: int, line: str) -> InputError:
     return InputError(
-        f"{path_text(path)}: line {number}: {value_text(line.strip())} is no header; add a line of column names"
+        f"{path_text(path)}: line {number}: {value_text(line.strip())} is no header; add a line of column names, "
+        "or give them with --columns t,x,y,z"
     )
 
 

@@ -1,6 +1,9 @@
 """Process model of a rigid body that turns and moves freely: propagation, linearised steps, process noise.
 
-Disturbances are white; drag, a constant torque, a flywheel and a constant acceleration are optional blocks of the state.
+Disturbances are white, with the densities of `ProcessNoise`. Drag, a constant torque, a flywheel and a constant acceleration are
+optional blocks of the state. A further effect is a block in `spinfilters.models.state_blocks` and a term of `body_acceleration` or
+`derivative`; a further density is a field of `ProcessNoise`, enters G in `spinfilters.models.rotation_integrator`, and gets its
+setting in `spinfilters.settings.run_settings`.
 """
 
 from dataclasses import dataclass
@@ -35,96 +38,6 @@ from spinfilters.models.state_blocks import (
     VELOCITY,
 )
 from spinfilters.models.state_layout import StateLayout
-
-DISTURBED = (RATE.name, VELOCITY.name)
-"""Blocks that disturbances kick, where a layout has them."""
-TOGETHER = 16
-"""Intervals of a path in one compiled call; the last call is padded with undisturbed steps, which are cut off."""
-
-
-class DisturbedSteps:
-    """Disturbed steps of one or many states, integrated by a `RotationIntegrator`.
-
-    Half a step's white disturbance acts before each step, half after it (Strang splitting).
-    """
-
-    def __init__(self, layout: StateLayout, integrator: RotationIntegrator) -> None:
-        self._layout = layout
-        self._integrator = integrator
-        self._folds = lru_cache(maxsize=None)(self._build)
-
-    @property
-    def kicked(self) -> list[int]:
-        """Indices, within a state, of the components that disturbances act on, block after block."""
-        every = np.arange(self._layout.mean_dim)
-        blocks = (block for block in DISTURBED if block in self._layout.blocks)
-        return np.concatenate([every[self._layout.mean_slice(block)] for block in blocks]).tolist()
-
-    def run(
-        self, x: Float[np.ndarray, "*batch m"], h: float, kicks: Float[np.ndarray, "n *batch 2 b"]
-    ) -> Float[np.ndarray, "*batch m"]:
-        """Points after n steps of h > 0 seconds.
-
-        Parameters
-        ----------
-        kicks : Float[np.ndarray, 'n *batch 2 b']
-            What is added to the `kicked` components before and after each step.
-        """
-        flat = kicks.reshape(*kicks.shape[:-2], -1)
-        columns = flat[0] if len(flat) == 1 else np.moveaxis(flat, 0, -1)  # one column is a vector
-        count = self._integrator.first_count(x, h)
-        while True:
-            after, error = self._folds(count, len(kicks))(x, h, columns)
-            if self._integrator.good(error, count):
-                return after
-            count *= 2
-
-    def path(
-        self, x: Float[np.ndarray, " m"], h: float, kicks: Float[np.ndarray, "n k 2 b"]
-    ) -> Float[np.ndarray, "n_plus_1 m"]:
-        """The point x and those after every k steps of h > 0 seconds; see `run`."""
-        intervals, each = kicks.shape[:2]
-        filled = -(-intervals // TOGETHER) * TOGETHER
-        flat = np.zeros((filled, each, kicks.shape[2] * kicks.shape[3]))
-        flat[:intervals] = kicks.reshape(intervals, each, -1)
-        points, q = [x[np.newaxis]], self._layout.mean_slice(ATTITUDE.name)
-        for begin in range(0, filled, TOGETHER):
-            part = self._path_part(points[-1][-1], h, flat[begin : begin + TOGETHER])
-            part[:, q] /= np.linalg.norm(part[:, q], axis=1, keepdims=True)
-            points.append(part)
-        return np.concatenate(points)[: 1 + intervals]
-
-    def _path_part(
-        self, x: Float[np.ndarray, " m"], h: float, kicks: Float[np.ndarray, "n k b"]
-    ) -> Float[np.ndarray, "n m"]:
-        count, steps = self._integrator.first_count(x, h), kicks.shape[0] * kicks.shape[1]
-        columns = kicks.reshape(steps, -1).T
-        while True:
-            after, error = self._folds(count, steps, kicks.shape[1])(x, h, columns)
-            if self._integrator.good(error, count):
-                return after.T.copy()
-            count *= 2
-
-    @building()
-    def _build(self, count: int, steps: int, kept: int | None = None) -> Compiled:
-        """Build ``steps`` steps of ``count`` substeps each.
-
-        Outputs: the last point, or those after every ``kept`` steps, one a column; and the largest integration error of a step.
-        """
-        into = ca.DM.zeros(self._layout.mean_dim, len(self.kicked))
-        into[self.kicked, :] = ca.DM.eye(len(self.kicked))
-        into = ca.sparsify(into)
-        x, h = ca.MX.sym("x", self._layout.mean_dim), ca.MX.sym("h")
-        kick = ca.MX.sym("kick", 2 * len(self.kicked))
-        before, behind = ca.vertsplit(kick, len(self.kicked))
-        moved, error = self._integrator.expressions.step(count)(x + into @ before, h)
-        one = ca.Function("disturbed_step", [x, h, kick], [moved + into @ behind, error])
-        kicks = ca.MX.sym("kicks", 2 * len(self.kicked), steps)
-        every, errors = one.mapaccum("disturbed", steps)(x, ca.repmat(h, 1, steps), kicks)
-        points = every[:, -1] if kept is None else every[:, kept - 1 :: kept]
-        name = f"disturbed_{steps}_{count}" + ("" if kept is None else f"_{kept}")
-        return Compiled(ca.Function(name, [x, h, kicks], [points, ca.mmax(errors)]))
-
 
 SMALLEST_SQUARE = 1e-300
 """Added under a square root, so that the drag of a body at rest has a derivative."""
@@ -170,7 +83,7 @@ def body_acceleration(
 ) -> Expression:
     """Body acceleration w' in g axes, rad/s^2 (Tweddle 2013, Eq. 4.103).
 
-    w' = J^-1 ((J w + h) x w) - d |w| w - l w + m; the print lacks the minus sign of its Eqs 3.16 to 3.18.
+    w' = J^-1 ((J w + h) x w) - d |w| w - l w + m. Eq. 4.103 as printed lacks the minus sign of Eqs 3.16 to 3.18.
 
     Parameters
     ----------
@@ -197,7 +110,20 @@ def body_acceleration(
 
 
 def derivative(layout: StateLayout, x: Expression) -> Expression:
-    """x' without noise, as a point-valued expression (q' is the quaternion's rate): the continuous model itself."""
+    """The continuous model without noise: x', laid out as a point is (the attitude's part is the rate q' of the quaternion).
+
+    Parameters
+    ----------
+    layout : StateLayout
+        Blocks of the state.
+    x : Expression
+        Point, (mean_dim,).
+
+    Returns
+    -------
+    Expression
+        Time derivative, (mean_dim,).
+    """
     values = layout.unpack(x)
     rates = {name: 0 * value for name, value in values.items()}
     rates["q"] = quaternion_rate(values["q"], values["w"])
@@ -336,7 +262,7 @@ class TorqueFreeProcess:
 
         Returns
         -------
-        ndarray of float, shape (n_plus_1, m)
+        ndarray of float, shape (n + 1, m)
             Points at the begin and at the end of every interval.
         """
         h = dt / normal.shape[1]
@@ -445,6 +371,96 @@ class TorqueFreeProcess:
     @property
     def _densities(self) -> Float[np.ndarray, " 2"]:
         return np.array([self.noise.force_psd, self.noise.torque_psd])
+
+
+DISTURBED = (RATE.name, VELOCITY.name)
+"""Blocks on which white disturbances act, where a layout has them."""
+TOGETHER = 16
+"""Intervals of a path in one compiled call; the last call is padded with undisturbed steps, which are cut off."""
+
+
+class DisturbedSteps:
+    """Disturbed steps of one or many states, integrated by a `RotationIntegrator`.
+
+    Half a step's white disturbance acts before each step, half after it (Strang splitting).
+    """
+
+    def __init__(self, layout: StateLayout, integrator: RotationIntegrator) -> None:
+        self._layout = layout
+        self._integrator = integrator
+        self._folds = lru_cache(maxsize=None)(self._build)
+
+    @property
+    def kicked(self) -> list[int]:
+        """Indices, within a state, of the components that disturbances act on, block after block."""
+        every = np.arange(self._layout.mean_dim)
+        blocks = (block for block in DISTURBED if block in self._layout.blocks)
+        return np.concatenate([every[self._layout.mean_slice(block)] for block in blocks]).tolist()
+
+    def run(
+        self, x: Float[np.ndarray, "*batch m"], h: float, kicks: Float[np.ndarray, "n *batch 2 b"]
+    ) -> Float[np.ndarray, "*batch m"]:
+        """Points after n steps of h > 0 seconds.
+
+        Parameters
+        ----------
+        kicks : Float[np.ndarray, 'n *batch 2 b']
+            What is added to the `kicked` components before and after each step.
+        """
+        flat = kicks.reshape(*kicks.shape[:-2], -1)
+        columns = flat[0] if len(flat) == 1 else np.moveaxis(flat, 0, -1)  # one column is a vector
+        count = self._integrator.first_count(x, h)
+        while True:
+            after, error = self._folds(count, len(kicks))(x, h, columns)
+            if self._integrator.good(error, count):
+                return after
+            count *= 2
+
+    def path(
+        self, x: Float[np.ndarray, " m"], h: float, kicks: Float[np.ndarray, "n k 2 b"]
+    ) -> Float[np.ndarray, "n_plus_1 m"]:
+        """The point x and those after every k steps of h > 0 seconds; see `run`."""
+        intervals, each = kicks.shape[:2]
+        filled = -(-intervals // TOGETHER) * TOGETHER
+        flat = np.zeros((filled, each, kicks.shape[2] * kicks.shape[3]))
+        flat[:intervals] = kicks.reshape(intervals, each, -1)
+        points, q = [x[np.newaxis]], self._layout.mean_slice(ATTITUDE.name)
+        for begin in range(0, filled, TOGETHER):
+            part = self._path_part(points[-1][-1], h, flat[begin : begin + TOGETHER])
+            part[:, q] /= np.linalg.norm(part[:, q], axis=1, keepdims=True)
+            points.append(part)
+        return np.concatenate(points)[: 1 + intervals]
+
+    def _path_part(
+        self, x: Float[np.ndarray, " m"], h: float, kicks: Float[np.ndarray, "n k b"]
+    ) -> Float[np.ndarray, "n m"]:
+        count, steps = self._integrator.first_count(x, h), kicks.shape[0] * kicks.shape[1]
+        columns = kicks.reshape(steps, -1).T
+        while True:
+            after, error = self._folds(count, steps, kicks.shape[1])(x, h, columns)
+            if self._integrator.good(error, count):
+                return after.T.copy()
+            count *= 2
+
+    @building()
+    def _build(self, count: int, steps: int, kept: int | None = None) -> Compiled:
+        """Build ``steps`` steps of ``count`` substeps each.
+
+        Outputs: the last point, or those after every ``kept`` steps, one a column; and the largest integration error of a step.
+        """
+        into = ca.DM.zeros(self._layout.mean_dim, len(self.kicked))
+        into[self.kicked, :] = ca.DM.eye(len(self.kicked))
+        into = ca.sparsify(into)
+        x, h = ca.MX.sym("x", self._layout.mean_dim), ca.MX.sym("h")
+        kick = ca.MX.sym("kick", 2 * len(self.kicked))
+        before, behind = ca.vertsplit(kick, len(self.kicked))
+        moved, error = self._integrator.expressions.step(count)(x + into @ before, h)
+        one = ca.Function("disturbed_step", [x, h, kick], [moved + into @ behind, error])
+        kicks = ca.MX.sym("kicks", 2 * len(self.kicked), steps)
+        every, errors = one.mapaccum("disturbed", steps)(x, ca.repmat(h, 1, steps), kicks)
+        points = every[:, -1] if kept is None else every[:, kept - 1 :: kept]
+        name = f"disturbed_{steps}_{count}" + ("" if kept is None else f"_{kept}")
+        return Compiled(ca.Function(name, [x, h, kicks], [points, ca.mmax(errors)]))
 
 
 @cache

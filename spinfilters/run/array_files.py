@@ -192,6 +192,15 @@ def finite_numbers(numbers: Mapping[str, float | str]) -> dict[str, float | None
     }
 
 
+def finite_document(value: Any) -> Any:
+    """A document of dictionaries, lists and numbers as JSON holds it: None for what is not finite."""
+    if isinstance(value, dict):
+        return {key: finite_document(each) for key, each in value.items()}
+    if isinstance(value, list):
+        return [finite_document(each) for each in value]
+    return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
 def _about(found: Finding) -> list[str] | None:
     return None if found.about is None else sorted(found.about)
 

@@ -4,17 +4,19 @@ What draws is imported where it draws: matplotlib would be a third of the time b
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from spinfilters.inference.setup import Setup
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.output_files import made_folder
+from spinfilters.io.reference_motion import ReferenceMotion
 from spinfilters.plots.figures import FigureData, draw_run, picture_files
 from spinfilters.run.checkpoints import StoreOf, checkpoint_stores, no_checkpoints, remove_checkpoints
 from spinfilters.run.estimation import Comparison, Progress, compare_estimators
 from spinfilters.run.preparation import prepare
+from spinfilters.run.reference_output import without_late_truth
 from spinfilters.run.run_folder import (
     REPORT_FILE,
     figure_data_of,
@@ -63,11 +65,14 @@ class WrittenRun:
         Content of summary.json, where it was written now.
     completed : tuple of str
         Names of what that finished run lacked and was made now.
+    optional_outputs : OptionalOutputs or None
+        What was written besides, which holds a reference where the data set's truth served as one.
     """
 
     comparison: Comparison | None
     summary: Mapping[str, Any] | None = None
     completed: tuple[str, ...] = ()
+    optional_outputs: "OptionalOutputs | None" = None
 
 
 def silent(_name: str, _done: int, _total: int) -> None:
@@ -76,6 +81,7 @@ def silent(_name: str, _done: int, _total: int) -> None:
 
 def compare_dataset(dataset: Dataset, settings: Settings, report: Progress = silent) -> Comparison:
     """Every estimator on a data set, in memory. Errors: `prepare`, `compare_estimators`."""
+    dataset, _ = without_late_truth(dataset)
     return compare_estimators(_initialised(dataset, settings, report), settings, report, no_checkpoints)
 
 
@@ -91,12 +97,17 @@ def compare_into(
         asked for in addition cannot be made.
     """
     folder = output.folder
+    dataset, late = without_late_truth(dataset)
+    if late is not None:
+        output = replace(output, optional_outputs=with_reference(output.optional_outputs, late))
     refuse_source_within(folder, dataset.path)
     refuse_foreign_run(folder)
     with made_folder(folder), locked_run(folder):
         if output.resume and finished_run(folder, dataset, settings) is not None:
-            return WrittenRun(None, completed=tuple(_complete(dataset, settings, output, report)))
-        return _compare_and_write(dataset, settings, output, report)
+            completed = tuple(_complete(dataset, settings, output, report))
+            return WrittenRun(None, completed=completed, optional_outputs=output.optional_outputs)
+        written = _compare_and_write(dataset, settings, output, report)
+        return replace(written, optional_outputs=output.optional_outputs)
 
 
 def write_comparison(
@@ -111,6 +122,16 @@ def write_comparison(
             figure_data = figure_data_of(comparison)
             _draw(folder, figure_data, report)
             _write_report(folder, figure_data)
+
+
+def with_reference(
+    optional_outputs: "OptionalOutputs | None", reference: ReferenceMotion
+) -> "OptionalOutputs":
+    """What is written, and a comparison with a reference unless another one was asked for."""
+    from spinfilters.run.optional_outputs import OptionalOutputs
+
+    chosen = optional_outputs or OptionalOutputs()
+    return chosen if chosen.reference is not None else replace(chosen, reference=reference)
 
 
 def _compare_and_write(

@@ -7,13 +7,16 @@ from typing import Final
 
 from spinfilters.core.errors import InputError
 from spinfilters.core.plugins import entries_by_name, in_order, installed_plugins
+from spinfilters.io.array_exports import ArrayExportReader
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.dataset_folder import DatasetFolderReader, OtherFolderReader, SensorTableReader
 from spinfilters.io.dataset_reader import DatasetReader, OnRefused, RawDataReader
 from spinfilters.io.input_file import path_text
+from spinfilters.io.logger_folders import LoggerFolderReader
 from spinfilters.io.measurement_log import MeasurementLog
 from spinfilters.io.motion_file import MotionFileReader
 from spinfilters.io.phone_exports import PhoneExportReader, PhyphoxReader
+from spinfilters.io.px4_log import Px4LogReader
 from spinfilters.io.repeated_rows import without_repeated_rows
 from spinfilters.io.ros_bag import RosBagReader
 from spinfilters.io.sensor_format import sensor_format, sensor_formats
@@ -163,6 +166,9 @@ OWN_READERS: Final[tuple[DatasetReader, ...]] = (
     DatasetFolderReader(front_end_of),
     OtherFolderReader(recordings_in),
     MotionFileReader(),
+    ArrayExportReader(),
+    Px4LogReader(),
+    LoggerFolderReader(),
     PhoneExportReader(),
     PhyphoxReader(),
     RosBagReader(),

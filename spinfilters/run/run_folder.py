@@ -44,15 +44,15 @@ CONFIG_FILE, DATASET_FOLDER, TRUTH_FILE = "config.toml", "dataset", "truth.tum"
 HISTORY_FILE, MAP_FILE = "history.npz", "map.ply"
 REPORT_FILE = "report.html"
 PREDICTION_PICTURE, CONVERGENCE_PICTURE = "prediction.png", "convergence.png"
-EXPLANATIONS_FILE = "explanations.json"
-PREDICTION_TABLE, PREDICTION_ARRAYS, CONVERGENCE_ARRAYS = (
+EXPLANATIONS_FILE, REFERENCE_FILE = "explanations.json", "reference.json"
+PREDICTION_TABLE, PREDICTION_ARRAYS, CONVERGENCE_ARRAYS, REFERENCE_TABLE = (
     *("prediction.csv", "prediction.npz"),
-    "convergence.npz",
+    *("convergence.npz", "reference.csv"),
 )
 """Files that a run has where they were asked for (`spinfilters.run.optional_outputs`); all but pictures by estimator."""
 ESTIMATOR_FILES = (
     *("trajectory.csv", "trajectory.tum", MAP_FILE, HISTORY_FILE),
-    *(PREDICTION_TABLE, PREDICTION_ARRAYS, CONVERGENCE_ARRAYS),
+    *(PREDICTION_TABLE, PREDICTION_ARRAYS, CONVERGENCE_ARRAYS, REFERENCE_TABLE),
 )
 """Everything that a run writes into the folder of an estimator, besides its checkpoint."""
 RECONSTRUCTION_FOLDER, MODEL_FILE = "reconstruction", "model.ply"
@@ -64,6 +64,11 @@ _UNFINISHED = re.compile(r"\.[0-9a-f]{16}\.part")
 
 DECISIVE = ("kind", "log", "truth", "rig", "known_map", "inspector")
 """Parts of a data set that decide the numbers of a run, with noise and calibration among its options."""
+
+
+def reference_pictures(estimator: str) -> tuple[str, str]:
+    """Pictures of an estimator against a reference: values, and differences."""
+    return f"reference-{estimator}.png", f"reference-differences-{estimator}.png"
 
 
 def refuse_foreign_run(folder: Path) -> None:
@@ -265,8 +270,9 @@ def _is_run(folder: Path) -> bool:
 
 def _clear(folder: Path, source: Path | None) -> None:
     """Remove an earlier run's files except checkpoints and the data set in use."""
-    pictures = (*picture_files(estimator_names()), PREDICTION_PICTURE, CONVERGENCE_PICTURE)
-    for name in (SUMMARY_FILE, TRUTH_FILE, REPORT_FILE, EXPLANATIONS_FILE, *pictures):
+    pictures = [*picture_files(estimator_names()), PREDICTION_PICTURE, CONVERGENCE_PICTURE]
+    pictures += [picture for name in estimator_names() for picture in reference_pictures(name)]
+    for name in (SUMMARY_FILE, TRUTH_FILE, REPORT_FILE, EXPLANATIONS_FILE, REFERENCE_FILE, *pictures):
         (folder / name).unlink(missing_ok=True)
     if not _is_own_dataset(folder, source):
         _remove(folder / DATASET_FOLDER, dataset_files())

@@ -16,7 +16,7 @@ from spinfilters.inference.smoother_run import (
     NAME,
     begin_after_initialisation,
     sliding_smoother,
-    smooth_at_once,
+    smooth_and_sample,
     smoothed_history,
 )
 from spinfilters.io.sensor_format import sensor_format
@@ -27,7 +27,7 @@ from spinfilters.smoother.window import FixedLag
 
 @dataclass(frozen=True)
 class BatchSmoother:
-    """Batch smoother of sensors without landmarks, by `smooth_at_once`."""
+    """Batch smoother of sensors without landmarks, by `smooth_and_sample`."""
 
     setup: Setup
     settings: Settings
@@ -35,7 +35,7 @@ class BatchSmoother:
     def smooth(self, timeline: Timeline, initial: InitialEstimate, on_epoch: OnEpoch) -> EstimateHistory:
         """Smooth from the trajectory of an EKF that continues the initialisation."""
         own = replace(self.setup, timeline=timeline, initial=initial)
-        return smooth_at_once(own, self.settings, on_epoch)
+        return smooth_and_sample(own, self.settings, on_epoch)
 
 
 class SmootherEntry(EstimatorEntry[RecursiveSmoother]):

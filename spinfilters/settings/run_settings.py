@@ -419,6 +419,8 @@ class Settings:
         How many epochs begin the estimates, and the prior of their first state.
     ukf : SigmaPointOptions
         Spread and weights of the UKF's sigma points.
+    invariant : InvariantOptions
+        Error coordinates of the invariant EKF.
     landmarks : LandmarkOptions
         How filters represent landmarks of an unknown map.
     robust : RobustOptions
@@ -483,7 +485,7 @@ class Settings:
             "estimators": list(self.estimators),
             "verdict": self.verdict,
         }  # keys of no table stand first in TOML
-        return own | {name: table for name, table in asdict(self).items() if name not in own}
+        return own | {name: _as_toml(table) for name, table in asdict(self).items() if name not in own}
 
 
 def read_settings(path: Path) -> Settings:
@@ -512,6 +514,13 @@ def settings_from(document: Mapping[str, Any], source: str) -> Settings:
         return Settings(**values)
     except InputError as error:
         raise InputError(f"{source}: {error}") from None
+
+
+def _as_toml(value: Any) -> Any:
+    """Tables and lists as TOML reads them again, so that a document equals the one of its file."""
+    if isinstance(value, dict):
+        return {name: _as_toml(inner) for name, inner in value.items()}
+    return [_as_toml(inner) for inner in value] if isinstance(value, list | tuple) else value
 
 
 def _is_default(name: str, value: object) -> bool:

@@ -29,6 +29,7 @@ from spinfilters.verdict.model_errors.alternatives import table
 from spinfilters.verdict.model_errors.hypotheses import solved_near
 from spinfilters.verdict.model_errors.linear_rows import Columns, Sensitivity
 from spinfilters.verdict.model_errors.score_tests import ScoreTest
+from spinfilters.verdict.model_errors.sensor_alternatives import ClockDrift
 from spinfilters.verdict.model_errors.smoothed_motion import KnownCamera, SmoothedMotion, displaced_camera
 from spinfilters.verdict.model_tests import MOST_EPOCHS_WITH_MAP, landmarks_placed, linear_problem
 
@@ -364,3 +365,51 @@ def possible_deviation(size: float, std: float, default: float, plausible: float
     farthest = np.argsort(-np.abs(x), kind="stable")
     beyond = np.abs(x[farthest[np.searchsorted(np.cumsum(density[farthest]), BEYOND)]])
     return max(default, float(np.sqrt(density @ x**2)), float(beyond) / LARGEST)
+
+
+LARGEST_DRIFT: Final = 0.05
+"""Of a recording's duration, by which stamps may be late at its ends beside its middle: the clock's rate is then 20 % off there."""
+
+
+def possible_clock_drift(
+    setup: Setup, trajectory: Float[np.ndarray, "k m"], tests: Iterable[ScoreTest]
+) -> Float[np.ndarray, "k n"] | None:
+    """Error of the states by one deviation of a clock's drift, where rates alone are measured and nobody states the clock.
+
+    The deviation of a clock is one of its rate. A rate that changes while a gyro alone records leaves the motion of another body,
+    so that residuals hardly show it. Stamps are then late by x (2 t / T - 1)^2 at the time t of a recording of the duration T, and
+    x has the prior of `possible_deviation`, with the default T times the deviation of the clock.
+
+    Parameters
+    ----------
+    trajectory : (k, m) float array
+        That was tested.
+    tests : iterable of ScoreTest
+        About it.
+
+    Returns
+    -------
+    (k, n) float array or None
+        Of every epoch; None where other measurements show a drift, or the clock is stated.
+    """
+    clock = next((each for each in setup.calibration if each.parameter.of_clock), None)
+    if clock is None or clock.source != PRIOR or setup.process.layout.translates:
+        return None
+    epochs = setup.timeline[: len(trajectory)]
+    try:
+        with np.errstate(all="ignore"):
+            solved = solved_near(linear_problem(setup, epochs), trajectory, np.zeros((0, 3)))
+    except NUMERICAL_ERRORS:
+        return None
+    motion = None if solved is None else SmoothedMotion(times_of(epochs), solved)
+    if motion is None or not all(each.model.reads_rate for each in motion.measured):
+        return None
+    error = ClockDrift()
+    columns = error.columns(motion)
+    if columns is None:
+        return None
+    test = next((each for each in tests if each.error.name == error.name), None)
+    size, std = (0.0, np.inf) if test is None else (float(test.size[0]), float(test.std[0]))
+    span = float(motion.time[-1] - motion.time[0])
+    deviation = possible_deviation(size, std, clock.std * span, LARGEST_DRIFT * span)
+    return deviation * motion.rows.sensitivity(columns).states[:, :, 0]

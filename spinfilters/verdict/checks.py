@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Final
 
-from spinfilters.models.status import ALL, BODY, MOMENTS, NOTHING, OWN_STATUS, Finding, Holds
+from spinfilters.models.status import ALL, AXES, BODY, MOMENTS, NOTHING, OWN_STATUS, Finding, Holds
 from spinfilters.verdict import check as of_estimate
 from spinfilters.verdict.check import Check, Needs, base_name
 
@@ -51,6 +51,14 @@ CHECKS: Final[tuple[Check, ...]] = (
         "filter-failed", ALL, Needs.SMOOTHER, "Did the filter finish that the smoother sets out from?", CERTAIN,
         "the filter that the smoother sets out from failed",
         "look for the epoch at which the filter fails, and for wrong measurements there",
+    ),
+    Check(
+        "posterior-not-gaussian", frozenset({AXES}), Needs.SMOOTHER,
+        "Does the Gaussian belief of the mass distribution propose samples of its posterior? Pareto shape at most 0.7, where one "
+        "direction has a deviation above 0.1", LIMIT,
+        "the posterior of the moments is not Gaussian (Pareto shape {shape:.2g}, at most 0.7 is of use): mean and interval of the "
+        "moments are those of its samples, axes those of its mode",
+        "record a motion that wobbles",
     ),
     Check(
         "unobservable", NOTHING, Needs.SMOOTHER,

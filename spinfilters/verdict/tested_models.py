@@ -171,6 +171,8 @@ class TestedModels:
         Of front ends, beside which residuals tell of no other cause.
     has_inspector : bool
         Whether poses of a moving camera are given, of which some cures speak.
+    clock_drift : (k, n) float array or None
+        Error of the tested states by one deviation of a drift of the clock, where that is to be counted.
     """
 
     tests: tuple[ScoreTest, ...] = ()
@@ -183,6 +185,7 @@ class TestedModels:
     score_inflation: float | None = None
     slips: tuple[Slip, ...] = ()
     has_inspector: bool = False
+    clock_drift: Float[np.ndarray, "k n"] | None = None
 
     @cached_property
     def classes(self) -> tuple[tuple[ScoreTest, ...], ...]:
@@ -193,7 +196,7 @@ class TestedModels:
         """
         if self.slips:
             return ()
-        possible = [each for each in self._beyond_chance if each.is_possible]
+        possible = [each for each in self.beyond_chance if each.is_possible]
         left, likely = [each for each in possible if not self._is_slow(each)], []
         while left and len(likely) < NAMED:
             first, *others = left
@@ -207,21 +210,22 @@ class TestedModels:
         """The likeliest of errors that a spin about one axis does not tell apart, if any; none beside a slip."""
         if self.slips:
             return None
-        return next((each for each in self._beyond_chance if each.slow > SLOW and self._counts(each)), None)
+        return next((each for each in self.beyond_chance if each.slow > SLOW and self._counts(each)), None)
 
     @property
     def is_suspect(self) -> bool:
         """Whether any error is improbable enough, or the noise contradicted, to look closer."""
         return self.contradicted or bool(self.trouble) or any(each.is_telling for each in self.tests)
 
-    @property
-    def _beyond_chance(self) -> list[ScoreTest]:
-        return [each for each in self.tests if self.is_beyond_chance(each)]
+    @cached_property
+    def beyond_chance(self) -> tuple[ScoreTest, ...]:
+        """Tests too improbable without the error."""
+        return tuple(each for each in self.tests if self._is_beyond_chance(each))
 
     @property
     def unexplained(self) -> list[str]:
         """Doubt where only an impossible error would explain the residuals."""
-        found = [each for each in self._beyond_chance if not each.is_possible and self._counts(each)]
+        found = [each for each in self.beyond_chance if not each.is_possible and self._counts(each)]
         if not found or self.classes or self.slips or self.slow is not None:
             return []
         return [
@@ -242,7 +246,7 @@ class TestedModels:
         """Largest p-value at which a test is beyond chance."""
         return FALSE_ALARM / max(len(self.tests), 1)
 
-    def is_beyond_chance(self, test: ScoreTest) -> bool:
+    def _is_beyond_chance(self, test: ScoreTest) -> bool:
         """Whether as much is too improbable without the error."""
         is_harmful = self.std is not None and test.effect(self.std).largest >= HARMFUL
         is_alone = is_harmful and test.error.trials == 1 and not self.beside_slow_noise
@@ -393,16 +397,11 @@ def _moved(models: TestedModels, tested: EstimateHistory | None) -> frozenset[st
     """
     if tested is None:
         return ALL
-    suspects = _suspects(models)
+    # errors beyond chance, named or not, and those that look like the named ones; each once
+    suspects = {id(each): each for each in (*models.named, *models.beyond_chance)}
     if not suspects:
         return ALL
     unmoved = ALL
-    for each in suspects:
+    for each in suspects.values():
         unmoved &= unmoved_quantities(tested, each)
     return ALL - unmoved
-
-
-def _suspects(models: TestedModels) -> list[ScoreTest]:
-    """Errors beyond chance, named or not, and those that look like them."""
-    beyond = [each for each in models.tests if models.is_beyond_chance(each)]
-    return list({id(each): each for each in (*models.named, *beyond)}.values())

@@ -96,6 +96,7 @@ def compare(options: CompareArguments) -> int:
         _print_comparison(written.comparison, folder)
         if options.dataset is not None and choice is None:
             _print_flights(written.comparison)
+    optional_outputs = written.optional_outputs
     if optional_outputs is not None:
         for line in (*optional_outputs.sentences(folder), optional_outputs.lacking(folder)):
             if line is not None:
