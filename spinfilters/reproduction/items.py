@@ -8,6 +8,7 @@ from spinfilters.reproduction.decoust.snapshots import SNAPSHOTS
 from spinfilters.reproduction.item import Item
 from spinfilters.reproduction.tweddle.inertia_observability import INERTIA_OBSERVABILITY
 from spinfilters.reproduction.tweddle.polhodes import POLHODES
+from spinfilters.reproduction.tweddle.reference_inertia import REFERENCE_INERTIA
 from spinfilters.reproduction.tweddle.spin_thresholds import SPIN_THRESHOLDS
 from spinfilters.reproduction.tweddle.stereo_rig import STEREO_RIG
 from spinfilters.reproduction.tweddle.time_step_conditioning import CONDITIONING
@@ -18,6 +19,7 @@ ITEMS: Final[tuple[Item, ...]] = (
     INERTIA_OBSERVABILITY,
     *CONDITIONING,
     STEREO_RIG,
+    *REFERENCE_INERTIA,
     *PARAMETER_INFLUENCE,
     *SNAPSHOTS,
 )
