@@ -45,6 +45,24 @@ class DiscreteSymmetry:
 
 
 @dataclass(frozen=True)
+class SignedPermutation:
+    """Places and signs: the k-th unknown becomes signs[k] times the one at places[k]."""
+
+    places: tuple[int, ...]
+    signs: tuple[int, ...]
+
+    def after(self, other: "SignedPermutation") -> "SignedPermutation":
+        """The product of both."""
+        places = tuple(self.places[k] for k in other.places)
+        signs = tuple(sign * self.signs[k] for k, sign in zip(other.places, other.signs, strict=True))
+        return SignedPermutation(places, signs)
+
+
+def _signed_permutation(places: np.ndarray, signs: np.ndarray) -> SignedPermutation:
+    return SignedPermutation(tuple(places.tolist()), tuple(signs.tolist()))
+
+
+@dataclass(frozen=True)
 class DiscreteSearch:
     """What was found, and whether all mirrored and exchanged unknowns were tried.
 
@@ -72,7 +90,7 @@ def discrete_symmetries(part: ReachedModel, generators: Sequence[Generator]) -> 
     if not (TRANSCENDENTAL | PIECEWISE | {"sqrt"}).isdisjoint(part.tape.operations):
         return DiscreteSearch((), complete=False)
     connected = _signs_of_scalings(generators, names)
-    group = {_key(range(len(names)), np.ones(len(names), dtype=int))}
+    group = {_signed_permutation(np.arange(len(names)), np.ones(len(names), dtype=int))}
     found: list[DiscreteSymmetry] = []
     maps, complete = _maps(names, part)
     for permutations, signs in maps:
@@ -81,9 +99,9 @@ def discrete_symmetries(part: ReachedModel, generators: Sequence[Generator]) -> 
             permutation, sign = permutations[index], signs[index]
             # What a scaling by -1 connects is no isolated solution.
             news = [sign * each for each in connected]
-            if any(_key(permutation, each) in group for each in news):
+            if any(_signed_permutation(permutation, each) in group for each in news):
                 continue
-            group = _generated(group, permutation, sign)
+            group = _generated(group, _signed_permutation(permutation, sign))
             images = {
                 name: (int(sign[k]), names[permutation[k]])
                 for k, name in enumerate(names)
@@ -174,30 +192,16 @@ def _signed(a: np.ndarray, signs: np.ndarray, field: PrimeField) -> np.ndarray:
     return np.where(signs < 0, field.negative(a), a)
 
 
-def _key(
-    permutation: Sequence[int] | np.ndarray | range, signs: np.ndarray
-) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    return tuple(int(each) for each in permutation), tuple(int(each) for each in signs)
-
-
-def _generated(
-    group: set[tuple[tuple[int, ...], tuple[int, ...]]], permutation: np.ndarray, signs: np.ndarray
-) -> set[tuple[tuple[int, ...], tuple[int, ...]]]:
+def _generated(group: set[SignedPermutation], new: SignedPermutation) -> set[SignedPermutation]:
     """The group with one more element, closed under products."""
-    found, waiting = set(group), [_key(permutation, signs)]
+    found, waiting = set(group), [new]
     while waiting:
-        new = waiting.pop()
-        if new in found:
+        next_one = waiting.pop()
+        if next_one in found:
             continue
-        found.add(new)
+        found.add(next_one)
         for other in list(found):
-            for a, b in ((new, other), (other, new)):
-                product = (
-                    tuple(a[0][k] for k in b[0]),
-                    tuple(b[1][k] * a[1][b[0][k]] for k in range(len(b[0]))),
-                )
-                if product not in found:
-                    waiting.append(product)
+            waiting += [each for each in (next_one.after(other), other.after(next_one)) if each not in found]
     return found
 
 
