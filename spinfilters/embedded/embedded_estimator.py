@@ -76,7 +76,6 @@ class MapSlots:
         self._places = {int(self._ids[place]): place for place in self.taken.tolist()}
 
 
-STATUS = ("ok", "refused", "turns too far in a step", "would not be finite", "invalid argument")
 USED, OUTSIDE, BEHIND, NEW, NOT_TOLD = range(5)
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from spinfilters.core.errors import NUMERICAL_ERRORS, InputError
+from spinfilters.core.robust_losses import Gate
 from spinfilters.evaluation.consistency import finite_epochs, true_states
 from spinfilters.evaluation.estimator_evaluation import Evaluation, error_bound
 from spinfilters.evaluation.trajectory_errors import Alignment, common_stamps, truth_in_estimate_frames
@@ -34,7 +35,6 @@ from spinfilters.smoother.landmark_factors import (
     seen_ids,
 )
 from spinfilters.smoother.linear_system import Marginals
-from spinfilters.smoother.losses import Gate
 from spinfilters.smoother.motion_factors import STRETCH
 from spinfilters.smoother.problem import LinearizationPoint, Problem, Stage, problem_of
 

@@ -21,8 +21,8 @@ from typing import Final
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.spatial.transform import Rotation
 
+from spinfilters.core.attitude_conversions import cross_matrix, matrix_from_rotation_vector
 from spinfilters.core.errors import InputError
 from spinfilters.lidar.registration import (
     Cloud,
@@ -36,10 +36,9 @@ from spinfilters.lidar.registration import (
 from spinfilters.lidar.scan_pose import (
     ROTATION_PRIOR,
     ScanPose,
+    angles_from,
     pose_covariance,
     predicted_pose,
-    rotation_matrix,
-    skew,
 )
 
 NEGLIGIBLE: Final = 1e-9
@@ -280,8 +279,7 @@ def _in_body_frame(cloud: Cloud, pose: ScanPose) -> Cloud:
 
 def _most_similar_views(poses: Sequence[ScanPose], number: int) -> Int[np.ndarray, " m"]:
     """Scans of the directions most like those of one, without itself."""
-    turns = Rotation.from_matrix(np.array([pose.rotation @ poses[number].rotation.T for pose in poses]))
-    order = np.argsort(turns.magnitude(), kind="stable")
+    order = np.argsort(angles_from(poses, poses[number].rotation), kind="stable")
     return order[order != number][:MAP_SCANS]
 
 
@@ -352,7 +350,7 @@ class _Patches:
 
 def _apply_step(pose: ScanPose, step: Float[np.ndarray, "6"]) -> ScanPose:
     """The pose after its scan is turned by d and shifted by e in g."""
-    turn = rotation_matrix(step[:3])
+    turn = matrix_from_rotation_vector(step[:3])
     R = pose.rotation @ turn.T
     return replace(pose, rotation=R, translation=pose.translation - R @ step[3:])
 
@@ -447,8 +445,8 @@ def _scan_matching_map(
     clouds: list[Cloud], poses: list[ScanPose], R: Float[np.ndarray, "3 3"], among: list[int]
 ) -> Cloud:
     """Points in g of the scans seen from the directions most like that of a pose."""
-    turn = [Rotation.from_matrix(poses[k].rotation @ R.T).magnitude() for k in among]
-    chosen = [among[k] for k in np.argsort(turn, kind="stable")[:MAP_SCANS]]
+    order = np.argsort(angles_from([poses[k] for k in among], R), kind="stable")
+    chosen = [among[k] for k in order[:MAP_SCANS]]
     points = [(clouds[k].points - poses[k].translation) @ poses[k].rotation for k in chosen]
     normals = [clouds[k].normals @ poses[k].rotation for k in chosen]
     return Cloud.of(np.concatenate(points), np.concatenate(normals))
@@ -467,7 +465,7 @@ def _scan_pose_of(found: Registration, time: float, size: float) -> ScanPose:
     information = turn @ found.information @ turn.T
     translation = -R @ found.translation
     K = np.eye(6)
-    K[3:, :3] = skew(translation)
+    K[3:, :3] = cross_matrix(translation)
     information = K.T @ information @ K
     covariance, lacking = pose_covariance(information, R, size)
     return ScanPose(time, R, translation, covariance, lacking, found.matched)

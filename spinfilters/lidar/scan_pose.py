@@ -7,10 +7,14 @@ from typing import Final
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial.transform import Rotation
 from scipy.special import factorial
 
 from spinfilters.core.absolute_orientation import nearest_rotation
+from spinfilters.core.attitude_conversions import (
+    angle_from_matrix,
+    matrix_from_rotation_vector,
+    rotation_vector_from_matrix,
+)
 
 ROTATION_PRIOR: Final = 0.2
 """Standard deviation of a predicted attitude, rad: the only knowledge in directions that a scan does not determine."""
@@ -48,19 +52,24 @@ class ScanPose:
     own_covariance: Float[np.ndarray, "6 6"] | None = None
 
 
-def rotation_matrix(vector: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
-    """Rotation by |v| rad about v."""
-    return Rotation.from_rotvec(vector).as_matrix()
+Placement = tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]
+"""R_Lg and the origin of g in L, m."""
+
+
+def move_placement(placement: Placement, step: Float[np.ndarray, "6"]) -> Placement:
+    """The placement after a rotation in L, rad, and a translation, m."""
+    return matrix_from_rotation_vector(step[:3]) @ placement[0], placement[1] + step[3:]
 
 
 def rotation_vector(R: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3"]:
-    """Rotation vector, rad, of the short way round."""
-    return Rotation.from_matrix(nearest_rotation(R)).as_rotvec()
+    """Rotation vector, rad, of the short way round, of what is a rotation but for rounding."""
+    return rotation_vector_from_matrix(nearest_rotation(R))
 
 
-def skew(v: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
-    """[v x]."""
-    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+def angles_from(poses: Sequence[ScanPose], R: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, " n"]:
+    """Angles between the attitudes of poses and one attitude, rad."""
+    apart = np.array([pose.rotation @ R.T for pose in poses])
+    return angle_from_matrix(nearest_rotation(apart))
 
 
 def pose_covariance(
@@ -134,7 +143,7 @@ def predicted_pose(
     last = recent[-1]
     if len(recent) < 2:
         return last.rotation, last.translation
-    rotation = rotation_matrix((time - last.time) * _mean_rate(recent)) @ last.rotation
+    rotation = matrix_from_rotation_vector((time - last.time) * _mean_rate(recent)) @ last.rotation
     return rotation, _extrapolate_drift(recent, time, rotation, size)
 
 
@@ -196,7 +205,7 @@ def interpolated_rotation(poses: Sequence[ScanPose], number: int) -> Float[np.nd
     known = np.where(order < 2, 1e-3, factorial(order) / CHANGE)
     A = np.concatenate([np.vander(turns, _DEGREE + 1, increasing=True) / stds[:, None], np.diag(known)])
     b = np.concatenate([vectors / stds[:, None], np.zeros((_DEGREE + 1, 3))])
-    return rotation_matrix(np.linalg.lstsq(A, b, rcond=None)[0][0]) @ near[0].rotation
+    return matrix_from_rotation_vector(np.linalg.lstsq(A, b, rcond=None)[0][0]) @ near[0].rotation
 
 
 def _rotation_std(pose: ScanPose) -> float:

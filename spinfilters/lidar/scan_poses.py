@@ -10,6 +10,7 @@ from scipy.optimize import linear_sum_assignment
 
 from spinfilters.core.absolute_orientation import nearest_rotation
 from spinfilters.core.errors import InputError
+from spinfilters.core.gauss_newton import gauss_newton
 from spinfilters.lidar.edge_adjustment import edge_adjusted
 from spinfilters.lidar.face_map import (
     FEWEST_FOR_DRIFT,
@@ -22,7 +23,7 @@ from spinfilters.lidar.face_map import (
     consistent_faces,
     face_jacobian,
     merged_faces,
-    normal_equations,
+    pose_equations,
     residual_and_jacobian,
     uniform_drift,
     with_map_errors,
@@ -42,9 +43,9 @@ from spinfilters.lidar.scan_adjustment import MOST_POINTS, SURE_OVERLAP, match_s
 from spinfilters.lidar.scan_pose import (
     ScanPose,
     interpolated_rotation,
+    move_placement,
     pose_covariance,
     predicted_pose,
-    rotation_matrix,
     rotation_vector,
 )
 
@@ -85,7 +86,7 @@ def track_faces(
                 of_plane[number] = len(faces)
                 faces.append(_face_of_plane(plane, R, t))
         matches.append(tuple(of_plane[number] for number in range(len(seen))))
-        known = normal_equations([MatchedFace(seen[i], faces[j]) for i, j in pairs], R, t)[0]
+        known = pose_equations([MatchedFace(seen[i], faces[j]) for i, j in pairs], R, t).information
         poses.append(ScanPose(time, R, t, pose_covariance(known, R, size)[0]))
     return _adjust_map(poses, faces, matches, planes, size)
 
@@ -128,15 +129,15 @@ def _align_pose(
         prior = 1e-3 * R  # the predicted attitude decides what fewer than two directions leave open
         M = prior + sum(w * np.outer(p.normal, f.normal) for w, (p, f) in zip(weights, pairs, strict=True))
         R = nearest_rotation(M)
-    start, place = R, t
-    for _ in range(_STEPS if pairs else 0):
-        H, b = normal_equations(pairs, R, t)
-        weak = np.repeat([1e-6, 1e-6 / size**2], 3) * np.trace(H) / 6 * 1e-6 + 1e-12
-        shift = np.linalg.solve(H + np.diag(weak), b)
-        R, t = rotation_matrix(shift[:3]) @ R, t + shift[3:]
-        if np.linalg.norm(shift[:3]) < 1e-13:
-            break
-    return (R, t) if np.isfinite(R).all() and np.isfinite(t).all() else (start, place)
+    weak = np.repeat([1e-6, 1e-6 / size**2], 3)
+    return gauss_newton(
+        (R, t),
+        lambda placement: pose_equations(pairs, *placement),
+        move_placement,
+        lambda step, _: bool(np.linalg.norm(step[:3]) < 1e-13),
+        _STEPS if pairs else 0,
+        lambda H: weak * np.trace(H) / 6 * 1e-6 + 1e-12,
+    ).state
 
 
 def _adjust_map(
@@ -239,7 +240,7 @@ def _fit_pose(
         if pairs
         else (pose.rotation, pose.translation)
     )
-    covariance, lacking = pose_covariance(normal_equations(pairs, R, t)[0], R, size)
+    covariance, lacking = pose_covariance(pose_equations(pairs, R, t).information, R, size)
     return ScanPose(pose.time, R, t, covariance, lacking, len(pairs))
 
 

@@ -16,8 +16,6 @@ from spinfilters.models.state_layout import Gaussian
 from spinfilters.models.status import EstimatorStatus, Verdict
 from spinfilters.plots.live_course import LiveCourse
 
-FORMATS = ("lines", "tum")
-
 
 @dataclass(frozen=True)
 class Answer:

@@ -1,6 +1,6 @@
 """The estimators of a comparison: an entry each, and the table of all.
 
-One more is a class here and a line in `OWN`, with its name among those of the settings.
+One more is a class, in a file of its own or here, and a line in `OWN`.
 """
 
 from typing import TYPE_CHECKING, Final
@@ -25,7 +25,7 @@ from spinfilters.run.filter_entries import (
     UkfEntry,
 )
 from spinfilters.run.smoother_entries import FixedLagEntry, LatestSmootherEntry, SmootherEntry
-from spinfilters.settings.run_settings import LAGS, Settings
+from spinfilters.settings.run_settings import Settings
 
 if TYPE_CHECKING:
     from spinfilters.embedded.embedded_estimator import EmbeddedFilter
@@ -119,6 +119,8 @@ class FilterpyUkfEntry(EstimatorEntry[Estimator]):
         return FilterpyUkf(setup.process)
 
 
+LAGS: Final = (1, 2, 5, 10, 20, 50)
+"""Lags of the smoothers with a fixed lag, epochs."""
 OWN: Final[tuple[AnyEntry, ...]] = (
     MekfEntry(),
     UkfEntry(),
@@ -134,7 +136,7 @@ OWN: Final[tuple[AnyEntry, ...]] = (
     JointEntry(),
     *(FixedLagEntry(lag, 12 + place) for place, lag in enumerate(LAGS)),
 )
-"""Estimators of this package; `spinfilters.settings.run_settings` lists their names for the settings."""
+"""Estimators of this package; the settings take their names from here (`spinfilters.settings.run_settings.estimator_names`)."""
 
 
 def estimator_entries() -> dict[str, AnyEntry]:

@@ -55,7 +55,6 @@ class MekfEntry(MultiplicativeEntry):
     """Table entry of `MultiplicativeEkf`."""
 
     name, order = "mekf", 0
-    is_default = True
 
     def build(self, setup: Setup, settings: Settings) -> MultiplicativeEkf:
         """The multiplicative EKF with the run's options."""
@@ -68,7 +67,6 @@ class UkfEntry(MultiplicativeEntry):
     """Table entry of `MultiplicativeUkf`."""
 
     name, order = "ukf", 1
-    is_default = True
 
     def build(self, setup: Setup, settings: Settings) -> MultiplicativeUkf:
         """The multiplicative UKF with the run's options."""
@@ -96,7 +94,6 @@ class RauchTungStriebelEntry(MekfEntry):
     """
 
     name, order = "rts", 9
-    is_default = False
     holds_landmarks = False
 
     def final(

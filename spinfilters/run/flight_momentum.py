@@ -12,7 +12,8 @@ from typing import Final
 import numpy as np
 import scipy.linalg
 from jaxtyping import Bool, Float, Int
-from scipy.spatial.transform import Rotation
+
+from spinfilters.core.attitude_conversions import integrate_gyro, matrix_from_quaternion
 
 ROTATION: Final = 2.0
 """Of a window, rad: less says little of a tensor."""
@@ -50,14 +51,9 @@ class RotationHistory:
 
 
 def rotation_history(time: Float[np.ndarray, " n"], rates: Float[np.ndarray, "n 3"]) -> RotationHistory:
-    """Attitudes by rotation vectors of fourth order (linear rate between samples), multiplied by doubling."""
+    """Attitudes from the first sample on, by rates that are linear between samples."""
     step, middle = np.diff(time)[:, None], 0.5 * (rates[1:] + rates[:-1])
-    vectors = middle * step + np.cross(rates[:-1], rates[1:]) * step**2 / 12
-    attitude = np.concatenate([np.eye(3)[None], Rotation.from_rotvec(vectors).as_matrix()])
-    reach = 1
-    while reach < len(attitude):
-        attitude[reach:] = attitude[:-reach] @ attitude[reach:]
-        reach *= 2
+    attitude = matrix_from_quaternion(integrate_gyro(time, rates, np.array([0.0, 0.0, 0.0, 1.0])))
     angle = np.concatenate([[0.0], np.cumsum(np.linalg.norm(middle, axis=1) * step[:, 0])])
     return RotationHistory(time, rates, angle, attitude @ _tensor_rows(rates))
 

@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
+from spinfilters.core.attitude_conversions import cross_matrix
 from spinfilters.core.errors import InputError
 from spinfilters.io.dataset import Dataset, Segment
 from spinfilters.io.measurement_log import Acceleration, MeasurementStream
@@ -245,15 +246,8 @@ def unexplained_force(
     rate, acceleration = (
         np.column_stack([np.interp(stamps, time, column) for column in each.T]) for each in (rates, slope)
     )
-    design = (_cross(acceleration) + _cross(rate) @ _cross(rate)).reshape(-1, 3)
+    design = (cross_matrix(acceleration) + cross_matrix(rate) @ cross_matrix(rate)).reshape(-1, 3)
     prior = np.eye(3) * (LARGEST_FORCE / FARTHEST) ** 2
     place = np.linalg.solve(design.T @ design + prior, design.T @ measured.reshape(-1))
     left = measured.reshape(-1) - design @ place
     return float(np.sqrt(np.mean(left.reshape(-1, 3) ** 2) * 3))
-
-
-def _cross(vectors: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 3"]:
-    """Matrices of v x."""
-    x, y, z = vectors.T
-    o = np.zeros_like(x)
-    return np.stack([np.stack([o, -z, y], 1), np.stack([z, o, -x], 1), np.stack([-y, x, o], 1)], 1)

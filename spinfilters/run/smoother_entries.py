@@ -42,7 +42,6 @@ class SmootherEntry(EstimatorEntry[RecursiveSmoother]):
     """Recursive for tracks without a map (`RecursiveSmoother`), batch for everything else (`BatchSmoother`)."""
 
     name, order = NAME, 2
-    is_default = True
     holds_landmarks = True
     continues = False
 
@@ -82,7 +81,6 @@ class LatestSmootherEntry(SmootherEntry):
     """Table entry of the smoother without revision by later measurements, to be compared with filters."""
 
     name, order = "smoother-latest", 7
-    is_default = False
 
     def batch(self, setup: Setup, settings: Settings) -> BatchSmoother | None:
         """None: it takes landmarks epoch by epoch.
@@ -112,8 +110,6 @@ class FixedLagEntry(SmootherEntry):
     order : int
         Place in the table.
     """
-
-    is_default = False
 
     def __init__(self, lag: int, order: int) -> None:
         self.name, self.order, self.lag = f"smoother-lag-{lag}", order, lag

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal
 import numpy as np
 
 from spinfilters.core.errors import InputError
-from spinfilters.core.plugins import installed_plugins
+from spinfilters.core.plugins import in_order, members_above
+from spinfilters.core.robust_losses import Barron, Gate, Huber, LeastSquares, PseudoHuber, RobustLoss
 from spinfilters.filters.error_coordinates import InvariantOptions
 from spinfilters.filters.iterated_update import IterationOptions
 from spinfilters.filters.measurement_prediction import SigmaPointOptions
@@ -32,7 +33,6 @@ from spinfilters.models.state_blocks import (
     StateBlock,
 )
 from spinfilters.settings.stated_belief import require_belief
-from spinfilters.smoother.losses import Barron, Gate, Huber, LeastSquares, PseudoHuber, RobustLoss
 from spinfilters.smoother.sliding_smoother import SmootherOptions
 from spinfilters.smoother.window import FixedLag, FullSmoothing, LandmarkMarginalization, WindowPolicy
 
@@ -180,17 +180,6 @@ else:
 
 DEFAULT_ESTIMATORS: Final = ("mekf", "ukf", "smoother")
 """Estimators of a comparison where nobody names any."""
-LAGS: Final = (1, 2, 5, 10, 20, 50)
-"""Lags of the smoothers with a fixed lag, epochs."""
-ESTIMATORS: Final = (
-    *("mekf", "ukf", "smoother"),
-    *("filterpy-ekf", "filterpy-ukf"),
-    *("embedded", "embedded-double"),
-    "smoother-latest",
-    *("iekf", "rts", "invariant", "ekf-joint"),
-    *(f"smoother-lag-{lag}" for lag in LAGS),
-)
-"""Estimators of this package, in the order of the table."""
 
 
 class NamedEstimator:
@@ -202,20 +191,16 @@ class NamedEstimator:
         As in ``--estimators``; also its folder in a run.
     order : int
         Of the table and of messages.
-    is_default : bool
-        Whether a comparison has it where nobody names estimators.
     """
 
     name: str
     order: int = 100
-    is_default: bool = False
 
 
 def estimator_names() -> tuple[str, ...]:
     """Names of all estimators, in the order of the table. InputError: a plug-in that cannot be loaded."""
-    others = installed_plugins("spinfilters.estimators", NamedEstimator)
-    every = [*enumerate(ESTIMATORS), *((each.order, each.name) for each in others)]
-    return tuple(dict.fromkeys(name for _, name in sorted(every, key=lambda each: each[0])))
+    every = in_order(members_above("spinfilters.estimators", NamedEstimator))
+    return tuple(dict.fromkeys(each.name for each in every))
 
 
 def names_in(text: str) -> tuple[str, ...]:

@@ -13,9 +13,12 @@ from typing import Final, Protocol
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.spatial.transform import Rotation
 
-from spinfilters.core.attitude_conversions import matrix_from_quaternion, quaternion_from_matrix
+from spinfilters.core.attitude_conversions import (
+    matrix_from_quaternion,
+    quaternion_from_euler321,
+    quaternion_from_matrix,
+)
 from spinfilters.core.c_library import FLAGS, NATIVE, load_text
 from spinfilters.core.compiled import address
 from spinfilters.core.ray_angles import unit_vectors
@@ -105,7 +108,8 @@ def thesis_rotation(z_deg: float, y_deg: float, x_deg: float) -> Float[np.ndarra
     It is applied as printed (Decoust 2008, section 2.2.2). The name says an intrinsic sequence about z, y, x, which would be
     Rz Ry Rx: this is the extrinsic one.
     """
-    return Rotation.from_euler("zyx", [z_deg, y_deg, x_deg], degrees=True).as_matrix()
+    intrinsic = quaternion_from_euler321(-np.deg2rad([z_deg, y_deg, x_deg]))  # Rz(-z) Ry(-y) Rx(-x)
+    return matrix_from_quaternion(intrinsic).T
 
 
 EDGE_TOLERANCE: Final = 1e-9

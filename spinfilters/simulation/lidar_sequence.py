@@ -170,8 +170,6 @@ PRESETS: Final = {
     "figure-2.18": _cube(BOTH_NOISES, _CUBE_WINDOW),
 }
 """By table or figure. Table 3.2 is that of the point-cloud processing, here in the pose of Table 4.1."""
-BODIES: Final = ("cube", "spacecraft")
-"""Built-in bodies."""
 
 
 def mesh_of(name: str) -> TriangleMesh:

@@ -7,10 +7,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from spinfilters.core.errors import InputError
+from spinfilters.core.robust_losses import RobustLoss
 from spinfilters.filters.timeline import Timeline, by_sensor
 from spinfilters.models.measurement import LandmarkSensor, MeasurementModel
 from spinfilters.models.state_layout import POSE_BLOCKS
-from spinfilters.smoother.losses import RobustLoss
 
 ROWS = 3
 """Components of an observation's innovation, at most; a sensor with fewer leaves rows of zeros."""

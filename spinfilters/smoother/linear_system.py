@@ -411,11 +411,6 @@ class Marginals:
         pull = (blocks @ self.information_sqrt[:size]).reshape(len(landmarks), 3, -1)
         return -np.linalg.solve(out, pull), np.linalg.inv(out)
 
-    def landmark_covariance(self, landmarks: Int[np.ndarray, " q"]) -> Float[np.ndarray, "q 3 3"]:
-        """Covariance of well-constrained landmarks, m^2."""
-        rows, own = self.landmark_rows(landmarks)
-        return rows @ rows.swapaxes(1, 2) + own @ own.swapaxes(1, 2)
-
     @cached_property
     def _tridiagonal_rows(self) -> Float[np.ndarray, "k v r"]:
         return self._chained[0]

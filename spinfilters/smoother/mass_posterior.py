@@ -24,11 +24,11 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.core.importance_weights import LARGEST_SHAPE, ImportanceWeights, smoothed_weights
+from spinfilters.core.robust_losses import LeastSquares
 from spinfilters.models.body import MassSamples
 from spinfilters.models.state_blocks import MASS_DISTRIBUTION
 from spinfilters.smoother.batch_smoother import BatchSmoothing
 from spinfilters.smoother.linear_system import Marginals, SchurSystem
-from spinfilters.smoother.losses import LeastSquares
 from spinfilters.smoother.priors import FirstStatePrior
 from spinfilters.smoother.problem import Problem, Stage
 from spinfilters.smoother.solver import SolverOptions, solve

@@ -10,11 +10,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from spinfilters.core.compiled import address
+from spinfilters.core.robust_losses import LeastSquares, RobustLoss
 from spinfilters.filters.estimator import ProcessModel
 from spinfilters.filters.timeline import Timeline, by_sensor, times_of
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.smoother.kernels import kernels
-from spinfilters.smoother.losses import LeastSquares, RobustLoss
 from spinfilters.smoother.priors import StatePrior, VariableOrdering
 
 

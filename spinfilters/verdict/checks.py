@@ -12,7 +12,6 @@ MOST_MOMENTUM: Final = 0.2
 CERTAIN: Final = "none: what it finds is a fact"
 LIMIT: Final = "none by chance: a limit of what is of use"
 MORE: Final = "give a longer recording, a richer motion or a larger initialisation.share"
-WOBBLE: Final = "record a motion that wobbles: a steady spin shows its axis only"
 STATE_ANOTHER: Final = "state another, or leave it out to have it identified"
 
 CHECKS: Final[tuple[Check, ...]] = (

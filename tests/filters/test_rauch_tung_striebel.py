@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from spinfilters.core.robust_losses import LeastSquares
 from spinfilters.filters.ekf import MultiplicativeEkf
 from spinfilters.filters.history import EPOCH_ARRAYS, EstimateHistory
 from spinfilters.filters.outlier_rejection import RobustOptions
@@ -12,7 +13,6 @@ from spinfilters.filters.rauch_tung_striebel import smooth_backwards
 from spinfilters.filters.timeline import Epoch, run
 from spinfilters.models.state_layout import Gaussian
 from spinfilters.smoother.batch_smoother import smooth_recording
-from spinfilters.smoother.losses import LeastSquares
 from spinfilters.smoother.priors import FirstStatePrior
 from tests.filters.filter_samples import PROCESS, START, embedded, nees, run_on
 from tests.filters.linear_samples import LAYOUT, LinearProcess, N, linear_sensor

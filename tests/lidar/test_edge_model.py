@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from spinfilters.core.ray_angles import unit_vectors
-from spinfilters.lidar.edge_adjustment import expected_ranges, moved_pose, with_edges
+from spinfilters.lidar.edge_adjustment import expected_ranges, with_edges
 from spinfilters.lidar.face_map import Face
 from spinfilters.lidar.mesh import box
 from spinfilters.lidar.planes import PointNoise
 from spinfilters.lidar.scan import RayPattern, rvs_noise
-from spinfilters.lidar.scan_pose import ScanPose, rotation_vector
+from spinfilters.lidar.scan_pose import ScanPose, move_placement, rotation_vector
 from spinfilters.lidar.scan_poses import scan_poses
 from spinfilters.simulation.lidar_scanner import LidarSettings, Scanner, Still, thesis_rotation
 
@@ -54,7 +54,7 @@ def test_derivatives_by_pose_and_faces_are_those_of_differences(noise: PointNois
     found = expected_ranges(angles, FACES, R, T, noise)
 
     def mean(step: np.ndarray, faces: list[Face]) -> np.ndarray:
-        return expected_ranges(angles, faces, *moved_pose(R, T, step), noise).mean
+        return expected_ranges(angles, faces, *move_placement((R, T), step), noise).mean
 
     small = 1e-6
     for k, step in enumerate(small * np.eye(6)):

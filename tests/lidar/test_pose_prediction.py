@@ -5,11 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
+from spinfilters.core.attitude_conversions import matrix_from_rotation_vector
 from spinfilters.lidar.scan_pose import (
     ScanPose,
     interpolated_rotation,
     predicted_pose,
-    rotation_matrix,
     rotation_vector,
 )
 
@@ -19,10 +19,10 @@ CENTRE, SIZE = np.array([0.4, -0.2, 0.3]), 1.5
 
 def pose(time: float, turn: Sequence[float], shift: Sequence[float], std: float) -> ScanPose:
     """Of a body that turns about its centre, with errors, rad and m."""
-    R = rotation_matrix(RATE * time)
+    R = matrix_from_rotation_vector(RATE * time)
     t = PLACE + VELOCITY * time - R @ CENTRE
     covariance = std**2 * np.eye(6)
-    return ScanPose(time, rotation_matrix(np.array(turn)) @ R, t + np.array(shift), covariance)
+    return ScanPose(time, matrix_from_rotation_vector(np.array(turn)) @ R, t + np.array(shift), covariance)
 
 
 def off(poses: Sequence[ScanPose], time: float) -> tuple[float, float]:
@@ -67,7 +67,9 @@ def test_one_scan_predicts_itself() -> None:
 def test_a_scan_that_does_not_determine_its_rotation_is_led_by_its_neighbours(number: int) -> None:
     poses = [pose(k, (0, 0, 0), (0, 0, 0), 1e-6) for k in range(9)]
     poses[number] = pose(number, (0.3, 0.4, 0.0), (0, 0, 0), 0.2)
-    turned = rotation_vector(interpolated_rotation(poses, number) @ rotation_matrix(RATE * number).T)
+    turned = rotation_vector(
+        interpolated_rotation(poses, number) @ matrix_from_rotation_vector(RATE * number).T
+    )
     assert np.linalg.norm(turned) < 1e-6
 
 

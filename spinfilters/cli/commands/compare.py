@@ -23,7 +23,11 @@ if TYPE_CHECKING:
     from spinfilters.run.segment_runs import SegmentResult
     from spinfilters.settings.run_settings import Settings
 
-NAMES: Final = "mekf, ukf, smoother, smoother-latest, filterpy-ekf, filterpy-ukf, embedded"
+NAMES: Final = (
+    "mekf, ukf, smoother, smoother-latest, iekf, rts, invariant, ekf-joint, smoother-lag-1, smoother-lag-2, smoother-lag-5, "
+    "smoother-lag-10, smoother-lag-20, smoother-lag-50, filterpy-ekf, filterpy-ukf, embedded"
+)
+"""Names for the help, which loads no estimator; a test compares them with the table."""
 RECORDING: Final = "data set folder, phyphox export, gyro .csv or TUM .tum"
 _FLIGHTS_PRINTED: Final = 4
 
@@ -113,7 +117,7 @@ def settings_of(options: CompareArguments) -> "Settings":
         A config file that cannot be used, an unknown estimator.
     """
     from spinfilters.run.estimators import estimator_entries
-    from spinfilters.settings.run_settings import Settings, names_in, read_settings
+    from spinfilters.settings.run_settings import DEFAULT_ESTIMATORS, Settings, names_in, read_settings
 
     how = options.how
     settings = read_settings(Path(how.config)) if how.config else Settings()
@@ -121,8 +125,8 @@ def settings_of(options: CompareArguments) -> "Settings":
         settings = replace(settings, estimators=names_in(options.estimators))
     elif options.known_map and not how.config:
         entries = estimator_entries().values()
-        names = tuple(entry.name for entry in entries if entry.is_default or entry.is_baseline)
-        settings = replace(settings, estimators=names)
+        baselines = (entry.name for entry in entries if entry.is_baseline)
+        settings = replace(settings, estimators=(*DEFAULT_ESTIMATORS, *baselines))
     if how.drag or how.drag_law:
         law = how.drag_law or settings.process.drag or True  # a law of the config file stays
         settings = replace(settings, process=replace(settings.process, drag=law))
