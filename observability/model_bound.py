@@ -7,7 +7,7 @@ what the measurements do not determine.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Final
 
@@ -264,7 +264,7 @@ class ModelBound:
 
 
 def bound(
-    model: Any,
+    model: Mapping[str, Any],
     values: Mapping[str, float],
     noise: Mapping[str, float],
     times: Sequence[float] | Float[np.ndarray, " t"],
@@ -277,8 +277,8 @@ def bound(
 
     Parameters
     ----------
-    model : Model or Mapping
-        As of `analyse`: a dictionary of formulas, or `model_of` of CasADi expressions.
+    model : Mapping
+        A dictionary of formulas, as of `analyse`; for CasADi expressions see `bound_of`.
     values : Mapping[str, float]
         True states at the first time, parameters, known constants and unknown inputs.
     noise : Mapping[str, float]
@@ -300,9 +300,8 @@ def bound(
     >>> bound(place, {"x": 1.0}, {"y": 0.2}, [0.0, 1.0, 2.0, 3.0]).final
     {'x': 0.1}
     """
-    asked = model if isinstance(model, Model) else model_of(model)
     experiment = Experiment(
-        asked,
+        model_of(model),
         dict(values),
         np.asarray(times, dtype=float),
         dict(noise),
@@ -311,6 +310,11 @@ def bound(
         dict(inputs or {}),
         dict(every or {}),
     )
+    return bound_of(experiment)
+
+
+def bound_of(experiment: Experiment) -> ModelBound:
+    """The bound of an experiment, whose model may be of CasADi expressions."""
     return ModelBound(experiment, information_roots(experiment, experiment.priors))
 
 
@@ -359,25 +363,13 @@ def gain_table(
     for name in own.noise:
         others = {key: each for key, each in own.noise.items() if key != name}
         table[name] = _ratios(
-            _with(own, noise=others).final if others else dict.fromkeys(own.names, np.inf), found.final
+            bound_of(replace(own, noise=others)).final if others else dict.fromkeys(own.names, np.inf),
+            found.final,
         )
     for name, inputs in (manoeuvres or {}).items():
-        moved = _with(own, inputs={**own.inputs, **inputs})
+        moved = bound_of(replace(own, inputs={**own.inputs, **inputs}))
         table[name] = _ratios(found.final, moved.final)
     return table
-
-
-def _with(own: Experiment, **changes: Any) -> ModelBound:
-    given = {
-        "values": own.values,
-        "noise": own.noise,
-        "times": own.times,
-        "priors": own.priors,
-        "process_noise": own.process_noise,
-        "inputs": own.inputs,
-        "every": own.every,
-    }
-    return bound(own.model, **(given | changes))
 
 
 def _ratios(without: Mapping[str, float], with_it: Mapping[str, float]) -> dict[str, float]:
