@@ -373,10 +373,7 @@ def _with_unknown_inputs(part: ReachedModel, point: DrawnPoint, generator: np.ra
 def output_rows(
     part: ReachedModel, point: DrawnPoint, orders: int, generator: np.random.Generator
 ) -> Iterator[Num[np.ndarray, "r b n"]]:
-    """Gradients of the outputs' Taylor coefficients at every point, order by order.
-
-    Columns are unknowns, then jets of unknown inputs.
-    """
+    """Gradients of the outputs' Taylor coefficients at every point, order by order, by unknowns, then jets of unknown inputs."""
     field, states, unknown = point.field, len(part.states), len(part.unknown_inputs)
     width = 1 + len(part.unknowns) + unknown * (orders - 1)
     series = Series(part.tape, point.decisions, field, (orders, point.count, width))

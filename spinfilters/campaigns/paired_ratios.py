@@ -13,6 +13,7 @@ import numpy as np
 import pyarrow as pa
 from jaxtyping import Float
 from matplotlib.figure import Figure
+from matplotlib.ticker import FormatStrFormatter
 
 from spinfilters.campaigns.statistics import QUANTILE, Interval
 from spinfilters.campaigns.study import Study
@@ -21,6 +22,8 @@ from spinfilters.plots.style import estimator_lines, tidy
 
 ESTIMATOR: Final = "estimator"
 SECONDS: Final = "processor time"
+MARKERS: Final = "osD^vP"
+"""Of estimators in turn: there are more of them than colours."""
 FEWEST_PAIRS: Final = 3
 """Recordings that both estimators have, below which no interval is given."""
 PREFERRED: Final = ("smoother", "mekf")
@@ -119,7 +122,7 @@ def pareto_figure(ratios: Sequence[PairedRatio]) -> Figure | None:
     points = [each for each in points if np.isfinite([each[2].low, each[3].low]).all()]
     if not points:
         return None
-    figure = Figure(figsize=(6.4, 4.2), layout="constrained")
+    figure = Figure(figsize=(7.6, 4.2), layout="constrained")
     axes = figure.add_subplot()
     names = list(dict.fromkeys(name for _, name, _, _ in points))
     lines, named = dict(zip(names, estimator_lines(names), strict=True)), set[str]()
@@ -129,7 +132,7 @@ def pareto_figure(ratios: Sequence[PairedRatio]) -> Figure | None:
             error.value,
             xerr=[[seconds.value - seconds.low], [seconds.high - seconds.value]],
             yerr=[[error.value - error.low], [error.high - error.value]],
-            fmt="o",
+            fmt=MARKERS[names.index(name) % len(MARKERS)],
             color=lines[name].color,
             label=None if name in named else name,
         )
@@ -142,6 +145,9 @@ def pareto_figure(ratios: Sequence[PairedRatio]) -> Figure | None:
         xlabel=f"{SECONDS} over the reference",
         ylabel=f"{quantity} over the reference",
     )
-    axes.legend()
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter(FormatStrFormatter("%.3g"))
+        axis.set_minor_formatter(FormatStrFormatter("%.3g"))
+    figure.legend(loc="outside right upper", fontsize="small")
     tidy(axes)
     return figure

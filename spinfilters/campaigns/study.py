@@ -371,7 +371,10 @@ class _Part:
 def with_recordings(document: Mapping[str, Any]) -> Mapping[str, Any]:
     """The document with the data sets that a folder or a pattern such as ``tosses/*.csv`` names, each by itself.
 
-    InputError: a path or pattern that names none.
+    Raises
+    ------
+    InputError
+        A path or pattern that names none.
     """
     factors = document.get("factors")
     if not isinstance(factors, Mapping) or RECORDING not in factors:

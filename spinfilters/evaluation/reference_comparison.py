@@ -101,6 +101,8 @@ class ReferenceComparison:
         Principal axes of the estimate in axes m, rounded to the nearest right-handed choice and signs of axes.
     correction : (3, 3) float array
         Rotation that is left: m from the flipped principal axes.
+    correction_std : float
+        Root mean square over the axes of its deviation, rad: of the fit and of the estimated principal axes.
     attitude : (k, 3) float array or None
         Estimate minus reference, rad, axes m, everything fitted; None for rates alone.
     attitude_before, attitude_after : AttitudeCourse or None
@@ -118,6 +120,7 @@ class ReferenceComparison:
     fit: ReferenceFit
     flip: Float[np.ndarray, "3 3"]
     correction: Float[np.ndarray, "3 3"]
+    correction_std: float
     attitude: Float[np.ndarray, "k 3"] | None
     attitude_before: AttitudeCourse | None
     attitude_after: AttitudeCourse | None
@@ -176,9 +179,9 @@ class ReferenceComparison:
         else:
             found.append("the motion does not determine the offset of its clock, which is taken as zero")
         axis, angle = axis_and_angle(self.correction)
-        std = float(np.linalg.norm(fit.axes_std)) / np.sqrt(3)
         found.append(
-            f"its axes are the principal axes {_flip_text(self.flip)}, turned by {np.rad2deg(angle):.3f} ± {np.rad2deg(std):.2g} "
+            f"its axes are the principal axes {_flip_text(self.flip)}, "
+            f"turned by {np.rad2deg(angle):.3f} ± {np.rad2deg(self.correction_std):.2g} "
             f"deg about [{', '.join(f'{value:.3f}' for value in axis)}]"
         )
         return found
@@ -197,6 +200,7 @@ class ReferenceComparison:
             "flip_R_mb": self.flip.tolist(),
             "correction_axis_m": axis.tolist(),
             "correction_angle_rad": angle,
+            "correction_std_rad": self.correction_std,
             "frame_R_li": fit.frame.tolist(),
             "frame_std_rad": fit.frame_std.tolist(),
             "origin_g_m": None if fit.origin is None else fit.origin.tolist(),
@@ -252,6 +256,7 @@ def compare_with_reference(history: EstimateHistory, reference: ReferenceMotion)
         fit,
         flip,
         correction,
+        float(np.sqrt(np.mean(fit.axes_std**2) + np.mean(body.principal_axes_std**2))),
         attitude,
         before,
         after,

@@ -138,7 +138,10 @@ def _json(path: Path) -> ArrayColumns:
 def _columns_of(path: Path, arrays: Mapping[str, Any]) -> ArrayColumns:
     """Named columns of the arrays that are as long as the commonest; three columns of one array are its x, y, z.
 
-    InputError: no array of numbers.
+    Raises
+    ------
+    InputError
+        No array of numbers.
     """
     columns: dict[str, np.ndarray] = {}
     for name, held in arrays.items():

@@ -93,6 +93,16 @@ def convergence_figure(found: Convergence) -> Figure:
     """Convergence as surfaces and curves over the solves.
 
     Rows: quantities, error and standard deviation; last the body's constants.
+
+    Parameters
+    ----------
+    found : Convergence
+        Distances and deviations after every solve.
+
+    Returns
+    -------
+    Figure
+        Not yet saved or shown.
     """
     rows = len(found.quantities) + 1
     figure = Figure(figsize=(13.5, 2.6 * rows + 0.8), layout="constrained")

@@ -61,7 +61,18 @@ class LiveCourse:
 
 
 def live_figure(course: LiveCourse) -> Figure:
-    """Three panels over time: rates with their bands, latencies with the deadline, source and verdict."""
+    """Three panels over time: rates with their bands, latencies with the deadline, source and verdict.
+
+    Parameters
+    ----------
+    course : LiveCourse
+        Answers of a live run.
+
+    Returns
+    -------
+    Figure
+        Not yet saved or shown.
+    """
     if not len(course.time):
         return note_figure("no epoch was answered")
     figure = Figure(figsize=(10.0, 7.2), layout="constrained")

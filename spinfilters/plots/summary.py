@@ -56,7 +56,20 @@ def inertia_figure(
     evaluations: Sequence[Evaluation],
     true_moments: Float[np.ndarray, "3"] | None = None,
 ) -> Figure:
-    """Both ratios with +-3 sigma for every estimator, truth (any scale and order) dashed."""
+    """Both ratios with +-3 sigma for every estimator, truth (any scale and order) dashed.
+
+    Parameters
+    ----------
+    evaluations : sequence of Evaluation
+        Of the estimators, in the order of the table.
+    true_moments : ndarray of float, shape (3,) or None
+        In any scale and order; None where they are unknown.
+
+    Returns
+    -------
+    Figure
+        Not yet saved or shown.
+    """
     figure = Figure(figsize=(10.0, 6.4), layout="constrained")
     panels = figure.subplots(2, 1, sharex=True)
     lines = estimator_lines([evaluation.name for evaluation in evaluations])
@@ -133,12 +146,19 @@ def summary_figure(
 
     Parameters
     ----------
+    evaluations : sequence of Evaluation
+        Of the estimators, in the order of the table.
     reference : BodyRates or None
         True or measured rates in the estimate's axes g.
     true_moments : ndarray of float, shape (3,) or None
         Any scale and order.
     conditions : sequence of str
         Sentences on the map, the noise and the seed.
+
+    Returns
+    -------
+    Figure
+        Not yet saved or shown.
     """
     figure = Figure(figsize=(13.0, 8.2), layout="constrained")
     grid = figure.add_gridspec(2, 3, width_ratios=(1.6, 1.6, 1.3))
@@ -165,7 +185,18 @@ def summary_figure(
 
 
 def headline(evaluations: Sequence[Evaluation]) -> str:
-    """Sentence on how the body spins, by the first estimator not failed."""
+    """Sentence on how the body spins, by the first estimator not failed.
+
+    Parameters
+    ----------
+    evaluations : sequence of Evaluation
+        Of the estimators, in the order of the table.
+
+    Returns
+    -------
+    str
+        The sentence.
+    """
     standing = [each for each in evaluations if each.history.status.verdict is not Verdict.FAILED]
     if not standing:
         return "Every estimator failed: nothing here tells how the body spins"

@@ -43,7 +43,22 @@ class Throw:
 
     @classmethod
     def from_body(cls, number: int, body: BodyEstimate, degraded: bool = False) -> "Throw":
-        """Throw of the body estimated at its end."""
+        """Throw of the body estimated at its end.
+
+        Parameters
+        ----------
+        number : int
+            Of its segment.
+        body : BodyEstimate
+            After the last epoch.
+        degraded : bool
+            Whether the estimate should not be trusted.
+
+        Returns
+        -------
+        Throw
+            Its ratios with their covariance.
+        """
         return cls(number, body.principal_moments[:2], body.principal_moments_cov[:2, :2], degraded)
 
 
@@ -52,8 +67,15 @@ def throws_figure(throws: Sequence[Throw], reference: Float[np.ndarray, "2"] | N
 
     Parameters
     ----------
+    throws : sequence of Throw
+        One for each segment.
     reference : ndarray of float, shape (2,) or None
         Jmin / Jmax and Jmid / Jmax as known otherwise, drawn as a cross and lines.
+
+    Returns
+    -------
+    Figure
+        Not yet saved or shown.
     """
     figure = Figure(figsize=(13.0, 6.2), layout="constrained")
     grid = figure.add_gridspec(2, 2, width_ratios=(1.0, 1.15))

@@ -7,6 +7,7 @@ from spinfilters.reproduction.decoust.parameter_influence import PARAMETER_INFLU
 from spinfilters.reproduction.decoust.snapshots import SNAPSHOTS
 from spinfilters.reproduction.item import Item
 from spinfilters.reproduction.tweddle.inertia_observability import INERTIA_OBSERVABILITY
+from spinfilters.reproduction.tweddle.metrology_comparison import METROLOGY_COMPARISON
 from spinfilters.reproduction.tweddle.polhodes import POLHODES
 from spinfilters.reproduction.tweddle.reference_inertia import REFERENCE_INERTIA
 from spinfilters.reproduction.tweddle.spin_thresholds import SPIN_THRESHOLDS
@@ -20,6 +21,7 @@ ITEMS: Final[tuple[Item, ...]] = (
     *CONDITIONING,
     STEREO_RIG,
     *REFERENCE_INERTIA,
+    *METROLOGY_COMPARISON,
     *PARAMETER_INFLUENCE,
     *SNAPSHOTS,
 )

@@ -1,6 +1,6 @@
 """Everything that can be set about a run: tables, keys, ranges and defaults, read from and written to TOML."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, asdict, dataclass, field, fields, make_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal
@@ -198,13 +198,30 @@ class NamedEstimator:
 
 
 def estimator_names() -> tuple[str, ...]:
-    """Names of all estimators, in the order of the table. InputError: a plug-in that cannot be loaded."""
+    """Names of all estimators, in the order of the table. InputError: a plug-in that cannot be loaded.
+
+    Returns
+    -------
+    tuple[str, ...]
+        Names of this package's estimators, and those of installed distributions.
+    """
     every = in_order(members_above("spinfilters.estimators", NamedEstimator))
     return tuple(dict.fromkeys(each.name for each in every))
 
 
 def names_in(text: str) -> tuple[str, ...]:
-    """Names that a text lists with commas."""
+    """Names that a text lists with commas.
+
+    Parameters
+    ----------
+    text : str
+        As "mekf, ukf".
+
+    Returns
+    -------
+    tuple[str, ...]
+        The names, without blanks.
+    """
     return tuple(name.strip() for name in text.split(",") if name.strip())
 
 
@@ -256,7 +273,18 @@ class SmootherSettings:
         self.options(0)
 
     def options(self, epochs: int) -> SmootherOptions:
-        """For a recording of so many epochs."""
+        """For a recording of so many epochs.
+
+        Parameters
+        ----------
+        epochs : int
+            Number of epochs of the recording, by which the mode "automatic" decides.
+
+        Returns
+        -------
+        SmootherOptions
+            Options of the sliding smoother.
+        """
         mode = self._mode(epochs)
         return SmootherOptions(mode, iterations=self.iterations, loss=self.robust_loss)
 
@@ -377,7 +405,18 @@ class ProcessSettings:
     tolerance: Annotated[float, NumberRange(1e-12, 1e-2)] = 1e-8
 
     def noise(self, automatic: ProcessNoise) -> ProcessNoise:
-        """Its noise densities, checked; ``automatic`` are those that nobody has set."""
+        """Its noise densities, checked; ``automatic`` are those that nobody has set.
+
+        Parameters
+        ----------
+        automatic : ProcessNoise
+            Densities in place of those that are "auto".
+
+        Returns
+        -------
+        ProcessNoise
+            Densities of the disturbances.
+        """
         force_psd = automatic.force_psd if self.force_psd == AUTO else self.force_psd
         torque_psd = automatic.torque_psd if self.torque_psd == AUTO else self.torque_psd
         return ProcessNoise(force_psd, torque_psd)
@@ -476,6 +515,16 @@ class Settings:
 def read_settings(path: Path) -> Settings:
     """Settings of a TOML file; what it does not mention keeps its default.
 
+    Parameters
+    ----------
+    path : Path
+        A TOML file.
+
+    Returns
+    -------
+    Settings
+        Validated settings.
+
     Raises
     ------
     InputError
@@ -485,7 +534,20 @@ def read_settings(path: Path) -> Settings:
 
 
 def settings_from(document: Mapping[str, Any], source: str) -> Settings:
-    """Settings of parsed TOML; ``source`` names it in errors. Errors: `read_settings`."""
+    """Settings of parsed TOML; ``source`` names it in errors. Errors: `read_settings`.
+
+    Parameters
+    ----------
+    document : Mapping[str, Any]
+        Tables and keys, as TOML gives them.
+    source : str
+        Name of the file or caller, for messages.
+
+    Returns
+    -------
+    Settings
+        Validated settings.
+    """
     try:
         present = with_present_keys(document)
     except InputError as error:
@@ -499,6 +561,36 @@ def settings_from(document: Mapping[str, Any], source: str) -> Settings:
         return Settings(**values)
     except InputError as error:
         raise InputError(f"{source}: {error}") from None
+
+
+def with_keys(settings: Settings, changes: Sequence[str]) -> Settings:
+    """The settings with some keys changed, each a text such as ``sensors.pixel_std=0.5``.
+
+    The value is that of TOML; what is no TOML is a text. InputError: no key or value, or one that cannot be.
+    """
+    import tomllib  # slow to import, and rarely needed
+
+    document = settings.document
+    for text in changes:
+        key, equals, value = text.partition("=")
+        *tables, last = (part.strip() for part in key.split("."))
+        if not equals or not last or not value.strip() or len(tables) > _DEEPEST:
+            raise InputError(
+                f"--set {value_text(text)} is no setting; give KEY=VALUE, such as sensors.pixel_std=0.5"
+            )
+        place: Any = document
+        for table in tables:
+            place = place.setdefault(table, {}) if isinstance(place, dict) else None
+        if not isinstance(place, dict):
+            raise InputError(f"--set {value_text(text)}: {'.'.join(tables)} is no table; give another key")
+        try:
+            place[last] = tomllib.loads(f"value = {value}")["value"]
+        except (tomllib.TOMLDecodeError, RecursionError):
+            place[last] = value.strip()
+    return settings_from(document, "--set")
+
+
+_DEEPEST: Final = 3  # tables within tables
 
 
 def _as_toml(value: Any) -> Any:
@@ -524,6 +616,16 @@ FORMER_KEYS = {
 
 def with_present_keys(document: Mapping[str, Any]) -> dict[str, Any]:
     """The document with former names of tables and keys replaced.
+
+    Parameters
+    ----------
+    document : Mapping[str, Any]
+        Tables and keys, some perhaps under former names.
+
+    Returns
+    -------
+    dict[str, Any]
+        The same under present names.
 
     Raises
     ------

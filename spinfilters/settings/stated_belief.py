@@ -33,7 +33,20 @@ DRAWN_STD: Final[dict[str, float]] = {"t": 0.005, "a": 0.02, "v": 0.005, "w": 0.
 
 
 def block_named(key: str, name: object) -> StateBlock:
-    """The state block of a word or letter. InputError: an unknown one."""
+    """The state block of a word or letter. InputError: an unknown one.
+
+    Parameters
+    ----------
+    key : str
+        Table of the settings, for the message.
+    name : object
+        Word or letter of the block.
+
+    Returns
+    -------
+    StateBlock
+        The block.
+    """
     letter = WORDS.get(str(name), str(name))
     if letter not in BLOCKS:
         raise InputError(f"initialisation.{key}.{value_text(name)[1:-1]} is unknown; use {', '.join(WORDS)}")
@@ -46,6 +59,15 @@ def require_belief(
     covariance: Sequence[Sequence[float]],
 ) -> None:
     """Require numbers that can be a belief.
+
+    Parameters
+    ----------
+    mean : Mapping[str, sequence of float]
+        Numbers of each block, by its word.
+    std : Mapping[str, float or sequence of float]
+        Standard deviation of each block, one or one for each component.
+    covariance : Sequence[sequence of float]
+        Rows of the covariance of all errors; empty for none.
 
     Raises
     ------
@@ -68,7 +90,18 @@ def require_belief(
 
 
 def mean_by_block(mean: Mapping[str, Sequence[float]]) -> dict[str, Float[np.ndarray, " m"]]:
-    """Points of the blocks by their letters. InputError: `require_belief`."""
+    """Points of the blocks by their letters. InputError: `require_belief`.
+
+    Parameters
+    ----------
+    mean : Mapping[str, sequence of float]
+        Numbers of each block, by its word.
+
+    Returns
+    -------
+    dict[str, ndarray of float, shape (m,)]
+        Points of the blocks, by their letters.
+    """
     return dict(_mean_of(name, value) for name, value in mean.items())
 
 
@@ -97,6 +130,18 @@ def _mean_of(name: str, value: Sequence[float]) -> tuple[str, Float[np.ndarray, 
 
 def deviations_of(block: StateBlock, value: float | Sequence[float]) -> Float[np.ndarray, " n"]:
     """Standard deviations of a block's error: one for all components, or one for each.
+
+    Parameters
+    ----------
+    block : StateBlock
+        The block.
+    value : float or sequence of float
+        One deviation, or one for each component.
+
+    Returns
+    -------
+    ndarray of float, shape (n,)
+        Standard deviation of each component of the error.
 
     Raises
     ------

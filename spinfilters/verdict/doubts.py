@@ -25,6 +25,7 @@ from spinfilters.verdict.agreement_tests import (
     reference_smoother,
 )
 from spinfilters.verdict.calibration_errors import enlargements, possible_clock_drift
+from spinfilters.verdict.camera_refit import with_camera_refit
 from spinfilters.verdict.check import LARGEST_MOMENT_STD, LEFT_OUT, Evidence, rejected_share
 from spinfilters.verdict.checks import MOST_MOMENTUM, finding
 from spinfilters.verdict.flywheel_refit import with_flywheel_refit
@@ -182,7 +183,7 @@ def models_of_recording(setup: Setup) -> TestedModels:
 
 
 def _explained(setup: Setup, settings: Settings, best: EstimateHistory | None) -> TestedModels:
-    """Score tests about the best estimate, with slips of front ends, and a flywheel fitted where anything is suspected.
+    """Score tests about the best estimate, with slips of front ends; fits of a flywheel and of a camera where any is suspected.
 
     None of measurements that their own front end doubts: wrong poses look like contact, and no other cause is named before that
     one is mended.
@@ -196,7 +197,8 @@ def _explained(setup: Setup, settings: Settings, best: EstimateHistory | None) -
     models = replace(models, slips=front_end_slips(setup, with_fits=is_suspect))
     if best is None or not is_suspect or models.slips:
         return models
-    return with_flywheel_refit(models, setup, settings, best.mean[: tested_epochs(setup)])
+    tested = best.mean[: tested_epochs(setup)]
+    return with_camera_refit(with_flywheel_refit(models, setup, settings, tested), setup, tested)
 
 
 def measurement_findings(

@@ -90,3 +90,6 @@ def test_every_member_of_the_family_estimates_the_same_recording(kind: str) -> N
     for name in ("iekf", "invariant", "ekf-joint"):
         assert rates[name] == pytest.approx(rates["mekf"], rel=0.2)
     assert rates["rts"] < rates["mekf"]
+    assert not any(
+        each["name"] == "filter-disturbance" for each in run.summary["estimators"]["rts"]["checks"]
+    )
