@@ -9,6 +9,7 @@ from html import escape
 from pathlib import Path
 from typing import Any, Final
 
+from observability.discrete_symmetries import DiscreteSearch, discrete_symmetries
 from observability.generators import Generator
 from observability.input_inversion import InvertedModel, invert
 from observability.invariant_manifold import known_numbers, restricted, staying
@@ -119,6 +120,11 @@ class ModelAnalysis:
         return tuple(named_directions(self.core)) if self.null_dimension else ()
 
     @cached_property
+    def other_solutions(self) -> DiscreteSearch:
+        """Isolated other solutions: unknowns mirrored or exchanged."""
+        return discrete_symmetries(reached(self.core), self.symmetries)
+
+    @cached_property
     def proof(self) -> ModelProof:
         """Why the rank is known."""
         if self.null_dimension == 0:
@@ -162,6 +168,13 @@ class ModelAnalysis:
                 f"{', '.join(self.core.unknown_inputs)} changes along."
             )
         lines.append(f"Proof: {self._proof_in_words()}.")
+        lines += [f"Another solution, isolated: {each}." for each in self.other_solutions.found]
+        if self.other_solutions.complete:
+            lines.append(
+                "Local, but for mirrored and exchanged unknowns: other isolated solutions are not looked for."
+            )
+        else:
+            lines.append("Local only: isolated other solutions are not looked for.")
         if self.generic_rank is not None and self.generic_rank > self.rank:
             lines.append(f"This point is special: generic points nearby have rank {self.generic_rank}.")
         return lines
@@ -203,6 +216,8 @@ class ModelAnalysis:
             "observable": self.observable,
             "not_reached": list(self.unreached),
             "generators": [each.components for each in self.symmetries],
+            "other_solutions": [str(each) for each in self.other_solutions.found],
+            "other_solutions_complete": self.other_solutions.complete,
             "generic_rank": self.generic_rank,
             "certified": self.certified,
             "proof": self._proof_in_words(),
@@ -239,6 +254,7 @@ def analyse(f: Any, h: Any = None, x: Any = None, **roles: Any) -> ModelAnalysis
     the system: of 3 unknowns the outputs have rank 3, reached with derivatives up to order 2.
     Observable: k, x_0, x_1.
     Proof: the exact rank is full.
+    Local, but for mirrored and exchanged unknowns: other isolated solutions are not looked for.
     """
     return analysis_of(model_of(f, h, x, **roles))
 

@@ -83,6 +83,7 @@ class RunArguments:
             cure='"full" or "filter"',
         ),
     ] = None
+    no_figures: Annotated[bool, Argument("write the numbers alone, no pictures and no page")] = False
     from_truth: Annotated[
         int | None,
         NumberRange(0, 2**63 - 1, whole=True),

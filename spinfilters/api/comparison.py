@@ -423,6 +423,7 @@ def compare(
     predict: float | None = None,
     convergence: bool = False,
     explain: bool = False,
+    no_figures: bool = False,
     verdict: str | None = None,
     belief: Mapping[str, Any] | None = None,
     from_truth: int | None = None,
@@ -455,6 +456,8 @@ def compare(
         Whether to show how the smoother settles.
     explain : bool
         Whether to run again with the errors of the models that are found.
+    no_figures : bool
+        Whether to write the numbers alone into ``output``, without pictures and page.
     verdict : str or None
         "full" judges by all checks, "filter" by those alone that need no smoothed motion, which leave every estimate degraded at
         best. None takes that of the settings.
@@ -487,7 +490,9 @@ def compare(
         comparison = _whole(compare_dataset(dataset, chosen, progress), None)
         return Run.from_comparison(comparison, chosen, summary(comparison))
     folder = Path(output)
-    written = compare_into(dataset, chosen, RunOutput(folder, how.resume, how.optional_outputs), progress)
+    written = compare_into(
+        dataset, chosen, RunOutput(folder, how.resume, how.optional_outputs, not no_figures), progress
+    )
     if written.comparison is None or written.summary is None:
         return Run.from_folder(folder, chosen)
     return Run.from_comparison(_whole(written.comparison, folder), chosen, written.summary, folder)

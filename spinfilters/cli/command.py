@@ -53,7 +53,8 @@ class Command(Generic[R]):
                 # argparse calls an argument so in its messages
                 name = f"{each.argument.short}/{each.flag}" if each.argument.short else each.flag
                 parser.required[name] = f"{each.usage} ({each.argument.help})"
-        parser.set_defaults(command=self)
+        flags = [each for action in parser._actions for each in action.option_strings]  # pyright: ignore[reportAttributeAccessIssue]
+        parser.set_defaults(command=self, flags=tuple(flags))
 
     def run_parsed(self, options: argparse.Namespace) -> int:
         """Run it with parsed arguments. InputError: an argument that cannot be used."""

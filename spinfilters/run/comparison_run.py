@@ -46,11 +46,14 @@ class RunOutput:
         Go on from its checkpoints, or complete it where it is finished.
     optional_outputs : OptionalOutputs or None
         What is written only when asked for, None for nothing.
+    with_figures : bool
+        Whether pictures and a page are made.
     """
 
     folder: Path
     resume: bool = False
     optional_outputs: "OptionalOutputs | None" = None
+    with_figures: bool = True
 
 
 @dataclass(frozen=True)
@@ -146,15 +149,17 @@ def _compare_and_write(
     written = WrittenRun(comparison, write_run(folder, comparison, settings))
     if comparison.interrupted:  # by Ctrl-C: no figures of a part
         return written
-    figure_data = figure_data_of(comparison)
-    _draw(folder, figure_data, report)
+    figure_data = figure_data_of(comparison) if output.with_figures else None
+    if figure_data is not None:
+        _draw(folder, figure_data, report)
     try:
         if optional_outputs is not None:
             optional_outputs.write(
                 folder, comparison, settings, lambda done, total: report("convergence", done, total)
             )
     finally:  # the page stands, whatever came of these
-        _write_report(folder, figure_data)
+        if figure_data is not None:
+            _write_report(folder, figure_data)
     return written
 
 
@@ -188,12 +193,12 @@ def _write_report(folder: Path, figure_data: FigureData) -> None:
 
 def _complete(dataset: Dataset, settings: Settings, output: RunOutput, report: Progress) -> list[str]:
     """Complete a finished run's figures and extras; their names."""
-    made = _draw_missing(output.folder, settings, report)
+    made = _draw_missing(output.folder, settings, report) if output.with_figures else []
     if output.optional_outputs is not None:
         made += output.optional_outputs.complete(
             output.folder, dataset, settings, lambda done, total: report("convergence", done, total)
         )
-    if made or not (output.folder / REPORT_FILE).exists():
+    if output.with_figures and (made or not (output.folder / REPORT_FILE).exists()):
         _write_report(output.folder, read_figure_data(output.folder))
         made.append(REPORT_FILE)
     return made

@@ -1,6 +1,6 @@
 """Everything that can be set about a run: tables, keys, ranges and defaults, read from and written to TOML."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, asdict, dataclass, field, fields, make_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal
@@ -561,6 +561,36 @@ def settings_from(document: Mapping[str, Any], source: str) -> Settings:
         return Settings(**values)
     except InputError as error:
         raise InputError(f"{source}: {error}") from None
+
+
+def with_keys(settings: Settings, changes: Sequence[str]) -> Settings:
+    """The settings with some keys changed, each a text such as ``sensors.pixel_std=0.5``.
+
+    The value is that of TOML; what is no TOML is a text. InputError: no key or value, or one that cannot be.
+    """
+    import tomllib  # slow to import, and rarely needed
+
+    document = settings.document
+    for text in changes:
+        key, equals, value = text.partition("=")
+        *tables, last = (part.strip() for part in key.split("."))
+        if not equals or not last or not value.strip() or len(tables) > _DEEPEST:
+            raise InputError(
+                f"--set {value_text(text)} is no setting; give KEY=VALUE, such as sensors.pixel_std=0.5"
+            )
+        place: Any = document
+        for table in tables:
+            place = place.setdefault(table, {}) if isinstance(place, dict) else None
+        if not isinstance(place, dict):
+            raise InputError(f"--set {value_text(text)}: {'.'.join(tables)} is no table; give another key")
+        try:
+            place[last] = tomllib.loads(f"value = {value}")["value"]
+        except (tomllib.TOMLDecodeError, RecursionError):
+            place[last] = value.strip()
+    return settings_from(document, "--set")
+
+
+_DEEPEST: Final = 3  # tables within tables
 
 
 def _as_toml(value: Any) -> Any:

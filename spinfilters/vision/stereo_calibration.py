@@ -226,7 +226,10 @@ def _join_cameras(
     """The relative pose, with both cameras as they are, and the covariance of all."""
     left, right = cameras
     turns, places = _relative_poses(cameras)
-    middle = matrix_from_rotation_vector(np.median(turns, axis=0)), np.median(places, axis=0).reshape(3, 1)
+    R_middle = np.ascontiguousarray(
+        matrix_from_rotation_vector(np.median(turns, axis=0))
+    )  # OpenCV writes into it
+    middle = R_middle, np.median(places, axis=0).reshape(3, 1)
     solved = cv2.stereoCalibrateExtended(
         *_seen_points(views, board),
         *(left.K, left.distortion.copy(), right.K, right.distortion.copy(), size),

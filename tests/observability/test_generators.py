@@ -84,10 +84,10 @@ RATIONAL = {
     ),
     "a sum of two states that decay alike": (
         {
-            "states": ["a", "b", "r"],
+            "states": ["a", "b", "r", "s"],
             "parameters": ["k", "m"],
-            "equations": {"a": "k*r - r*a", "b": "m*r - r*b", "r": "1 - r"},
-            "outputs": {"y": "a + b", "s": "r", "u": "k", "v": "m"},
+            "equations": {"a": "k*r - s*a", "b": "m*r - s*b", "r": "1 - r*s", "s": "r - s**2"},
+            "outputs": {"y": "a + b", "y1": "r", "y2": "s", "y3": "k", "y4": "m"},
         },
         {"a": "-a*m + b*k", "b": "a*m - b*k"},
     ),

@@ -45,7 +45,7 @@ def test_expressions_are_analysed_in_five_lines() -> None:
     x, k = ca.SX.sym("x", 2), ca.SX.sym("k")
     found = analyse(ca.vertcat(x[1], -k * x[0]), x[0], x, parameters=k)
     assert found.unobservable == ()
-    assert found.sentences[-1] == "Proof: the exact rank is full."
+    assert "Proof: the exact rank is full." in found.sentences
 
 
 def test_a_special_point_is_certified_by_what_stays_and_compared_with_generic_ones() -> None:
@@ -131,6 +131,16 @@ def test_a_wrong_file_is_refused_in_one_line_and_nothing_is_written(
     assert words in complaint
     assert complaint.count("\n") <= 1
     assert not (tmp_path / "found").exists()
+
+
+@pytest.mark.parametrize(
+    "option", [("--sensor", "gyro"), ("--torque", "x"), ("--moments", "3", "2", "1"), ("--landmarks", "7")]
+)
+def test_options_of_a_tumbling_body_are_refused_beside_a_model(
+    spring: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], option: tuple[str, ...]
+) -> None:
+    assert main(["observe", str(spring), *option, "-o", str(tmp_path / "found")]) == 2
+    assert f"{option[0]} is of a tumbling body; leave it out" in capsys.readouterr().err
 
 
 def test_a_missing_file_is_refused(tmp_path: Path) -> None:
