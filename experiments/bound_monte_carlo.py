@@ -21,6 +21,7 @@ from rich.table import Table
 
 from experiments.benchmarks.smoother_workload import MOTIONS
 from experiments.command_line import run_study
+from spinfilters.core.robust_losses import LeastSquares
 from spinfilters.evaluation.consistency import true_states
 from spinfilters.filters.timeline import CameraView, SensorNoise, Timeline, build_timeline
 from spinfilters.io.dataset import Dataset
@@ -31,7 +32,6 @@ from spinfilters.models.state_layout import FULL_BLOCKS, StateLayout
 from spinfilters.simulation.scenario import Scenario, simulate
 from spinfilters.smoother.landmark_factors import OBSERVATIONS_NEEDED
 from spinfilters.smoother.linear_system import Marginals
-from spinfilters.smoother.losses import LeastSquares
 from spinfilters.smoother.priors import FirstStatePrior
 from spinfilters.smoother.problem import Problem, Stage, problem_of
 from spinfilters.smoother.solver import SolverOptions, solve

@@ -21,11 +21,12 @@ import numpy as np
 from jaxtyping import Float
 
 from experiments.command_line import run_study
-from spinfilters.api.image_recordings import ImageScenario, render
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.io.dataset_reader import has_images
 from spinfilters.run.comparison_run import compare_dataset
 from spinfilters.settings.run_settings import Settings
+from spinfilters.simulation.image_recordings import IMAGE_RADIUS_M, ImageScenario, render
+from spinfilters.simulation.scenario_record import Scenario
 from spinfilters.vision.track_images import TrackedImages, track_images, track_images_online
 
 ESTIMATORS: Final = ("mekf", "ukf", "smoother")
@@ -78,7 +79,8 @@ def main() -> None:
 def _measured(folder: Path, case: SequenceCase, estimators: Sequence[str]) -> None:
     images = folder / case.name
     if not has_images(images):
-        render(ImageScenario(shape=case.shape, seed=case.seed, rate_rpm=case.rate_rpm), images)
+        motion = Scenario(radius_m=IMAGE_RADIUS_M, seed=case.seed, rate_rpm=case.rate_rpm)
+        render(ImageScenario(motion, shape=case.shape), images)
     begin = time.process_time()
     tracked = track_images(images)
     middle = time.process_time()

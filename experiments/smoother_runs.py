@@ -13,6 +13,7 @@ from jaxtyping import Float
 from experiments.benchmarks.smoother_workload import MOTIONS, Workload, simulated_workload
 from experiments.smoother_marginals import actual_errors, marginal_std
 from spinfilters.core.linear_algebra import normalised_square
+from spinfilters.core.robust_losses import LeastSquares
 from spinfilters.evaluation.consistency import true_states
 from spinfilters.evaluation.estimated_motion import body_history, trajectory_of
 from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate
@@ -27,7 +28,6 @@ from spinfilters.simulation.scenario import Scenario, simulate
 from spinfilters.smoother.batch_smoother import GATE, AnnealedSchedule
 from spinfilters.smoother.landmark_factors import OBSERVATIONS_NEEDED
 from spinfilters.smoother.linear_system import Marginals
-from spinfilters.smoother.losses import LeastSquares
 from spinfilters.smoother.priors import FirstStatePrior
 from spinfilters.smoother.problem import (
     LinearizationPoint,

@@ -4,14 +4,34 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from observability.model_analysis import ModelAnalysis, analyse, analyse_file
+    from observability.model_bound import ModelBound, bound, empirical_information, gain_table
 
-__all__ = ["ModelAnalysis", "analyse", "analyse_file"]
+PUBLIC = {
+    "ModelAnalysis": "model_analysis",
+    "analyse": "model_analysis",
+    "analyse_file": "model_analysis",
+    "ModelBound": "model_bound",
+    "bound": "model_bound",
+    "empirical_information": "model_bound",
+    "gain_table": "model_bound",
+}
+"""Public names and their modules."""
+
+__all__ = [
+    "ModelAnalysis",
+    "ModelBound",
+    "analyse",
+    "analyse_file",
+    "bound",
+    "empirical_information",
+    "gain_table",
+]
 
 
 def __getattr__(name: str) -> Any:
     """Public names, loaded when they are asked for."""
-    if name not in __all__:
+    if name not in PUBLIC:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from observability import model_analysis
+    from importlib import import_module
 
-    return getattr(model_analysis, name)
+    return getattr(import_module(f"observability.{PUBLIC[name]}"), name)

@@ -18,13 +18,17 @@ from jaxtyping import Num
 
 from observability.exact_numbers import PrimeField, residue
 from observability.model_rank import ReachedModel, draw_points
+from observability.null_fields import NullFields, is_rational
 from observability.power_series import Series
+from observability.rational_generators import Polynomial, rational_fields
 from observability.residue_matrices import Echelon, reduce_columns
 
 SPARE = 6
 """Equations beyond the number of coefficients."""
 MOST_TERMS = 500
 """Coefficients solved for at once; a larger ansatz is not tried."""
+INTERPOLATION_SECONDS = 6.0
+"""After which rational fields are no longer looked for."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +80,8 @@ class Generator:
 
 
 def _product_in_words(value: Fraction, factors: Sequence[str]) -> str:
-    words = "*".join(factors)
+    powers = [(name, factors.count(name)) for name in dict.fromkeys(sorted(factors))]
+    words = "*".join(name if power == 1 else f"{name}**{power}" for name, power in powers)
     if not words:
         return str(value)
     if abs(value) == 1:
@@ -95,7 +100,9 @@ def _signed(value: Fraction) -> str:
     return f"{'-' if value < 0 else '+'} {size}"
 
 
-def generators(part: ReachedModel, moved: Sequence[str], count: int, seed: int = 1) -> list[Generator]:
+def generators(
+    part: ReachedModel, moved: Sequence[str], count: int, orders: int, seed: int = 1
+) -> list[Generator]:
     """Independent generators, at most so many: scalings, then translations, affine and quadratic fields.
 
     Parameters
@@ -106,15 +113,23 @@ def generators(part: ReachedModel, moved: Sequence[str], count: int, seed: int =
         Unknowns that some null direction moves.
     count : int
         Dimension of the null space.
+    orders : int
+        Orders of derivatives that reach the rank.
     """
     moving = [name for name in moved if name not in part.unknown_inputs]
     if not moving:
         return []
     search = _Search(part, moving, count, seed)
     search.scalings()
-    for degrees, wide in (((0, 1), False), ((0, 1, 2), False), ((1, 2), True)):
+    for degrees in ((0, 1), (0, 1, 2)):
         if search.missing:
-            search.try_degrees(degrees, wide)
+            search.try_degrees(degrees, wide=False)
+    if search.missing and is_rational(part):
+        search.interpolate(orders)
+    if search.missing and part.unknown_inputs:
+        search.try_degrees((3,), wide=False)
+    if search.missing:
+        search.try_degrees((1, 2), wide=True)
     return search.found
 
 
@@ -129,7 +144,7 @@ class _Search:
         self._weights: list[dict[str, int]] = []
         self._points = _Points(part, self._field, self._random)
         self._fixed_point = _Points(part, self._field, self._random)
-        self._directions = Echelon(len(moved), self._field)
+        self._directions = Echelon(len(moved) + len(part.unknown_inputs), self._field)
 
     @property
     def missing(self) -> int:
@@ -161,6 +176,18 @@ class _Search:
         for terms in sorted(groups.values(), key=len):
             if self.missing and len(terms) <= MOST_TERMS:
                 self._solve(terms)
+
+    def interpolate(self, orders: int) -> None:
+        """Rational fields, cleared of their denominators, from null vectors at many points."""
+        part = self._part
+        fields = NullFields(part, orders, self._count, self._field, self._random, INTERPOLATION_SECONDS)
+        still = [name for name in part.states if part.model.rates[name].is_zero()]
+        for found in rational_fields(fields, frozenset((*part.constants, *still)), self._weights):
+            generator = _whole(found, self._field.prime)
+            if generator is not None:
+                self._take(generator)
+            if not self.missing:
+                return
 
     def _weight(self, term: Term) -> tuple[int, ...]:
         prime = self._field.prime
@@ -208,7 +235,23 @@ class _Points:
         for term, value in generator.terms.items():
             size = residue(value, self.field.prime) * int(self._monomial(term.factors)[0])
             found[term.moved] = (found[term.moved] + size) % self.field.prime
-        return np.array(list(found.values()), dtype=np.uint64)
+        own = np.array(list(found.values()), dtype=np.uint64)
+        return np.concatenate([own, self._change_of_inputs(generator)])
+
+    def _change_of_inputs(self, generator: Generator) -> Num[np.ndarray, " w"]:
+        """Change of the unknown inputs at the first point that a field goes with: f_w dw = D xi - X f, h_w dw = -X h."""
+        field = self.field
+        free = [1 + self._part.unknowns.index(name) for name in self._part.unknown_inputs]
+        if not free:
+            return np.zeros(0, dtype=np.uint64)
+        total = np.zeros(self._rows.shape[0], dtype=np.uint64)
+        for term, value in generator.terms.items():
+            size = np.array(residue(value, field.prime), dtype=np.uint64)
+            total = field.reduced(total + field.product(size, self._entry(term, 1)[:, 0]))
+        joined = np.concatenate([self._rows[:, 0, free], field.negative(total)[:, np.newaxis]], axis=1)
+        reduced = reduce_columns(joined[np.newaxis], len(free), field)
+        pivots = reduced.pivots[0]
+        return np.where(pivots < 0, 0, reduced.rows[0, pivots, -1]).astype(np.uint64)
 
     def equations(self, terms: Sequence[Term], count: int) -> Num[np.ndarray, "r t"]:
         """At least so many equations for the coefficients of terms."""
@@ -216,21 +259,25 @@ class _Points:
         each = max(1, len(part.states) + len(part.model.outputs) - len(part.unknown_inputs))
         points = -(-count // each) + 2
         self._need(points)
-        unknowns = part.unknowns
         rows = np.zeros((points, self._rows.shape[0], len(terms)), dtype=np.uint64)
         for k, term in enumerate(terms):
-            gradient = self._rows[:, :points, 1 + unknowns.index(term.moved)]
-            entry = field.product(gradient, self._monomial(term.factors)[:points])
-            if term.moved in part.states:
-                row = part.states.index(term.moved)
-                entry[row] = field.reduced(entry[row] + field.negative(self._rate(term.factors)[:points]))
-            rows[:, :, k] = entry.T
-        free = [1 + unknowns.index(name) for name in part.unknown_inputs]
+            rows[:, :, k] = self._entry(term, points).T
+        free = [1 + part.unknowns.index(name) for name in part.unknown_inputs]
         if free:
             inputs = self._rows[:, :points, free].transpose(1, 0, 2)
             reduced = reduce_columns(np.concatenate([inputs, rows], axis=2), len(free), field)
             rows = reduced.rest[:, :, len(free) :]
         return rows.reshape(-1, len(terms))
+
+    def _entry(self, term: Term, points: int) -> Num[np.ndarray, "r b"]:
+        """X f - D xi_x, then X h, of one term."""
+        field, part = self.field, self._part
+        gradient = self._rows[:, :points, 1 + part.unknowns.index(term.moved)]
+        entry = field.product(gradient, self._monomial(term.factors)[:points])
+        if term.moved in part.states:
+            row = part.states.index(term.moved)
+            entry[row] = field.reduced(entry[row] + field.negative(self._rate(term.factors)[:points]))
+        return entry
 
     def _monomial(self, factors: Sequence[str]) -> Num[np.ndarray, " b"]:
         result = np.ones_like(next(iter(self._values.values())))
@@ -266,6 +313,33 @@ class _Points:
                     given[k, :, 1 + unknowns.index(name)] = 1
             series.put(index, 0, given)
         self._rows = series.advance(0)
+
+
+def combined(fields: Sequence[Generator], weights: Num[np.ndarray, " n"], prime: int) -> Generator | None:
+    """The sum of fields with residues as weights; None where these are of no simple fractions."""
+    factors = [_fraction(int(weight), prime) for weight in weights]
+    if any(factor is None for factor in factors):
+        return None
+    terms: dict[Term, Fraction] = defaultdict(Fraction)
+    for factor, each in zip(factors, fields, strict=True):
+        for term, value in each.terms.items():
+            terms[term] += value * (factor or 0)
+    return Generator({term: value for term, value in terms.items() if value})
+
+
+def _whole(components: dict[str, Polynomial], prime: int) -> Generator | None:
+    """A field of residues in coprime integers."""
+    pairs = [
+        (Term(name, factors), value) for name, each in components.items() for factors, value in each.items()
+    ]
+    values = np.array([value for _, value in pairs], dtype=np.uint64)
+    # Any coefficient may carry the common factor: the first by which all others are simple fractions is it.
+    for value in values.tolist():
+        scaled = values * np.uint64(pow(value, -1, prime)) % np.uint64(prime)
+        generator = _lifted([term for term, _ in pairs], scaled, prime)
+        if generator is not None:
+            return generator
+    return None
 
 
 def _lifted(terms: Sequence[Term], column: Num[np.ndarray, " t"], prime: int) -> Generator | None:

@@ -21,7 +21,7 @@ def staying(model: Model, values: Mapping[str, Fraction]) -> dict[str, Fraction]
     found = {name: value for name, value in values.items() if name in model.states}
     while found:
         rates = [_at(model.rates[name], model, found) for name in found]
-        moves = [name for name, rate in zip(found, rates, strict=True) if not _vanishes(rate)]
+        moves = [name for name, rate in zip(found, rates, strict=True) if not vanishes(rate)]
         if not moves:
             break
         found = {name: value for name, value in found.items() if name not in moves}
@@ -58,7 +58,7 @@ def _at(expression: ca.SX, model: Model, values: Mapping[str, Fraction]) -> ca.S
     return ca.substitute(ca.SX(expression), symbols, numbers) if names else expression
 
 
-def _vanishes(expression: ca.SX) -> bool:
+def vanishes(expression: ca.SX) -> bool:
     """Whether an expression is 0 at random points of a prime field (branches and singular points: no)."""
     if expression.is_zero():
         return True

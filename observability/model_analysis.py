@@ -9,7 +9,9 @@ from html import escape
 from pathlib import Path
 from typing import Any, Final
 
+from observability.discrete_symmetries import DiscreteSearch, discrete_symmetries
 from observability.generators import Generator
+from observability.input_inversion import InvertedModel, invert
 from observability.invariant_manifold import known_numbers, restricted, staying
 from observability.model import Model, model_of
 from observability.model_rank import ExactRank, exact_rank, reached
@@ -26,6 +28,10 @@ class ModelProof(StrEnum):
     FULL = "the exact rank is full"
     GENERATORS = "the exact rank and the generators, which hold for finite moves, add up to all unknowns"
     GENERIC = "at a generic point the first order of derivatives that adds nothing is the last"
+    MANIFOLD = "at a generic point of an invariant manifold the first order of derivatives that adds nothing is the last"
+    INVERSION = (
+        "with the unknown inputs solved for, the first order of derivatives that adds nothing is the last"
+    )
     OPEN = "open"
 
 
@@ -88,8 +94,25 @@ class ModelAnalysis:
             return None
         return exact_rank(reached(replace(self.model, point={}))).rank
 
+    @property
+    def unidentifiable(self) -> set[str]:
+        """The same as a set."""
+        return set(self.unobservable)
+
     @cached_property
-    def generators(self) -> tuple[Generator, ...]:
+    def inverted(self) -> InvertedModel | None:
+        """The model with its unknown inputs solved for, where there are some and this is possible."""
+        if not self.core.unknown_inputs or self.core.known_initial_values or self.core.point:
+            return None
+        return invert(self.core)
+
+    @property
+    def generators(self) -> list[dict[str, str]]:
+        """`symmetries` as formulas: the change of every unknown that moves."""
+        return [each.components for each in self.symmetries]
+
+    @cached_property
+    def symmetries(self) -> tuple[Generator, ...]:
         """Fields of the unknowns that no output notices, as closed forms; found when they are asked for.
 
         At a special point these are the generic ones, and those of the states that stay at their values.
@@ -97,13 +120,20 @@ class ModelAnalysis:
         return tuple(named_directions(self.core)) if self.null_dimension else ()
 
     @cached_property
+    def other_solutions(self) -> DiscreteSearch:
+        """Isolated other solutions: unknowns mirrored or exchanged."""
+        return discrete_symmetries(reached(self.core), self.symmetries)
+
+    @cached_property
     def proof(self) -> ModelProof:
         """Why the rank is known."""
         if self.null_dimension == 0:
             return ModelProof.FULL
-        if self.core.is_generic and self.exact.complete:
-            return ModelProof.GENERIC
-        known = len(self.generators) == self.null_dimension
+        if self.exact.complete:
+            return ModelProof.GENERIC if self.core.is_generic else ModelProof.MANIFOLD
+        if self.inverted is not None and self.inverted.rank == self.rank:
+            return ModelProof.INVERSION
+        known = len(self.symmetries) == self.null_dimension
         return ModelProof.GENERATORS if known else ModelProof.OPEN
 
     @property
@@ -128,11 +158,23 @@ class ModelAnalysis:
             )
         if self.unreached:
             lines.append(f"No output depends on {', '.join(self.unreached)}.")
-        lines += [f"No output notices {each} ({each.kind})." for each in self.generators]
-        unnamed = self.null_dimension - len(self.generators)
+        lines += [f"No output notices {each} ({each.kind})." for each in self.symmetries]
+        unnamed = self.null_dimension - len(self.symmetries)
         if unnamed:
             lines.append(f"{unnamed} direction{'s' if unnamed > 1 else ''} without a closed form.")
+        if unnamed and self.inverted is not None and self.inverted.compensated:
+            lines.append(
+                f"Any change of {', '.join(self.inverted.compensated)} goes unnoticed if "
+                f"{', '.join(self.core.unknown_inputs)} changes along."
+            )
         lines.append(f"Proof: {self._proof_in_words()}.")
+        lines += [f"Another solution, isolated: {each}." for each in self.other_solutions.found]
+        if self.other_solutions.complete:
+            lines.append(
+                "Local, but for mirrored and exchanged unknowns: other isolated solutions are not looked for."
+            )
+        else:
+            lines.append("Local only: isolated other solutions are not looked for.")
         if self.generic_rank is not None and self.generic_rank > self.rank:
             lines.append(f"This point is special: generic points nearby have rank {self.generic_rank}.")
         return lines
@@ -173,7 +215,9 @@ class ModelAnalysis:
             "order": self.order,
             "observable": self.observable,
             "not_reached": list(self.unreached),
-            "generators": [{"kind": each.kind, "components": each.components} for each in self.generators],
+            "generators": [each.components for each in self.symmetries],
+            "other_solutions": [str(each) for each in self.other_solutions.found],
+            "other_solutions_complete": self.other_solutions.complete,
             "generic_rank": self.generic_rank,
             "certified": self.certified,
             "proof": self._proof_in_words(),
@@ -210,6 +254,7 @@ def analyse(f: Any, h: Any = None, x: Any = None, **roles: Any) -> ModelAnalysis
     the system: of 3 unknowns the outputs have rank 3, reached with derivatives up to order 2.
     Observable: k, x_0, x_1.
     Proof: the exact rank is full.
+    Local, but for mirrored and exchanged unknowns: other isolated solutions are not looked for.
     """
     return analysis_of(model_of(f, h, x, **roles))
 

@@ -17,6 +17,7 @@ from observability.function_values import (
     function_values,
     powers,
 )
+from observability.invariant_manifold import staying
 from observability.model import Model
 from observability.power_series import Series
 from observability.residue_matrices import Echelon, null_vectors, reduce_columns
@@ -56,6 +57,15 @@ class ReachedModel:
         """In the order of the model's unknowns."""
         named = {*self.states, *self.constants, *self.unknown_inputs}
         return tuple(each for each in self.model.unknowns if each in named)
+
+    @cached_property
+    def is_invariant(self) -> bool:
+        """Whether the point is a generic one of an invariant manifold: what has a special value keeps it."""
+        model = self.model
+        if model.known_initial_values or model.unknown_inputs:
+            return False
+        moving = set(model.point) & set(self.states)
+        return moving <= set(staying(model, model.point))
 
     @cached_property
     def tape(self) -> Tape:
@@ -112,6 +122,11 @@ class DrawnPoint:
     values: tuple[Residues, ...]
     decisions: BranchDecisions
     start_decisions: BranchDecisions
+
+    @property
+    def count(self) -> int:
+        """Points."""
+        return self.values[0].p.shape[1]
 
     @property
     def first(self) -> "DrawnPoint":
@@ -311,8 +326,9 @@ class ExactRank:
 def exact_rank(part: ReachedModel, seed: int = 0) -> ExactRank:
     """Rank and null space of a model's outputs by its unknowns.
 
-    At a generic point with generic inputs the first order that adds nothing is the last; elsewhere as many orders are taken as
-    there are unknowns and states, and two more.
+    At a generic point with generic inputs the first order that adds nothing is the last, also at a generic point of an invariant
+    manifold: the rows of an order are the derivatives along the motion of those before. Elsewhere as many orders are taken as there
+    are unknowns and states, and two more.
     """
     generator = np.random.default_rng(seed)
     names = part.unknowns
@@ -321,14 +337,14 @@ def exact_rank(part: ReachedModel, seed: int = 0) -> ExactRank:
     point = draw_point(part, generator)
     if part.unknown_inputs:
         return _with_unknown_inputs(part, point, generator)
-    most = len(names) + 2 if part.model.is_generic else len(names) + 2 + len(part.states)
+    most = len(names) + 2 if part.is_invariant else len(names) + 2 + len(part.states)
     rows, ranks = Echelon(len(names), point.field), []
-    for order_rows in _output_rows(part, point, most, generator):
-        rows.add(order_rows)
+    for order_rows in output_rows(part, point, most, generator):
+        rows.add(order_rows[:, 0])
         ranks.append(rows.rank)
         if rows.rank == len(names):
             return ExactRank(names, tuple(ranks), rows.null_space(), True, point.field)
-        if part.model.is_generic and len(ranks) > 1 and ranks[-1] == ranks[-2]:
+        if part.is_invariant and len(ranks) > 1 and ranks[-1] == ranks[-2]:
             return ExactRank(names, tuple(ranks), rows.null_space(), True, point.field)
     return ExactRank(names, tuple(ranks), rows.null_space(), False, point.field)
 
@@ -338,8 +354,8 @@ def _with_unknown_inputs(part: ReachedModel, point: DrawnPoint, generator: np.ra
     names, field = part.unknowns, point.field
     most = len(names) + 2 + len(part.states)
     taken, ranks, tried = [], [], {most // 2, (3 * most) // 4, most - 1}
-    for order, rows in enumerate(_output_rows(part, point, most, generator)):
-        taken.append(rows)
+    for order, rows in enumerate(output_rows(part, point, most, generator)):
+        taken.append(rows[:, 0])
         if order not in tried:
             continue
         whole = np.concatenate(taken)
@@ -354,26 +370,26 @@ def _with_unknown_inputs(part: ReachedModel, point: DrawnPoint, generator: np.ra
     raise AssertionError
 
 
-def _output_rows(
+def output_rows(
     part: ReachedModel, point: DrawnPoint, orders: int, generator: np.random.Generator
-) -> Iterator[Num[np.ndarray, "r n"]]:
-    """Gradients of the outputs' Taylor coefficients, order by order; columns are unknowns, then jets of unknown inputs."""
+) -> Iterator[Num[np.ndarray, "r b n"]]:
+    """Gradients of the outputs' Taylor coefficients at every point, order by order, by unknowns, then jets of unknown inputs."""
     field, states, unknown = point.field, len(part.states), len(part.unknown_inputs)
     width = 1 + len(part.unknowns) + unknown * (orders - 1)
-    series = Series(part.tape, point.decisions, field, (orders, 1, width))
-    state = _start(part, point, width)
+    series = Series(part.tape, point.decisions, field, (orders, point.count, width))
+    state = start_values(part, point, width)
     for order in range(orders):
         series.put(0, order, state)
         for index, given in _given(part, point, order, width, generator):
             series.put(index, order, given)
         found = series.advance(order)
-        yield found[states:, 0, 1:]
+        yield found[states:, :, 1:]
         state = field.product(found[:states], field.numbers([Fraction(1, order + 1)]))
 
 
-def _start(part: ReachedModel, point: DrawnPoint, width: int) -> Num[np.ndarray, "n 1 m"]:
+def start_values(part: ReachedModel, point: DrawnPoint, width: int) -> Num[np.ndarray, "n b m"]:
     """States at time 0 with their tangents by the unknowns."""
-    series = Series(part.start, point.start_decisions, point.field, (1, 1, width))
+    series = Series(part.start, point.start_decisions, point.field, (1, point.count, width))
     for index, (group, values) in enumerate(zip(part.groups, point.values, strict=True)):
         series.put(index, 0, _with_tangents(part, group, values.p, width))
     return series.advance(0)
@@ -381,7 +397,7 @@ def _start(part: ReachedModel, point: DrawnPoint, width: int) -> Num[np.ndarray,
 
 def _given(
     part: ReachedModel, point: DrawnPoint, order: int, width: int, generator: np.random.Generator
-) -> Iterator[tuple[int, Num[np.ndarray, "n 1 m"]]]:
+) -> Iterator[tuple[int, Num[np.ndarray, "n b m"]]]:
     """Coefficients of constants, known inputs and unknown inputs of an order."""
     if order == 0:
         for index in (1, 2, 3):
@@ -389,20 +405,20 @@ def _given(
         return
     for index in (2, 3):
         count = len(part.groups[index])
-        values = np.zeros((count, 1, width), dtype=np.uint64)
-        values[:, 0, 0] = generator.integers(0, point.field.prime, count, dtype=np.uint64)
+        values = np.zeros((count, point.count, width), dtype=np.uint64)
+        values[..., 0] = generator.integers(0, point.field.prime, (count, point.count), dtype=np.uint64)
         if index == 3:
             jets = 1 + len(part.unknowns) + (order - 1) * count + np.arange(count)
-            values[np.arange(count), 0, jets] = 1
+            values[np.arange(count), :, jets] = 1
         yield index, values
 
 
 def _with_tangents(
-    part: ReachedModel, names: Sequence[str], p: Num[np.ndarray, "n 1"], width: int
-) -> Num[np.ndarray, "n 1 m"]:
-    values = np.zeros((len(names), 1, width), dtype=np.uint64)
+    part: ReachedModel, names: Sequence[str], p: Num[np.ndarray, "n b"], width: int
+) -> Num[np.ndarray, "n b m"]:
+    values = np.zeros((*p.shape, width), dtype=np.uint64)
     values[..., 0] = p
     for k, name in enumerate(names):
         if name in part.unknowns:
-            values[k, 0, 1 + part.unknowns.index(name)] = 1
+            values[k, :, 1 + part.unknowns.index(name)] = 1
     return values

@@ -15,6 +15,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from spinfilters.core.errors import InputError
+from spinfilters.core.plugins import bind_members
 from spinfilters.registries import bind_registries
 from spinfilters.version import __version__ as __version__
 
@@ -27,7 +28,15 @@ if TYPE_CHECKING:
     from spinfilters.lidar.mesh import mass_properties, read_mesh
     from spinfilters.settings.run_settings import Settings
 
+
+def _own_estimators() -> tuple[object, ...]:
+    from spinfilters.run.estimators import OWN
+
+    return OWN
+
+
 bind_registries()
+bind_members("spinfilters.estimators", _own_estimators)
 
 __all__ = [
     "Dataset",

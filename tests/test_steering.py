@@ -33,7 +33,6 @@ VALIDATED = {
     "spinfilters/run/conditions.py": "a file",
     "spinfilters/run/run_folder.py": "fields of a data set",
     "spinfilters/run/run_summary.py": "files of a run",
-    "spinfilters/run/optional_outputs.py": "values for a file",
     "spinfilters/run/reconstruction.py": "a key of a file",
     "spinfilters/vision/rectification.py": "a file",
     "spinfilters/vision/association.py": "arrays among attributes",

@@ -20,6 +20,7 @@ from jaxtyping import Float
 from experiments.benchmarks.stopwatch import use_one_thread
 from experiments.command_line import run_study
 from experiments.honest_cases import CASES, recordings
+from spinfilters.core.robust_losses import LeastSquares
 from spinfilters.filters.timeline import run
 from spinfilters.inference.initial_estimate import SmoothingOptions, smooth_first_epochs
 from spinfilters.inference.setup import NOTHING_SOUGHT, Setup
@@ -31,7 +32,6 @@ from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import Scenario, simulate, without_map, without_noise
 from spinfilters.smoother.batch_smoother import smooth_recording
-from spinfilters.smoother.losses import LeastSquares
 
 TRACKS: Final = "tracks"
 CHOSEN: Final = (

@@ -12,7 +12,7 @@ import numpy as np
 from experiments.benchmarks.gtsam_chart import CENTRE
 from experiments.benchmarks.smoother_workload import PeerResult, Workload, whitened_cost
 from experiments.benchmarks.stopwatch import now
-from spinfilters.smoother.losses import LeastSquares
+from spinfilters.core.robust_losses import LeastSquares
 from spinfilters.smoother.problem import Stage, with_common_constants
 from spinfilters.smoother.sliding_smoother import SlidingSmoother, SmootherOptions
 from spinfilters.smoother.solver import GaussNewton, Solved, SolverOptions, solve

@@ -49,13 +49,25 @@ class ObservabilityResult:
         return self.report.document()
 
     def figure(self) -> "Figure":
-        """Ranks by order of derivative, and the bound over time, as a matplotlib figure."""
+        """Ranks by order of derivative, and the bound over time, as a matplotlib figure.
+
+        Returns
+        -------
+        Figure
+            Not yet saved or shown.
+        """
         from spinfilters.plots.observability_figures import observability_figure
 
         return observability_figure(self.report, title(self.report.case))
 
     def write(self, folder: Path) -> None:
-        """Text, JSON and picture into a folder that exists. InputError: they cannot be written."""
+        """Text, JSON and picture into a folder that exists. InputError: they cannot be written.
+
+        Parameters
+        ----------
+        folder : Path
+            An existing folder.
+        """
         from spinfilters.plots.style import save_figure
 
         write_text(folder / "observe.txt", f"{self}\n")

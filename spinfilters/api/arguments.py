@@ -11,6 +11,7 @@ from spinfilters.io.stated_values import Argument, ArgumentGroup, NumberRange
 from spinfilters.simulation.scenario_record import Scenario
 
 if TYPE_CHECKING:
+    from spinfilters.io.reference_motion import ReferenceMotion
     from spinfilters.run.optional_outputs import OptionalOutputs
 
 SEGMENT: Final = NumberRange(0, 10**9 - 1, whole=True)
@@ -49,6 +50,31 @@ class RunArguments:
         ),
     ] = False
 
+    reference: Annotated[
+        str | None,
+        Argument(
+            "another instrument's poses or rates of the body (TUM, a table with a header, an OptiTrack export), on its own clock "
+            "and in its own axes: reference.json, reference-<estimator>.png, reference-differences-<estimator>.png",
+            metavar="FILE",
+        ),
+    ] = None
+    reference_shares: Annotated[
+        tuple[str, ...],
+        Argument(
+            "what of --reference need not be fitted: frame, its inertial frame is that of the data set; origin, it is the centre "
+            "of mass",
+            metavar="frame,origin",
+            cure='"frame", "origin" or "frame,origin"',
+        ),
+    ] = ()
+    reference_inspector: Annotated[
+        str | None,
+        Argument(
+            "poses of the inspector from the same instrument as --reference, which is then seen from the inspector",
+            metavar="FILE",
+        ),
+    ] = None
+
     verdict: Annotated[
         Literal["full", "filter"] | None,
         Argument(
@@ -57,15 +83,33 @@ class RunArguments:
             cure='"full" or "filter"',
         ),
     ] = None
+    no_figures: Annotated[bool, Argument("write the numbers alone, no pictures and no page")] = False
+    from_truth: Annotated[
+        int | None,
+        NumberRange(0, 2**63 - 1, whole=True),
+        Argument(
+            "begin from a belief about the truth, whose error is drawn with this seed, and smooth no first epochs",
+            metavar="SEED",
+        ),
+    ] = None
 
     @property
     def optional_outputs(self) -> "OptionalOutputs | None":
         """Optional outputs that are asked for, or None."""
-        if self.predict is None and not self.convergence and not self.explain:
+        if self.predict is None and not self.convergence and not self.explain and self.reference is None:
             return None
         from spinfilters.run.optional_outputs import OptionalOutputs
 
-        return OptionalOutputs(self.predict, self.convergence, self.explain)
+        return OptionalOutputs(self.predict, self.convergence, self.explain, self._chosen_reference)
+
+    @property
+    def _chosen_reference(self) -> "ReferenceMotion | None":
+        """The reference, read before anything is estimated. Raises InputError."""
+        if self.reference is None:
+            return None
+        from spinfilters.run.reference_output import chosen_reference
+
+        return chosen_reference(self.reference, self.reference_inspector, self.reference_shares)
 
 
 @dataclass(frozen=True, kw_only=True)

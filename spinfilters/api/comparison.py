@@ -29,18 +29,22 @@ from spinfilters.evaluation.estimated_motion import (
 )
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.io.argument_checks import (
-    A_RECORDING,
     ESTIMATORS,
+    KIND,
     called,
     checked_arguments,
+    is_path,
     names,
     one_of,
     optional,
     path,
+    plain_numbers,
+    refuse,
     text,
 )
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.input_file import path_text, value_text
+from spinfilters.io.memory_tables import WHAT_TO_GIVE, is_table
 from spinfilters.models.body import BodyEstimate
 from spinfilters.models.status import verdict_sentences
 from spinfilters.run.comparison_run import RunOutput, compare_dataset, compare_into, silent, write_comparison
@@ -59,8 +63,10 @@ class EstimatorResult:
 
     Attributes
     ----------
-    evaluation: everything that was computed of it, `spinfilters.evaluation.estimator_evaluation.Evaluation`.
-    landmarks: (k, 3) m in frame g, the map that it ended with or was given; None without any.
+    evaluation : Evaluation
+        Everything that was computed of it, `spinfilters.evaluation.estimator_evaluation.Evaluation`.
+    landmarks : ndarray of float, shape (k, 3) or None
+        Map that it ended with or was given, m, frame g; None without any.
     """
 
     evaluation: Evaluation
@@ -118,9 +124,15 @@ class EstimatorResult:
     def to_dataframe(self) -> Any:
         """The trajectory as a pandas.DataFrame over ``time_s``, with the columns of ``trajectory.csv``.
 
+        Returns
+        -------
+        Any
+            pandas.DataFrame, a row an epoch.
+
         Raises
         ------
-        ImportError: pandas is not installed.
+        ImportError
+            pandas is not installed.
         """
         columns = dict(zip(TRAJECTORY_COLUMNS, trajectory_columns(self.trajectory), strict=True))
         return data_frame(columns, TRAJECTORY_COLUMNS[0])
@@ -139,10 +151,20 @@ class Run(Mapping[str, EstimatorResult]):
 
     Attributes
     ----------
-    dataset, settings: that it was made with.   results: by name of the estimator.
-    conditions: sentences on the map, the seed and the noise.   summary: the content of ``summary.json``.
-    comparison: what the estimators left behind, None where the run was read from its folder.
-    folder: that holds the run, None where it was not written.
+    dataset : Dataset
+        That it was made of.
+    settings : Settings
+        That it was made with.
+    results : Mapping[str, EstimatorResult]
+        By name of the estimator.
+    conditions : tuple[str, ...]
+        Sentences on the map, the seed and the noise.
+    summary : Mapping[str, Any]
+        The content of ``summary.json``.
+    comparison : Comparison or None
+        What the estimators left behind, None where the run was read from its folder.
+    folder : Path or None
+        That holds the run, None where it was not written.
     """
 
     dataset: Dataset
@@ -154,17 +176,51 @@ class Run(Mapping[str, EstimatorResult]):
     folder: Path | None = None
 
     @classmethod
-    def from_comparison(cls, comparison: Comparison, settings: Settings, folder: Path | None = None) -> "Run":
-        """Run of a comparison that has just ended."""
+    def from_comparison(
+        cls,
+        comparison: Comparison,
+        settings: Settings,
+        document: Mapping[str, Any],
+        folder: Path | None = None,
+    ) -> "Run":
+        """Run of a comparison that has just ended, with the content of its summary.json.
+
+        Parameters
+        ----------
+        comparison : Comparison
+            Of all estimators.
+        settings : Settings
+            That it was made with.
+        document : Mapping[str, Any]
+            Content of summary.json.
+        folder : Path or None
+            That it was written into; None where it was not.
+
+        Returns
+        -------
+        Run
+            With a result for every estimator.
+        """
         results = {e.name: EstimatorResult(e, comparison.maps.get(e.name)) for e in comparison.evaluations}
         conditions = tuple(comparison.conditions.sentences)
-        return cls(
-            comparison.setup.dataset, settings, results, conditions, summary(comparison), comparison, folder
-        )
+        return cls(comparison.setup.dataset, settings, results, conditions, document, comparison, folder)
 
     @classmethod
     def from_folder(cls, folder: Path, settings: Settings) -> "Run":
-        """Run of a complete run folder. InputError: a damaged one."""
+        """Run of a complete run folder. InputError: a damaged one.
+
+        Parameters
+        ----------
+        folder : Path
+            Of a complete run.
+        settings : Settings
+            Those of its config.toml.
+
+        Returns
+        -------
+        Run
+            As the run that wrote it, without the comparison.
+        """
         shown_run = read_figure_data(folder)
         maps = {e.name: folder / e.name / MAP_FILE for e in shown_run.evaluations}
         landmarks = {name: read_map_ply(path) for name, path in maps.items() if path.exists()}
@@ -194,12 +250,19 @@ class Run(Mapping[str, EstimatorResult]):
 
         Parameters
         ----------
-        name: of the table of figures: "summary", "rates", "inertia", "polhode", "scene", "consistency", "errors-mekf" (or
-            another estimator's), or that of an installed figure.
+        name : str
+            Of the table of figures: "summary", "rates", "inertia", "polhode", "scene", "consistency", "errors-mekf" (or another
+            estimator's), or that of an installed figure.
+
+        Returns
+        -------
+        Figure
+            A matplotlib figure.
 
         Raises
         ------
-        InputError: no such figure, or one that needs what the run does not have.
+        InputError
+            No such figure, or one that needs what the run does not have.
         """
         from spinfilters.plots.figures import FigureData, drawn_figure
 
@@ -210,9 +273,20 @@ class Run(Mapping[str, EstimatorResult]):
     def save(self, folder: str | os.PathLike[str]) -> Path:
         """Write the run folder of the command, with its pictures; returns its path.
 
+        Parameters
+        ----------
+        folder : str or os.PathLike[str]
+            New, or that of an earlier run.
+
+        Returns
+        -------
+        Path
+            Of the folder.
+
         Raises
         ------
-        InputError: the folder holds something else than a run or cannot be written; the run was read from a folder itself.
+        InputError
+            The folder holds something else than a run or cannot be written; the run was read from a folder itself.
         """
         if self.comparison is None:
             raise InputError(f"this run was read from {self.folder}; copy that folder")
@@ -221,6 +295,11 @@ class Run(Mapping[str, EstimatorResult]):
 
     def to_dataframe(self) -> Any:
         """The numbers of ``summary.json`` as a pandas.DataFrame, a row per estimator; tables as ``a.b``, lists as ``a_1``.
+
+        Returns
+        -------
+        Any
+            pandas.DataFrame with the index "estimator".
 
         Raises
         ------
@@ -275,7 +354,8 @@ def data_frame(columns: Mapping[str, Any], index: str) -> Any:
 
     Raises
     ------
-    ImportError: pandas is not installed.
+    ImportError
+        pandas is not installed.
     """
     try:
         pandas = import_module("pandas")
@@ -320,8 +400,9 @@ AnySettings = Settings | Mapping[str, Any] | str | os.PathLike[str]
 
 @checked_arguments(
     RunArguments,
-    data=one_of(Dataset, path_of=A_RECORDING, cure="a path or a data set of spinfilters.load or .simulate"),
+    kind=optional(text(KIND)),
     segment=optional(one_of(int, str, cure='a number, times such as "6.55:7.4", or "auto"')),
+    belief=optional(one_of(Mapping, cure='{"mean": {"rate": (0, 0, 1), ...}, "std": {...}}')),
     settings=optional(
         one_of(Settings, Mapping, path_of="a settings file", cure="Settings, a mapping of tables, or a path")
     ),
@@ -330,25 +411,30 @@ AnySettings = Settings | Mapping[str, Any] | str | os.PathLike[str]
 )
 @on_one_blas_thread
 def compare(
-    data: Dataset | str | os.PathLike[str],
+    data: Any,
     estimators: Sequence[str] | str | None = None,
     settings: AnySettings | None = None,
     segment: int | str | None = None,
     output: str | os.PathLike[str] | None = None,
     *,
+    kind: str | None = None,
+    units: str | Mapping[str, str] | None = None,
     resume: bool = False,
     predict: float | None = None,
     convergence: bool = False,
     explain: bool = False,
+    no_figures: bool = False,
     verdict: str | None = None,
+    belief: Mapping[str, Any] | None = None,
+    from_truth: int | None = None,
     progress: Progress = silent,
 ) -> Run:
     """Estimators side by side on one recording, as ``spinfilters compare`` runs them.
 
     Parameters
     ----------
-    data : Dataset, str or os.PathLike
-        A data set, or the path of one (see `load`).
+    data : Dataset, str, os.PathLike, data frame, mapping or array
+        A data set, the path of one, or a table in memory (see `load`): ``compare(frame, units="deg/s")``.
     estimators : str, sequence of str or None
         Names among "mekf", "ukf", "smoother", "filterpy-ekf", "filterpy-ukf", "embedded", "embedded-double"; one text may list
         several, with commas. None takes those of the settings, by default the first three.
@@ -358,6 +444,10 @@ def compare(
         Of a recording, see `load`.
     output : str, os.PathLike or None
         Folder to write the run into, with checkpoints and pictures; None writes nothing, and `Run.save` can later.
+    kind : str or None
+        Of a table in memory, see `load`.
+    units : str, Mapping or None
+        Of the columns of a table or of a file, see `load`.
     resume : bool
         Whether to go on from what an interrupted run has left in ``output``; a finished run is read from there.
     predict : float or None
@@ -366,9 +456,16 @@ def compare(
         Whether to show how the smoother settles.
     explain : bool
         Whether to run again with the errors of the models that are found.
+    no_figures : bool
+        Whether to write the numbers alone into ``output``, without pictures and page.
     verdict : str or None
         "full" judges by all checks, "filter" by those alone that need no smoothed motion, which leave every estimate degraded at
         best. None takes that of the settings.
+    belief : Mapping or None
+        From which every estimator begins at the first epoch, in place of smoothed first epochs: ``mean`` by block, and ``std`` by
+        block or a ``covariance``, as the settings' table ``[initialisation]`` has them.
+    from_truth : int or None
+        Seed of the error of a belief that is drawn about the truth, with ``std`` of ``belief`` or usual deviations.
     progress : Callable[[str, int, int], None]
         Called with what is being done, steps done and steps in all.
 
@@ -384,18 +481,21 @@ def compare(
     KeyboardInterrupt
         Ctrl-C; what was estimated is in ``output``, if given, for ``resume`` to go on from.
     """
-    chosen = _settings(settings, estimators, verdict)
-    dataset = _dataset(data, segment)
+    chosen = _beginning(_settings(settings, estimators, verdict), belief, from_truth)
+    dataset = _dataset(data, segment, kind, units)
     how = RunArguments(resume=resume, predict=predict, convergence=convergence, explain=explain)
     if output is None:
         if resume or how.optional_outputs is not None:
             raise InputError("resume, predict, convergence and explain work in a run folder; give output")
-        return Run.from_comparison(_whole(compare_dataset(dataset, chosen, progress), None), chosen)
+        comparison = _whole(compare_dataset(dataset, chosen, progress), None)
+        return Run.from_comparison(comparison, chosen, summary(comparison))
     folder = Path(output)
-    written = compare_into(dataset, chosen, RunOutput(folder, how.resume, how.optional_outputs), progress)
-    if written.comparison is None:
+    written = compare_into(
+        dataset, chosen, RunOutput(folder, how.resume, how.optional_outputs, not no_figures), progress
+    )
+    if written.comparison is None or written.summary is None:
         return Run.from_folder(folder, chosen)
-    return Run.from_comparison(_whole(written.comparison, folder), chosen, folder)
+    return Run.from_comparison(_whole(written.comparison, folder), chosen, written.summary, folder)
 
 
 @checked_arguments(folder=path("a run's folder"))
@@ -454,6 +554,32 @@ def _settings(
     return chosen if estimators is None else replace(chosen, estimators=_names(estimators))
 
 
+def _beginning(settings: Settings, belief: Mapping[str, Any] | None, from_truth: int | None) -> Settings:
+    """The settings with a belief from which estimators begin. InputError: one that cannot be."""
+    changes: dict[str, Any] = {}
+    if belief is not None:
+        known = ("mean", "std", "covariance")
+        for name in belief:
+            if name not in known:
+                raise InputError(f"belief.{value_text(name)[1:-1]} is unknown; give {', '.join(known)}")
+        changes = {name: _as_setting(name, value) for name, value in belief.items()}
+    if from_truth is not None:
+        changes |= {"from_truth": True, "draw": from_truth}
+    if not changes:
+        return settings
+    return replace(settings, initialisation=replace(settings.initialisation, **changes))
+
+
+def _as_setting(name: str, value: Any) -> Any:
+    """Arrays of a belief as the lists of a settings file. InputError: no table of blocks."""
+    plain = value.tolist() if isinstance(value, np.ndarray) else plain_numbers(value)
+    if name == "covariance":
+        return tuple(map(tuple, plain))
+    if not isinstance(plain, Mapping):
+        raise InputError(f"belief.{name} is {value_text(value)}; give numbers by block, such as rate")
+    return dict(plain)
+
+
 def _names(estimators: Sequence[str] | str) -> tuple[str, ...]:
     """Names from a list, or from one text with commas. InputError: no names."""
     if isinstance(estimators, Settings | Mapping):
@@ -462,9 +588,16 @@ def _names(estimators: Sequence[str] | str) -> tuple[str, ...]:
     return names_in(estimators) if isinstance(estimators, str) else tuple(estimators)
 
 
-def _dataset(data: Dataset | str | os.PathLike[str], segment: int | str | None) -> Dataset:
-    if isinstance(data, Dataset):
-        if segment is not None:
-            raise InputError(f"segment {segment} is of a recording's folder; give its path, not a data set")
-        return data
-    return load(data, segment)
+def _dataset(
+    data: Any, segment: int | str | None, kind: str | None, units: str | Mapping[str, str] | None
+) -> Dataset:
+    """The data set, or that of a path or of a table in memory. InputError: what is of no use for a data set."""
+    if not isinstance(data, Dataset):
+        if not is_path(data) and not is_table(data):
+            refuse("data", data, WHAT_TO_GIVE)
+        return load(data, segment, kind=kind, units=units)
+    if segment is not None:
+        raise InputError(f"segment {segment} is of a recording's folder; give its path, not a data set")
+    if kind is not None or units is not None:
+        raise InputError("kind and units are of tables in memory; a data set has its own: leave them out")
+    return data

@@ -1,26 +1,30 @@
 """Data sets: read from files, or simulated."""
 
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from spinfilters.api.arguments import SEGMENT
 from spinfilters.api.blas_threads import on_one_blas_thread
 from spinfilters.core.errors import InputError
 from spinfilters.io.argument_checks import (
-    A_RECORDING,
+    KIND,
     called,
     checked_arguments,
+    is_path,
     one_of,
     optional,
+    refuse,
+    text,
     three_numbers,
     truth,
 )
-from spinfilters.io.argument_checks import path as path_of
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.dataset_reader import IMAGES, has_images
+from spinfilters.io.input_file import value_text
+from spinfilters.io.memory_tables import WHAT_TO_GIVE, is_table, reading_options
 from spinfilters.io.sensor_format import dataset_kinds
-from spinfilters.io.stated_values import ReadingOptions
+from spinfilters.io.stated_values import RATE_UNITS, ReadingOptions
 from spinfilters.models.sensor_registry import has_error
 from spinfilters.models.state_blocks import GYRO_BIAS as BIAS_BLOCK
 from spinfilters.run.readers import read_dataset
@@ -32,38 +36,48 @@ from spinfilters.simulation.scenario_record import GYRO_BIAS
 
 @checked_arguments(
     ReadingOptions,
-    path=path_of(A_RECORDING),
+    kind=optional(text(KIND)),
     segment=optional(one_of(int, str, cure='a number, times such as "6.55:7.4", or "auto"')),
 )
 def load(
-    path: str | os.PathLike[str],
+    path: Any,
     segment: int | str | None = None,
     *,
+    kind: str | None = None,
+    units: str | Mapping[str, str] | None = None,
     unit: str | None = None,
     clock: str | None = None,
     rate: float | None = None,
     topic: str | None = None,
+    columns: str | None = None,
 ) -> Dataset:
-    """Data set of a folder or file.
+    """Data set of a folder or file, or of a table in memory.
 
     Whatever ``spinfilters compare`` reads; of stereo images it is their tracks.
 
     Parameters
     ----------
-    path : str or os.PathLike
-        A folder with ``dataset.toml``, a phone's export or a zip of it, a ``.csv`` with columns by name (a clock and three body
-        rates, or poses), a TUM ``.tum`` or ``.txt`` of poses, a ROS bag.
+    path : str, os.PathLike, data frame, mapping or array
+        A table in memory, see `Dataset.from_dataframe`; or the path of a folder with ``dataset.toml``, a phone's export or a zip
+        of it, a ``.csv`` with columns by name (a clock and three body rates, or poses), a TUM ``.tum`` or ``.txt`` of poses, a
+        ROS bag.
     segment : int, str or None
         Number of a marked segment of a phyphox recording or else of a free flight, times such as "6.55:7.4" (s), or "auto" for the
         only free flight; None for the whole.
+    kind : str or None
+        Of a table in memory whose names do not tell it, such as "gyro".
+    units : str, Mapping or None
+        What ``unit`` and ``clock`` say in one: "deg/s", or ``{"time": "ms", "rate": "deg/s"}``.
     unit : str or None
-        Of body rates whose header states none, such as "deg/s".
+        Of body rates or positions whose header states none, such as "deg/s".
     clock : str or None
         Unit of time stamps, such as "ms".
     rate : float or None
         Samples a second, Hz, of a table without a clock.
     topic : str or None
         Of a ROS bag.
+    columns : str or None
+        Names of the columns of a table without a header, such as "t,x,y,z".
 
     Returns
     -------
@@ -75,7 +89,18 @@ def load(
     InputError
         An unusable file, no such segment, a unit in doubt; the text names file, line or value, and the cure.
     """
-    options = ReadingOptions(unit, clock, rate, topic)
+    if units is not None:
+        if unit is not None or clock is not None:
+            raise InputError("units says what unit and clock say; give one of them")
+        stated = reading_options(units, rate)
+        unit, clock = stated.unit, stated.clock
+    options = ReadingOptions(unit, clock, rate, topic, columns)
+    if not is_path(path):
+        return _in_memory(path, kind, options, segment)
+    if kind is not None:
+        raise InputError(
+            f"kind {value_text(kind)} is of tables in memory; a file tells its own: leave it out"
+        )
     if segment is not None:
         if not isinstance(segment, str):
             SEGMENT.require("segment", segment)
@@ -86,6 +111,19 @@ def load(
 
         return track_images(Path(path)).dataset
     return read_dataset(path, options=options)
+
+
+def _in_memory(table: Any, kind: str | None, options: ReadingOptions, segment: int | str | None) -> Dataset:
+    """Data set of a table in memory. InputError: no table; statements and segments that are of files."""
+    if not is_table(table):
+        refuse("path", table, WHAT_TO_GIVE)
+    if segment is not None:
+        raise InputError(f"segment {segment} is of a recording's file; cut the table instead")
+    options.require_only(("unit", "clock", "rate"), "a table in memory")
+    units: dict[str, str] = {} if options.clock is None else {"time": options.clock}
+    if options.unit is not None:
+        units["rate" if options.unit in RATE_UNITS else "position"] = options.unit
+    return Dataset.from_dataframe(table, kind, units=units or None, rate=options.rate)
 
 
 @checked_arguments(Scenario, known_map=truth, gyro_bias=optional(three_numbers(GYRO_BIAS)), progress=called)

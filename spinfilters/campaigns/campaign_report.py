@@ -16,8 +16,22 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from spinfilters.campaigns.campaign_folder import STUDY_FILE, read_folder
+from spinfilters.campaigns.paired_ratios import (
+    ESTIMATOR,
+    PairedRatio,
+    paired_ratios,
+    pareto_figure,
+    reference_of,
+)
 from spinfilters.campaigns.rows_folder import read_rows
-from spinfilters.campaigns.statistics import CellSummary, Interval, cell_summaries, counted_metrics, share
+from spinfilters.campaigns.statistics import (
+    NOTHING,
+    CellSummary,
+    Interval,
+    cell_summaries,
+    counted_metrics,
+    share,
+)
 from spinfilters.campaigns.study import Study
 from spinfilters.evaluation.metrics import Metric, Section
 from spinfilters.evaluation.stated_errors import LARGEST_STATED_ERROR
@@ -142,6 +156,27 @@ def _mean(cell: CellSummary, metric: Metric) -> str:
     return _interval(cell.numbers[metric.column_name], metric.scale)
 
 
+def pairs_section(
+    ratios: Sequence[PairedRatio], others: Sequence[str], reference: str | None, picture: str
+) -> str:
+    """Ratios of estimators over the reference on the same recordings."""
+    if not ratios:
+        return "<p>One estimator alone, or no recording that two of them have.</p>"
+    quantities = list(dict.fromkeys(each.quantity for each in ratios))
+    found: dict[tuple[tuple[str, ...], str], dict[str, Interval]] = {}
+    for each in ratios:
+        found.setdefault((each.levels, each.estimator), {})[each.quantity] = each.ratio
+    rows = [
+        [*map(escape, levels), escape(name), *(_interval(own.get(title, NOTHING)) for title in quantities)]
+        for (levels, name), own in list(found.items())[:MOST_ROWS]
+    ]
+    remark = (
+        f"Geometric mean over recordings of the ratio to {reference} on the same recording, with its 95 % confidence interval; "
+        "errors as in the table of errors, processor time of estimation alone. Below 1 is better."
+    )
+    return note(remark) + table([*others, "estimator", *quantities], rows, len(others) + 1) + picture
+
+
 def verdict_section(cells: Sequence[CellSummary], picture: str) -> str:
     """Verdicts against correctness, over all cells of an estimator."""
     names = list(dict.fromkeys(cell.levels["estimator"] for cell in cells))
@@ -261,11 +296,14 @@ def write_report(folder: Path) -> Path:
     table = read_rows(folder, study.columns, levels=study.levels)
     cells = list(cell_summaries(study, table))
     varied = study.varied or ["estimator"]
+    ratios, others = paired_ratios(study, table), [name for name in study.varied if name != ESTIMATOR]
+    reference = reference_of(list(dict.fromkeys(cell.levels[ESTIMATOR] for cell in study.cells)))
     target = folder / REPORT
     make_folder(target)
     pictures = {
         "nees": (nees_figure(cells, varied), "NEES over time with its band"),
         "bound": (bound_figure(cells, varied), "errors over the Cramer-Rao bound"),
+        "pareto": (pareto_figure(ratios), "errors against processor time, over the reference"),
         "verdicts": (verdict_figure(cells, varied), "verdicts against the truth"),
     }
     shown = {name: _picture(target, name, *each) for name, each in pictures.items()}
@@ -276,6 +314,7 @@ def write_report(folder: Path) -> Path:
         ),
         "Consistency": consistency_section(cells, varied, shown["nees"]),
         "Errors": errors_section(cells, varied, shown["bound"]),
+        "Estimators in pairs": pairs_section(ratios, others, reference, shown["pareto"]),
         "Further numbers": further_section(cells, varied),
         "Verdicts against the truth": verdict_section(cells, shown["verdicts"]),
         "Runs that went wrong": failures_section(

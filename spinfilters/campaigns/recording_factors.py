@@ -4,12 +4,11 @@ Motion, body, sensor and noise are groups of the fields of a `Scenario`: keys, d
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from inspect import get_annotations
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, TypeVar, get_args, get_origin
 
 import numpy as np
-from jaxtyping import Float
 
 from spinfilters.campaigns.row_columns import noise_levels
 from spinfilters.core.errors import InputError
@@ -24,6 +23,7 @@ from spinfilters.models.feature_tracks import EveryAppearance, SomeAppearances
 from spinfilters.models.process import THESIS_NOISE, ProcessNoise
 from spinfilters.models.sensor_registry import sensor_of
 from spinfilters.models.state_layout import StateLayout
+from spinfilters.run.given_belief import OTHER_STD, drawn_start
 from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings, TruthValue
 from spinfilters.simulation.measurement_faults import (
@@ -39,7 +39,6 @@ from spinfilters.simulation.measurement_faults import (
 )
 from spinfilters.simulation.model_faults import model_faults
 from spinfilters.simulation.scenario_record import RECOGNITION, Scenario
-from spinfilters.smoother.priors import FirstStatePrior
 
 STD: Final = NumberRange(1e-12, 1e6)
 SHARE: Final = NumberRange(0.0, 1.0)
@@ -334,9 +333,18 @@ def prepared_with_drawn_belief(
 
     def initial(layout: StateLayout) -> InitialEstimate:
         """The drawn belief as an initialisation over a layout."""
-        return drawn_start(layout, true_states(truth, layout)[0], belief, generator)
+        std = np.zeros(layout.error_dim)
+        for block in layout.blocks:
+            std[layout.slice(block)] = belief.by_block.get(block, OTHER_STD)
+        return drawn_start(layout, true_states(truth, layout)[0], np.diag(std), generator)
 
     return prepare(dataset, settings, initial)
+
+
+def prepared_about_truth(dataset: Dataset, settings: Settings, belief: BeliefFactor, seed: int) -> Setup:
+    """Prepared data set of a user's own, with a belief drawn about its truth. InputError: it has none."""
+    drawn = replace(settings.initialisation, from_truth=True, draw=seed, std=dict(belief.by_block), mean={})
+    return prepare(dataset, replace(settings, initialisation=drawn))
 
 
 def require_frames(sensor: SensorFactor) -> None:
@@ -349,19 +357,3 @@ def require_frames(sensor: SensorFactor) -> None:
             "a drawn belief needs a sensor that tells the frames of the truth; give sensor.known_map = true, or "
             'initialisation = "data"'
         )
-
-
-def drawn_start(
-    layout: StateLayout, true: Float[np.ndarray, " m"], belief: BeliefFactor, generator: np.random.Generator
-) -> InitialEstimate:
-    """An initialisation of one epoch whose error is drawn from its own covariance.
-
-    The truth is ``mean [+] e`` with e ~ N(0, P); drawn as mean = true [+] (-e), which is the same to first order.
-    """
-    std = np.zeros(layout.error_dim)
-    for block in layout.blocks:
-        std[layout.slice(block)] = belief.by_block.get(block, 1e-3)
-    mean = layout.retract(true, std * generator.standard_normal(layout.error_dim))
-    prior = FirstStatePrior(mean, std)
-    factor = prior.factor[np.newaxis]
-    return InitialEstimate(layout, prior, mean[np.newaxis], factor, 0.0, 0, 0, 0, 0, converged=True)

@@ -174,7 +174,8 @@ class RowsFolder:
         line = json.dumps(row).encode() + b"\n"
         try:
             if self._journal is None:
-                path = self.folder / f"{self._next_number():06d}{_JOURNAL}"
+                last = max((int(path.stem) for path in part_files(self.folder)), default=0)
+                path = self.folder / f"{last + 1:06d}{_JOURNAL}"
                 self._journal = open(path, "xb", buffering=0)  # noqa: SIM115  closed with its part
             written = self._journal.write(line)
             if written != len(line):
@@ -203,9 +204,6 @@ class RowsFolder:
         for left in self.folder.glob(".*.part"):
             with suppress(OSError):
                 left.unlink()
-
-    def _next_number(self) -> int:
-        return 1 + max((int(path.stem) for path in part_files(self.folder)), default=0)
 
 
 def _take_over(journal: Path, rules: RowRules) -> None:

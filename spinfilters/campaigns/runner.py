@@ -11,7 +11,11 @@ from typing import Any, Final, TypeVar
 
 import numpy as np
 
-from spinfilters.campaigns.recording_factors import RecordingFactors, prepared_with_drawn_belief
+from spinfilters.campaigns.recording_factors import (
+    RecordingFactors,
+    prepared_about_truth,
+    prepared_with_drawn_belief,
+)
 from spinfilters.campaigns.row_columns import TIMES, bound_columns, noise_columns, result_columns
 from spinfilters.campaigns.study import CampaignRun, Cell, Study
 from spinfilters.core.errors import SpinfiltersError
@@ -24,6 +28,7 @@ from spinfilters.io.dataset import Dataset
 from spinfilters.io.input_file import printable
 from spinfilters.run.estimation import Comparison, ComparisonExtent, compare_estimators
 from spinfilters.run.preparation import prepare
+from spinfilters.run.readers import read_dataset
 from spinfilters.simulation.measurement_faults import with_faults
 from spinfilters.simulation.model_faults import faulty_recording, model_faults
 from spinfilters.simulation.scenario import Motion, measured, motion_in_view, without_map, without_noise
@@ -92,6 +97,9 @@ class Runner:
 
     def recording(self, run: CampaignRun) -> Dataset:
         """The data set of a run."""
+        path = self.study.cells[run.cell].own_recording
+        if path:
+            return self._once("recording", path, lambda: read_dataset(path))
         factors = self._factors(run)
         return self._once("recording", (run.seed, factors), lambda: self._simulated(run, factors))
 
@@ -99,8 +107,9 @@ class Runner:
         """The run's data set, initialised."""
         cell = self.study.cells[run.cell]
         dataset = self.recording(run)
-        key = (run.seed, self._factors(run), cell.belief, cell.settings.process, cell.settings.sensors)
-        key = (*key, cell.settings.initialisation, cell.settings.landmarks)
+        key: tuple[Any, ...] = (cell.own_recording, run.seed, self._factors(run), cell.belief)
+        for table in ("process", "sensors", "initialisation", "landmarks"):
+            key = (*key, getattr(cell.settings, table))
         with self._timed("initialise"):
             return self._once("prepared", key, lambda: self._initialised(run, cell, dataset))
 
@@ -127,7 +136,8 @@ class Runner:
     def _levels(self, run: CampaignRun, evaluation: Evaluation) -> Row:
         """True and identified levels of noise."""
         identified = evaluation.history.noise or self.setup(run).identified
-        return noise_columns(identified, self._factors(run).levels)
+        is_own = bool(self.study.cells[run.cell].own_recording)
+        return noise_columns(identified, {} if is_own else self._factors(run).levels)
 
     def _motion_bound(self, run: CampaignRun) -> dict[str, Any]:
         """The bound of the cell's first seed."""
@@ -174,6 +184,9 @@ class Runner:
     def _initialised(self, run: CampaignRun, cell: Cell, dataset: Dataset) -> Setup:
         if self.study.options.initialisation == "data":
             return prepare(dataset, cell.settings)
+        if cell.own_recording:
+            drawn = int(run_seeds(self.study.options.root_seed, run.seed).belief.generate_state(1)[0])
+            return prepared_about_truth(dataset, cell.settings, cell.belief, drawn)
         generator = np.random.default_rng(run_seeds(self.study.options.root_seed, run.seed).belief)
         return prepared_with_drawn_belief(dataset, cell.settings, cell.belief, generator)
 

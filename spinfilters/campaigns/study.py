@@ -11,6 +11,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from functools import cached_property
+from glob import glob
 from itertools import product
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
@@ -31,6 +32,7 @@ from spinfilters.campaigns.recording_factors import (
 from spinfilters.core.errors import InputError
 from spinfilters.io.input_file import path_text, read_toml, value_text
 from spinfilters.io.stated_values import NumberRange
+from spinfilters.run.readers import recordings_in
 from spinfilters.settings.run_settings import Settings, settings_from
 from spinfilters.settings.setting_validation import validated
 
@@ -96,6 +98,10 @@ def _ascend(limits: list[Any]) -> bool:
 
 
 MOST_RUNS: Final = 10_000_000
+RECORDING: Final = "recording"
+"""Factor whose levels are paths of data sets, in place of the factors of what is simulated."""
+SIMULATED: Final = ("motion", "body", "sensor", "noise", "fault")
+"""Factors of what is simulated."""
 OPEN_KEYS: Final = ("seeds", "description", "time_limit_s")
 """Options that may change when a campaign is resumed: no run depends on them."""
 
@@ -149,6 +155,8 @@ class Cell:
         With the smallest of what is drawn.
     drawn : tuple[DrawnNumber, ...]
         Numbers of it that every seed draws.
+    own_recording : str
+        Path of a data set that is read in place of a simulated recording; empty of one that is simulated.
     """
 
     levels: Mapping[str, str]
@@ -156,6 +164,7 @@ class Cell:
     belief: BeliefFactor
     settings: Settings
     drawn: tuple[DrawnNumber, ...] = ()
+    own_recording: str = ""
 
     def recording_of(self, seeds: np.random.SeedSequence) -> RecordingFactors:
         """Factors of the recording of a seed."""
@@ -202,6 +211,13 @@ _TABLES: Final = tuple(each.name for each in fields(_StudyFile) if each.name != 
 
 def check_tables(document: Mapping[str, Any]) -> None:
     """Require that every table is known and holds tables of levels."""
+    if RECORDING in _levels(document):
+        unused = next((name for name in document if name in SIMULATED), None)
+        unused = unused or next((n for n in document["factors"] if n.split(".")[0] in SIMULATED), None)
+        if unused is not None:
+            raise InputError(
+                f"{unused} is of simulated recordings, and factors.recording names data sets; leave one of them out"
+            )
     known = ("study", "factors", *(name for name in FACTORS if name != "estimator"))
     for key, table in document.items():
         if key not in known:
@@ -231,13 +247,18 @@ def _levels(document: Mapping[str, Any]) -> dict[str, list[Any]]:
     found: dict[str, list[Any]] = {}
     for name, levels in table.items():
         kind = name.split(".")[0]
-        if kind not in FACTORS or (kind == "estimator" and name != kind):
+        if (kind not in FACTORS and name != RECORDING) or (kind == "estimator" and name != kind):
             raise InputError(
-                f'unknown factor {value_text(name)}; known are {", ".join(FACTORS)}, and single keys such as "noise.pixel_std"'
+                f"unknown factor {value_text(name)}; known are {', '.join((RECORDING, *FACTORS))}, "
+                'and single keys such as "noise.pixel_std"'
             )
         _check_levels(name, levels)
         found[name] = levels
-    ordered = {name: found.get(name, [BASE]) for name in FACTORS[:-1]}
+    simulated = {name: found.get(name, [BASE]) for name in FACTORS[:-1]}
+    if RECORDING in found:
+        ordered = {RECORDING: found[RECORDING]} | {name: simulated[name] for name in ("belief", "settings")}
+    else:
+        ordered = simulated
     single = {name: levels for name, levels in found.items() if "." in name}
     return ordered | single | {"estimator": found["estimator"]}
 
@@ -249,8 +270,8 @@ def _check_levels(name: str, levels: Any) -> None:
     """
     if not isinstance(levels, list) or not levels:
         raise InputError(f"factor {value_text(name)} is {value_text(levels)}; give a list of levels")
-    if "." not in name and not all(isinstance(level, str) for level in levels):
-        cure = "such as mekf" if name == "estimator" else f"each with a table [{name}.NAME]"
+    if ("." not in name or name == RECORDING) and not all(isinstance(level, str) for level in levels):
+        cure = "such as mekf" if name in ("estimator", RECORDING) else f"each with a table [{name}.NAME]"
         raise InputError(f"factor {name} has the levels {value_text(levels)}; give names, {cure}")
     texts = [_text(level) for level in levels]
     odd = next((text for text in texts if not text.isprintable() or not 0 < len(text) <= LONGEST_LEVEL), None)
@@ -298,16 +319,17 @@ class _TableMaker:
         settings = replace(tables.pop("settings"), estimators=(levels["estimator"],))
         belief = tables.pop("belief")
         recording = RecordingFactors(**tables)
+        text = {name: _text(level) for name, level in levels.items()}
+        if RECORDING in levels:
+            return Cell(text, recording, belief, settings, (), levels[RECORDING])
         key = "scenario" + str(recording)
         if key not in self._made:
             self._made[key] = recording.scenario  # refuses what cannot be simulated
-        return Cell(
-            {name: _text(level) for name, level in levels.items()}, recording, belief, settings, drawn
-        )
+        return Cell(text, recording, belief, settings, drawn)
 
     def _part(self, kind: str, levels: Mapping[str, Any]) -> "_Part":
         tables = self._document.get(kind, {})
-        level = levels[kind]
+        level = levels.get(kind, BASE)
         if level != BASE and level not in tables:
             raise InputError(f"level {value_text(level)} of {kind} has no table; give [{kind}.{level}]")
         merged = _merged(tables.get(BASE, {}), tables.get(level, {}))
@@ -344,6 +366,36 @@ class _Part:
 
     table: Any
     drawn: tuple[DrawnNumber, ...] = ()
+
+
+def with_recordings(document: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The document with the data sets that a folder or a pattern such as ``tosses/*.csv`` names, each by itself.
+
+    Raises
+    ------
+    InputError
+        A path or pattern that names none.
+    """
+    factors = document.get("factors")
+    if not isinstance(factors, Mapping) or RECORDING not in factors:
+        return document
+    listed = factors[RECORDING]
+    paths = [listed] if isinstance(listed, str) else listed
+    if not isinstance(paths, list) or not all(isinstance(path, str) and path for path in paths):
+        raise InputError(f"factors.{RECORDING} is {value_text(listed)}; give a path, or a list of paths")
+    found = [each for path in paths for each in _recordings_of(path)]
+    return {**document, "factors": {**factors, RECORDING: list(dict.fromkeys(found))}}
+
+
+def _recordings_of(path: str) -> list[str]:
+    """Paths that one entry names: itself, those of a pattern, or those in a folder that is no data set itself."""
+    if any(mark in path for mark in "*?["):
+        found = sorted(glob(path))
+    else:
+        found = [str(each) for each in recordings_in(Path(path))] or ([path] if Path(path).exists() else [])
+    if not found:
+        raise InputError(f"factors.{RECORDING}: {value_text(path)} names no data set; check the path")
+    return found
 
 
 def _merged(first: Mapping[str, Any], second: Mapping[str, Any]) -> dict[str, Any]:
@@ -446,9 +498,15 @@ def study_from(document: Mapping[str, Any], source: str) -> Study:
     """Study of parsed TOML; ``source`` names it in errors. Errors: `read_study`."""
     try:
         options = study_options(document)
+        document = with_recordings(document)
         check_tables(document)
         cells = tuple(cells_of(document))
-        if options.initialisation == "drawn":
+        own = any(cell.own_recording for cell in cells)
+        if own and options.initialisation == "data" and options.seeds > 1:
+            raise InputError(
+                'nothing of own recordings is drawn, so that all seeds are one run; give seeds = 1, or initialisation = "drawn"'
+            )
+        if options.initialisation == "drawn" and not own:
             for cell in cells:
                 require_frames(cell.recording.sensor)
         if len(cells) * options.seeds > MOST_RUNS:

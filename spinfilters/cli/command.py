@@ -47,9 +47,14 @@ class Command(Generic[R]):
         """Add the description, the arguments and what runs it to a parser."""
         parser.description = self.description or None
         add_arguments(parser, self.arguments)
-        given = [each for each in given_fields(self.arguments) if each.default is MISSING]
-        parser.required = {_argparse_name(each): f"{each.usage} ({each.argument.help})" for each in given}
-        parser.set_defaults(command=self)
+        parser.required = {}
+        for each in given_fields(self.arguments):
+            if each.default is MISSING:
+                # argparse calls an argument so in its messages
+                name = f"{each.argument.short}/{each.flag}" if each.argument.short else each.flag
+                parser.required[name] = f"{each.usage} ({each.argument.help})"
+        flags = [each for action in parser._actions for each in action.option_strings]  # pyright: ignore[reportAttributeAccessIssue]
+        parser.set_defaults(command=self, flags=tuple(flags))
 
     def run_parsed(self, options: argparse.Namespace) -> int:
         """Run it with parsed arguments. InputError: an argument that cannot be used."""
@@ -93,11 +98,6 @@ def add_arguments(parser: argparse.ArgumentParser, record: type) -> None:
             groups[field.group] = parser.add_argument_group(field.group)
         flags, options = _argparse_options(field)
         groups[field.group].add_argument(*flags, **options)
-
-
-def _argparse_name(field: GivenField) -> str:
-    """Name of an argument in the messages of argparse."""
-    return f"{field.argument.short}/{field.flag}" if field.argument.short else field.flag
 
 
 def _argparse_options(field: GivenField) -> tuple[tuple[str, ...], dict[str, Any]]:

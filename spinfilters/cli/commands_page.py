@@ -1,7 +1,6 @@
 """The page of all commands, made from the records of their arguments."""
 
 import sys
-from collections.abc import Iterator
 from dataclasses import MISSING
 from typing import Any, Final
 
@@ -20,13 +19,12 @@ spinfilters` are made, too. `spinfilters COMMAND --help` prints the same.
 
 def page() -> str:
     """The page as Markdown."""
-    return HEAD + "".join(_sections())
-
-
-def _sections() -> Iterator[str]:
-    for listed in COMMANDS:
-        for words, command in listed.load().parts:
-            yield _section(command, f"## `{words}`", command.help or listed.help)
+    sections = [
+        _section(command, f"## `{words}`", command.help or listed.help)
+        for listed in COMMANDS
+        for words, command in listed.load().parts
+    ]
+    return HEAD + "".join(sections)
 
 
 def _section(command: Command[Any], heading: str, help_line: str) -> str:

@@ -4,21 +4,23 @@ import argparse
 import io
 import logging
 import os
+import re
 import sys
 import time
 import traceback
 import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from difflib import get_close_matches
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final, NoReturn
 
 from spinfilters import __version__
-from spinfilters.cli.commands import COMMANDS, ListedCommand
+from spinfilters.cli.commands import COMMAND_GROUPS, COMMANDS, ListedCommand
 from spinfilters.cli.interrupts import noted_interrupts
 from spinfilters.core.errors import SpinfiltersError
-from spinfilters.io.input_file import printable
+from spinfilters.io.input_file import printable, value_text
 
 EXIT_OK, EXIT_BAD_INPUT = 0, 2
 INTERRUPTED: Final[str] = "interrupted; nothing unfinished is left behind, run the command again"
@@ -165,6 +167,9 @@ class _Parser(argparse.ArgumentParser):
     required: Mapping[str, str] = MappingProxyType({})
     """How to give each required argument, by the name that argparse has for it."""
 
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **{"allow_abbrev": False, **kwargs})
+
     def parse_known_args(  # pyright: ignore[reportIncompatibleMethodOverride]
         self, args: Sequence[str] | None = None, namespace: Any = None
     ) -> tuple[argparse.Namespace, list[str]]:
@@ -184,11 +189,23 @@ class _Parser(argparse.ArgumentParser):
         options, rest = self.parse_known_args(args, namespace)
         if rest:
             what = "is not for this command" if rest[0].startswith("-") else "is one argument too many"
-            self.error(f"{rest[0]} {what}; leave it out")
+            meant = self._meant(rest[0], getattr(options, "flags", ()))
+            self.error(f"{rest[0]} {what}; {meant or 'leave it out'}")
         return options
+
+    @staticmethod
+    def _meant(word: str, known: Sequence[str]) -> str:
+        """A hint at the known word that is nearest to another; empty where none is near."""
+        near = get_close_matches(word.split("=", 1)[0], known, n=1, cutoff=0.6)
+        return f"did you mean {near[0]}" if near else ""
 
     def error(self, message: str) -> NoReturn:
         """End the command with one line on wrong arguments, exit code 2."""
+        unknown = re.search(r"invalid choice: '([^']*)'.*\(choose from (.*)\)", message)
+        if unknown is not None:
+            known = [word.strip(" '\"") for word in unknown[2].split(",")]
+            if meant := self._meant(unknown[1], known):
+                message = f"{value_text(unknown[1])} is unknown; {meant}"
         start, required, names = message.partition("required: ")
         if required:
             message = (
@@ -199,12 +216,37 @@ class _Parser(argparse.ArgumentParser):
 
 def parser() -> argparse.ArgumentParser:
     """Parser of all commands."""
-    parser = _Parser(prog="spinfilters", description="How does that unknown object spin?")
-    parser.add_argument("--version", action="version", version=f"spinfilters {__version__}")
-    subparsers = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    parser = _Parser(
+        prog="spinfilters",
+        description="How does that unknown object spin?",
+        epilog=_grouped_commands(),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("-V", "--version", action="version", version=f"spinfilters {__version__}")
+    subparsers = parser.add_subparsers(
+        title="commands",
+        required=True,
+        metavar="COMMAND",
+        help="one of those below; COMMAND --help tells more",
+    )
     for listed in COMMANDS:
-        subparsers.add_parser(listed.name, help=listed.help).listed = listed
+        subparsers.add_parser(listed.name).listed = listed
     return parser
+
+
+def _grouped_commands() -> str:
+    """Commands with their lines of help, by what they are for."""
+    by_name = {listed.name: listed for listed in COMMANDS}
+    grouped = {name for names in COMMAND_GROUPS.values() for name in names}
+    rest = tuple(name for name in by_name if name not in grouped)
+    lines: list[str] = []
+    for title, names in (*COMMAND_GROUPS.items(), *((("others", rest),) if rest else ())):
+        lines += [
+            f"{title}:",
+            *(f"  {name:<13}{by_name[name].help}" for name in names if name in by_name),
+            "",
+        ]
+    return "\n".join(lines)
 
 
 if __name__ == "__main__":

@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float
 
 from spinfilters.core.attitude_conversions import matrix_from_quaternion
 from spinfilters.core.errors import InputError
-from spinfilters.core.linear_algebra import SINGULAR
+from spinfilters.core.linear_algebra import SINGULAR, STRETCH
 
 
 def absolute_orientation(
@@ -91,6 +91,22 @@ def nearest_rotation(M: Float[np.ndarray, "*h 3 3"]) -> Float[np.ndarray, "*h 3 
         ..., None
     ]  # the direction of the least singular value, if any, is reversed
     return U @ Vt
+
+
+def mean_quaternion(
+    q: Float[np.ndarray, "n 4"], weights: Float[np.ndarray, " n"] | None = None
+) -> Float[np.ndarray, " 4"]:
+    """Rotation nearest to n weighted ones, with a scalar part that is not negative; the quaternions' signs do not matter.
+
+    The main eigenvector of the weighted sum of their outer products (Markley et al., J. Guidance, Control, and Dynamics 30(4),
+    2007), which is the rotation nearest to the sum of the matrices.
+    """
+    products = np.zeros((4, 4))
+    for start in range(0, len(q), STRETCH):
+        part = q[start : start + STRETCH]
+        products += (part if weights is None else part * weights[start : start + STRETCH, None]).T @ part
+    mean = np.linalg.eigh(products)[1][:, -1]
+    return mean * (-1.0 if mean[3] < 0 else 1.0)
 
 
 def _horn_matrices(S: Float[np.ndarray, "h 3 3"]) -> Float[np.ndarray, "h 4 4"]:

@@ -66,6 +66,29 @@ def rotation_vector_from_quaternion(q: Quaternions) -> Vectors:
     return _numeric(expressions.rotation_vector_from_quaternion, 4)(_unit("q", q))[0]
 
 
+def matrix_from_rotation_vector(r: Vectors) -> Matrices:
+    """Matrix of the rotation by |r| rad about r, of any length."""
+    return matrix_from_quaternion(quaternion_from_rotation_vector(r))
+
+
+def rotation_vector_from_matrix(R: Matrices) -> Vectors:
+    """Rotation vector of the short way round, |r| <= pi rad; its length is the angle."""
+    return rotation_vector_from_quaternion(quaternion_from_matrix(R))
+
+
+def angle_from_matrix(R: Matrices) -> Angles:
+    """Angle of rotation matrices in [0, pi] rad, accurate for tiny angles."""
+    return np.linalg.norm(rotation_vector_from_matrix(R), axis=-1)
+
+
+def cross_matrix(v: Vectors) -> Matrices:
+    """[v x], with [v x] u = v x u."""
+    x, y, z = np.moveaxis(v, -1, 0)
+    zero = np.zeros_like(x)
+    rows = [np.stack(row, axis=-1) for row in ((zero, -z, y), (z, zero, -x), (-y, x, zero))]
+    return np.stack(rows, axis=-2)
+
+
 def quaternion_from_euler321(angles: Vectors) -> Quaternions:
     """q_ib of yaw, pitch and roll [psi, theta, phi] in rad, of any size: R_ib = Rz(psi) Ry(theta) Rx(phi).
 

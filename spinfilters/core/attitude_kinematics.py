@@ -29,6 +29,7 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.core import attitude_conversions as conversions
+from spinfilters.core.attitude_conversions import cross_matrix
 from spinfilters.core.errors import InputError, ShapeError
 
 Array = np.ndarray
@@ -246,7 +247,7 @@ def _body_rate_of_quaternion(q: Array, rate: Array) -> Array:
 
 
 def _matrix_rate(R: Array, w: Array) -> Array:
-    return R @ _cross_matrix(w)
+    return R @ cross_matrix(w)
 
 
 def _body_rate_of_matrix(R: Array, rate: Array) -> Array:
@@ -333,14 +334,6 @@ def _body_rate_of_euler321(angles: Array, rate: Array) -> Array:
     y = pitch * np.cos(phi) + yaw * np.cos(theta) * np.sin(phi)
     z = yaw * np.cos(theta) * np.cos(phi) - pitch * np.sin(phi)
     return np.stack(np.broadcast_arrays(x, y, z), axis=-1)
-
-
-def _cross_matrix(w: Array) -> Array:
-    """[w x] over leading axes."""
-    x, y, z = np.moveaxis(w, -1, 0)
-    zero = np.zeros_like(x)
-    rows = [np.stack(row, axis=-1) for row in ((zero, -z, y), (z, zero, -x), (-y, x, zero))]
-    return np.stack(rows, axis=-2)
 
 
 def _dot(a: Array, b: Array) -> Array:

@@ -82,10 +82,12 @@ class CameraTrajectory:
         self.require_cover(time)
         if len(self.time) == 1:
             return np.tile(self.poses[0], (len(time), 1))
+        # many rows share a stamp: interpolate once a stamp, between the listed pose before it and the next
         stamps, which = np.unique(time, return_inverse=True)
         before = np.clip(np.searchsorted(self.time, stamps, side="right") - 1, 0, len(self.time) - 2)
         start, end = self.poses[before], self.poses[before + 1]
         share = ((stamps - self.time[before]) / (self.time[before + 1] - self.time[before]))[:, None]
+        # slerp: q = q_start exp(share log(q_start^-1 q_end))
         rotation = rotation_vector_from_quaternion(multiply(inverse(start[:, 3:]), end[:, 3:]))
         q = multiply(start[:, 3:], quaternion_from_rotation_vector(share * rotation))
         found = np.concatenate([start[:, :3] + share * (end[:, :3] - start[:, :3]), q], axis=1)

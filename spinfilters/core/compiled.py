@@ -163,6 +163,7 @@ class Compiled:
             if flag:
                 raise MemoryError(f"{self.name}: no memory for its work arrays")
             return
+        # the virtual machine takes stretches of the batch; a shared argument (stride 0) goes whole to each
         flat = [a.reshape(-1) for a in arrays]
         for first in range(0, count, MOST_MAPPED):
             some = min(MOST_MAPPED, count - first)
@@ -204,7 +205,7 @@ class Compiled:
     def _column_major(self, index: int, argument: np.ndarray | float) -> np.ndarray:
         name, (rows, cols) = self._inputs[index]
         array = np.asarray(argument, dtype=np.float64)
-        if cols != 1:
+        if cols != 1:  # CasADi lays a matrix column by column: its transpose in C order
             if array.shape[-2:] != (rows, cols):
                 raise ShapeError(f"{self.name}: {name} must end in shape ({rows}, {cols}), got {array.shape}")
             return np.ascontiguousarray(np.swapaxes(array, -1, -2))
@@ -218,6 +219,7 @@ class Compiled:
         rows, cols = self._outputs[index]
         if cols == 1:
             return result.reshape(*batch, rows)
+        # back from columns to rows, then from one batch axis to the caller's
         return np.swapaxes(result, 1, 2).reshape(*batch, rows, cols)
 
 
@@ -301,6 +303,7 @@ def _broadcast(
 
     An array that all items share is kept whole with stride 0; any other is expanded to the batch, with the stride of an item.
     """
+    # behind the batch axes stand one axis of a vector or two of a matrix
     trailing = [1 if cols == 1 else 2 for _, cols in sizes]
     shapes = [array.shape[: array.ndim - t] for array, t in zip(arrays, trailing, strict=True)]
     batch = shapes[0] if shapes else ()
@@ -309,6 +312,7 @@ def _broadcast(
             batch = np.broadcast_shapes(*shapes)
         except ValueError as error:
             raise ShapeError(f"batch axes do not broadcast: {', '.join(map(str, shapes))}") from error
+    # stride of an item, in numbers: rows times columns, or 0 of what all items share
     expanded, strides = [], []
     for array, shape, t, (rows, cols) in zip(arrays, shapes, trailing, sizes, strict=True):
         shared = math.prod(shape) == 1

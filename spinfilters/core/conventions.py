@@ -3,7 +3,7 @@
 Units
     SI, radians, seconds, float64. A name carries its unit unless that unit is SI and obvious (`pixel_std`, `rate_rpm`).
 Frames
-    ``i`` inertial: the left camera at the first frame, unless an inspector trajectory is given.
+    ``i`` inertial: the left camera at the first epoch, unless the poses of a moving camera (the inspector) are given.
     ``c`` camera: x right, y down, z forward.  ``g`` geometric: rigidly on the body, landmarks live in it.
     ``b`` body: principal axes at the centre of mass. It is a result, never a state.
 Maps

@@ -114,3 +114,10 @@ def by_stretches(epochs: int, derive: Callable[[slice], dict[str, np.ndarray]]) 
                 whole[name] = np.empty((epochs, *part.shape[1:]), part.dtype)
             whole[name][rows] = part
     return whole
+
+
+def at_times(
+    time: Float[np.ndarray, " k"], own: Float[np.ndarray, " n"], values: Float[np.ndarray, "n c"]
+) -> Float[np.ndarray, "k c"]:
+    """Columns at other times, linearly between rows at ascending times; the first and the last row beyond."""
+    return np.stack([np.interp(time, own, column) for column in values.T], axis=1)

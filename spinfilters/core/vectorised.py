@@ -421,6 +421,7 @@ def _interpreted(
     plain: Compiled, arguments: tuple[np.ndarray, ...], rows: tuple[np.ndarray | None, ...]
 ) -> tuple[np.ndarray, ...]:
     """The same without lanes; matrices lie column by column in the rows of arguments and results."""
+    # rows of the arguments as the lanes would gather them, each matrix from columns to rows
     taken = [a if row is None else a[row] for a, row in zip(arguments, rows, strict=True)]
     for k, array in enumerate(taken):
         high, wide = plain.input_shapes[k]

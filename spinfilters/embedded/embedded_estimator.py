@@ -76,7 +76,6 @@ class MapSlots:
         self._places = {int(self._ids[place]): place for place in self.taken.tolist()}
 
 
-STATUS = ("ok", "refused", "turns too far in a step", "would not be finite", "invalid argument")
 USED, OUTSIDE, BEHIND, NEW, NOT_TOLD = range(5)
 
 
@@ -247,7 +246,7 @@ class EmbeddedFilter(Estimator):
 
     def predict(self, dt: float) -> None:
         """Advance by dt s; a step that would not stay finite is left out and counted."""
-        result = self._call("sf_predict", self._real(dt))
+        result = self._call("sf_predict", real_type(self.options)(dt))
         self._fast += result == FAST
         self._not_finite += result > FAST
 
@@ -384,9 +383,6 @@ class EmbeddedFilter(Estimator):
         upper = np.eye(n)
         upper[rows, columns] = np.array(self._filter.u, dtype=float)
         return upper
-
-    def _real(self, value: float) -> ctypes.c_float | ctypes.c_double:
-        return real_type(self.options)(value)
 
     def _array(
         self, values: Float[np.ndarray, " k"]

@@ -50,13 +50,6 @@ class NormalisedErrors:
     blocks: dict[str, Float[np.ndarray, " n"]]
 
     @property
-    def block_means(self) -> dict[str, float]:
-        """Mean over time by block, divided by its dimension: 1 for a consistent estimator."""
-        return {
-            block: float(np.mean(values)) / BLOCKS[block].dimension for block, values in self.blocks.items()
-        }
-
-    @property
     def mean(self) -> float:
         """Mean over time of the whole error's, divided by its dimension: 1 for a consistent estimator."""
         return float(np.mean(self.total)) / self.dof

@@ -175,6 +175,8 @@ def epoch_sentences(evaluations: Sequence[Evaluation]) -> list[str]:
     else:
         each = ", ".join(f"{name.upper()} {number}" for name, number in own.items())
         epochs = f"every estimator's own epochs from t = {begin:.6g} s on ({each})"
+    if count == 1:  # smoothed ones are more
+        return [f"Errors, NEES, NIS and counts: over {epochs}. The one before is the stated belief."]
     return [
         f"Errors, NEES, NIS and counts: over {epochs}. The {count} before are the filters' initialisation, made by a smoother."
     ]

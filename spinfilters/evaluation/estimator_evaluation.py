@@ -1,7 +1,7 @@
 """Evaluation of one estimator's history: body, errors, consistency, bound, and the parts of its deviations."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Final
@@ -63,25 +63,6 @@ def constant_estimates(belief: Gaussian) -> dict[str, ConstantEstimate]:
         )
         for block in held
     }
-
-
-def constant_numbers(estimates: Mapping[str, ConstantEstimate]) -> dict[str, Any]:
-    """Values and standard deviations by the keys of `REPORTED`.
-
-    A number, or a list of several; None of what is not estimated.
-    """
-    return dict(_numbers(estimates))
-
-
-def _numbers(estimates: Mapping[str, ConstantEstimate]) -> Iterator[tuple[str, Any]]:
-    for name, reported in REPORTED.items():
-        found = estimates.get(name)
-        yield reported.value_key, None if found is None else _plain(found.value)
-        yield reported.std_key, None if found is None else _plain(found.std)
-
-
-def _plain(values: Float[np.ndarray, " k"]) -> float | list[float]:
-    return float(values[0]) if len(values) == 1 else values.tolist()
 
 
 def numbers_text(values: Iterable[float], form: str) -> str:
@@ -278,8 +259,9 @@ class Evaluation:
 
     @cached_property
     def body(self) -> BodyEstimate:
-        """The body after the last epoch."""
-        return body_estimate(self.history.belief(-1))
+        """The body after the last epoch; its moments are means over samples of their posterior where that was sampled."""
+        body, mass = body_estimate(self.history.belief(-1)), self.history.mass
+        return body if mass is None else mass.body(body)
 
     @property
     def moment_texts(self) -> list[str]:

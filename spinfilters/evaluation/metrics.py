@@ -394,6 +394,7 @@ METRICS: Final[tuple[Metric, ...]] = (
     Metric("principal_moments", "", "", _body(lambda b: b.principal_moments), section=BODY, kind=list),
     Metric("principal_moments_std", "", "", _body(lambda b: b.principal_moments_std), section=BODY, kind=list),
     Metric("principal_moments_cov", "", "", _body(lambda b: b.principal_moments_cov), section=BODY, column=""),
+    Metric("principal_moments_interval", "", "", _body(lambda b: b.principal_moments_interval), section=BODY, column=""),
     Metric("principal_axes_g", "", "", _body(lambda b: b.principal_axes_g), section=BODY, column=""),
     Metric("principal_axes_std_rad", "", "", _body(lambda b: b.principal_axes_std), section=BODY, kind=list),
     Metric("center_of_mass_g", "", "", _body(lambda b: b.center_of_mass_g), section=BODY, kind=list),

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from spinfilters.core.errors import NUMERICAL_ERRORS, InputError
+from spinfilters.core.robust_losses import Gate
 from spinfilters.evaluation.consistency import finite_epochs, true_states
 from spinfilters.evaluation.estimator_evaluation import Evaluation, error_bound
 from spinfilters.evaluation.trajectory_errors import Alignment, common_stamps, truth_in_estimate_frames
@@ -34,9 +35,7 @@ from spinfilters.smoother.landmark_factors import (
     seen_ids,
 )
 from spinfilters.smoother.linear_system import Marginals
-from spinfilters.smoother.losses import Gate
 from spinfilters.smoother.motion_factors import STRETCH
-from spinfilters.smoother.priors import FirstStatePrior
 from spinfilters.smoother.problem import LinearizationPoint, Problem, Stage, problem_of
 
 GATE: Final = 5.0
@@ -162,7 +161,7 @@ def _problem(setup: Setup, states: Float[np.ndarray, "k m"], ids: Int[np.ndarray
     mean = prior.mean.copy()
     for block in set(layout.blocks).intersection(POSE_BLOCKS):
         mean[layout.mean_slice(block)] = states[0, layout.mean_slice(block)]
-    loss, own = Gate(GATE, GATE), FirstStatePrior(mean, prior.std)
+    loss, own = Gate(GATE, GATE), replace(prior, mean=mean)
     process = setup.process.with_noise(true_disturbances(setup, states))
     return problem_of(process, setup.timeline, ids, own, OBSERVATIONS_NEEDED, loss)
 

@@ -7,6 +7,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float, Int
 
+from spinfilters.core.absolute_orientation import mean_quaternion
 from spinfilters.core.attitude_conversions import inverse, multiply, rotate, rotation_vector_from_quaternion
 from spinfilters.core.errors import InputError
 from spinfilters.core.linear_algebra import STRETCH, by_stretches
@@ -183,18 +184,10 @@ def _turn_of_frame(q: np.ndarray, q_true: np.ndarray, alignment: Alignment) -> F
 def attitude_alignment(
     q: Float[np.ndarray, "n 4"], q_true: Float[np.ndarray, "n 4"]
 ) -> Float[np.ndarray, "4"]:
-    """The constant rotation x from the estimate's g to the truth's for which q is nearest to q_true (x) x.
-
-    The mean of the quaternions q_true^-1 (x) q in the sense of Markley et al. (J. Guidance, Control, and
-    Dynamics 30(4), 2007): the main eigenvector of the sum of their outer products, which knows no signs.
-    """
-    products = np.zeros((4, 4))
-    for start in range(0, len(q), STRETCH):
-        rows = slice(start, start + STRETCH)
-        difference = multiply(inverse(q_true[rows]), q[rows])
-        products += difference.T @ difference
-    mean = np.linalg.eigh(products)[1][:, -1]
-    return mean * (-1.0 if mean[3] < 0 else 1.0)
+    """The constant rotation x from the estimate's g to the truth's for which q is nearest to q_true (x) x."""
+    starts = range(0, len(q), STRETCH)
+    stretches = (slice(start, start + STRETCH) for start in starts)
+    return mean_quaternion(np.concatenate([multiply(inverse(q_true[rows]), q[rows]) for rows in stretches]))
 
 
 def body_errors(body: BodyEstimate, truth: Truth, frame: Float[np.ndarray, "4"] | None = None) -> BodyErrors:

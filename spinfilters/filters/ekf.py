@@ -1,4 +1,8 @@
-"""The multiplicative extended Kalman filter in square-root form."""
+"""The multiplicative extended Kalman filter in square-root form.
+
+Predict and update, which the UKF shares, are in `spinfilters.filters.filter`. Another filter is a class beside it that linearises
+process and measurements in its own way, and an entry in the table `spinfilters.run.estimators`.
+"""
 
 import numpy as np
 
@@ -24,21 +28,21 @@ from spinfilters.filters.shared_modes import LandmarkOptions
 class MultiplicativeEkf(MultiplicativeFilter):
     """First-order filter: the error's transition and the sensors' Jacobians are exact derivatives at the mean.
 
-    An update whose linear model did not prove right is made again about its own result (`spinfilters.filters.iterated_update`);
-    ``IterationOptions(iterations=1)`` is the plain EKF.
+    Where the measurement is not linear over the step of an update, the update is iterated: linearised again about its own result
+    (`spinfilters.filters.iterated_update`). ``IterationOptions(iterations=1)`` is the plain EKF.
 
     Parameters
     ----------
     process : ProcessModel
-        See `MultiplicativeFilter`.
+        The process model.
     robust : RobustOptions or None
-        See `MultiplicativeFilter`.
+        Gate and weights of measured values.
     adaptation : AdaptationOptions or None
-        See `MultiplicativeFilter`.
+        Adaptation of the stated noise to the innovations.
     iteration : IterationOptions or None
         Options of the iterated update, for measurements far from linear.
     landmarks : LandmarkOptions or None
-        See `MultiplicativeFilter`.
+        How landmarks of an unknown map are represented.
     """
 
     name = "mekf"
@@ -66,8 +70,10 @@ class MultiplicativeEkf(MultiplicativeFilter):
     def correct(
         self, measurement: Measurement, outliers: SensorOutlierRejection, scale: float
     ) -> Update | None:
-        """The correction of `MultiplicativeFilter.correct`: by one compiled pass where its result holds, else step by
-        step, and iterated where the measurement model is far from linear.
+        """Correct mean and covariance as `MultiplicativeFilter.correct` defines it, iterated where the measurement is not linear.
+
+        Compiled code makes the linear update of all values in one pass. Where its step is too large for that, or there is no
+        compiler, the values are linearised and corrected here.
         """
         found = self._correct_in_one_pass(measurement, outliers, scale)
         if found is not None:
@@ -76,7 +82,9 @@ class MultiplicativeEkf(MultiplicativeFilter):
         if not rows.dof:
             return None
         update = self.correct_linearly(rows)
-        chosen = sample_rows(len(rows.innovation))
+        chosen = sample_rows(
+            len(rows.innovation)
+        )  # a few values show whether the linear model held over the step
         if self._is_small(update) or proves_right(
             rows.only(chosen), float(chosen.step), update, self._iteration
         ):
@@ -100,7 +108,7 @@ class MultiplicativeEkf(MultiplicativeFilter):
     def _correct_in_one_pass(
         self, measurement: Measurement, outliers: SensorOutlierRejection, scale: float
     ) -> Update | None:
-        """The update by compiled code; None without any, or where the step is large and the linear model does not hold."""
+        """The linear update by compiled code; None without such code, or where the linear model does not hold over the step."""
         model, count = measurement.model, len(measurement.values)
         compiled = compiled_update(model)
         if compiled is None:

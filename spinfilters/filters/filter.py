@@ -132,7 +132,13 @@ class MultiplicativeFilter(Estimator):
         self._held: HeldMap | None = None
 
     def start(self, belief: Belief) -> None:
-        """Begin with a belief; gates and noise adaptation start afresh."""
+        """Begin with a belief; gates and noise adaptation start afresh.
+
+        Parameters
+        ----------
+        belief : Belief
+            Of the first epoch; its layout is the process's.
+        """
         if belief.layout != self.layout:
             raise InputError(
                 f"belief has the blocks {belief.layout.blocks}, the process has {self.layout.blocks}"
@@ -142,17 +148,39 @@ class MultiplicativeFilter(Estimator):
         self._adaptation = NoiseAdaptation(self._adaptation.options, self._adaptation.identified)
 
     def adapt_from(self, identified: Mapping[str, NoiseScale]) -> None:
-        """Let noise levels go on from those identified before `start`; see `NoiseAdaptation`."""
+        """Let noise levels go on from those identified before `start`; see `NoiseAdaptation`.
+
+        Parameters
+        ----------
+        identified : Mapping[str, NoiseScale]
+            Scale of each noise source, by its name.
+        """
         self._adaptation = NoiseAdaptation(self._adaptation.options, identified)
 
     def level(self, source: str) -> NoiseScale:
-        """Present scale of a noise source."""
+        """Present scale of a noise source.
+
+        Parameters
+        ----------
+        source : str
+            Name such as "process.torque_psd" or "sensor.gyro".
+
+        Returns
+        -------
+        NoiseScale
+            Factor of the stated variance, with its uncertainty.
+        """
         return self._adaptation.level(source)
 
     def rebase(self, belief: Belief) -> None:
         """Restart from another belief of the present time.
 
         What was learnt of noise and outliers stays, and the landmarks share at least as many modes as before.
+
+        Parameters
+        ----------
+        belief : Belief
+            Of the present time.
         """
         self._take(belief if belief.joint is None else belief.joint.with_modes(self.mode_count))
 
@@ -189,6 +217,11 @@ class MultiplicativeFilter(Estimator):
         """Propagate mean and covariance over ``dt`` seconds.
 
         x <- f(x, dt),  S <- qr([F S, G])  with  P = S S',  Q = G G'  (Maybeck 1979, sec. 7.4)
+
+        Parameters
+        ----------
+        dt : float
+            Duration, s; positive.
         """
         self._outliers.pass_time()
         self._adaptation.observe_motion(self.layout, self.mean, self.factor[: self._n])
@@ -198,7 +231,18 @@ class MultiplicativeFilter(Estimator):
         self._adaptation.expect_motion(PredictedMotion(self.mean, self.factor, step.transition, noise))
 
     def update(self, measurement: Measurement) -> UpdateReport:
-        """Correct mean and covariance by one sensor's values; mere repetitions count as rejected."""
+        """Correct mean and covariance by one sensor's values; mere repetitions count as rejected.
+
+        Parameters
+        ----------
+        measurement : Measurement
+            One sensor's values of the present time.
+
+        Returns
+        -------
+        UpdateReport
+            NIS, its degrees of freedom, and how many values were used and rejected.
+        """
         name, count, ids = measurement.model.name, len(measurement.values), measurement.ids
         outliers = self._outliers.of(name)
         keys = measurement.parameters[:, : measurement.model.known_by] if ids is None else ids
@@ -230,8 +274,17 @@ class MultiplicativeFilter(Estimator):
 
         Parameters
         ----------
+        measurement : Measurement
+            One sensor's values of the present time.
+        outliers : SensorOutlierRejection
+            Gate and robust weights of this sensor.
         scale : float
             Ratio of the noise covariance to the stated one.
+
+        Returns
+        -------
+        Update or None
+            What the filter becomes.
         """
         predicted = self.predict_measurement(measurement)  # EKF: h and its Jacobian; UKF: over sigma points
         predicted = self.reject_outliers(predicted, outliers, scale)
@@ -240,7 +293,22 @@ class MultiplicativeFilter(Estimator):
     def reject_outliers(
         self, predicted: Predicted, outliers: SensorOutlierRejection, scale: float
     ) -> Predicted:
-        """The values with their noise as adapted, and with the weights of gate and loss."""
+        """The values with their noise as adapted, and with the weights of gate and loss.
+
+        Parameters
+        ----------
+        predicted : Predicted
+            The values, linear in the error about the present mean.
+        outliers : SensorOutlierRejection
+            Gate and robust weights of this sensor.
+        scale : float
+            Ratio of the noise covariance to the stated one.
+
+        Returns
+        -------
+        Predicted
+            The same, weighted; a weight of zero rejects a value.
+        """
         if predicted.dof and scale != 1:
             predicted = predicted.weighted(np.full(len(predicted.innovation), 1 / scale))
         weights = outliers.weights(
@@ -249,33 +317,91 @@ class MultiplicativeFilter(Estimator):
         return predicted if weights is None else predicted.weighted(weights)
 
     def correct_linearly(self, predicted: PredictedMeasurement) -> Update:
-        """The correction by values that are linear in the error, in one step."""
+        """The correction by values that are linear in the error, in one step.
+
+        Parameters
+        ----------
+        predicted : PredictedMeasurement
+            The values, linear in the error about the present mean.
+
+        Returns
+        -------
+        Update
+            Mean, correction and factor.
+        """
         correction = square_root_update(predicted.predicted(self.factor))
         mean = self.layout.retract(self.mean, correction.error[: self._n])
         return Update(mean, correction, reset_factor(self.layout, correction.error, correction.factor))
 
     @abstractmethod
     def linearise_process(self, dt: float) -> LinearisedProcess:
-        """The process over ``dt`` seconds, linear in the error about the present mean."""
+        """The process over ``dt`` seconds, linear in the error about the present mean.
+
+        Parameters
+        ----------
+        dt : float
+            Duration, s; positive.
+
+        Returns
+        -------
+        LinearisedProcess
+            Mean at the end, transition of the error, and factor of the process noise.
+        """
 
     @abstractmethod
     def predict_measurement(self, measurement: Measurement) -> PredictedMeasurement:
-        """The usable values of a measurement, whitened, and linear in the error about the present mean."""
+        """The usable values of a measurement, whitened, and linear in the error about the present mean.
+
+        Parameters
+        ----------
+        measurement : Measurement
+            One sensor's values of the present time.
+
+        Returns
+        -------
+        PredictedMeasurement
+            Whitened innovations and their linear dependence on the error.
+        """
 
     def correct_by_landmarks(
         self, observations: MapObservations, outliers: SensorOutlierRejection
     ) -> SolvedObservations:
-        """Correction of state and shared modes by landmarks of the map, linear by derivatives at the mean."""
+        """Correction of state and shared modes by landmarks of the map, linear by derivatives at the mean.
+
+        Parameters
+        ----------
+        observations : MapObservations
+            Those of landmarks in the map.
+        outliers : SensorOutlierRejection
+            Gate and robust weights of this sensor.
+
+        Returns
+        -------
+        SolvedObservations
+            The correction, and which observations it used.
+        """
         return solve_at(observations, self.mean, self.factor, outliers)
 
     def snapshot(self) -> Snapshot:
-        """Copies of belief, landmarks, gates and noise adaptation."""
+        """Copies of belief, landmarks, gates and noise adaptation.
+
+        Returns
+        -------
+        Snapshot
+            Arrays by name, as a checkpoint keeps them.
+        """
         beliefs = {"mean": self.mean.copy(), "factor": self.factor.copy()}
         landmarks = {} if self._held is None else self._held.snapshot()
         return {**beliefs, **landmarks, **self._outliers.snapshot(), **self._adaptation.snapshot()}
 
     def restore(self, snapshot: Snapshot) -> None:
-        """Take belief, landmarks, gates and noise adaptation from a `snapshot`."""
+        """Take belief, landmarks, gates and noise adaptation from a `snapshot`.
+
+        Parameters
+        ----------
+        snapshot : Snapshot
+            Of a filter with the same process and options.
+        """
         self.mean, self.factor = snapshot["mean"].copy(), snapshot["factor"].copy()
         self._held = HeldMap.restored(snapshot, self._options)
         self._outliers.restore(snapshot)

@@ -10,6 +10,7 @@ from spinfilters.core.errors import ShapeError
 from spinfilters.filters.estimator import UpdateReport
 from spinfilters.filters.noise_levels import VarianceComponent
 from spinfilters.filters.square_root import lower_roots
+from spinfilters.models.body import MassSamples
 from spinfilters.models.state_layout import Gaussian, StateLayout
 from spinfilters.models.status import EstimatorStatus
 
@@ -58,6 +59,8 @@ class EstimateHistory:
     calibration : ndarray of float, shape (n, e, c) or None
         Error of every epoch by each independent error of the calibration, times its deviation; counted in ``factor``. None
         where the calibration is exact.
+    mass : MassSamples or None
+        Samples of the mass distribution after the last epoch where its posterior is not Gaussian; moments are then theirs.
     """
 
     name: str
@@ -76,6 +79,7 @@ class EstimateHistory:
     observations: Int[np.ndarray, " n"] | None = None
     noise: tuple[VarianceComponent, ...] = ()
     calibration: Float[np.ndarray, "n e c"] | None = None
+    mass: MassSamples | None = None
 
     @property
     def own(self) -> slice:
@@ -114,6 +118,26 @@ class EstimateHistory:
             return self
         added = self.calibration * np.sqrt(times**2 - 1.0)
         return replace(self.considering(added), calibration=self.calibration * times)
+
+    def with_calibration_error(self, error: Float[np.ndarray, "n e"]) -> "EstimateHistory":
+        """With one more error of the calibration, independent of the others, by its effect on every epoch."""
+        added = error[:, :, np.newaxis]
+        known = added if self.calibration is None else np.concatenate([self.calibration, added], axis=2)
+        return replace(self.considering(added), calibration=known)
+
+    def preceded_by(self, before: Mapping[str, np.ndarray]) -> "EstimateHistory":
+        """With the epochs of an initialisation in front.
+
+        Parameters
+        ----------
+        before : Mapping[str, ndarray]
+            Every array of `EPOCH_ARRAYS`.
+        """
+        counted = {
+            name: before[name].astype(int) if name in COUNTS else before[name] for name in EPOCH_ARRAYS
+        }
+        joined = {name: np.concatenate([counted[name], getattr(self, name)]) for name in EPOCH_ARRAYS}
+        return replace(self, initialisation=len(before["time"]), **joined)
 
     def widened(self, widening: Float[np.ndarray, "k e e"]) -> "EstimateHistory":
         """With covariances F B B' F' in place of F F'.
@@ -252,7 +276,13 @@ class GrowingHistory:
         """
         if before is None:
             return EstimateHistory(
-                name=name, layout=self.layout, status=status, initialisation=0, noise=(), **self.arrays()
+                name=name,
+                layout=self.layout,
+                status=status,
+                initialisation=0,
+                noise=(),
+                mass=None,
+                **self.arrays(),
             )
         count = len(before["time"])
         self.reserve(self._count, count)
@@ -261,7 +291,7 @@ class GrowingHistory:
         for key, array in arrays.items():
             array[:count] = before[key]
         return EstimateHistory(
-            name=name, layout=self.layout, status=status, initialisation=count, noise=(), **arrays
+            name=name, layout=self.layout, status=status, initialisation=count, noise=(), mass=None, **arrays
         )
 
 

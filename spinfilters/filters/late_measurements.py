@@ -259,6 +259,18 @@ class OutOfSequenceUpdates:
     def receive(self, time: float, measurement: Measurement) -> OutOfSequenceResult:
         """Process one sensor's values of ``time`` (s), which may be out of sequence.
 
+        Parameters
+        ----------
+        time : float
+            Of the measurement, s; it may lie before the latest epoch.
+        measurement : Measurement
+            One sensor's values.
+
+        Returns
+        -------
+        OutOfSequenceResult
+            What became of it, with the estimator's report.
+
         Raises
         ------
         InputError
@@ -275,6 +287,16 @@ class OutOfSequenceUpdates:
 
     def belief_at(self, time: float) -> Gaussian:
         """Belief predicted to a time (s) at or after the latest epoch, without changing the estimator.
+
+        Parameters
+        ----------
+        time : float
+            At or after the latest epoch, s.
+
+        Returns
+        -------
+        Gaussian
+            Belief of that time.
 
         Raises
         ------

@@ -315,7 +315,7 @@ class NoiseAdaptation:
     def expect_motion(self, motion: "PredictedMotion") -> None:
         """Store a prediction for comparison with the updated belief."""
         self._predictions += 1
-        sources = self._adapting_sources
+        sources = [source for source in SOURCES if self._horizon(f"process.{source}")]  # that adapt now
         if not sources:
             self._known = {}
             return
@@ -388,10 +388,6 @@ class NoiseAdaptation:
                 raised = raised_logarithm(2 / level.information, level.share)
             self._factors[name] = float(np.exp(level.logarithm + raised))
         return self._factors[name]
-
-    @property
-    def _adapting_sources(self) -> list[str]:
-        return [source for source in SOURCES if self._horizon(f"process.{source}")]
 
     def _horizon(self, name: str) -> float:
         """Number of updates over which a source's evidence is forgotten; 0 where nothing is learned now."""

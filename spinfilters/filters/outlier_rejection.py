@@ -9,10 +9,13 @@ import numpy as np
 from jaxtyping import Bool, Float, Num
 
 from spinfilters.core.errors import InputError
+from spinfilters.core.robust_losses import Barron, Huber, LeastSquares, RobustLoss
 from spinfilters.io.stated_values import NumberRange
 
 Deviations = Callable[[Bool[np.ndarray, " k"]], Float[np.ndarray, "s d r"]]
 """Y_i of the chosen values: whitened deviations that unit deviations of the predicted state cause."""
+LOSSES = ("none", "huber", "barron")
+"""Names of the losses of `RobustOptions`."""
 
 
 @dataclass(frozen=True)
@@ -41,8 +44,8 @@ class RobustOptions:
             raise InputError(
                 f"gate_probability is {self.gate_probability}; give a probability above 0, or 1 for no gate"
             )
-        if self.loss not in _LOSSES:
-            raise InputError(f"loss {self.loss!r} is unknown; choose from {', '.join(_LOSSES)}")
+        if self.loss not in LOSSES:
+            raise InputError(f"loss {self.loss!r} is unknown; choose from {', '.join(LOSSES)}")
         if not (np.isfinite(self.width) and self.width > 0):
             raise InputError(f"width is {self.width}; give a positive number of standard deviations")
         if not (np.isfinite(self.shape) and self.shape <= 2):
@@ -127,24 +130,14 @@ def distance_weights(
 ) -> Float[np.ndarray, " k"]:
     """Weights of squared distances of values of this dimension; 0 outside the gate."""
     inside = (squared <= gate(options.gate_probability, dim)) & (squared < np.inf)
-    return np.where(inside, _LOSSES[options.loss](squared / dim, options), 0.0)
+    return np.where(inside, _loss(options).weight(squared / dim), 0.0)
 
 
-def _least_squares(squared: Float[np.ndarray, " k"], options: RobustOptions) -> Float[np.ndarray, " k"]:
-    return np.ones(len(squared))
-
-
-def _huber(squared: Float[np.ndarray, " k"], options: RobustOptions) -> Float[np.ndarray, " k"]:
-    return options.width / np.sqrt(np.maximum(squared, options.width**2))
-
-
-def _barron(squared: Float[np.ndarray, " k"], options: RobustOptions) -> Float[np.ndarray, " k"]:
-    if options.shape == 2:
-        return np.ones(len(squared))
-    return (squared / (options.width**2 * (2 - options.shape)) + 1) ** (options.shape / 2 - 1)
-
-
-_LOSSES = {"none": _least_squares, "huber": _huber, "barron": _barron}
+@cache
+def _loss(options: RobustOptions) -> RobustLoss:
+    if options.loss == "barron":
+        return Barron(options.shape, options.width)
+    return Huber(options.width) if options.loss == "huber" else LeastSquares()
 
 
 RECOVERY_COUNT = 3

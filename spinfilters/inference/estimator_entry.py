@@ -53,8 +53,6 @@ class EstimatorEntry(NamedEstimator, ABC, Generic[Built]):
         As in ``--estimators``; also its folder in a run.
     order : int
         Place in the table and in messages.
-    is_default : bool
-        Whether a comparison has it where no estimators are named.
     holds_landmarks : bool
         Whether it takes tracks without a known map.
     is_baseline : bool

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.core.chi_square import chi_square_tail, fisher_tail
+from spinfilters.core.robust_losses import Gate, LeastSquares
 from spinfilters.filters.noise_levels import PRIOR_INFORMATION, VarianceComponent
 from spinfilters.filters.square_root import lower_roots
 from spinfilters.inference.noise_model import (
@@ -25,7 +26,6 @@ from spinfilters.inference.noise_model import (
 from spinfilters.smoother.batch_smoother import GATE
 from spinfilters.smoother.landmark_factors import LinearObservations
 from spinfilters.smoother.linear_system import Marginals
-from spinfilters.smoother.losses import Gate, LeastSquares
 from spinfilters.smoother.motion_factors import EpochRows, SensorRows
 from spinfilters.smoother.problem import LinearizationPoint, NormalEquations, Problem, Stage
 from spinfilters.smoother.solver import GaussNewton, advanced

@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float, Int
 
 from spinfilters.core.chi_square import chi_square_tail
 from spinfilters.core.errors import InputError
+from spinfilters.core.robust_losses import LeastSquares
 from spinfilters.filters.estimator import LandmarkBelief, ProcessModel
 from spinfilters.filters.shared_modes import LandmarkOptions
 from spinfilters.filters.timeline import Timeline
@@ -19,7 +20,6 @@ from spinfilters.models.status import EstimatorStatus, Verdict
 from spinfilters.smoother.batch_smoother import GATE, AnnealedSchedule, IdleAnnealing
 from spinfilters.smoother.landmark_factors import NOTHING_TWICE, OBSERVATIONS_NEEDED
 from spinfilters.smoother.linear_system import Marginals, joint_belief
-from spinfilters.smoother.losses import LeastSquares
 from spinfilters.smoother.priors import FirstStatePrior
 from spinfilters.smoother.problem import InitialGuess, Problem, problem_of, with_common_constants
 from spinfilters.smoother.solver import Solved, SolverOptions, solve

@@ -8,6 +8,7 @@ from jaxtyping import Float, Int
 
 from spinfilters.core.camera_trajectory import CameraTrajectory
 from spinfilters.filters.estimator import LandmarkBelief
+from spinfilters.filters.history import EPOCH_ARRAYS
 from spinfilters.filters.noise_levels import VarianceComponent
 from spinfilters.filters.timeline import CameraView, SensorNoise, Timeline, times_of
 from spinfilters.inference.identified_noise import GyroNoise, Unstated
@@ -78,6 +79,17 @@ class Setup:
         """Working time of every epoch of the initialisation, s: an equal share of its whole."""
         count = len(self.initial.mean)
         return np.full(count, self.initial_seconds / count)
+
+    @property
+    def initial_arrays(self) -> dict[str, np.ndarray]:
+        """Every array of `EPOCH_ARRAYS` of the initialisation's epochs, which no error or count includes."""
+        start, count = self.initial, len(self.initial.mean)
+        return dict.fromkeys(EPOCH_ARRAYS, np.zeros(count)) | {
+            "time": times_of(self.timeline[:count]),
+            "mean": start.mean,
+            "factor": start.factor,
+            "runtime": self.initial_runtime,
+        }
 
     @property
     def end_of_initialisation(self) -> float:

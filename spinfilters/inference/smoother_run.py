@@ -2,11 +2,13 @@
 
 from contextlib import suppress
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from spinfilters.core.errors import NUMERICAL_ERRORS, InputError
+from spinfilters.core.importance_weights import LARGEST_SHAPE
 from spinfilters.core.working_time import working_seconds
 from spinfilters.filters.ekf import MultiplicativeEkf
 from spinfilters.filters.history import EstimateHistory
@@ -18,14 +20,16 @@ from spinfilters.inference.initialisation import guessed_trajectory
 from spinfilters.inference.setup import Setup, camera_view
 from spinfilters.io.sensor_format import sensor_format
 from spinfilters.models.state_layout import StateLayout
-from spinfilters.models.status import EstimatorStatus, Verdict
+from spinfilters.models.status import AXES, EstimatorStatus, Finding, Verdict
 from spinfilters.settings.run_settings import Settings
 from spinfilters.smoother.batch_smoother import NO_LANDMARKS, BatchSmoothing, smooth_problem, smooth_recording
 from spinfilters.smoother.closed_form import InitialMotion, initial_motion
+from spinfilters.smoother.mass_posterior import sampled_mass
 from spinfilters.smoother.motion_factors import STRETCH
 from spinfilters.smoother.problem import InitialGuess, Problem, problem_of
 from spinfilters.smoother.recursive_smoother import RecursiveSmoother
 from spinfilters.smoother.sliding_smoother import MarginalizedState, UpdateResult
+from spinfilters.smoother.window import WindowPolicy
 
 
 def measured_motion(setup: Setup) -> InitialMotion:
@@ -103,6 +107,8 @@ def smoothed_at_levels(
 
 
 NAME = "smoother"
+NOT_GAUSSIAN = "posterior-not-gaussian"
+"""Name of the check in the verdict."""
 NO_FILTER = (
     "the filter that the smoother sets out from failed: it began from what the measurements say directly"
 )
@@ -111,11 +117,20 @@ ANNEALED_ITERATIONS = 30
 """At most, from a trajectory that no filter has made."""
 
 
-def sliding_smoother(setup: Setup, settings: Settings) -> RecursiveSmoother:
-    """The smoother of tracks without a map; for sensors that tie nothing together see `smooth_at_once`."""
+def sliding_smoother(
+    setup: Setup, settings: Settings, policy: WindowPolicy | None = None
+) -> RecursiveSmoother:
+    """The smoother of tracks without a map; for sensors that tie nothing together see `smooth_at_once`.
+
+    Parameters
+    ----------
+    policy : WindowPolicy or None
+        Of what leaves its window, in place of that of the settings.
+    """
     timeline = setup.timeline
     every = (measurement.model for epoch in timeline for measurement in epoch.measurements)
     options = settings.smoother.options(len(timeline))
+    options = options if policy is None else replace(options, policy=policy)
     return RecursiveSmoother(setup.process, options, tuple(dict.fromkeys(every)))
 
 
@@ -168,6 +183,52 @@ def _counts(
 
 def smooth_at_once(setup: Setup, settings: Settings, on_epoch: OnEpoch) -> EstimateHistory:
     """Batch smoothing of all epochs, from the trajectory of the EKF."""
+    return _smoothed_at_once(setup, settings, on_epoch).history
+
+
+def smooth_and_sample(setup: Setup, settings: Settings, on_epoch: OnEpoch) -> EstimateHistory:
+    """`smooth_at_once`, with samples of the mass distribution where one direction of it is hardly determined.
+
+    Its moments are then the mean of the marginal posterior. Where the Gaussian belief is no proposal for that, the status says so.
+    """
+    begin = working_seconds()
+    smoothed = _smoothed_at_once(setup, settings, on_epoch)
+    history = smoothed.history
+    try:
+        mass = sampled_mass(smoothed.problem, smoothed.found)
+    except NUMERICAL_ERRORS:
+        return history
+    if mass is None:
+        return history
+    status = history.status
+    if not mass.gaussian_shape < LARGEST_SHAPE:
+        status = status.doubted(_not_gaussian(mass.gaussian_shape))
+    runtime = np.full(len(history.time), (working_seconds() - begin) / len(history.time))
+    runtime[: len(setup.initial.mean)] += setup.initial_runtime[: len(runtime)]
+    return replace(history, mass=mass, status=status, runtime=runtime)
+
+
+def _not_gaussian(shape: float) -> Finding:
+    """The finding that a Gaussian does not describe the posterior of the mass distribution."""
+    return Finding(
+        NOT_GAUSSIAN,
+        f"the posterior of the moments is not Gaussian (Pareto shape {shape:.2g}, at most {LARGEST_SHAPE:g} is of use): mean and "
+        "interval of the moments are those of its samples, axes those of its mode",
+        "record a motion that wobbles",
+        {"shape": shape},
+        frozenset({AXES}),
+    )
+
+
+class _Smoothed(NamedTuple):
+    """A recording's history, with the problem at its noise levels and the solution."""
+
+    history: EstimateHistory
+    problem: Problem
+    found: BatchSmoothing
+
+
+def _smoothed_at_once(setup: Setup, settings: Settings, on_epoch: OnEpoch) -> _Smoothed:
     start, timeline = setup.initial, setup.timeline
     first = len(start.mean)
     _rehearse_at_once(setup, settings)
@@ -184,7 +245,7 @@ def smooth_at_once(setup: Setup, settings: Settings, on_epoch: OnEpoch) -> Estim
             trajectory = _measured_trajectory(setup)
             annealed, status = ANNEALED_ITERATIONS, EstimatorStatus().degraded(NO_FILTER, "filter-failed")
     epochs = timeline[: len(trajectory)]
-    found, levels = _smoothed(epochs, trajectory, annealed, setup, settings)
+    whole, found, levels = _smoothed(epochs, trajectory, annealed, setup, settings)
     if not found.solved.converged:
         status = status.degraded(
             f"the smoother did not settle in {found.solved.iterations} iterations", "smoother-unsettled"
@@ -193,13 +254,15 @@ def smooth_at_once(setup: Setup, settings: Settings, on_epoch: OnEpoch) -> Estim
     runtime = np.full(len(epochs), share)
     runtime[:first] += setup.initial_runtime[: len(epochs)]
     history = _batch_history(found, setup.process.layout, status, times_of(epochs), runtime)
-    return history if levels is None else replace(history, noise=levels.components)
+    if levels is None:
+        return _Smoothed(history, whole, found)
+    return _Smoothed(replace(history, noise=levels.components), at_levels(whole, levels, setup), found)
 
 
 def _smoothed(
     epochs: Timeline, trajectory: Float[np.ndarray, "k m"], annealed: int, setup: Setup, settings: Settings
-) -> tuple[BatchSmoothing, Identified | None]:
-    """Epochs smoothed from a trajectory, at the levels of noise that they identify."""
+) -> tuple[Problem, BatchSmoothing, Identified | None]:
+    """The problem of some epochs, smoothed from a trajectory at the levels of noise that they identify, and these."""
 
     def problem(count: int) -> Problem:
         """The least-squares problem of the recording."""
@@ -208,7 +271,7 @@ def _smoothed(
 
     whole = problem(len(epochs))
     part = problem(STRETCH) if whole.is_long else whole
-    return smoothed_at_levels(whole, part, smooth_problem(whole, trajectory, annealed), setup)
+    return whole, *smoothed_at_levels(whole, part, smooth_problem(whole, trajectory, annealed), setup)
 
 
 def _measured_trajectory(setup: Setup) -> Float[np.ndarray, "k m"]:

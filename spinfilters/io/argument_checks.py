@@ -9,7 +9,7 @@ import math
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import wraps
-from typing import Any, Final, ParamSpec, TypeVar
+from typing import Any, Final, NoReturn, ParamSpec, TypeVar
 
 import numpy as np
 
@@ -94,7 +94,7 @@ def plain_numbers(value: Any, depth: int = 6) -> Any:
     return plain_number(value)
 
 
-def refuse(name: str, value: object, cure: str) -> None:
+def refuse(name: str, value: object, cure: str) -> NoReturn:
     """Raise InputError for an argument. ``cure``: what to give instead."""
     raise InputError(f"{name} is {value_text(value)}; give {cure}")
 
@@ -115,7 +115,7 @@ def path(what: str) -> Check:
 
     def check(name: str, value: Any) -> None:
         """Whether the system can look for it."""
-        if not _is_path(value):
+        if not is_path(value):
             refuse(name, value, f"the path of {what}, as text or pathlib.Path")
 
     return check
@@ -126,7 +126,7 @@ def one_of(*kinds: type, path_of: str = "", cure: str) -> Check:
 
     def check(name: str, value: Any) -> None:
         """Whether it is one."""
-        if not isinstance(value, kinds) and not (path_of and _is_path(value)):
+        if not isinstance(value, kinds) and not (path_of and is_path(value)):
             refuse(name, value, cure)
 
     return check
@@ -204,12 +204,12 @@ def called(name: str, value: Any) -> None:
         refuse(name, value, "a function, which is called as the work goes on")
 
 
-def _is_path(value: Any) -> bool:
+def is_path(value: Any) -> bool:
     """Whether it is a text or os.PathLike of one, not empty, without what no system allows in a path."""
     if isinstance(value, os.PathLike):
         value = os.fspath(value)
     return isinstance(value, str) and bool(value) and "\0" not in value
 
 
-A_RECORDING: Final = "a data set's folder or a recording's file"
+KIND: Final = 'a kind of measurements, such as "gyro"'
 ESTIMATORS: Final = 'names such as "mekf,smoother", or a list of at least one'

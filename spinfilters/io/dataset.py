@@ -18,6 +18,7 @@ from spinfilters.io.camera import Rig, camera_deviations
 from spinfilters.io.consider_parameter import consider_parameters
 from spinfilters.io.input_file import path_text, printable, value_text
 from spinfilters.io.measurement_log import Acceleration, MeasurementLog, MeasurementStream
+from spinfilters.io.memory_tables import measured_table, reading_options
 from spinfilters.io.sensor_format import CalibrationFiles, dataset_kinds, noise_options, sensor_format
 from spinfilters.io.sensor_tables import KnownMap
 from spinfilters.io.stated_values import NumberRange
@@ -44,14 +45,20 @@ class DatasetOptions:
 
     Parameters
     ----------
-    sensor_noise: standard deviations of the sensors, by the names of the registry's options; each is a keyword argument and an
-        attribute too (``pixel_std``), None where the file is silent.
-    force_psd, torque_psd: of the white disturbances, see `spinfilters.models.process`.   None where the file is silent.
-    frames: in words, what the frames i and g of this data set are.
-    notes: numbers and words for the reader, such as a seed; no estimator looks at them.
-    calibration: standard deviations of the calibration by `ConsiderParameter.name`, those that the data set tells.
-    covariance_inflation: factor, at least 1, on the covariances that rows state for themselves, so that errors which rows have in
-        common weigh as much as they should where estimators take them for white noise; residuals are smaller by it.
+    sensor_noise : Mapping[str, float]
+        Standard deviations of the sensors, by the names of the registry's options; each is a keyword argument and an attribute too
+        (``pixel_std``), None where the file is silent.
+    force_psd, torque_psd : float or None
+        Of the white disturbances, see `spinfilters.models.process`. None where the file is silent.
+    frames : str
+        In words, what the frames i and g of this data set are.
+    notes : Mapping[str, Note]
+        Numbers and words for the reader, such as a seed; no estimator looks at them.
+    calibration : Mapping[str, float]
+        Standard deviations of the calibration by `ConsiderParameter.name`, those that the data set tells.
+    covariance_inflation : float
+        Factor, at least 1, on the covariances that rows state for themselves, so that errors which rows have in common weigh as
+        much as they should where estimators take them for white noise; residuals are smaller by it.
 
     Raises
     ------
@@ -241,10 +248,14 @@ class Dataset:
         With the sensor of that kind; other sensors may be there too.
     path : Path | None
         Where it was read, None when made in memory.
+    description : str
+        In words, of whoever made the data set.
     truth, rig, known_map
         None where not known; measurements of a camera need its rig.
     inspector : MeasurementStream | None
         Poses of cam0 in i over the time of all measurements of cameras; None where frame i is that of cam0.
+    options : DatasetOptions
+        Standard deviations of its sensors and its calibration, and notes of its maker.
     segment : Segment | None
         The stretch of a recording that this is, None of a whole one.
     acceleration : Acceleration | None
@@ -287,6 +298,144 @@ class Dataset:
         if self.inspector is not None:
             require_cover(self.inspector, self.log)
 
+    @classmethod
+    def from_dataframe(
+        cls,
+        table: Any,
+        kind: str | None = None,
+        *,
+        units: str | Mapping[str, str] | None = None,
+        rate: float | None = None,
+        noise: Mapping[str, float] | None = None,
+        rig: Rig | None = None,
+        truth: Truth | None = None,
+        known_map: KnownMap | None = None,
+        inspector: MeasurementStream | None = None,
+        description: str = "",
+    ) -> "Dataset":
+        """Data set of a table in memory, checked as a file of the same numbers is.
+
+        Parameters
+        ----------
+        table : data frame, mapping or array
+            A pandas or polars DataFrame, or a mapping of names to columns, whose columns are known by their names in any order;
+            a mapping of kinds to such tables for several sensors; an array, or a pair of times and values, with the columns
+            of ``kind`` in their order.
+        kind : str or None
+            "gyro", "pose", "attitude", "stereo-tracks" or another of `dataset_kinds`; None to tell it by the names.
+        units : str, Mapping or None
+            Of body rates or positions whose names state none, such as "deg/s"; or by quantity: ``{"time": "ms", "rate": "deg/s"}``.
+        rate : float or None
+            Samples a second, Hz, of a table without a clock.
+        noise : Mapping[str, float] or None
+            Standard deviations by their names in ``dataset.toml``, such as ``{"gyro_noise_std": 0.01}``.
+        rig, truth, known_map, inspector : object or None
+            As `Dataset` has them; tracks need the rig of their camera.
+        description : str
+            By which messages name the data set.
+
+        Returns
+        -------
+        Dataset
+            With the same measurements, bit for bit, as a file of these numbers gives.
+
+        Raises
+        ------
+        InputError
+            What the file would be refused for; the text names the row, counted from 0, the value and the cure.
+        """
+        options = reading_options(units, rate)
+        kinds = dataset_kinds()
+        tables = [(kind, table)]
+        if isinstance(table, Mapping) and table and table.keys() <= kinds.keys():
+            tables = list(table.items())
+        measured = [measured_table(each, name, options) for name, each in tables]
+        remarks = [remark for each in measured for remark in each.remarks]
+        known_as = description or " and ".join(f"{each.stream.sensor} table in memory" for each in measured)
+        first = sensor_format(measured[0].stream.sensor)
+        return cls(
+            kind=first.kind,
+            log=MeasurementLog(tuple(each.stream for each in measured)),
+            description="; ".join((printable(known_as), *remarks)),
+            truth=truth,
+            rig=rig,
+            known_map=known_map,
+            inspector=inspector,
+            options=DatasetOptions(noise),
+            acceleration=next(
+                (each.acceleration for each in measured if each.acceleration is not None), None
+            ),
+        )
+
+    @classmethod
+    def from_arrays(
+        cls,
+        kind: str,
+        time: Any,
+        values: Any,
+        *,
+        ids: Any = None,
+        covariance: Any = None,
+        units: str | Mapping[str, str] | None = None,
+        noise: Mapping[str, float] | None = None,
+        rig: Rig | None = None,
+        truth: Truth | None = None,
+        known_map: KnownMap | None = None,
+        inspector: MeasurementStream | None = None,
+        description: str = "",
+    ) -> "Dataset":
+        """Data set of arrays of one sensor, checked as a file of the same numbers is.
+
+        Parameters
+        ----------
+        kind : str
+            Of `dataset_kinds`, such as "gyro", "pose" or "mono-tracks".
+        time : (n,) array
+            In s, or in the unit that ``units`` states.
+        values : (n, m) array
+            The columns of the kind: body rates about x, y, z; position and unit quaternion, scalar last; pixels.
+        ids : (n,) array or None
+            Landmark of each row, of tracks only.
+        covariance : (n, k, k) array or None
+            Of each row; None where one deviation holds for all.
+        units, noise, rig, truth, known_map, inspector, description
+            As `from_dataframe` has them.
+
+        Returns
+        -------
+        Dataset
+            As of a file of these numbers.
+
+        Raises
+        ------
+        InputError
+            What the file would be refused for.
+        """
+        table: Any = time, values
+        if ids is not None:
+            table = np.asarray(time), np.column_stack([np.asarray(ids), np.asarray(values)])
+        dataset = cls.from_dataframe(
+            table,
+            kind,
+            units=units,
+            noise=noise,
+            rig=rig,
+            truth=truth,
+            known_map=known_map,
+            inspector=inspector,
+            description=description,
+        )
+        if covariance is None:
+            return dataset
+        (stream,) = dataset.log.streams
+        try:
+            weighted = MeasurementStream(
+                stream.sensor, stream.time, stream.values, stream.ids, np.asarray(covariance, dtype=float)
+            )
+        except (TypeError, ValueError):
+            raise InputError(f"covariance is {value_text(covariance)}; give a matrix for each row") from None
+        return replace(dataset, log=MeasurementLog((weighted,)))
+
     @property
     def sensor(self) -> str:
         """The sensor that its kind says it must have."""
@@ -304,7 +453,18 @@ class Dataset:
         return place if self.segment is None else f"{place}, {self.segment.label}"
 
     def part(self, segment: Segment) -> "Dataset":
-        """The data set within a time interval. InputError: no measurement within."""
+        """The data set within a time interval. InputError: no measurement within.
+
+        Parameters
+        ----------
+        segment : Segment
+            Begin and end, s; None for those of the recording.
+
+        Returns
+        -------
+        Dataset
+            Its measurements from begin to end, both within; truth, map and calibration as they are.
+        """
         start = self.log.start if segment.start is None else segment.start
         end = self.log.end if segment.end is None else segment.end
         force = None if self.acceleration is None else self.acceleration.slice(start, end)
@@ -314,7 +474,13 @@ class Dataset:
 
     @contextmanager
     def naming(self) -> Iterator[None]:
-        """Prefix InputErrors about the measurements with `name`."""
+        """Prefix InputErrors about the measurements with `name`.
+
+        Returns
+        -------
+        Iterator[None]
+            Context in which the measurements are used.
+        """
         try:
             yield
         except InputError as error:

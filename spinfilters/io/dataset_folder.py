@@ -320,8 +320,9 @@ def write_dataset(dataset: Dataset, folder: Path) -> None:
 
 
 def _refuse_leftovers(dataset: Dataset, folder: Path) -> None:
+    written = _written(dataset)
     for name in (*dataset_files(), PHYPHOX_TABLE):
-        if name not in _written(dataset) and os.path.lexists(folder / name):
+        if name not in written and os.path.lexists(folder / name):
             raise InputError(
                 f"{path_text(folder / name)}: is not of the data set to be written; "
                 "delete it or choose another folder"

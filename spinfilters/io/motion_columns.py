@@ -8,7 +8,8 @@ from typing import Final, Literal, NamedTuple
 
 from spinfilters.core.errors import InputError
 from spinfilters.io.input_file import path_text, value_text
-from spinfilters.io.stated_values import RATE_UNITS, ReadingOptions
+from spinfilters.io.logger_names import understood_names
+from spinfilters.io.stated_values import LENGTH_UNITS, RATE_UNITS, ReadingOptions
 
 Quantity = Literal["time", "rate", "acceleration", "position", "quaternion"]
 
@@ -20,7 +21,7 @@ TIME_UNITS: Final[dict[str, str]] = {
 }
 """Unit of time by its spelling."""
 _RATE_UNITS = {
-    **dict.fromkeys(("rad/s", "rads", "radps", "radpers", "rads-1", "1/s", "s-1"), "rad/s"),
+    **dict.fromkeys(("rad/s", "rads", "radps", "radpers", "rads-1", "rads^-1", "1/s", "s-1"), "rad/s"),
     **dict.fromkeys(("mrad/s", "mradps", "mrads"), "mrad/s"),
     **dict.fromkeys(
         ("deg/s", "degs", "dps", "degps", "degrees/s", "degree/s", "°/s", "degpers", "degreespers"), "deg/s"
@@ -29,7 +30,7 @@ _RATE_UNITS = {
     **dict.fromkeys(("rpm", "1/min"), "rpm"),
 }
 _ACCELERATION_UNITS = {
-    **dict.fromkeys(("m/s2", "m/s^2", "m/s²", "m/s/s", "ms-2", "mps2", "ms2", "mss"), "m/s^2"),
+    **dict.fromkeys(("m/s2", "m/s^2", "m/s²", "m/s/s", "ms-2", "ms^-2", "mps2", "ms2", "mss"), "m/s^2"),
     **dict.fromkeys(("g", "gs", "g0"), "g"),
     **dict.fromkeys(("mg",), "mg"),
 }
@@ -210,7 +211,7 @@ AXES: Final[dict[Quantity, str]] = {
 KNOWN_UNITS: Final[dict[Quantity, dict[str, float]]] = {
     "rate": RATE_UNITS,
     "acceleration": {"m/s^2": 1.0, "g": 9.80665, "mg": 9.80665e-3},
-    "position": {"m": 1.0, "mm": 1e-3, "cm": 1e-2},
+    "position": LENGTH_UNITS,
     "quaternion": {},
 }
 """SI units in the units of each quantity."""
@@ -257,7 +258,7 @@ def motion_columns(
         A quantity that stands twice, or in two units or one that is unknown; clocks among which none can be
         chosen.
     """
-    headings = [heading_of(name, bare) for name in names]
+    headings = [heading_of(name, bare) for name in understood_names(names)]
     found: dict[Quantity, VectorColumns] = {}
     for quantity, axes in AXES.items():
         vector = _vector(

@@ -1,7 +1,6 @@
 """Motion tables: gyro, accelerometer and poses by the names of their columns, with the unit of their clock."""
 
 import math
-import os
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -10,10 +9,8 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.core.errors import InputError
-from spinfilters.io.dataset import DATASET_FILE, LANDMARK_FILE, Dataset
-from spinfilters.io.dataset_reader import StatedReader
-from spinfilters.io.input_file import path_text, printable, value_text
-from spinfilters.io.measurement_log import Acceleration, MeasurementLog, MeasurementStream
+from spinfilters.io.input_file import path_text, value_text
+from spinfilters.io.measurement_log import Acceleration, MeasurementStream
 from spinfilters.io.motion_columns import (
     EXAMPLE,
     KNOWN_UNITS,
@@ -22,17 +19,17 @@ from spinfilters.io.motion_columns import (
     VectorColumns,
     motion_columns,
 )
-from spinfilters.io.sensor_format import sensor_format, sensor_formats
+from spinfilters.io.named_columns import NamedColumns, TextColumns
 from spinfilters.io.sensor_tables import require_clock, require_turns
 from spinfilters.io.stated_values import (
     CLOCK_UNITS,
     LENGTH,
+    LENGTH_UNITS,
     RATE,
     RATE_UNITS,
     ReadingOptions,
 )
-from spinfilters.io.text_table import Table, TableLayout, read_columns, read_layout
-from spinfilters.io.truth import TRUTH_TABLE
+from spinfilters.io.text_table import Table, read_layout
 
 SLOWEST: Final = 1.0
 FASTEST: Final = 8000.0
@@ -123,10 +120,19 @@ class MotionTable:
 
 
 def read_motion_table(path: Path, options: ReadingOptions, bare: Quantity | None = None) -> MotionTable:
-    """Poses, attitudes or body rates of a table, whichever of them comes first.
+    """Poses, attitudes or body rates of a text table. See `motion_of`; InputError: as `read_layout`, too."""
+    options.require_only(("unit", "clock", "rate", "columns"), "a table")
+    source = TextColumns(path, read_layout(path, options.column_names))
+    return motion_of(source, options, bare if options.columns is None else bare or "rate")
+
+
+def motion_of(source: NamedColumns, options: ReadingOptions, bare: Quantity | None = None) -> MotionTable:
+    """Poses, attitudes or body rates of named columns, whichever of them comes first.
 
     Parameters
     ----------
+    source : NamedColumns
+        A text file or arrays.
     options : ReadingOptions
         What its user states.
     bare : Quantity | None
@@ -135,16 +141,14 @@ def read_motion_table(path: Path, options: ReadingOptions, bare: Quantity | None
     Raises
     ------
     InputError
-        As `read_layout`, `motion_columns`, `read_columns` and `require_clock`; no such columns; a unit that is in
+        As `motion_columns`, `NamedColumns.read` and `require_clock`; no such columns; a unit that is in
         doubt or contradicts what is stated; numbers out of their range.
     """
-    options.require_only(("unit", "clock", "rate"), "a table")
-    layout = read_layout(path)
-    columns = motion_columns(path, layout.names, options, bare)
-    quantities = _quantities(path, columns, layout.names, options)
+    columns = motion_columns(source.path, source.names, options, bare)
+    quantities = _quantities(source, columns, options)
     if "rate" in quantities:
-        return _rates(path, layout, columns, options)
-    return _poses(path, layout, columns, options)
+        return _rates(source, columns, options)
+    return _poses(source, columns, options)
 
 
 def read_acceleration(path: Path, options: ReadingOptions) -> Acceleration | None:
@@ -152,20 +156,20 @@ def read_acceleration(path: Path, options: ReadingOptions) -> Acceleration | Non
 
     Its columns may be called x, y and z. InputError: as `read_motion_table`.
     """
-    layout = read_layout(path)
-    columns = motion_columns(path, layout.names, replace(options, rate=None), "acceleration")
-    return _acceleration(path, layout, columns, options)
+    source = TextColumns(path, read_layout(path))
+    columns = motion_columns(path, source.names, replace(options, rate=None), "acceleration")
+    return _acceleration(source, columns, options)
 
 
-def _rates(path: Path, layout: TableLayout, columns: MotionColumns, options: ReadingOptions) -> MotionTable:
+def _rates(source: NamedColumns, columns: MotionColumns, options: ReadingOptions) -> MotionTable:
     vector, remarks = columns.vectors["rate"], []
-    table = _read(path, layout, columns, ("rate",))
-    unit = _rate_unit(table, vector, options, "seconds_elapsed" in layout.names)
+    table = _read(source, columns, ("rate",))
+    unit = _rate_unit(table, vector, options, "seconds_elapsed" in source.names)
     _require_measurable(table, unit, bool(vector.unit) or options.unit is not None)
     values = table.values.copy()
     values[:, -3:] *= RATE_UNITS[unit]
     table, speed = replace(table, values=values), np.linalg.norm(values[:, -3:], axis=1)
-    table, clock = _timed(table, columns, options, layout, speed)
+    table, clock = _timed(table, columns, options, source, speed)
     table.require(slice(1, 4), RATE)
     if table.incomplete:
         remarks.append(f"{table.incomplete} rows without rates left out")
@@ -173,7 +177,7 @@ def _rates(path: Path, layout: TableLayout, columns: MotionColumns, options: Rea
         remarks.append(clock)
     with table.naming_lines():
         stream = MeasurementStream("gyro", table.values[:, 0], table.values[:, 1:])
-    return MotionTable(stream, _acceleration(path, layout, columns, options), tuple(remarks))
+    return MotionTable(stream, _acceleration(source, columns, options), tuple(remarks))
 
 
 def _require_measurable(table: Table, unit: str, is_stated: bool) -> None:
@@ -201,18 +205,19 @@ def _require_measurable(table: Table, unit: str, is_stated: bool) -> None:
     )
 
 
-def _poses(path: Path, layout: TableLayout, columns: MotionColumns, options: ReadingOptions) -> MotionTable:
+def _poses(source: NamedColumns, columns: MotionColumns, options: ReadingOptions) -> MotionTable:
     """Poses, or attitudes where no position is there.
 
     Rates beside them are taken as derived and left out.
     """
-    options.require_only(("clock", "rate"), "a table of poses")
     has_position = "position" in columns.vectors
-    table = _read(path, layout, columns, ("position", "quaternion") if has_position else ("quaternion",))
-    table, clock = _timed(table, columns, options, layout, None)
+    if not has_position:
+        options.require_only(("clock", "rate", "columns"), "a table of attitudes")
+    table = _read(source, columns, ("position", "quaternion") if has_position else ("quaternion",))
+    table, clock = _timed(table, columns, options, source, None)
     if has_position:
         values = table.values.copy()
-        values[:, 1:4] *= KNOWN_UNITS["position"][columns.vectors["position"].unit or "m"]
+        values[:, 1:4] *= LENGTH_UNITS[_length_unit(table, columns.vectors["position"], options)]
         table = replace(table, values=values)
         table.require(slice(1, 4), LENGTH)
     with table.naming_lines():
@@ -222,11 +227,11 @@ def _poses(path: Path, layout: TableLayout, columns: MotionColumns, options: Rea
     return MotionTable(stream, None, () if clock == "s" else (clock,))
 
 
-def _read(path: Path, layout: TableLayout, columns: MotionColumns, quantities: tuple[Quantity, ...]) -> Table:
+def _read(source: NamedColumns, columns: MotionColumns, quantities: tuple[Quantity, ...]) -> Table:
     """Clock, where there is one, and quantities."""
     chosen = [k for quantity in quantities for k in columns.vectors[quantity].indices]
     clock = [] if columns.time is None else [columns.time[0]]
-    return read_columns(path, layout, [*clock, *chosen], keys=len(clock))
+    return source.read([*clock, *chosen], keys=len(clock))
 
 
 def _rate_unit(table: Table, vector: VectorColumns, options: ReadingOptions, is_known_export: bool) -> str:
@@ -242,6 +247,10 @@ def _rate_unit(table: Table, vector: VectorColumns, options: ReadingOptions, is_
             f"{path_text(table.path)}: its header says {vector.unit}, --unit says {options.unit}; "
             "leave --unit out, or correct the header"
         )
+    if options.unit in LENGTH_UNITS:
+        raise InputError(
+            f"{path_text(table.path)}: holds body rates, --unit says {options.unit}; give one of {', '.join(RATE_UNITS)}"
+        )
     unit = vector.unit or options.unit or ("rad/s" if vector.is_si or is_known_export else "")
     if not unit:
         largest = float(np.abs(table.values[:, -3:]).max())
@@ -252,11 +261,26 @@ def _rate_unit(table: Table, vector: VectorColumns, options: ReadingOptions, is_
     return unit
 
 
+def _length_unit(table: Table, vector: VectorColumns, options: ReadingOptions) -> str:
+    """Unit of positions, from the header or the user, else m. InputError: two that differ, or one of rates."""
+    if options.unit in RATE_UNITS:
+        raise InputError(
+            f"{path_text(table.path)}: --unit {options.unit} is of no use for a table of poses; leave it out, or give one of "
+            f"{', '.join(LENGTH_UNITS)}"
+        )
+    if vector.unit and options.unit not in (None, vector.unit):
+        raise InputError(
+            f"{path_text(table.path)}: its header says {vector.unit}, --unit says {options.unit}; "
+            "leave --unit out, or correct the header"
+        )
+    return vector.unit or options.unit or "m"
+
+
 def _timed(
     table: Table,
     columns: MotionColumns,
     options: ReadingOptions,
-    layout: TableLayout,
+    source: NamedColumns,
     speed: Float[np.ndarray, " n"] | None,
 ) -> tuple[Table, str]:
     """Table with time in s as its first column, and a remark on the clock's unit (just "s" for seconds)."""
@@ -272,7 +296,7 @@ def _timed(
             "leave --clock out, or rename it"
         )
     stamps = table.values[:, 0]
-    unit = stated or options.clock or clock_unit(table.path, layout.names[index], stamps, speed)
+    unit = stated or options.clock or clock_unit(table.path, source.names[index], stamps, speed)
     table = replace(table, values=np.column_stack([stamps * CLOCK_UNITS[unit], table.values[:, 1:]]))
     require_clock(table)
     if speed is not None:
@@ -286,12 +310,12 @@ def _timed(
 
 
 def _acceleration(
-    path: Path, layout: TableLayout, columns: MotionColumns, options: ReadingOptions
+    source: NamedColumns, columns: MotionColumns, options: ReadingOptions
 ) -> Acceleration | None:
     """Accelerometer of a table; None without one, or where its unit is in doubt."""
     if "acceleration" not in columns.vectors:
         return None
-    table = _read(path, layout, columns, ("acceleration",))
+    table = _read(source, columns, ("acceleration",))
     force, spelled = table.values[:, -3:], columns.vectors["acceleration"].unit
     if np.abs(force).max() > LARGEST_FORCE:
         return None
@@ -318,13 +342,13 @@ def _acceleration_times(
 
 
 def _quantities(
-    path: Path, columns: MotionColumns, names: tuple[str, ...], options: ReadingOptions
+    source: NamedColumns, columns: MotionColumns, options: ReadingOptions
 ) -> tuple[Quantity, ...]:
     """The quantities read of a table.
 
     InputError where it does not tell a motion or its clock.
     """
-    found = columns.vectors
+    found, path, names = columns.vectors, source.path, source.names
     if columns.time is None and options.rate is None:
         raise InputError(
             f"{path_text(path)}: header {value_text(', '.join(names))}: no column is a clock; name it time_s, or give --rate HZ"
@@ -337,41 +361,3 @@ def _quantities(
         f"{path_text(path)}: header {value_text(', '.join(names))}: tells no body rate about each of x, y, z; name the columns "
         f"such as {EXAMPLE} (rad/s) or time_s,wx_dps,wy_dps,wz_dps"
     )
-
-
-_SUFFIXES = (".csv", ".tsv")
-_ALONE = "gyro.csv"  # the one table of a folder that is a data set without it
-
-
-class MotionFileReader(StatedReader):
-    """Reader of a motion table; see `spinfilters.io.motion_table`."""
-
-    name, order = "motion-table", 95
-    words = "a gyro .csv"
-
-    def recognises(self, path: Path) -> bool:
-        """Whether a file is a single table, by suffix and name, and not a part of a data set folder."""
-        return path.suffix.lower() in _SUFFIXES and path.name not in _parts() and not os.path.isdir(path)
-
-    def read(self, path: Path, segment: int | None) -> Dataset:
-        """Data set of the table; its columns are known by their names."""
-        bare: Quantity | None = "rate" if path.stem.lower().startswith("gyro") else None
-        return motion_dataset(path, path.name, read_motion_table(path, self.options, bare))
-
-
-def motion_dataset(path: Path, name: str, table: MotionTable) -> Dataset:
-    """Data set of a motion table or of an export."""
-    description = "; ".join((printable(name), *table.remarks))
-    return Dataset(
-        kind=sensor_format(table.stream.sensor).kind,
-        log=MeasurementLog((table.stream,)),
-        path=path,
-        description=description,
-        acceleration=table.acceleration,
-    )
-
-
-def _parts() -> set[str]:
-    """Tables of data set folders, which tell nothing alone."""
-    files = {form.file for form in sensor_formats().values() if not form.suffixes} - {_ALONE}
-    return files | {DATASET_FILE, LANDMARK_FILE, TRUTH_TABLE}

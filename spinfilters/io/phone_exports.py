@@ -16,7 +16,8 @@ from spinfilters.core.errors import InputError
 from spinfilters.io.dataset import PHYPHOX_TABLE, Dataset, Segment
 from spinfilters.io.dataset_reader import OnRefused, StatedReader
 from spinfilters.io.input_file import path_text, printable, read_settings_text, value_text
-from spinfilters.io.motion_table import MotionTable, motion_dataset, read_acceleration, read_motion_table
+from spinfilters.io.motion_file import motion_dataset
+from spinfilters.io.motion_table import MotionTable, read_acceleration, read_motion_table
 from spinfilters.io.sensor_tables import require_two_epochs
 from spinfilters.io.stated_values import NOTHING_STATED, ReadingOptions
 

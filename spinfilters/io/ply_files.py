@@ -16,6 +16,8 @@ MAX_PLY_BYTES: Final = 1 << 30
 CORNERS: Final = ("vertex_indices", "vertex_index")
 """Names of the list of a face's corners."""
 ASCII: Final = "="
+FIRST_STRETCH: Final = 16
+"""Rows that are compared with the one before them at once, at first."""
 _TYPES: Final = {
     **dict.fromkeys(("char", "int8"), "i1"),
     **dict.fromkeys(("uchar", "uint8"), "u1"),
@@ -179,8 +181,14 @@ def _header(data: bytes) -> tuple[str, list[_Element], tuple[str, ...], int]:
 
 
 def _fans(polygons: list[np.ndarray]) -> Int[np.ndarray, "f 3"]:
-    fans = [np.stack([np.full(len(p) - 2, p[0]), p[1:-1], p[2:]], axis=1) for p in polygons if len(p) > 2]
+    """Triangles of polygons, given in blocks (rows, corners) of equally many corners each."""
+    fans = [_fan(block) for block in polygons if block.shape[1] > 2]
     return np.concatenate(fans).astype(np.int64) if fans else np.zeros((0, 3), np.int64)
+
+
+def _fan(block: np.ndarray) -> np.ndarray:
+    first = np.broadcast_to(block[:, :1], (len(block), block.shape[1] - 2))
+    return np.stack([first, block[:, 1:-1], block[:, 2:]], axis=2).reshape(-1, 3)
 
 
 class _AsciiRows:
@@ -204,8 +212,8 @@ class _AsciiRows:
         return {each[0]: values[:, k] for k, each in enumerate(element.properties)}
 
     def lists(self, element: _Element) -> list[np.ndarray]:
-        """List of corners of each row."""
-        return [self._list(line.split(), element) for line in self._take(element.count)]
+        """Corners of each row, as a block of its own."""
+        return [self._list(line.split(), element)[None] for line in self._take(element.count)]
 
     def _list(self, words: list[bytes], element: _Element) -> np.ndarray:
         at, kept = 0, np.zeros(0, np.int64)
@@ -250,23 +258,52 @@ class _BinaryRows:
         return {name: rows[name] for name, _ in element.properties}
 
     def lists(self, element: _Element) -> list[np.ndarray]:
-        """List of corners of each row."""
+        """Corners of all rows, in blocks (rows, corners) of neighbours that have equally many."""
         types = [tuple(np.dtype(self._order + kind) for kind in each[1:]) for each in element.properties]
-        corners, rows = element.corners, []
-        for _ in range(element.count):
-            for k, kinds in enumerate(types):
-                size = int(self._take(kinds[0], 1)[0]) if len(kinds) == 2 else 1
-                items = self._take(kinds[-1], size)
-                if k == corners:
-                    rows.append(items)
-        if rows:
-            _require_indices(np.concatenate(rows))
-        return rows
+        blocks, left = [], element.count
+        while left:
+            rows = self._take_equal(self._next_row(types), left)
+            blocks.append(rows[f"items {element.corners}"])
+            _require_indices(blocks[-1])
+            left -= len(rows)
+        return blocks
+
+    def _next_row(self, types: list[tuple[np.dtype, ...]]) -> np.dtype:
+        """Layout of the next row, by the lengths that its lists state; it is not taken yet."""
+        begin, fields = self._at, []
+        for k, kinds in enumerate(types):
+            size = 1
+            if len(kinds) == 2:
+                size = int(self._take(kinds[0], 1)[0])
+                fields.append((f"length {k}", kinds[0]))
+            self._take(kinds[-1], size)  # a length below zero, or beyond the end, is refused here
+            fields.append((f"items {k}", kinds[-1], (size,)))
+        self._at = begin
+        return np.dtype(fields)
+
+    def _take_equal(self, layout: np.dtype, most: int) -> np.ndarray:
+        """The next rows, as many as follow with the lengths of the first.
+
+        Stretches double, so that a file of equal rows is looked through once, and one of unequal rows not again and again.
+        """
+        lengths = [name for name in layout.names or () if name.startswith("length")]
+        most = min(most, (len(self._data) - self._at) // layout.itemsize)
+        first = np.frombuffer(self._data, layout, 1, self._at)
+        found, stretch = 1, FIRST_STRETCH
+        while found < most:
+            begin = self._at + found * layout.itemsize
+            rows = np.frombuffer(self._data, layout, min(stretch, most - found), begin)
+            same = np.logical_and.reduce([rows[name] == first[name] for name in lengths])
+            if not same.all():
+                found += int(same.argmin())
+                break
+            found, stretch = found + len(rows), 2 * stretch
+        return self._take(layout, found)
 
 
 def _require_indices(items: np.ndarray) -> None:
     """ValueError: an index that is no whole number, or beyond all vertices."""
     if items.dtype.kind == "f" and not (np.isfinite(items).all() and (items == np.round(items)).all()):
         raise ValueError("a face names a vertex by a number that is not whole")
-    if len(items) and float(np.abs(items.astype(np.float64)).max()) > MAX_PLY_BYTES:
+    if items.size and float(np.abs(items.astype(np.float64)).max()) > MAX_PLY_BYTES:
         raise ValueError("a face names a vertex that is not there")

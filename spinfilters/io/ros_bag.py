@@ -15,7 +15,8 @@ from spinfilters.io.dataset import Dataset
 from spinfilters.io.dataset_reader import StatedReader
 from spinfilters.io.input_file import MAX_TABLE_ROWS, path_text, printable, reason, require_file, value_text
 from spinfilters.io.measurement_log import Acceleration, MeasurementStream
-from spinfilters.io.motion_table import MotionTable, motion_dataset
+from spinfilters.io.motion_file import motion_dataset
+from spinfilters.io.motion_table import MotionTable
 
 LARGEST_BAG: Final = 64 * 1024**3
 """Bytes: messages are read one by one, so that a bag with images may be large."""
@@ -89,11 +90,21 @@ def _transform(transform: Any) -> list[float]:
     return [p.x, p.y, p.z, q.x, q.y, q.z, q.w]
 
 
+def _vector(vector: Any) -> list[float]:
+    return [vector.x, vector.y, vector.z]
+
+
+_RATES: Final = ("Imu", "TwistStamped", "Vector3Stamped", "TwistWithCovarianceStamped")
+"""Ends of the types that are body rates; of the others poses are read."""
 _MESSAGES: Final[dict[str, Callable[[Any], list[float]]]] = {
     "sensor_msgs/msg/Imu": _imu,
     "geometry_msgs/msg/PoseStamped": lambda message: _pose(message.pose),
     "geometry_msgs/msg/PoseWithCovarianceStamped": lambda message: _pose(message.pose.pose),
     "geometry_msgs/msg/TransformStamped": lambda message: _transform(message.transform),
+    "nav_msgs/msg/Odometry": lambda message: _pose(message.pose.pose),
+    "geometry_msgs/msg/TwistStamped": lambda message: _vector(message.twist.angular),
+    "geometry_msgs/msg/TwistWithCovarianceStamped": lambda message: _vector(message.twist.twist.angular),
+    "geometry_msgs/msg/Vector3Stamped": lambda message: _vector(message.vector),
 }
 """Numbers of a message of each type that is read: rates and specific force, or position and unit quaternion."""
 
@@ -121,13 +132,12 @@ class RosBagReader(StatedReader):
         remarks = [f"topic {printable(topic)}"]
         if not keep.all():
             remarks.append(f"{np.count_nonzero(~keep)} messages of a stamp that was there left out")
-        is_unit = kind.endswith("Imu")
-        sensor, columns = ("gyro", 3) if is_unit else ("pose", 7)
+        sensor, columns = ("gyro", 3) if kind.endswith(_RATES) else ("pose", 7)
         try:
             stream = MeasurementStream(sensor, time, values[:, :columns])
         except InputError as error:
             raise InputError(f"{path_text(path)}: topic {printable(topic)}: {error}") from None
-        force = values[:, 3:] if is_unit and values[:, 3:].any() else None
+        force = values[:, 3:] if kind.endswith("Imu") and values[:, 3:].any() else None
         acceleration = None if force is None else Acceleration(time, force)
         return motion_dataset(path, path.name, MotionTable(stream, acceleration, tuple(remarks)))
 
@@ -183,11 +193,9 @@ def _connection(path: Path, connections: list[Any], topic: str | None) -> Any:
     listed = ", ".join(sorted({printable(each.topic) for each in known})[:6])
     chosen = known if topic is None else [each for each in known if each.topic == topic]
     if not known:
+        read = ", ".join(sorted(name.rsplit("/", 1)[-1] for name in _MESSAGES))
         types = ", ".join(sorted({each.msgtype.rsplit("/", 1)[-1] for each in connections})[:6]) or "nothing"
-        raise InputError(
-            f"{path_text(path)}: holds {printable(types)}; only Imu, PoseStamped, PoseWithCovarianceStamped and "
-            "TransformStamped are read; record one"
-        )
+        raise InputError(f"{path_text(path)}: holds {printable(types)}; only {read} are read; record one")
     if not chosen:
         raise InputError(
             f"{path_text(path)}: has no topic {value_text(topic)} that is read; give --topic {listed}"

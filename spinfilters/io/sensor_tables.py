@@ -47,7 +47,11 @@ def read_sensor_file(form: SensorFormat, path: Path) -> MeasurementStream:
     """
     if form.read is not None:
         return form.read(path)
-    table = read_csv(path, form.header)
+    return stream_of_table(form, read_csv(path, form.header))
+
+
+def stream_of_table(form: SensorFormat, table: Table) -> MeasurementStream:
+    """Stream of a table with the columns of a sensor's format, its rows checked. InputError: as `read_sensor_file`."""
     require_clock(table, form.many_rows_an_epoch)
     first = len(form.header) - len(form.columns)
     table.require(slice(first, None), form.allowed)

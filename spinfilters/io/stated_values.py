@@ -215,6 +215,8 @@ RATE_UNITS: Final[dict[str, float]] = {
     "rpm": math.pi / 30.0,
 }
 """rad/s in a unit of body rate."""
+LENGTH_UNITS: Final[dict[str, float]] = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+"""Metres in a unit of length."""
 CLOCK_UNITS: Final[dict[str, float]] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 """Seconds in a unit of time."""
 
@@ -226,13 +228,15 @@ class ReadingOptions:
     Attributes
     ----------
     unit : str or None
-        Of body rates, a key of `RATE_UNITS`.
+        Of body rates, a key of `RATE_UNITS`; of positions, a key of `LENGTH_UNITS`.
     clock : str or None
         Unit of time stamps, a key of `CLOCK_UNITS`.
     rate : float or None
         Samples a second, Hz, in place of a clock.
     topic : str or None
         Of a ROS bag.
+    columns : str or None
+        Names of the columns of a table, with commas, in place of its header; ``-`` leaves one out.
 
     Raises
     ------
@@ -243,9 +247,9 @@ class ReadingOptions:
     unit: Annotated[
         str | None,
         Argument(
-            f"of body rates: {', '.join(RATE_UNITS)}",
+            f"of body rates: {', '.join(RATE_UNITS)}; of positions: {', '.join(LENGTH_UNITS)}",
             metavar="UNIT",
-            cure='the unit of body rates, such as "deg/s"',
+            cure='the unit of body rates, such as "deg/s", or of positions, such as "mm"',
         ),
     ] = None
     clock: Annotated[
@@ -266,8 +270,17 @@ class ReadingOptions:
         ),
     ] = None
 
+    columns: Annotated[
+        str | None,
+        Argument(
+            "of a table without a header, in order, such as t,x,y,z; - leaves a column out",
+            metavar="NAMES",
+            cure='names of columns with commas, such as "t,x,y,z"',
+        ),
+    ] = None
+
     def __post_init__(self) -> None:
-        for name, units in (("unit", RATE_UNITS), ("clock", CLOCK_UNITS)):
+        for name, units in (("unit", {**RATE_UNITS, **LENGTH_UNITS}), ("clock", CLOCK_UNITS)):
             value = getattr(self, name)
             if value is not None and value not in units:
                 raise InputError(f"--{name} {value_text(value)} is unknown; give {', '.join(units)}")
@@ -275,6 +288,11 @@ class ReadingOptions:
             SAMPLING_RATE.require("--rate", self.rate)
         if self.rate is not None and self.clock is not None:
             raise InputError("--rate replaces the clock; leave out --clock")
+
+    @property
+    def column_names(self) -> tuple[str, ...]:
+        """Stated names of the columns; empty where the table has its own."""
+        return () if self.columns is None else tuple(name.strip() for name in self.columns.split(","))
 
     @property
     def stated(self) -> tuple[str, ...]:

@@ -131,6 +131,8 @@ class Table:
         Numbers of their lines in the file, from 1; None where no row is left out, so that a second walk finds them.
     incomplete : int
         Rows left out because every column but the key columns was empty.
+    counted : str
+        What a row is called in messages: a line of a text, a row of arrays.
     """
 
     path: Path
@@ -139,6 +141,7 @@ class Table:
     values: Float[np.ndarray, "n m"]
     lines: Sequence[int] | None = None
     incomplete: int = 0
+    counted: str = "line"
 
     def line(self, row: int) -> int:
         """Line number (from 1) of a row (from 0), for error messages."""
@@ -151,7 +154,7 @@ class Table:
 
     def error(self, row: int, text: str) -> InputError:
         """An InputError that names the file and the line of the row."""
-        return InputError(f"{path_text(self.path)}: line {self.line(row)}: {text}")
+        return InputError(f"{path_text(self.path)}: {self.counted} {self.line(row)}: {text}")
 
     @contextmanager
     def naming_lines(self) -> Iterator[None]:
@@ -228,8 +231,15 @@ def read_blank_separated(path: Path, names: Sequence[str]) -> Table:
     return _read_rows(path, TableLayout(tuple(names), header_line=0, delimiter=None, comments=("#",)))
 
 
-def read_layout(path: Path) -> TableLayout:
+def read_layout(path: Path, stated: Sequence[str] = ()) -> TableLayout:
     """Layout of a table that others export, by its header: the first line of words above a line of numbers.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    stated : Sequence[str]
+        Names of the columns as the user states them, in place of those of a header; empty for those of the file.
 
     Raises
     ------
@@ -242,15 +252,25 @@ def read_layout(path: Path) -> TableLayout:
     # no cell is known before the header is found, so that delimiters alone leave a line empty
     preamble = TableLayout((), encoding, header_line=0, comments=COMMENTS)
     held: list[tuple[int, str]] = []
-    for number, line in _data_lines(path, preamble):
+    marked: tuple[int, str] | None = None  # the comment in front of the first numbers may be their header
+    for number, raw in _data_lines(path, replace(preamble, comments=())):
         if number > PREAMBLE_LINES:
             break
-        held.append((number, line))
+        if line := preamble.content(raw):
+            held.append((number, line))
+        elif not any(_is_numbers(each) for _, each in held):
+            marked = (number, raw.strip().lstrip("#").strip())
+    if stated:
+        number, line = next((each for each in held if _is_numbers(each[1])), (0, ""))
+        return _stated_layout(path, tuple(stated), number, line, encoding)
     for index, (number, line) in enumerate(held):
         found = _header(line, held[index + 1][1] if index + 1 < len(held) else "")
         if found is not None:
             return replace(found, encoding=encoding, header_line=number, comments=COMMENTS)
         if _is_numbers(line):
+            found = None if marked is None else _header(marked[1], line)
+            if found is not None and marked is not None:
+                return replace(found, encoding=encoding, header_line=marked[0], comments=COMMENTS)
             raise _no_header(path, number, line)
     raise InputError(f"{path_text(path)}: has no line of column names; add one, such as time_s,wx,wy,wz")
 
@@ -298,6 +318,22 @@ def _own_layout(path: Path) -> TableLayout:
     return TableLayout(names, delimiter=delimiter, decimal_comma=_has_decimal_comma(delimiter, second))
 
 
+def _stated_layout(path: Path, names: tuple[str, ...], number: int, line: str, encoding: str) -> TableLayout:
+    """Layout of a table whose columns the user names: all above its first line of numbers is left out."""
+    if not number:
+        raise InputError(f"{path_text(path)}: has no line of numbers; export or copy it again")
+    delimiter = max(_DELIMITERS, key=line.count)
+    separator = delimiter if delimiter in line else None
+    cells = len(line.split(separator))
+    if cells != len(names):
+        raise InputError(
+            f"{path_text(path)}: line {number}: has {cells} cells, --columns names {len(names)}; "
+            "name every column, with - for those to leave out"
+        )
+    comma = _has_decimal_comma(separator, line)
+    return TableLayout(names, encoding, number - 1, separator, comma, COMMENTS)
+
+
 def _header(line: str, below: str) -> TableLayout | None:
     """Names, delimiter and decimal mark of a header above numbers; None of another line."""
     text = line.strip().lstrip("%").strip()
@@ -334,7 +370,8 @@ def _is_numbers(line: str) -> bool:
 
 def _no_header(path: Path, number: int, line: str) -> InputError:
     return InputError(
-        f"{path_text(path)}: line {number}: {value_text(line.strip())} is no header; add a line of column names"
+        f"{path_text(path)}: line {number}: {value_text(line.strip())} is no header; add a line of column names, "
+        "or give them with --columns t,x,y,z"
     )
 
 

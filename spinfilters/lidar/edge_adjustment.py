@@ -13,16 +13,18 @@ no gates.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.special import ndtr
 
+from spinfilters.core.gauss_newton import LeastSquaresEnd, StepEquations, gauss_newton, step_equations
 from spinfilters.core.ray_angles import angles_of, unit_vectors
+from spinfilters.core.robust_losses import Huber
 from spinfilters.lidar.face_map import Face, FaceInformation, TrackedFaces, adjusted_faces, with_map_errors
 from spinfilters.lidar.planes import FEWEST, WIDE, PointNoise, border_reach, inside_of
-from spinfilters.lidar.scan_pose import ScanPose, pose_covariance, rotation_matrix
+from spinfilters.lidar.scan_pose import ScanPose, move_placement, pose_covariance
 
 GRAZING: Final = 0.02
 """Cosine of incidence below which a face is not met."""
@@ -160,35 +162,26 @@ FITTING: Final = 1.5
 """Reduced chi-square of all points, at most: above, the body is not the convex one of these faces."""
 _MOST, _STEPS = 4000, 6
 _LARGE = 4.0  # standard deviations beyond which a point counts less
+LOSS: Final = Huber(_LARGE)
+"""Of the range residuals, in standard deviations."""
 
 
-class _RangeFit(NamedTuple):
-    """Normal equations of a pose with bounded residuals, whose mean square is chi."""
+@dataclass(frozen=True, eq=False)
+class RangeEquations(StepEquations):
+    """Normal equations of a pose by ranges, with the mean square ``chi`` of the residuals, each bounded."""
 
-    information: Float[np.ndarray, "6 6"]
-    gradient: Float[np.ndarray, " 6"]
     chi: float
 
 
-def _fit_ranges(expected: ExpectedRanges, measured: Float[np.ndarray, " n"]) -> _RangeFit | None:
-    """Fit of ranges, m, to those expected.
-
-    None where a tenth of the rays misses the body.
-    """
+def _range_equations(expected: ExpectedRanges, measured: Float[np.ndarray, " n"]) -> RangeEquations | None:
+    """Normal equations of measured ranges, m; None where a tenth of the rays misses the body."""
     residual = (measured - expected.mean) / expected.std
     good = np.isfinite(residual)
     if good.mean() < 0.9:
         return None
-    J = np.nan_to_num(expected.by_pose / expected.std[:, None]) * good[:, None]
-    weight = _huber_weights(residual)
-    residual = np.nan_to_num(residual)
-    chi = float(np.mean(np.minimum(residual[good] ** 2, _LARGE**2)))
-    return _RangeFit((J * weight[:, None]).T @ J, J.T @ (weight * residual), chi)
-
-
-def _huber_weights(residual: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """Weights of residuals in standard deviations, one up to `_LARGE` (Huber 1964)."""
-    return np.minimum(1.0, _LARGE / np.maximum(np.abs(residual), 1e-12))
+    residual, J = residual[good], (expected.by_pose / expected.std[:, None])[good]
+    found = step_equations(residual, J, LOSS)
+    return RangeEquations(found.information, found.gradient, _reduced(residual))
 
 
 def with_edges(
@@ -217,20 +210,19 @@ def with_edges(
         return pose
     points = points[kept]
     angles, measured = np.stack(angles_of(points), axis=1), np.linalg.norm(points, axis=1)
-    R, t = pose.rotation, pose.translation
-    H, chi, prior = np.zeros((6, 6)), np.inf, np.diag(np.repeat([1.0, 1 / size], 3) ** 2)
-    for _ in range(_STEPS):
-        fit = _fit_ranges(expected_ranges(angles, faces, R, t, noise), measured)
-        if fit is None:
-            return pose
-        H, chi = fit.information, fit.chi
-        step = np.linalg.solve(H + prior, fit.gradient)
-        R, t = moved_pose(R, t, step)
-        if np.abs(step).max() < 1e-9:
-            break
-    if not (chi < FITTING and np.isfinite(t).all()):
+    prior = np.repeat([1.0, 1 / size], 3) ** 2
+    fit = gauss_newton(
+        (pose.rotation, pose.translation),
+        lambda placement: _range_equations(expected_ranges(angles, faces, *placement, noise), measured),
+        move_placement,
+        lambda step, _: bool(np.abs(step).max() < 1e-9),
+        _STEPS,
+        lambda _: prior,
+    )
+    if fit.normal is None or fit.end is LeastSquaresEnd.UNDETERMINED or not fit.normal.chi < FITTING:
         return pose
-    covariance, lacking = pose_covariance(H / max(1.0, chi), R, size)
+    (R, t), chi = fit.state, fit.normal.chi
+    covariance, lacking = pose_covariance(fit.normal.information / max(1.0, chi), R, size)
     found = replace(pose, rotation=R, translation=t, covariance=covariance + common, undetermined=lacking)
     return found if _is_nearer(found, pose) else pose
 
@@ -254,13 +246,6 @@ def inner_rays(
     return kept[np.linspace(0, len(kept) - 1, min(most, len(kept))).astype(int)]
 
 
-def moved_pose(
-    R: Float[np.ndarray, "3 3"], t: Float[np.ndarray, "3"], step: Float[np.ndarray, "6"]
-) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
-    """A pose after a rotation in L, rad, and a translation, m."""
-    return rotation_matrix(step[:3]) @ R, t + step[3:]
-
-
 MOST_RAYS: Final = 2000
 """Of a scan within the outline: planes of more points are better than the ranges of so many of them."""
 
@@ -280,7 +265,7 @@ class RangeEvidence:
     def of(self, tracked: TrackedFaces, number: int, robust: bool) -> FaceInformation:
         """See `FaceEvidence`; the information is smaller where residuals are larger than the noise."""
         J, residual = self._linearise_ranges(tracked, number)
-        weight = _huber_weights(residual) if robust else 1.0
+        weight = LOSS.weight(residual**2) if robust else 1.0
         scale = max(1.0, _reduced(residual))
         weighted = (J.T * weight) / scale
         H, b = weighted @ J, weighted @ residual

@@ -18,8 +18,10 @@ from typing import Final, NamedTuple, Protocol
 import numpy as np
 from jaxtyping import Float
 
+from spinfilters.core.attitude_conversions import cross_matrix
+from spinfilters.core.gauss_newton import StepEquations
 from spinfilters.lidar.planes import FittedPlane
-from spinfilters.lidar.scan_pose import ROTATION_PRIOR, ScanPose, body_side, rotation_matrix, skew
+from spinfilters.lidar.scan_pose import ROTATION_PRIOR, ScanPose, body_side, move_placement
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,10 +97,10 @@ class FaceEvidence(Protocol):
         ...
 
 
-def normal_equations(
+def pose_equations(
     pairs: Sequence[MatchedFace], R: Float[np.ndarray, "3 3"], t: Float[np.ndarray, "3"]
-) -> tuple[Float[np.ndarray, "6 6"], Float[np.ndarray, "6"]]:
-    """Information over (rotation in L, translation) and its right-hand side.
+) -> StepEquations:
+    """Normal equations over (rotation in L, translation).
 
     Residuals of a face in a plane's own terms: tangent components of its normal, distance from the plane's centroid.
     """
@@ -108,7 +110,7 @@ def normal_equations(
         W = np.linalg.inv(plane.covariance)
         H += J.T @ W @ J
         b -= J.T @ W @ residual
-    return H, b
+    return StepEquations(H, b)
 
 
 def residual_and_jacobian(
@@ -118,7 +120,7 @@ def residual_and_jacobian(
     n, arm = R @ face.normal, t - plane.centroid
     residual = np.array([*(plane.tangents.T @ n), face.offset + n @ arm])
     J = np.zeros((3, 6))
-    J[:2, :3] = -plane.tangents.T @ skew(n)
+    J[:2, :3] = -plane.tangents.T @ cross_matrix(n)
     J[2, :3], J[2, 3:] = np.cross(n, arm), n
     return residual, J
 
@@ -144,6 +146,8 @@ SAME_ANGLE: Final = np.deg2rad(3.0)
 """Between the normals of two faces that are one, at most."""
 SAME_OFFSET: Final = 0.02
 """Between their offsets, in sizes of the body, at most."""
+LOOSE: Final = 0.05
+"""Standard deviation of a direction of faces and poses, rad or sizes of the body, from which it counts as not determined."""
 SETTLED: Final = 1e-8
 """Predicted cost reduction of a step, in squared standard deviations, below which faces and poses are found."""
 _STEPS = 8
@@ -202,7 +206,11 @@ def adjusted_faces(tracked: TrackedFaces, evidence: FaceEvidence, size: float) -
         ]
         free = _directions_without_gauge(tracked, size)
         S, side = _eliminate_poses(blocks, size)
-        step = free @ np.linalg.solve(free.T @ S @ free, free.T @ side)
+        # what no scan determines, such as how faces are turned that are only seen one after the other, stays as it was tracked:
+        # there the information is that of the priors, and steps would follow rounding and the curvature of the residuals
+        values, vectors = np.linalg.eigh(free.T @ S @ free)
+        known = vectors[:, values > LOOSE**-2.0]
+        step = free @ (known @ ((known.T @ (free.T @ side)) / values[values > LOOSE**-2.0]))
         tracked = _apply_step(tracked, blocks, step)
         if step @ side < SETTLED:
             break
@@ -343,7 +351,10 @@ def _projection_without_gauge(
 def _gauge_jacobian(face: Face) -> Float[np.ndarray, "3 6"]:
     """Change of a face by a rotation and by a shift of frame g."""
     return np.block(
-        [[face.tangents.T @ -skew(face.normal), np.zeros((2, 3))], [np.zeros((1, 3)), face.normal[None]]]
+        [
+            [face.tangents.T @ -cross_matrix(face.normal), np.zeros((2, 3))],
+            [np.zeros((1, 3)), face.normal[None]],
+        ]
     )
 
 
@@ -354,13 +365,8 @@ def _apply_step(
     poses, faces = [], []
     for pose, each in zip(tracked.poses, blocks, strict=True):
         own = np.linalg.solve(each.own, each.own_side - each.cross @ step)  # back-substitution of the pose
-        poses.append(
-            replace(
-                pose,
-                rotation=rotation_matrix(own[:3]) @ pose.rotation,
-                translation=pose.translation + own[3:],
-            )
-        )
+        R, t = move_placement((pose.rotation, pose.translation), own)
+        poses.append(replace(pose, rotation=R, translation=t))
     for face, change in zip(tracked.faces, step[: 3 * len(tracked.faces)].reshape(-1, 3), strict=True):
         normal = face.normal + face.tangents @ change[:2]
         faces.append(Face(normal / np.linalg.norm(normal), face.offset + float(change[2])))

@@ -166,6 +166,16 @@ _NUMBER = re.compile(rb"vertex\s+(\S+)\s+(\S+)\s+(\S+)", re.IGNORECASE)
 def read_mesh(path: str | os.PathLike[str]) -> TriangleMesh:
     """Mesh of a file of `MESH_SUFFIXES`, in its own unit; triangles without area are left out with a remark.
 
+    Parameters
+    ----------
+    path : str or os.PathLike[str]
+        The file.
+
+    Returns
+    -------
+    TriangleMesh
+        Vertices and triangles.
+
     Raises
     ------
     InputError
@@ -340,6 +350,16 @@ def mass_properties(mesh: TriangleMesh) -> MassProperties:
 
     A tetrahedron (0, a, b, c) of volume V has the first moment V (a + b + c) / 4 and the second moment
     V / 20 (s s' + a a' + b b' + c c') with s = a + b + c.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        Watertight, its normals outward.
+
+    Returns
+    -------
+    MassProperties
+        Volume, centre, and second moments and inertia of a body of density one.
 
     Raises
     ------

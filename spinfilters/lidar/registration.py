@@ -1,15 +1,18 @@
 """Point-to-plane registration of a cloud to a map: the pose of a body without plane faces."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import count
 from typing import Final
 
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import KDTree
-from scipy.spatial.transform import Rotation
 
-from spinfilters.lidar.scan_pose import rotation_matrix
+from spinfilters.core.attitude_conversions import matrix_from_rotation_vector
+from spinfilters.core.gauss_newton import StepEquations, gauss_newton, step_equations
+from spinfilters.lidar.scan_pose import Placement, move_placement
 
 NEIGHBOURS: Final = 16
 """Points that a normal is fitted to."""
@@ -96,9 +99,8 @@ def registered(
     near = closest_points(source, target, R, t, max(6 * near.std, target.least_reach))
     if len(near.rows) < 6:
         return Registration(R, t, np.zeros((6, 6)), np.inf, len(near.rows), 0.0)
-    H, _ = near.normal_equations(t)
     variance = max(float(np.mean(near.residual**2)), 1e-24)
-    information = H / (variance * _dependence_factor(near, target.size))
+    information = near.equations(t).information / (variance * _dependence_factor(near, target.size))
     return Registration(
         R, t, information, float(np.sqrt(variance)), len(near.rows), len(near.rows) / len(source.points)
     )
@@ -108,17 +110,22 @@ def refined_pose(
     source: Cloud, target: Cloud, R: Float[np.ndarray, "3 3"], t: Float[np.ndarray, "3"], reach: float
 ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
     """Pose by point-to-plane iterated closest points, whose matches come nearer from step to step (Chen and Medioni 1992)."""
-    for _ in range(_ITERATIONS):
-        matches = closest_points(source, target, R, t, reach)
-        if len(matches.rows) < 6:
-            break
-        H, b = matches.normal_equations(t)
-        step = np.linalg.solve(H + 1e-9 * np.trace(H) * np.eye(6), b)
-        R, t = rotation_matrix(step[:3]) @ R, t + step[3:]
+
+    def match(placement: Placement) -> StepEquations | None:
+        nonlocal reach
+        matches = closest_points(source, target, *placement, reach)
         reach = max(reach * 0.8, 6 * matches.std, target.least_reach)
-        if np.abs(step).max() < _SETTLED * max(1.0, target.size):
-            break
-    return R, t
+        return matches.equations(placement[1]) if len(matches.rows) >= 6 else None
+
+    settled = _SETTLED * max(1.0, target.size)
+    return gauss_newton(
+        (R, t),
+        match,
+        move_placement,
+        lambda step, _: bool(np.abs(step).max() < settled),
+        _ITERATIONS,
+        lambda H: 1e-9 * np.trace(H),
+    ).state
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,12 +139,10 @@ class ScanMatches:
     residual: Float[np.ndarray, " m"]
     std: float
 
-    def normal_equations(
-        self, t: Float[np.ndarray, "3"]
-    ) -> tuple[Float[np.ndarray, "6 6"], Float[np.ndarray, "6"]]:
+    def equations(self, t: Float[np.ndarray, "3"]) -> StepEquations:
         """Unweighted; rotation in map axes about the translation's point, then translation."""
         J = np.concatenate([np.cross(self.moved - t, self.normals), self.normals], axis=1)
-        return J.T @ J, -J.T @ self.residual
+        return step_equations(-self.residual, J)
 
 
 def closest_points(
@@ -173,29 +178,36 @@ def _dependence_factor(matches: ScanMatches, size: float) -> float:
 
 
 def coarse_pose(
-    source: Cloud, target: Cloud, widest: float
+    source: Cloud, target: Cloud, about: Float[np.ndarray, "3 3"], widest: float
 ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]:
-    """The best of many starts about the middles of both clouds, rotations up to ``widest`` rad."""
+    """The best of many starts about the middles of both clouds, rotations up to ``widest`` rad from ``about``."""
     few = Cloud.of(
         *(each[:: max(1, len(source.points) // _COARSE)] for each in (source.points, source.normals))
     )
     middle, centre, reach = target.points.mean(axis=0), source.points.mean(axis=0), 0.7 * target.size
-    best, score = (np.eye(3), middle - centre), np.inf
+    best, score = (about, middle - about @ centre), np.inf
     axes = np.concatenate(
         [np.eye(3), -np.eye(3), *([[a, b, c]] for a in (-1, 1) for b in (-1, 1) for c in (-1, 1))]
     )
     axes = axes / np.linalg.norm(axes, axis=1, keepdims=True)
     turns = [np.zeros(3), *(angle * axis for angle in np.arange(0.35, widest + 0.01, 0.35) for axis in axes)]
     for turn in turns:
-        R = Rotation.from_rotvec(turn).as_matrix()
+        R = matrix_from_rotation_vector(turn) @ about
         t = middle - R @ centre
-        for k in range(_COARSE_ITERATIONS):
-            matches = closest_points(few, target, R, t, reach * 0.75**k)
-            if len(matches.rows) < 20:
-                break
-            H, b = matches.normal_equations(t)
-            step = np.linalg.solve(H + 1e-6 * np.trace(H) * np.eye(6), b)
-            R, t = rotation_matrix(step[:3]) @ R, t + step[3:]
+        reaches = (reach * 0.75**k for k in count())
+
+        def match(placement: Placement, reaches: Iterator[float] = reaches) -> StepEquations | None:
+            matches = closest_points(few, target, *placement, next(reaches))
+            return matches.equations(placement[1]) if len(matches.rows) >= 20 else None
+
+        R, t = gauss_newton(
+            (R, t),
+            match,
+            move_placement,
+            lambda *_: False,
+            _COARSE_ITERATIONS,
+            lambda H: 1e-6 * np.trace(H),
+        ).state
         distance = target.tree.query(few.points @ R.T + t)[0]
         found = float(np.mean(np.minimum(distance, 0.1 * target.size)))
         if found < score:

@@ -156,7 +156,6 @@ def _refine_angles(angles: Float[np.ndarray, " k"], multiplier: int) -> Float[np
 
 
 AngleMode = Literal["jitter", "encoder", "thesis"]
-ANGLE_MODES: Final = ("jitter", "encoder", "thesis")
 """jitter: the beam leaves its direction unnoticed; encoder: the direction is read wrongly; thesis: the beam leaves its
 direction and the encoder follows it, so that points stay on the surface (Decoust 2008, section 2.2.4)."""
 MISS, RETURN, WEAK, SATURATED, DUST = 0, 1, 2, 3, 4
@@ -175,7 +174,7 @@ class LidarNoise:
     range_bias, azimuth_bias, elevation_bias : float
         Of what is reported.
     mode : AngleMode
-        Of the angles' noise, see `ANGLE_MODES`.
+        Of the angles' noise, see `AngleMode`.
     """
 
     range_std: float = 0.0

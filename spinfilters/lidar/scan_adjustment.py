@@ -21,8 +21,9 @@ from typing import Final
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.spatial.transform import Rotation
 
+from spinfilters.core.absolute_orientation import nearest_rotation
+from spinfilters.core.attitude_conversions import angle_from_matrix, cross_matrix, matrix_from_rotation_vector
 from spinfilters.core.errors import InputError
 from spinfilters.lidar.registration import (
     Cloud,
@@ -36,10 +37,10 @@ from spinfilters.lidar.registration import (
 from spinfilters.lidar.scan_pose import (
     ROTATION_PRIOR,
     ScanPose,
+    angles_from,
+    largest_departure,
     pose_covariance,
     predicted_pose,
-    rotation_matrix,
-    skew,
 )
 
 NEGLIGIBLE: Final = 1e-9
@@ -280,8 +281,7 @@ def _in_body_frame(cloud: Cloud, pose: ScanPose) -> Cloud:
 
 def _most_similar_views(poses: Sequence[ScanPose], number: int) -> Int[np.ndarray, " m"]:
     """Scans of the directions most like those of one, without itself."""
-    turns = Rotation.from_matrix(np.array([pose.rotation @ poses[number].rotation.T for pose in poses]))
-    order = np.argsort(turns.magnitude(), kind="stable")
+    order = np.argsort(angles_from(poses, poses[number].rotation), kind="stable")
     return order[order != number][:MAP_SCANS]
 
 
@@ -352,7 +352,7 @@ class _Patches:
 
 def _apply_step(pose: ScanPose, step: Float[np.ndarray, "6"]) -> ScanPose:
     """The pose after its scan is turned by d and shifted by e in g."""
-    turn = rotation_matrix(step[:3])
+    turn = matrix_from_rotation_vector(step[:3])
     R = pose.rotation @ turn.T
     return replace(pose, rotation=R, translation=pose.translation - R @ step[3:])
 
@@ -428,27 +428,47 @@ def match_scans(
 
 
 def _next_pose(clouds: list[Cloud], poses: list[ScanPose], time: float, size: float) -> ScanPose:
-    """The pose of the next scan.
+    """The pose of the next scan: registered from the prediction, or searched where that leads to little overlap.
 
-    From the prediction, or searched where that leads to little overlap.
+    Symmetric bodies fit in several attitudes. Of those the motion explains one, and what it does not explain is left out: the scan
+    then has the prediction, with the covariance of a pose that no point determines.
     """
     number = len(poses)
     R, t = predicted_pose(poses, time, size)
     target = _scan_matching_map(clouds, poses, R, list(range(number)))
     found = registered(clouds[number], target, R.T, -R.T @ t, _REACH * size)
-    if found.overlap < SURE_OVERLAP or number == 1:
-        start = coarse_pose(clouds[number], target, WIDEST_TURN)
+    if number == 1:
+        start = coarse_pose(clouds[number], target, R.T, WIDEST_TURN)
         other = registered(clouds[number], target, *start, _REACH * size)
-        found = max(found, other, key=lambda each: each.overlap / max(each.residual_std, 1e-12) ** 0.5)
+        return _scan_pose_of(max(found, other, key=_fit_quality), time, size)
+    widest = largest_departure(poses, time)
+    if found.overlap < SURE_OVERLAP:
+        start = coarse_pose(clouds[number], target, R.T, widest)
+        other = registered(clouds[number], target, *start, _REACH * size)
+        fits = [each for each in (found, other) if _turn_between(each.rotation, R.T) <= widest]
+        found = max(fits, key=_fit_quality, default=found)
+    if _turn_between(found.rotation, R.T) > widest:
+        covariance, lacking = pose_covariance(np.zeros((6, 6)), R, size)
+        return ScanPose(time, R, t, covariance, lacking)
     return _scan_pose_of(found, time, size)
+
+
+def _fit_quality(found: Registration) -> float:
+    """Large where many points match closely."""
+    return found.overlap / max(found.residual_std, 1e-12) ** 0.5
+
+
+def _turn_between(R: Float[np.ndarray, "3 3"], Q: Float[np.ndarray, "3 3"]) -> float:
+    """Angle of the rotation between two attitudes, rad."""
+    return float(angle_from_matrix(nearest_rotation(R @ Q.T)))
 
 
 def _scan_matching_map(
     clouds: list[Cloud], poses: list[ScanPose], R: Float[np.ndarray, "3 3"], among: list[int]
 ) -> Cloud:
     """Points in g of the scans seen from the directions most like that of a pose."""
-    turn = [Rotation.from_matrix(poses[k].rotation @ R.T).magnitude() for k in among]
-    chosen = [among[k] for k in np.argsort(turn, kind="stable")[:MAP_SCANS]]
+    order = np.argsort(angles_from([poses[k] for k in among], R), kind="stable")
+    chosen = [among[k] for k in order[:MAP_SCANS]]
     points = [(clouds[k].points - poses[k].translation) @ poses[k].rotation for k in chosen]
     normals = [clouds[k].normals @ poses[k].rotation for k in chosen]
     return Cloud.of(np.concatenate(points), np.concatenate(normals))
@@ -467,7 +487,7 @@ def _scan_pose_of(found: Registration, time: float, size: float) -> ScanPose:
     information = turn @ found.information @ turn.T
     translation = -R @ found.translation
     K = np.eye(6)
-    K[3:, :3] = skew(translation)
+    K[3:, :3] = cross_matrix(translation)
     information = K.T @ information @ K
     covariance, lacking = pose_covariance(information, R, size)
     return ScanPose(time, R, translation, covariance, lacking, found.matched)

@@ -7,10 +7,14 @@ from typing import Final
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial.transform import Rotation
 from scipy.special import factorial
 
 from spinfilters.core.absolute_orientation import nearest_rotation
+from spinfilters.core.attitude_conversions import (
+    angle_from_matrix,
+    matrix_from_rotation_vector,
+    rotation_vector_from_matrix,
+)
 
 ROTATION_PRIOR: Final = 0.2
 """Standard deviation of a predicted attitude, rad: the only knowledge in directions that a scan does not determine."""
@@ -48,19 +52,24 @@ class ScanPose:
     own_covariance: Float[np.ndarray, "6 6"] | None = None
 
 
-def rotation_matrix(vector: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
-    """Rotation by |v| rad about v."""
-    return Rotation.from_rotvec(vector).as_matrix()
+Placement = tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]
+"""R_Lg and the origin of g in L, m."""
+
+
+def move_placement(placement: Placement, step: Float[np.ndarray, "6"]) -> Placement:
+    """The placement after a rotation in L, rad, and a translation, m."""
+    return matrix_from_rotation_vector(step[:3]) @ placement[0], placement[1] + step[3:]
 
 
 def rotation_vector(R: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3"]:
-    """Rotation vector, rad, of the short way round."""
-    return Rotation.from_matrix(nearest_rotation(R)).as_rotvec()
+    """Rotation vector, rad, of the short way round, of what is a rotation but for rounding."""
+    return rotation_vector_from_matrix(nearest_rotation(R))
 
 
-def skew(v: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
-    """[v x]."""
-    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+def angles_from(poses: Sequence[ScanPose], R: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, " n"]:
+    """Angles between the attitudes of poses and one attitude, rad."""
+    apart = np.array([pose.rotation @ R.T for pose in poses])
+    return angle_from_matrix(nearest_rotation(apart))
 
 
 def pose_covariance(
@@ -109,6 +118,13 @@ WIDEST: Final = 2.0
 SURE: Final = float(np.sqrt(UNDETERMINED)) * ROTATION_PRIOR
 """Standard deviation of a rotation, rad, below which it is determined."""
 _DEGREE = 4  # of the polynomial
+RATE_STEPS: Final = 9
+"""Steps between scans by which a rate is interpolated."""
+_RATE_DEGREE, _ROUNDS = 3, 6  # of that polynomial, and of its weights
+LEAST_DEPARTURE: Final = 0.1
+"""Of an attitude from its prediction, rad, that is always admitted."""
+FEW_STEPS: Final = 4
+"""Scans up to which the rate is hardly known."""
 EXACT: Final = 1e-4
 """Standard deviation, rad and sizes of the body, below which a prediction takes no pose."""
 CHANGE: Final = 0.3
@@ -134,8 +150,49 @@ def predicted_pose(
     last = recent[-1]
     if len(recent) < 2:
         return last.rotation, last.translation
-    rotation = rotation_matrix((time - last.time) * _mean_rate(recent)) @ last.rotation
-    return rotation, _extrapolate_drift(recent, time, rotation, size)
+    rotation = matrix_from_rotation_vector((time - last.time) * _mean_rate(recent)) @ last.rotation
+    return rotation, drifted_origin(recent, time, rotation, size)
+
+
+def rate_of_step(poses: Sequence[ScanPose], step: int) -> Float[np.ndarray, "3"] | None:
+    """Mean rate in L, rad/s, from scan ``step`` to the next, by a polynomial over the nearest steps whose rotation is determined.
+
+    A rotation that one of the two scans does not determine is bridged so. Steps that do not fit have little weight (Cauchy loss).
+    None where there are too few.
+    """
+    sure = [pose is not poses[0] and _rotation_std(pose) < SURE for pose in poses]
+    known = [k for k in range(1, len(poses) - 1) if sure[k] and sure[k + 1]]
+    if step < 0 or len(known) < RATE_STEPS:
+        return None
+    times = np.array([pose.time for pose in poses])
+    middles = (times[1:] + times[:-1]) / 2
+    near = sorted(known, key=lambda k: abs(middles[k] - middles[step]))[:RATE_STEPS]
+    late = middles[near] - middles[step]
+    rates = np.array(
+        [
+            rotation_vector(poses[k + 1].rotation @ poses[k].rotation.T) / (times[k + 1] - times[k])
+            for k in near
+        ]
+    )
+    A, weights = np.vander(late / np.abs(late).max(), _RATE_DEGREE + 1), np.ones(len(near))
+    found = np.zeros((_RATE_DEGREE + 1, 3))
+    for _ in range(_ROUNDS):
+        found = np.linalg.lstsq(A * weights[:, None], rates * weights[:, None], rcond=None)[0]
+        off = np.linalg.norm(rates - A @ found, axis=1)
+        weights = 1 / np.sqrt(1 + (off / (3 * np.median(off) + 1e-12)) ** 2)
+    return found[-1]
+
+
+def largest_departure(poses: Sequence[ScanPose], time: float) -> float:
+    """Angle, rad, by which the attitude at a time may differ from the prediction where the body goes on as before.
+
+    A rate that is known from one step only may be wrong by half of it; one from many changes by `CHANGE` of its square.
+    """
+    recent = poses[-MOST_SCANS:]
+    if len(recent) < 2:
+        return np.pi
+    turn = float(np.linalg.norm(_mean_rate(recent))) * (time - recent[-1].time)
+    return LEAST_DEPARTURE + turn * (0.5 if len(recent) < FEW_STEPS else min(CHANGE * (1.0 + turn), 0.5))
 
 
 def _mean_rate(poses: Sequence[ScanPose]) -> Float[np.ndarray, "3"]:
@@ -156,7 +213,7 @@ def _mean_rate(poses: Sequence[ScanPose]) -> Float[np.ndarray, "3"]:
     return np.linalg.solve(np.sum(W, axis=0), np.einsum("nij,nj->i", W, rates))
 
 
-def _extrapolate_drift(
+def drifted_origin(
     poses: Sequence[ScanPose], time: float, rotation: Float[np.ndarray, "3 3"], size: float
 ) -> Float[np.ndarray, "3"]:
     """Origin of g at a time, m, by a weighted uniform drift.
@@ -196,7 +253,7 @@ def interpolated_rotation(poses: Sequence[ScanPose], number: int) -> Float[np.nd
     known = np.where(order < 2, 1e-3, factorial(order) / CHANGE)
     A = np.concatenate([np.vander(turns, _DEGREE + 1, increasing=True) / stds[:, None], np.diag(known)])
     b = np.concatenate([vectors / stds[:, None], np.zeros((_DEGREE + 1, 3))])
-    return rotation_matrix(np.linalg.lstsq(A, b, rcond=None)[0][0]) @ near[0].rotation
+    return matrix_from_rotation_vector(np.linalg.lstsq(A, b, rcond=None)[0][0]) @ near[0].rotation
 
 
 def _rotation_std(pose: ScanPose) -> float:

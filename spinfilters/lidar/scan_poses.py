@@ -9,7 +9,9 @@ from jaxtyping import Float
 from scipy.optimize import linear_sum_assignment
 
 from spinfilters.core.absolute_orientation import nearest_rotation
+from spinfilters.core.attitude_conversions import matrix_from_rotation_vector
 from spinfilters.core.errors import InputError
+from spinfilters.core.gauss_newton import gauss_newton
 from spinfilters.lidar.edge_adjustment import edge_adjusted
 from spinfilters.lidar.face_map import (
     FEWEST_FOR_DRIFT,
@@ -22,13 +24,15 @@ from spinfilters.lidar.face_map import (
     consistent_faces,
     face_jacobian,
     merged_faces,
-    normal_equations,
+    pose_equations,
     residual_and_jacobian,
     uniform_drift,
     with_map_errors,
 )
 from spinfilters.lidar.planes import (
+    CLEAR,
     FEWEST,
+    FLATNESS,
     FittedPlane,
     PointNoise,
     extent_of,
@@ -38,11 +42,14 @@ from spinfilters.lidar.planes import (
 from spinfilters.lidar.scan import Scan, without_isolated, without_repeats
 from spinfilters.lidar.scan_adjustment import MOST_POINTS, SURE_OVERLAP, match_scans, shared_inflation
 from spinfilters.lidar.scan_pose import (
+    MOST_SCANS,
     ScanPose,
+    drifted_origin,
     interpolated_rotation,
+    move_placement,
     pose_covariance,
     predicted_pose,
-    rotation_matrix,
+    rate_of_step,
     rotation_vector,
 )
 
@@ -61,6 +68,8 @@ def track_faces(
 ) -> TrackedFaces:
     """Poses and faces from the planes of every scan.
 
+    Tracked twice: where one face is in view, a rotation about its normal comes from the rate alone, which is known better from the
+    scans before and behind than from the first few.
     Frame g has the lidar's axes at the first scan and its origin at ``middle``.
 
     Parameters
@@ -68,24 +77,42 @@ def track_faces(
     size : float
         Of the body, m: how far a predicted position may be wrong.
     """
+    poses, faces, matches = _follow_faces(times, planes, middle, size, ())
+    poses, faces, matches = _follow_faces(times, planes, middle, size, poses)
+    return _adjust_map(poses, faces, matches, planes, size)
+
+
+def _follow_faces(
+    times: Sequence[float],
+    planes: Sequence[Sequence[FittedPlane]],
+    middle: Float[np.ndarray, "3"],
+    size: float,
+    before: Sequence[ScanPose],
+) -> tuple[list[ScanPose], list[Face], list[tuple[int, ...]]]:
+    """Poses, faces and matches in the order of time; ``before`` holds the poses of an earlier pass, or none."""
     poses: list[ScanPose] = []
     faces: list[Face] = []
     matches: list[tuple[int, ...]] = []
-    for time, seen in zip(times, planes, strict=True):
+    for number, (time, seen) in enumerate(zip(times, planes, strict=True)):
         R, t = predicted_pose(poses, time, size) if poses else (np.eye(3), middle)
+        rate = rate_of_step(before, number - 1)
+        if rate is not None:
+            R = matrix_from_rotation_vector((time - poses[-1].time) * rate) @ poses[-1].rotation
+            if len(poses) > 1:
+                t = drifted_origin(poses[-MOST_SCANS:], time, R, size)
         pairs: list[tuple[int, int]] = []
         for gate in (0.5 * size, 0.15 * size):
             pairs = _match_planes(seen, faces, R, t, gate)
             R, t = _align_pose([MatchedFace(seen[i], faces[j]) for i, j in pairs], R, t, size)
         of_plane = dict(pairs)
-        for number, plane in enumerate(seen):
-            if number not in of_plane:
-                of_plane[number] = len(faces)
+        for plane_number, plane in enumerate(seen):
+            if plane_number not in of_plane:
+                of_plane[plane_number] = len(faces)
                 faces.append(_face_of_plane(plane, R, t))
-        matches.append(tuple(of_plane[number] for number in range(len(seen))))
-        known = normal_equations([MatchedFace(seen[i], faces[j]) for i, j in pairs], R, t)[0]
+        matches.append(tuple(of_plane[each] for each in range(len(seen))))
+        known = pose_equations([MatchedFace(seen[i], faces[j]) for i, j in pairs], R, t).information
         poses.append(ScanPose(time, R, t, pose_covariance(known, R, size)[0]))
-    return _adjust_map(poses, faces, matches, planes, size)
+    return poses, faces, matches
 
 
 def _face_of_plane(plane: FittedPlane, R: Float[np.ndarray, "3 3"], t: Float[np.ndarray, "3"]) -> Face:
@@ -126,15 +153,15 @@ def _align_pose(
         prior = 1e-3 * R  # the predicted attitude decides what fewer than two directions leave open
         M = prior + sum(w * np.outer(p.normal, f.normal) for w, (p, f) in zip(weights, pairs, strict=True))
         R = nearest_rotation(M)
-    start, place = R, t
-    for _ in range(_STEPS if pairs else 0):
-        H, b = normal_equations(pairs, R, t)
-        weak = np.repeat([1e-6, 1e-6 / size**2], 3) * np.trace(H) / 6 * 1e-6 + 1e-12
-        shift = np.linalg.solve(H + np.diag(weak), b)
-        R, t = rotation_matrix(shift[:3]) @ R, t + shift[3:]
-        if np.linalg.norm(shift[:3]) < 1e-13:
-            break
-    return (R, t) if np.isfinite(R).all() and np.isfinite(t).all() else (start, place)
+    weak = np.repeat([1e-6, 1e-6 / size**2], 3)
+    return gauss_newton(
+        (R, t),
+        lambda placement: pose_equations(pairs, *placement),
+        move_placement,
+        lambda step, _: bool(np.linalg.norm(step[:3]) < 1e-13),
+        _STEPS if pairs else 0,
+        lambda H: weak * np.trace(H) / 6 * 1e-6 + 1e-12,
+    ).state
 
 
 def _adjust_map(
@@ -237,7 +264,7 @@ def _fit_pose(
         if pairs
         else (pose.rotation, pose.translation)
     )
-    covariance, lacking = pose_covariance(normal_equations(pairs, R, t)[0], R, size)
+    covariance, lacking = pose_covariance(pose_equations(pairs, R, t).information, R, size)
     return ScanPose(pose.time, R, t, covariance, lacking, len(pairs))
 
 
@@ -280,6 +307,12 @@ MOST_EXCESS: Final = 1.25
 Patches of a curved surface exceed the noise: plane faces have 0.8 to 1.0, a bumpy sphere of a metre at 30 m 1.2 to 2.5."""
 LOOKED_AT: Final = 9
 """Scans from which it is decided whether a body has faces."""
+MOST_IN_FRONT: Final = 0.1
+"""Share of a scan's points in front of one of its planes, of the median scan, up to which a body counts as convex.
+
+A box has none, a spacecraft with panels 0.4 to 0.9."""
+FEWEST_REGISTERED: Final = 600
+"""Points of the median scan from which such a body is registered: of fewer, 500 on a spacecraft, attitudes were 5 deg off."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -409,12 +442,36 @@ def _doubts(
 
 
 def _has_faces(clouds: Sequence[Float[np.ndarray, "n 3"]], noise: PointNoise, seed: int) -> bool:
-    """Whether most points of some scans lie on planes."""
+    """Whether most points of some scans lie on the plane faces of a convex body.
+
+    Faces are recognised by their normals. Of a convex body no two seen at once are parallel; of others, a hidden face and the one
+    in front of it differ by an offset only, and are taken for one another.
+    """
     generator = np.random.default_rng(seed)
     looked_at = clouds[:: max(1, len(clouds) // LOOKED_AT)][:LOOKED_AT]
     found = [extract_planes(points, noise, generator) for points in looked_at]
+    if np.median([share for _, share in found]) < PLANE_SHARE:
+        return False
     flat = np.median([_reduced_chi_square(planes) for planes, _ in found]) < MOST_EXCESS
-    return bool(np.median([share for _, share in found]) >= PLANE_SHARE and flat)
+    before = [
+        _share_in_front(points, planes, noise) for points, (planes, _) in zip(looked_at, found, strict=True)
+    ]
+    is_coarse = np.median([len(points) for points in looked_at]) < FEWEST_REGISTERED
+    return bool(flat and (is_coarse or np.median(before) <= MOST_IN_FRONT))
+
+
+def _share_in_front(
+    points: Float[np.ndarray, "n 3"], planes: Sequence[FittedPlane], noise: PointNoise
+) -> float:
+    """Largest share of a scan's points that are clearly in front of one of its planes."""
+    clear = FLATNESS * extent_of(points)
+    return max(
+        (
+            float(np.mean(plane.distances(points) > CLEAR * noise.across(points, plane.normal) + clear))
+            for plane in planes
+        ),
+        default=0.0,
+    )
 
 
 def _extract_all_planes(

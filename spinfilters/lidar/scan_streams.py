@@ -10,10 +10,13 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.core.absolute_orientation import nearest_rotation
+from spinfilters.core.absolute_orientation import mean_quaternion, nearest_rotation
 from spinfilters.core.attitude_conversions import (
+    angle_between,
     continuous_quaternions,
+    inverse,
     matrix_from_quaternion,
+    multiply,
     quaternion_from_matrix,
 )
 from spinfilters.core.errors import InputError
@@ -26,7 +29,7 @@ from spinfilters.io.truth import Truth, truth_in_moved_frame
 from spinfilters.lidar.face_map import LARGE, Face, TrackedFaces
 from spinfilters.lidar.planes import FittedPlane, rows_of_planes
 from spinfilters.lidar.scan import Scan, read_scan
-from spinfilters.lidar.scan_pose import ScanPose, rotation_vector
+from spinfilters.lidar.scan_pose import ScanPose
 from spinfilters.lidar.scan_poses import ScanPoses, scan_poses
 
 MOST_POINTS: Final = 400
@@ -67,7 +70,7 @@ def face_points(found: ScanPoses) -> FacePoints:
     """
     if found.faces is None:
         raise InputError(
-            "the body has no plane faces for points to be measured against; use kind = 'lidar-scans'"
+            "the body has no plane faces for points to be measured against, or some behind others; use kind = 'lidar-scans'"
         )
     parts = [_face_points_of_scan(found, found.faces, k) for k in range(len(found.poses))]
     if not sum(len(part.time) for part in parts):
@@ -247,25 +250,24 @@ def in_frame_of(stream: MeasurementStream, truth: Truth) -> Truth:
     rows = np.clip(rows, 0, len(truth.time) - 1)
     if truth.center_of_mass_g is None or np.abs(truth.time[rows] - stream.time).max() > 1e-6:
         return truth
-    true, measured = matrix_from_quaternion(truth.q_ig[rows]), matrix_from_quaternion(stream.values[:, 3:])
+    true = matrix_from_quaternion(truth.q_ig[rows])
     place = truth.center_of_mass[rows] - true @ truth.center_of_mass_g
     P = np.broadcast_to(np.eye(6), (len(rows), 6, 6)) if stream.covariance is None else stream.covariance
-    turn = _common_rotation(true, measured, P[:, 3:, 3:])
+    turn = _common_rotation(truth.q_ig[rows], stream.values[:, 3:], P[:, 3:, 3:])
     shift = _common_shift(true, stream.values[:, :3] - place, P[:, :3, :3])
-    return replace(truth_in_moved_frame(truth, quaternion_from_matrix(turn), shift), frame_is_fitted=True)
+    return replace(truth_in_moved_frame(truth, turn, shift), frame_is_fitted=True)
 
 
 def _common_rotation(
-    true: Float[np.ndarray, "n 3 3"], measured: Float[np.ndarray, "n 3 3"], P: Float[np.ndarray, "n 3 3"]
-) -> Float[np.ndarray, "3 3"]:
+    true: Float[np.ndarray, "n 4"], measured: Float[np.ndarray, "n 4"], P: Float[np.ndarray, "n 3 3"]
+) -> Float[np.ndarray, " 4"]:
     """Rotation of the scans' g in that of the truth; outlying poses have little weight (Cauchy loss)."""
-    weights = 1 / np.trace(P, axis1=1, axis2=2)
-    loss, turn = np.ones(len(true)), np.eye(3)
+    weights, differences = 1 / np.trace(P, axis1=1, axis2=2), multiply(inverse(true), measured)
+    loss, common = np.ones(len(true)), differences[0]
     for _ in range(_STEPS):
-        turn = nearest_rotation(np.einsum("n,nji,njk->ik", loss * weights, true, measured))
-        apart = np.array([rotation_vector((R @ turn).T @ Q) for R, Q in zip(true, measured, strict=True)])
-        loss = 1 / (1 + weights * np.sum(apart**2, axis=1) / LARGE)
-    return turn
+        common = mean_quaternion(differences, loss * weights)
+        loss = 1 / (1 + weights * angle_between(differences, common) ** 2 / LARGE)
+    return common
 
 
 def _common_shift(

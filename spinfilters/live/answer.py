@@ -11,11 +11,10 @@ from typing import TextIO
 import numpy as np
 from jaxtyping import Float
 
+from spinfilters.live.kept_epochs import NO_VERDICT, FinalVerdict
 from spinfilters.models.state_layout import Gaussian
 from spinfilters.models.status import EstimatorStatus, Verdict
 from spinfilters.plots.live_course import LiveCourse
-
-FORMATS = ("lines", "tum")
 
 
 @dataclass(frozen=True)
@@ -167,12 +166,15 @@ class LiveSummary:
         s of the processor that it took.
     events : Counter[str]
         Of hand-overs, the smoother and losses, by name.
+    final : FinalVerdict
+        On the kept epochs, once the measurements have ended.
     """
 
     deadline: float
     latencies: list[float] = field(default_factory=list)
     work: list[float] = field(default_factory=list)
     events: Counter[str] = field(default_factory=Counter)
+    final: FinalVerdict = NO_VERDICT
 
     @property
     def missed(self) -> int:
@@ -188,6 +190,7 @@ class LiveSummary:
             "latency_ms": _percentiles(self.latencies),
             "processor_ms": _percentiles(self.work),
             "events": dict(sorted(self.events.items())),
+            "what_holds": self.final.document(),
         }
 
     def text(self) -> str:
@@ -197,7 +200,7 @@ class LiveSummary:
         return (
             f"{document['epochs']} epochs answered, {self.missed} after the deadline of {1e3 * self.deadline:g} ms; "
             f"latency (ms) {document['latency_ms']}, of it at work {document['processor_ms']}\n"
-            f"events: {events}"
+            f"events: {events}\n{self.final.sentence}"
         )
 
 

@@ -6,7 +6,7 @@ does the epochs after T again. A smoother that begins anew takes the filter's be
 
 import gc
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -77,6 +77,10 @@ CATCHING_UP = 0.004
 """Seconds, about, that a filter put on a hand-over catches up before the next epoch is looked for."""
 
 
+Keep = Callable[[ArrivedEpoch], None]
+"""Called with every epoch that the filter has taken."""
+
+
 class Executive:
     """A live run.
 
@@ -90,8 +94,8 @@ class Executive:
         What is counted.
     """
 
-    def __init__(self, setup: LiveSetup, options: LiveOptions) -> None:
-        self._setup, self._options = setup, options
+    def __init__(self, setup: LiveSetup, options: LiveOptions, keep: Keep = lambda _: None) -> None:
+        self._setup, self._options, self._keep = setup, options, keep
         self.track = FilterTrack(setup.filter, setup.time, options.history)
         self.supervisor = SmootherSupervisor(setup.process.layout, setup.models, options.supervision)
         self.summary = LiveSummary(options.deadline)
@@ -176,7 +180,8 @@ class Executive:
             return
         if believed is not None:
             frame = self._frame(believed)
-            self.track.take(frame)
+            if self.track.take(frame) is not None:
+                self._keep(believed)
             self.supervisor.send(frame)
         yield from self._answer_to(arrived)
 
@@ -187,6 +192,8 @@ class Executive:
         gap, before = arrived.time - self.track.time, self.track.belief
         frame = self._frame(arrived)
         reports = self.track.take(frame)
+        if reports is not None and frame.measurements:
+            self._keep(arrived)
         belief = self.track.belief
         if is_latest and reports:
             nis, dof = sum(report.nis for report in reports), sum(report.dof for report in reports)

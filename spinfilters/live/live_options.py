@@ -11,6 +11,7 @@ from spinfilters.inference.setup import Setup, camera_view
 from spinfilters.inference.smoother_run import begin_after_initialisation, sliding_smoother
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.measurement_log import MeasurementStream
+from spinfilters.live.live_arguments import LiveArguments
 from spinfilters.live.smoother_process import Build, SupervisionOptions
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.sensor_registry import sensor_of
@@ -46,8 +47,8 @@ class LiveOptions:
         Bytes of the smoother's address space, 0 for no limit.
     """
 
-    deadline: float = 0.02
-    ahead: float = 0.0
+    deadline: float = LiveArguments.deadline_ms / 1e3
+    ahead: float = LiveArguments.predict
     history: int = 100
     largest_gap: float = 60.0
     smoother: bool = True
@@ -86,7 +87,6 @@ class LiveSetup:
 
 LONG_RUN = 100_000
 """Epochs: the smoother of a run without an end lets go of its past."""
-FILTERS = ("mekf", "ukf", "embedded", "embedded-double")
 
 
 def live_setup(dataset: Dataset, settings: Settings, name: str) -> LiveSetup:
@@ -95,7 +95,7 @@ def live_setup(dataset: Dataset, settings: Settings, name: str) -> LiveSetup:
     Parameters
     ----------
     name : str
-        Of the filter, among `FILTERS`.
+        Of the filter, among those of `LiveArguments`.
 
     Raises
     ------

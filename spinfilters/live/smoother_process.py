@@ -21,6 +21,7 @@ from spinfilters.filters.estimator import LandmarkBelief, Measurement
 from spinfilters.filters.shared_modes import LandmarkOptions
 from spinfilters.filters.timeline import Epoch
 from spinfilters.live.filter_track import HandOver
+from spinfilters.live.live_arguments import LiveArguments
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.state_layout import Gaussian, StateLayout
 from spinfilters.smoother.recursive_smoother import RecursiveSmoother
@@ -243,7 +244,7 @@ class SupervisionOptions:
         s before it begins anew.
     """
 
-    patience: float = 5.0
+    patience: float = LiveArguments.patience
     pause: float = 1.0
 
 

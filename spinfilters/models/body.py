@@ -10,8 +10,8 @@ quantity departs by within four deviations of the belief (`widest_departures`) w
 agree within their uncertainty, the estimated gap is biased outwards.
 """
 
-from dataclasses import dataclass
-from functools import cache
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
 from typing import Final
 
 import numpy as np
@@ -19,7 +19,7 @@ from jaxtyping import Bool, Float, Int
 
 from spinfilters.core.compiled import Compiled
 from spinfilters.core.linear_algebra import by_stretches, with_largest_positive
-from spinfilters.core.mass_distribution import inertia
+from spinfilters.core.mass_distribution import inertia, inertia_matrix
 from spinfilters.models.body_spread import body_spread, widest_departures
 from spinfilters.models.state_blocks import CENTRE_OF_MASS, DRAG, StateBlock
 from spinfilters.models.state_layout import Gaussian, StateLayout, with_error_jacobian
@@ -28,6 +28,8 @@ UNDETERMINED_STD: Final[float] = np.pi / np.sqrt(12.0)
 """Standard deviation in rad of an axis of which nothing is known: an angle uniform over half a turn."""
 FIRST_ORDER_STD: Final[float] = 0.003
 """Largest standard deviation of the logarithm of second moments, and of an axis in rad, for which derivatives are enough."""
+INTERVAL: Final = (0.025, 0.975)
+"""Levels of the interval of sampled moments."""
 _SMALLEST_GAP = 1e-12  # of moments, relative to the largest: below it rounding decides
 
 
@@ -52,6 +54,8 @@ class BodyEstimate:
         (3,) m, None where the state has none.
     drag, drag_std : float | None
         1/rad, None where the state has none.
+    principal_moments_interval : Float[np.ndarray, '3 2'] | None
+        Central 95 % of the moments' posterior where that was sampled (`MassSamples`), None elsewhere.
     """
 
     principal_moments: Float[np.ndarray, "3"]
@@ -66,6 +70,7 @@ class BodyEstimate:
     center_of_mass_std: Float[np.ndarray, "3"] | None
     drag: float | None
     drag_std: float | None
+    principal_moments_interval: Float[np.ndarray, "3 2"] | None = None
 
     @property
     def principal_moments_std(self) -> Float[np.ndarray, "3"]:
@@ -118,6 +123,58 @@ class BodyHistory:
             None if self.center_of_mass_std is None else self.center_of_mass_std[index],
             None if self.drag is None else float(self.drag[index]),
             None if self.drag_std is None else float(self.drag_std[index]),
+        )
+
+
+@dataclass(frozen=True)
+class MassSamples:
+    """Weighted samples of a mass distribution that no Gaussian describes.
+
+    Attributes
+    ----------
+    points : Float[np.ndarray, 'n 5']
+        (n, 5) block s of each.
+    weights : Float[np.ndarray, ' n']
+        (n,) their sum is one.
+    gaussian_shape : float
+        Pareto shape of the Gaussian belief as a proposal of the samples' density (`spinfilters.core.importance_weights`).
+    """
+
+    points: Float[np.ndarray, "n 5"]
+    weights: Float[np.ndarray, " n"]
+    gaussian_shape: float
+
+    @cached_property
+    def principal_moments(self) -> Float[np.ndarray, "n 3"]:
+        """(n, 3) ascending, largest = 1."""
+        moments = np.array([np.linalg.eigvalsh(inertia_matrix(point)) for point in self.points])
+        return moments / moments[:, 2:]
+
+    def quantiles(
+        self, values: Float[np.ndarray, " n"], levels: Float[np.ndarray, " q"]
+    ) -> Float[np.ndarray, " q"]:
+        """Weighted quantiles of a quantity of the samples."""
+        order = np.argsort(values)
+        reached = np.cumsum(self.weights[order]) - self.weights[order] / 2
+        return np.interp(levels, reached, values[order])
+
+    def body(self, belief: BodyEstimate) -> BodyEstimate:
+        """A belief's body with mean, covariance and interval of the moments over the samples; axes and centre are the belief's."""
+        moments = self.principal_moments
+        logs = np.log(moments[:, [2, 1]] / moments[:, [1, 0]])
+        mean, ratios = self.weights @ moments, self.weights @ logs
+        away = np.sqrt(self.weights)[:, np.newaxis] * (moments - mean)
+        k1_std, k2_std = np.sqrt(self.weights @ np.square(logs - ratios)).tolist()
+        levels = np.array(INTERVAL)
+        return replace(
+            belief,
+            principal_moments=mean,
+            principal_moments_cov=away.T @ away,
+            k1=float(ratios[0]),
+            k2=float(ratios[1]),
+            k1_std=k1_std,
+            k2_std=k2_std,
+            principal_moments_interval=np.array([self.quantiles(column, levels) for column in moments.T]),
         )
 
 

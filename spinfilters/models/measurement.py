@@ -102,18 +102,70 @@ class MeasurementModel(ABC):
 
     @abstractmethod
     def symbolic(self, state: dict[str, Expression], parameters: Expression) -> Expression:
-        """Expected value of the measurement (value_dim,) from the state's blocks (attitude as ``q``)."""
+        """Expected value of the measurement (value_dim,) from the state's blocks (attitude as ``q``).
+
+        Parameters
+        ----------
+        state : dict[str, Expression]
+            Blocks of the state, as `StateLayout.unpack` names them.
+        parameters : Expression
+            What accompanies the measurement, (parameter_dim,).
+
+        Returns
+        -------
+        Expression
+            Expected value, (value_dim,).
+        """
 
     @abstractmethod
     def noise_factor(self, state: dict[str, Expression], parameters: Expression) -> Expression:
-        """Lower factor of the noise covariance, (dim, dim)."""
+        """Lower factor of the noise covariance, (dim, dim).
+
+        Parameters
+        ----------
+        state : dict[str, Expression]
+            Blocks of the state, as `StateLayout.unpack` names them.
+        parameters : Expression
+            What accompanies the measurement, (parameter_dim,).
+
+        Returns
+        -------
+        Expression
+            Factor L with the noise covariance L L'.
+        """
 
     def innovation(self, expected: Expression, measured: Expression) -> Expression:
-        """measured [-] expected, (dim,)."""
+        """measured [-] expected, (dim,).
+
+        Parameters
+        ----------
+        expected : Expression
+            Value that the model predicts, (value_dim,).
+        measured : Expression
+            Value that was measured, (value_dim,).
+
+        Returns
+        -------
+        Expression
+            Difference in the sensor's own sense, (dim,).
+        """
         return measured - expected
 
     def valid(self, state: dict[str, Expression], parameters: Expression) -> Expression:
-        """Positive where the model applies (a point in front of the camera)."""
+        """Positive where the model applies (a point in front of the camera).
+
+        Parameters
+        ----------
+        state : dict[str, Expression]
+            Blocks of the state, as `StateLayout.unpack` names them.
+        parameters : Expression
+            What accompanies the measurement, (parameter_dim,).
+
+        Returns
+        -------
+        Expression
+            Scalar; by default the model applies everywhere.
+        """
         return ca.DM(1)
 
     @property
@@ -130,7 +182,20 @@ class MeasurementModel(ABC):
     def predict(
         self, x: Float[np.ndarray, "*batch m"], parameters: Float[np.ndarray, "*batch p"]
     ) -> Float[np.ndarray, "*batch v"]:
-        """Expected values of the measurements."""
+        """Expected values of the measurements.
+
+        Parameters
+        ----------
+        x : ndarray of float, shape (..., m)
+            Points of the layout.
+        parameters : ndarray of float, shape (..., p)
+            What accompanies each measurement.
+
+        Returns
+        -------
+        ndarray of float, shape (..., v)
+            A value for each.
+        """
         return self._predict(x, parameters)[0]
 
     def innovations(
@@ -139,7 +204,24 @@ class MeasurementModel(ABC):
         parameters: Float[np.ndarray, "*batch p"],
         measured: Float[np.ndarray, "*batch v"],
     ) -> tuple[Float[np.ndarray, "*batch r"], Bool[np.ndarray, "*batch"]]:
-        """Innovations at given points, and where the model is valid."""
+        """Innovations at given points, and where the model is valid.
+
+        Parameters
+        ----------
+        x : ndarray of float, shape (..., m)
+            Points of the layout.
+        parameters : ndarray of float, shape (..., p)
+            What accompanies each measurement.
+        measured : ndarray of float, shape (..., v)
+            Measured values.
+
+        Returns
+        -------
+        innovation : ndarray of float, shape (..., r)
+            Not whitened.
+        valid : ndarray of bool, shape (...)
+            Whether the model applies.
+        """
         innovation, valid = self._innovations(x, parameters, measured)
         return innovation, valid[..., 0] > 0
 
@@ -150,7 +232,24 @@ class MeasurementModel(ABC):
         parameters: Float[np.ndarray, "k p2"],
         measured: Float[np.ndarray, "k v"],
     ) -> InnovationsAtPoints:
-        """Innovations at many points, whitened by the noise at ``x``."""
+        """Innovations at many points, whitened by the noise at ``x``.
+
+        Parameters
+        ----------
+        points : ndarray of float, shape (p, m)
+            Points of the layout, such as sigma points.
+        x : ndarray of float, shape (m,)
+            Point at which the noise is taken.
+        parameters : ndarray of float, shape (k, p2)
+            What accompanies each measurement.
+        measured : ndarray of float, shape (k, v)
+            Measured values.
+
+        Returns
+        -------
+        InnovationsAtPoints
+            Whitened innovations of every value at every point; a value is valid where it is at all points.
+        """
         innovation, valid, log_noise = self._innovations_at(len(points))(points.T, x, parameters, measured)
         innovation = innovation.reshape(len(measured), self.dim, len(points))
         return InnovationsAtPoints(innovation, valid[:, 0] > 0, log_noise[:, 0])
@@ -158,7 +257,20 @@ class MeasurementModel(ABC):
     def whitening(
         self, x: Float[np.ndarray, "*batch m"], parameters: Float[np.ndarray, "*batch p"]
     ) -> Float[np.ndarray, "*batch r r"]:
-        """Inverse of the noise factor."""
+        """Inverse of the noise factor.
+
+        Parameters
+        ----------
+        x : ndarray of float, shape (..., m)
+            Points of the layout.
+        parameters : ndarray of float, shape (..., p)
+            What accompanies each measurement.
+
+        Returns
+        -------
+        ndarray of float, shape (..., r, r)
+            L^-1 of each, with the noise covariance L L'.
+        """
         rows = self._whitening(x, parameters)[0]
         return rows.reshape(*rows.shape[:-1], self.dim, self.dim)
 
@@ -171,6 +283,20 @@ class MeasurementModel(ABC):
         """Whitened innovations and their Jacobians.
 
         ``x`` is one point (m,) common to all values, or a point for each value (k, m).
+
+        Parameters
+        ----------
+        x : ndarray of float, shape (..., m)
+            Points of the layout.
+        parameters : ndarray of float, shape (k, p)
+            What accompanies each measurement.
+        measured : ndarray of float, shape (k, v)
+            Measured values.
+
+        Returns
+        -------
+        Linearisation
+            Innovations, Jacobians by `columns`, and where the model applies.
         """
         points = x if x.ndim == 2 else x[np.newaxis]
         return self._linearised(self.linearisation(points, parameters, measured, rows=(None, None, None)))
@@ -182,7 +308,24 @@ class MeasurementModel(ABC):
         parameters: Float[np.ndarray, "k p"],
         measured: Float[np.ndarray, "k v"],
     ) -> Linearisation:
-        """`linearise` of values at some of the points, which are not copied for each."""
+        """`linearise` of values at some of the points, which are not copied for each.
+
+        Parameters
+        ----------
+        points : ndarray of float, shape (f, m)
+            Points of the layout.
+        which : ndarray of int, shape (k,)
+            Number of each value's point.
+        parameters : ndarray of float, shape (k, p)
+            What accompanies each measurement.
+        measured : ndarray of float, shape (k, v)
+            Measured values.
+
+        Returns
+        -------
+        Linearisation
+            As `linearise`.
+        """
         return self._linearised(self.linearisation(points, parameters, measured, rows=(which, None, None)))
 
     def _linearised(self, made: tuple[np.ndarray, ...]) -> Linearisation:
@@ -193,7 +336,24 @@ class MeasurementModel(ABC):
     def by_error(
         self, moved: ByError, size: int, x: Float[np.ndarray, "k m"], parameters: Float[np.ndarray, "k p"]
     ) -> Float[np.ndarray, "k r e"]:
-        """Derivative of the innovations of expected values by an error of the calibration."""
+        """Derivative of the innovations of expected values by an error of the calibration.
+
+        Parameters
+        ----------
+        moved : ByError
+            Value and parameters of a measurement, were the calibration larger by an error.
+        size : int
+            Number of components of the error.
+        x : ndarray of float, shape (k, m)
+            Point of each measurement.
+        parameters : ndarray of float, shape (k, p)
+            What accompanies each measurement.
+
+        Returns
+        -------
+        ndarray of float, shape (k, r, e)
+            Derivatives, not whitened.
+        """
         rows = self._by_error(moved, size)(x, parameters)[0]
         return rows.reshape(len(x), self.dim, size)
 
@@ -204,7 +364,26 @@ class MeasurementModel(ABC):
         values: Float[np.ndarray, "k v"],
         parameters: Float[np.ndarray, "k p"],
     ) -> tuple[Float[np.ndarray, "k v"], Float[np.ndarray, "k p"]]:
-        """Values and parameters of measurements, were the calibration larger by an error."""
+        """Values and parameters of measurements, were the calibration larger by an error.
+
+        Parameters
+        ----------
+        moved : ByError
+            Value and parameters of a measurement, were the calibration larger by an error.
+        error : ndarray of float, shape (e,)
+            The error, in the calibration's units.
+        values : ndarray of float, shape (k, v)
+            Measured values.
+        parameters : ndarray of float, shape (k, p)
+            What accompanies each measurement.
+
+        Returns
+        -------
+        values : ndarray of float, shape (k, v)
+            Changed values.
+        parameters : ndarray of float, shape (k, p)
+            Changed parameters.
+        """
         changed, accompanying = self._build_with_error(moved, len(error))(values, parameters, error)
         return changed, accompanying
 

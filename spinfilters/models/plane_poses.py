@@ -9,9 +9,10 @@ from typing import Final
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial.transform import Rotation
 
+from spinfilters.core.attitude_conversions import matrix_from_quaternion, matrix_from_rotation_vector
 from spinfilters.core.errors import InputError
+from spinfilters.core.gauss_newton import LeastSquaresEnd, StepEquations, gauss_newton, step_equations
 
 FEWEST: Final = 12
 """Points of a scan that a pose is found from, at least: twice its unknowns."""
@@ -45,6 +46,9 @@ class PlanePose:
     rotation: Float[np.ndarray, "3 3"]
     translation: Float[np.ndarray, "3"]
     residual_std: float
+
+
+_Placement = tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3"]]
 
 
 def plane_poses(scans: Sequence[PlanePoints]) -> list[PlanePose | None]:
@@ -88,7 +92,10 @@ def _searched(scan: PlanePoints, good: float, place: Float[np.ndarray, "3"] | No
     few, middle = scan.thinned(_SEARCHED), scan.points.mean(axis=0)
     centre = (few.normals * few.offsets[:, None]).mean(axis=0)
     best: PlanePose | None = None
-    for R in Rotation.random(_SPREAD, rng=np.random.default_rng(0)).as_matrix():
+    drawn = np.random.default_rng(0).standard_normal(
+        (_SPREAD, 4)
+    )  # of all directions alike: uniform attitudes
+    for R in matrix_from_quaternion(drawn / np.linalg.norm(drawn, axis=1, keepdims=True)):
         found = _settled(few, R, middle - R @ centre if place is None else place)
         if found is not None and (best is None or found.residual_std < best.residual_std):
             best = found
@@ -102,19 +109,29 @@ def _settled(scan: PlanePoints, R: Float[np.ndarray, "3 3"], t: Float[np.ndarray
 
     None where planes would face away from the lidar, leave the attitude undetermined, or it does not settle.
     """
-    size, H = float(np.abs(scan.offsets).max()) or 1.0, np.eye(6)
-    for _ in range(_MOST_STEPS):
+    size = float(np.abs(scan.offsets).max()) or 1.0
+
+    def linearise(placement: _Placement) -> StepEquations:
+        R, t = placement
         n, residual = _residuals(scan, R, t)
-        J = np.concatenate([np.cross(n, scan.points - t), -n], axis=1)
-        J[:, 3:] *= size
-        H = J.T @ J
-        step = np.linalg.solve(H + _RIDGE * np.trace(H) * np.eye(6), -J.T @ residual)
-        step *= min(1.0, 0.5 / max(float(np.abs(step).max()), 1e-300))
-        R, t = Rotation.from_rotvec(step[:3]).as_matrix() @ R, t + size * step[3:]
-        if np.abs(step).max() < SETTLED:
-            break
-    else:
+        return step_equations(-residual, np.concatenate([np.cross(n, scan.points - t), -size * n], axis=1))
+
+    def retract(placement: _Placement, step: Float[np.ndarray, " 6"]) -> _Placement:
+        R, t = placement  # a step is half a radian and half a radius of the body at most
+        step = step * min(1.0, 0.5 / max(float(np.abs(step).max()), 1e-300))
+        return matrix_from_rotation_vector(step[:3]) @ R, t + size * step[3:]
+
+    found = gauss_newton(
+        (R, t),
+        linearise,
+        retract,
+        lambda step, _: bool(np.abs(step).max() < SETTLED),
+        _MOST_STEPS,
+        lambda H: _RIDGE * np.trace(H),
+    )
+    if found.normal is None or found.end is not LeastSquaresEnd.SETTLED:
         return None
+    (R, t), H = found.state, found.normal.information
     n, residual = _residuals(scan, R, t)
     values = np.linalg.eigvalsh(H[:3, :3] - H[:3, 3:] @ np.linalg.pinv(H[3:, 3:], DETERMINED) @ H[3:, :3])
     if not np.isfinite(residual).all() or values[0] < DETERMINED * values[-1]:

@@ -1,6 +1,9 @@
 """Process model of a rigid body that turns and moves freely: propagation, linearised steps, process noise.
 
-Disturbances are white; drag, a constant torque, a flywheel and a constant acceleration are optional blocks of the state.
+Disturbances are white, with the densities of `ProcessNoise`. Drag, a constant torque, a flywheel and a constant acceleration are
+optional blocks of the state. A further effect is a block in `spinfilters.models.state_blocks` and a term of `body_acceleration` or
+`derivative`; a further density is a field of `ProcessNoise`, enters G in `spinfilters.models.rotation_integrator`, and gets its
+setting in `spinfilters.settings.run_settings`.
 """
 
 from dataclasses import dataclass
@@ -36,8 +39,342 @@ from spinfilters.models.state_blocks import (
 )
 from spinfilters.models.state_layout import StateLayout
 
+SMALLEST_SQUARE = 1e-300
+"""Added under a square root, so that the drag of a body at rest has a derivative."""
+MOST_SUBSTEPS, USUAL_SUBSTEPS = 1 << 17, 64
+"""Largest number of substeps of a whole motion, or of each step on average. The first takes 0.2 s of processor time, and an
+initialisation integrates a motion up to a hundred times."""
+
+
+@dataclass(frozen=True)
+class ProcessNoise:
+    """Densities of the white disturbances; each at least 0.
+
+    Attributes
+    ----------
+    force_psd : float
+        Of the acceleration of the centre of mass, (m/s^2)^2/Hz.
+    torque_psd : float
+        Of the angular acceleration, (rad/s^2)^2/Hz.
+    """
+
+    force_psd: float = 4e-8
+    torque_psd: float = 1e-6
+
+    def __post_init__(self) -> None:
+        for name in ("force_psd", "torque_psd"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= 0):
+                raise InputError(f"{name} is {value}; give a finite density of at least 0")
+
+
+THESIS_NOISE = ProcessNoise(force_psd=1e-6, torque_psd=1e-6)
+"""Disturbances of the thesis' experiment (Tweddle 2013, Eqs 6.14 and 6.15, which are roots of densities: 0.001 (m/s^2)/sqrt(Hz),
+0.001 (rad/s^2)/sqrt(Hz))."""
+
+
+def body_acceleration(
+    w: Expression,
+    J: Expression,
+    drag: Expression | None = None,
+    torque: Expression | None = None,
+    rotor: Expression | None = None,
+    linear_drag: Expression | None = None,
+) -> Expression:
+    """Body acceleration w' in g axes, rad/s^2 (Tweddle 2013, Eq. 4.103).
+
+    w' = J^-1 ((J w + h) x w) - d |w| w - l w + m. Eq. 4.103 as printed lacks the minus sign of Eqs 3.16 to 3.18.
+
+    Parameters
+    ----------
+    w : Expression
+        Body rate, rad/s.
+    J : Expression
+        Inertia up to scale, 3 x 3.
+    drag : Expression | None
+        d, 1/rad.
+    torque : Expression | None
+        m, the angular acceleration of a constant body torque, rad/s^2.
+    rotor : Expression | None
+        h, the constant angular momentum of a flywheel inside, in units of J times rad/s.
+    linear_drag : Expression | None
+        l, 1/s.
+    """
+    momentum = J @ w if rotor is None else J @ w + rotor
+    acceleration = ca.inv_minor(J) @ ca.cross(momentum, w)
+    if drag is not None:
+        acceleration = acceleration - drag * ca.sqrt(ca.dot(w, w) + SMALLEST_SQUARE) * w
+    if linear_drag is not None:
+        acceleration = acceleration - linear_drag * w
+    return acceleration if torque is None else acceleration + torque
+
+
+def derivative(layout: StateLayout, x: Expression) -> Expression:
+    """The continuous model without noise: x', laid out as a point is (the attitude's part is the rate q' of the quaternion).
+
+    Parameters
+    ----------
+    layout : StateLayout
+        Blocks of the state.
+    x : Expression
+        Point, (mean_dim,).
+
+    Returns
+    -------
+    Expression
+        Time derivative, (mean_dim,).
+    """
+    values = layout.unpack(x)
+    rates = {name: 0 * value for name, value in values.items()}
+    rates["q"] = quaternion_rate(values["q"], values["w"])
+    constants = (values.get(block.symbol) for block in (DRAG, TORQUE, ROTOR, LINEAR_DRAG))
+    rates["w"] = body_acceleration(values["w"], inertia(values["s"]), *constants)
+    if layout.has(ACCELERATION):
+        rates["v"] = values["f"]
+    if layout.translates:
+        rates["t"] = values["v"] - rotate(values["q"], ca.cross(values["w"], values["c"]))
+    return layout.pack(rates)
+
+
+class TorqueFreeProcess:
+    """Discrete torque-free process model over any layout with the blocks a, w and s.
+
+    The blocks t, v and c (together) and all other constants are optional.
+
+    Parameters
+    ----------
+    layout : StateLayout
+        The state's blocks.
+    noise : ProcessNoise
+        Disturbance densities.
+    tolerance : float
+        Bound on the integration error of one step, rad and relative rate; the step is halved until it is met.
+    """
+
+    def __init__(self, layout: StateLayout, noise: ProcessNoise, tolerance: float = 1e-9) -> None:
+        self.layout = layout
+        self.noise = noise
+        self._tolerance = tolerance
+        self._integrator, self._many, self._disturbed = _integrators(layout, tolerance)
+
+    def with_noise(self, noise: ProcessNoise) -> "TorqueFreeProcess":
+        """The same body with other disturbances.
+
+        Parameters
+        ----------
+        noise : ProcessNoise
+            Densities of the disturbances.
+
+        Returns
+        -------
+        TorqueFreeProcess
+            Process of the same layout and tolerance.
+        """
+        return TorqueFreeProcess(self.layout, noise, self._tolerance)
+
+    def with_layout(self, layout: StateLayout) -> "TorqueFreeProcess":
+        """The same disturbances over another layout.
+
+        Parameters
+        ----------
+        layout : StateLayout
+            Blocks of its state.
+
+        Returns
+        -------
+        TorqueFreeProcess
+            Process with the same noise and tolerance.
+        """
+        return TorqueFreeProcess(layout, self.noise, self._tolerance)
+
+    def step(self, x: Float[np.ndarray, "*batch m"], dt: float) -> Float[np.ndarray, "*batch m"]:
+        """Points after ``dt`` seconds (dt > 0) without noise.
+
+        Parameters
+        ----------
+        x : ndarray of float, shape (..., m)
+            Points of the layout.
+        dt : float
+            Duration, s; positive.
+
+        Returns
+        -------
+        ndarray of float, shape (..., m)
+            Points at the end.
+        """
+        return self._integrator.step(x, dt)
+
+    def steps(self, x: Float[np.ndarray, "k m"], dt: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k m"]:
+        """Points after ``dt`` seconds (dt > 0) of their own without noise.
+
+        Parameters
+        ----------
+        x : ndarray of float, shape (k, m)
+            Points of the layout.
+        dt : ndarray of float, shape (k,)
+            Duration of each, s; positive.
+
+        Returns
+        -------
+        ndarray of float, shape (k, m)
+            Points at the ends.
+        """
+        return self._integrator.steps(x, dt)
+
+    def disturbed_steps(
+        self, x: Float[np.ndarray, "*batch m"], dt: float, normal: Float[np.ndarray, "n *batch 2 b"]
+    ) -> Float[np.ndarray, "*batch m"]:
+        """Points after n disturbed steps of ``dt`` seconds (dt > 0).
+
+        Half of a step's white disturbance acts before it, half after it.
+
+        Parameters
+        ----------
+        x : ndarray of float, shape (..., m)
+            Points before the first step.
+        dt : float
+            Duration of a step, s; positive.
+        normal : Float[np.ndarray, 'n *batch 2 b']
+            Independent standard normals before and after each step: of the body rate, then of the velocity if
+            there is one.
+
+        Returns
+        -------
+        ndarray of float, shape (..., m)
+            Points after the last step.
+        """
+        psd = np.repeat([self.noise.torque_psd, self.noise.force_psd], 3)[: self.disturbed_dim]
+        return self._disturbed.run(x, dt, np.sqrt(psd * (dt / 2)) * normal)
+
+    def disturbed_path(
+        self, x: Float[np.ndarray, " m"], dt: float, normal: Float[np.ndarray, "n k 2 b"]
+    ) -> Float[np.ndarray, "n_plus_1 m"]:
+        """One disturbed motion at the ends of n intervals of ``dt`` seconds, the begin included, in k steps per interval.
+
+        Parameters
+        ----------
+        x : ndarray of float, shape (m,)
+            Point at the begin.
+        dt : float
+            Duration of an interval, s; positive.
+        normal : Float[np.ndarray, 'n k 2 b']
+            As of `disturbed_steps`, for every interval.
+
+        Returns
+        -------
+        ndarray of float, shape (n + 1, m)
+            Points at the begin and at the end of every interval.
+        """
+        h = dt / normal.shape[1]
+        psd = np.repeat([self.noise.torque_psd, self.noise.force_psd], 3)[: self.disturbed_dim]
+        return self._disturbed.path(x, h, np.sqrt(psd * (h / 2)) * normal)
+
+    @property
+    def disturbed_dim(self) -> int:
+        """Components of a state that white disturbances act on."""
+        return len(self._disturbed.kicked)
+
+    def linearise(self, x: Float[np.ndarray, " m"], dt: float) -> LinearisedStep:
+        """Step of dt s with error transition and noise factor.
+
+        Parameters
+        ----------
+        x : ndarray of float, shape (m,)
+            Point before the step.
+        dt : float
+            Duration, s; positive.
+
+        Returns
+        -------
+        LinearisedStep
+            Point after it, error transition Phi (n, n), and factor G of the process noise, Q = G G'.
+        """
+        return self._integrator.linearise(x, dt, self._densities)
+
+    def linearise_steps(
+        self,
+        here: Float[np.ndarray, "k m"],
+        there: Float[np.ndarray, "k m"],
+        dt: Float[np.ndarray, " k"],
+        about: Float[np.ndarray, "k m"] | None = None,
+    ) -> LinearisedSteps:
+        """Linearise k steps at once, about their expected ends.
+
+        Parameters
+        ----------
+        here : ndarray of float, shape (k, m)
+            States before the steps.
+        dt : ndarray of float, shape (k,)
+            Duration of each step, s.
+        there : Float[np.ndarray, 'k m']
+            Expected ends of the steps, with the mass distribution of ``here``.
+        about : Float[np.ndarray, 'k m'] | None
+            States at which the derivatives are taken: those of ``here`` with other constants (inertia, drag);
+            None for ``here``.
+
+        Returns
+        -------
+        LinearisedSteps
+            Defects, error transitions and noise factors of all steps.
+        """
+        return self._many.linearise(here, there, dt, self._densities, about)
+
+    def require_steps(self, time: Float[np.ndarray, " k"], rates: Float[np.ndarray, "k 3"]) -> None:
+        """Require that a motion can be integrated within the budget of substeps.
+
+        The budget is `MAX_SUBSTEPS` for one step, and for all steps `MOST_SUBSTEPS` or on average `USUAL_SUBSTEPS`.
+
+        Parameters
+        ----------
+        time : ndarray of float, shape (k,)
+            Stamps, ascending, s.
+        rates : ndarray of float, shape (k, 3)
+            Body rate at each, rad/s.
+
+        Raises
+        ------
+        InputError
+            Body rates (rad/s) at these times (s) that take too many substeps.
+        """
+        turned = turns(rates[:-1], np.diff(time))
+        if substeps(float(turned.max(initial=0.0)), self._tolerance) <= USUAL_SUBSTEPS:
+            return  # nearly always, and long recordings have many steps
+        counts = np.array([substeps(turn, self._tolerance) for turn in turned.tolist()])
+        if counts.max(initial=0) <= MAX_SUBSTEPS and counts.sum() <= max(
+            MOST_SUBSTEPS, USUAL_SUBSTEPS * len(counts)
+        ):
+            return
+        k = int(turned.argmax())
+        raise InputError(
+            f"the body turns {turned[k] / (2 * np.pi):.3g} times from t = {time[k]:.9g} s to {time[k + 1]:.9g} s, too far to be "
+            f"followed at process.tolerance {self._tolerance:g}; correct rates, times or units (--clock), or cut the recording"
+        )
+
+    def noise_covariance(self, x: Float[np.ndarray, " m"], dt: float) -> Float[np.ndarray, "n n"]:
+        """Q (n, n) of the multiplicative error over dt s from x.
+
+        Parameters
+        ----------
+        x : ndarray of float, shape (m,)
+            Point before the step.
+        dt : float
+            Duration, s; positive.
+
+        Returns
+        -------
+        ndarray of float, shape (n, n)
+            Covariance of the error that disturbances add.
+        """
+        factor = self.linearise(x, dt).noise_factor
+        return factor @ factor.T
+
+    @property
+    def _densities(self) -> Float[np.ndarray, " 2"]:
+        return np.array([self.noise.force_psd, self.noise.torque_psd])
+
+
 DISTURBED = (RATE.name, VELOCITY.name)
-"""Blocks that disturbances kick, where a layout has them."""
+"""Blocks on which white disturbances act, where a layout has them."""
 TOGETHER = 16
 """Intervals of a path in one compiled call; the last call is padded with undisturbed steps, which are cut off."""
 
@@ -124,219 +461,6 @@ class DisturbedSteps:
         points = every[:, -1] if kept is None else every[:, kept - 1 :: kept]
         name = f"disturbed_{steps}_{count}" + ("" if kept is None else f"_{kept}")
         return Compiled(ca.Function(name, [x, h, kicks], [points, ca.mmax(errors)]))
-
-
-SMALLEST_SQUARE = 1e-300
-"""Added under a square root, so that the drag of a body at rest has a derivative."""
-MOST_SUBSTEPS, USUAL_SUBSTEPS = 1 << 17, 64
-"""Largest number of substeps of a whole motion, or of each step on average. The first takes 0.2 s of processor time, and an
-initialisation integrates a motion up to a hundred times."""
-
-
-@dataclass(frozen=True)
-class ProcessNoise:
-    """Densities of the white disturbances; each at least 0.
-
-    Attributes
-    ----------
-    force_psd : float
-        Of the acceleration of the centre of mass, (m/s^2)^2/Hz.
-    torque_psd : float
-        Of the angular acceleration, (rad/s^2)^2/Hz.
-    """
-
-    force_psd: float = 4e-8
-    torque_psd: float = 1e-6
-
-    def __post_init__(self) -> None:
-        for name in ("force_psd", "torque_psd"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0):
-                raise InputError(f"{name} is {value}; give a finite density of at least 0")
-
-
-THESIS_NOISE = ProcessNoise(force_psd=1e-6, torque_psd=1e-6)
-"""Disturbances of the thesis' experiment (Tweddle 2013, Eqs 6.14 and 6.15, which are roots of densities: 0.001 (m/s^2)/sqrt(Hz),
-0.001 (rad/s^2)/sqrt(Hz))."""
-
-
-def body_acceleration(
-    w: Expression,
-    J: Expression,
-    drag: Expression | None = None,
-    torque: Expression | None = None,
-    rotor: Expression | None = None,
-    linear_drag: Expression | None = None,
-) -> Expression:
-    """Body acceleration w' in g axes, rad/s^2 (Tweddle 2013, Eq. 4.103).
-
-    w' = J^-1 ((J w + h) x w) - d |w| w - l w + m; the print lacks the minus sign of its Eqs 3.16 to 3.18.
-
-    Parameters
-    ----------
-    w : Expression
-        Body rate, rad/s.
-    J : Expression
-        Inertia up to scale, 3 x 3.
-    drag : Expression | None
-        d, 1/rad.
-    torque : Expression | None
-        m, the angular acceleration of a constant body torque, rad/s^2.
-    rotor : Expression | None
-        h, the constant angular momentum of a flywheel inside, in units of J times rad/s.
-    linear_drag : Expression | None
-        l, 1/s.
-    """
-    momentum = J @ w if rotor is None else J @ w + rotor
-    acceleration = ca.inv_minor(J) @ ca.cross(momentum, w)
-    if drag is not None:
-        acceleration = acceleration - drag * ca.sqrt(ca.dot(w, w) + SMALLEST_SQUARE) * w
-    if linear_drag is not None:
-        acceleration = acceleration - linear_drag * w
-    return acceleration if torque is None else acceleration + torque
-
-
-def derivative(layout: StateLayout, x: Expression) -> Expression:
-    """x' without noise, as a point-valued expression (q' is the quaternion's rate): the continuous model itself."""
-    values = layout.unpack(x)
-    rates = {name: 0 * value for name, value in values.items()}
-    rates["q"] = quaternion_rate(values["q"], values["w"])
-    constants = (values.get(block.symbol) for block in (DRAG, TORQUE, ROTOR, LINEAR_DRAG))
-    rates["w"] = body_acceleration(values["w"], inertia(values["s"]), *constants)
-    if layout.has(ACCELERATION):
-        rates["v"] = values["f"]
-    if layout.translates:
-        rates["t"] = values["v"] - rotate(values["q"], ca.cross(values["w"], values["c"]))
-    return layout.pack(rates)
-
-
-class TorqueFreeProcess:
-    """Discrete torque-free process model over any layout with the blocks a, w and s.
-
-    The blocks t, v and c (together) and all other constants are optional.
-
-    Parameters
-    ----------
-    layout : StateLayout
-        The state's blocks.
-    noise : ProcessNoise
-        Disturbance densities.
-    tolerance : float
-        Bound on the integration error of one step, rad and relative rate; the step is halved until it is met.
-    """
-
-    def __init__(self, layout: StateLayout, noise: ProcessNoise, tolerance: float = 1e-9) -> None:
-        self.layout = layout
-        self.noise = noise
-        self._tolerance = tolerance
-        self._integrator, self._many, self._disturbed = _integrators(layout, tolerance)
-
-    def with_noise(self, noise: ProcessNoise) -> "TorqueFreeProcess":
-        """The same body with other disturbances."""
-        return TorqueFreeProcess(self.layout, noise, self._tolerance)
-
-    def with_layout(self, layout: StateLayout) -> "TorqueFreeProcess":
-        """The same disturbances over another layout."""
-        return TorqueFreeProcess(layout, self.noise, self._tolerance)
-
-    def step(self, x: Float[np.ndarray, "*batch m"], dt: float) -> Float[np.ndarray, "*batch m"]:
-        """Points after ``dt`` seconds (dt > 0) without noise."""
-        return self._integrator.step(x, dt)
-
-    def steps(self, x: Float[np.ndarray, "k m"], dt: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k m"]:
-        """Points after ``dt`` seconds (dt > 0) of their own without noise."""
-        return self._integrator.steps(x, dt)
-
-    def disturbed_steps(
-        self, x: Float[np.ndarray, "*batch m"], dt: float, normal: Float[np.ndarray, "n *batch 2 b"]
-    ) -> Float[np.ndarray, "*batch m"]:
-        """Points after n disturbed steps of ``dt`` seconds (dt > 0).
-
-        Half of a step's white disturbance acts before it, half after it.
-
-        Parameters
-        ----------
-        normal : Float[np.ndarray, 'n *batch 2 b']
-            Independent standard normals before and after each step: of the body rate, then of the velocity if
-            there is one.
-        """
-        psd = np.repeat([self.noise.torque_psd, self.noise.force_psd], 3)[: self.disturbed_dim]
-        return self._disturbed.run(x, dt, np.sqrt(psd * (dt / 2)) * normal)
-
-    def disturbed_path(
-        self, x: Float[np.ndarray, " m"], dt: float, normal: Float[np.ndarray, "n k 2 b"]
-    ) -> Float[np.ndarray, "n_plus_1 m"]:
-        """One disturbed motion at the ends of n intervals of ``dt`` seconds, the begin included, in k steps per interval.
-
-        Parameters
-        ----------
-        normal : Float[np.ndarray, 'n k 2 b']
-            As of `disturbed_steps`, for every interval.
-        """
-        h = dt / normal.shape[1]
-        psd = np.repeat([self.noise.torque_psd, self.noise.force_psd], 3)[: self.disturbed_dim]
-        return self._disturbed.path(x, h, np.sqrt(psd * (h / 2)) * normal)
-
-    @property
-    def disturbed_dim(self) -> int:
-        """Components of a state that white disturbances act on."""
-        return len(self._disturbed.kicked)
-
-    def linearise(self, x: Float[np.ndarray, " m"], dt: float) -> LinearisedStep:
-        """Step of dt s with error transition and noise factor."""
-        return self._integrator.linearise(x, dt, self._densities)
-
-    def linearise_steps(
-        self,
-        here: Float[np.ndarray, "k m"],
-        there: Float[np.ndarray, "k m"],
-        dt: Float[np.ndarray, " k"],
-        about: Float[np.ndarray, "k m"] | None = None,
-    ) -> LinearisedSteps:
-        """Linearise k steps at once, about their expected ends.
-
-        Parameters
-        ----------
-        there : Float[np.ndarray, 'k m']
-            Expected ends of the steps, with the mass distribution of ``here``.
-        about : Float[np.ndarray, 'k m'] | None
-            States at which the derivatives are taken: those of ``here`` with other constants (inertia, drag);
-            None for ``here``.
-        """
-        return self._many.linearise(here, there, dt, self._densities, about)
-
-    def require_steps(self, time: Float[np.ndarray, " k"], rates: Float[np.ndarray, "k 3"]) -> None:
-        """Require that a motion can be integrated within the budget of substeps.
-
-        The budget is `MAX_SUBSTEPS` for one step, and for all steps `MOST_SUBSTEPS` or on average `USUAL_SUBSTEPS`.
-
-        Raises
-        ------
-        InputError
-            Body rates (rad/s) at these times (s) that take too many substeps.
-        """
-        turned = turns(rates[:-1], np.diff(time))
-        if substeps(float(turned.max(initial=0.0)), self._tolerance) <= USUAL_SUBSTEPS:
-            return  # nearly always, and long recordings have many steps
-        counts = np.array([substeps(turn, self._tolerance) for turn in turned.tolist()])
-        if counts.max(initial=0) <= MAX_SUBSTEPS and counts.sum() <= max(
-            MOST_SUBSTEPS, USUAL_SUBSTEPS * len(counts)
-        ):
-            return
-        k = int(turned.argmax())
-        raise InputError(
-            f"the body turns {turned[k] / (2 * np.pi):.3g} times from t = {time[k]:.9g} s to {time[k + 1]:.9g} s, too far to be "
-            f"followed at process.tolerance {self._tolerance:g}; correct rates, times or units (--clock), or cut the recording"
-        )
-
-    def noise_covariance(self, x: Float[np.ndarray, " m"], dt: float) -> Float[np.ndarray, "n n"]:
-        """Q (n, n) of the multiplicative error over dt s from x."""
-        factor = self.linearise(x, dt).noise_factor
-        return factor @ factor.T
-
-    @property
-    def _densities(self) -> Float[np.ndarray, " 2"]:
-        return np.array([self.noise.force_psd, self.noise.torque_psd])
 
 
 @cache

@@ -256,10 +256,6 @@ GYRO_SCALE: Final = StateBlock(
 )
 
 
-def _linear_drag_coefficient(point: Expression) -> Expression:
-    return point
-
-
 LINEAR_DRAG: Final = StateBlock(
     name="l",
     rank=11,

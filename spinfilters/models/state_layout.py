@@ -55,11 +55,33 @@ class StateLayout:
         return tuple(BLOCKS[name] for name in self.blocks)
 
     def has(self, block: StateBlock) -> bool:
-        """Whether it holds a block."""
+        """Whether it holds a block.
+
+        Parameters
+        ----------
+        block : StateBlock
+            The block, or its name.
+
+        Returns
+        -------
+        bool
+            Whether the layout has it.
+        """
         return block.name in self.blocks
 
     def joined(self, *blocks: StateBlock) -> "StateLayout":
-        """The layout with these blocks too."""
+        """The layout with these blocks too.
+
+        Parameters
+        ----------
+        blocks : StateBlock
+            Blocks to add; those that are there already change nothing.
+
+        Returns
+        -------
+        StateLayout
+            Blocks in the order of `BLOCKS`.
+        """
         wanted = {*self.blocks, *(block.name for block in blocks)}
         return StateLayout(tuple(name for name in BLOCKS if name in wanted))
 
@@ -105,38 +127,132 @@ class StateLayout:
         return sum(block.mean_size for block in self.members)
 
     def slice(self, block: str) -> builtins.slice:
-        """Slice of a block in an error vector."""
+        """Slice of a block in an error vector.
+
+        Parameters
+        ----------
+        block : str
+            Name of a block of the layout.
+
+        Returns
+        -------
+        builtins.slice
+            Of the block's components.
+        """
         return self._error_slices[block]
 
     def mean_slice(self, block: str) -> builtins.slice:
-        """Slice of a block in a point."""
+        """Slice of a block in a point.
+
+        Parameters
+        ----------
+        block : str
+            Name of a block of the layout.
+
+        Returns
+        -------
+        builtins.slice
+            Of the block's components; those of the attitude hold a quaternion.
+        """
         return self._mean_slices[block]
 
     def block_of(self, component: int) -> StateBlock:
-        """The block to which a component of the error belongs."""
+        """The block to which a component of the error belongs.
+
+        Parameters
+        ----------
+        component : int
+            Number of a component of the error, from 0.
+
+        Returns
+        -------
+        StateBlock
+            The block that it belongs to.
+        """
         return next(block for block in self.members if component < self.slice(block.name).stop)
 
     def unpack(self, x: Expression) -> dict[str, Expression]:
-        """Blocks of a symbolic point by `StateBlock.symbol`: their names, and ``q`` of the attitude."""
+        """Blocks of a symbolic point by `StateBlock.symbol`: their names, and ``q`` of the attitude.
+
+        Parameters
+        ----------
+        x : Expression
+            Point, (mean_dim,).
+
+        Returns
+        -------
+        dict[str, Expression]
+            Expression of each block.
+        """
         return {block.symbol: x[self.mean_slice(block.name)] for block in self.members}
 
     def pack(self, values: dict[str, Expression]) -> Expression:
-        """The inverse of `unpack`."""
+        """The inverse of `unpack`.
+
+        Parameters
+        ----------
+        values : dict[str, Expression]
+            Expression of each block, by its symbol.
+
+        Returns
+        -------
+        Expression
+            Point, (mean_dim,).
+        """
         return ca.vertcat(*[values[block.symbol] for block in self.members])
 
     def retract_expression(self, x: Expression, d: Expression) -> Expression:
-        """x [+] d, symbolically."""
+        """x [+] d, symbolically.
+
+        Parameters
+        ----------
+        x : Expression
+            Point, (mean_dim,).
+        d : Expression
+            Error, (error_dim,).
+
+        Returns
+        -------
+        Expression
+            Point at that error from x; its quaternion is not normalised again.
+        """
         parts = []
         for block in self.members:
             parts.append(block.chart.retract(x[self.mean_slice(block.name)], d[self.slice(block.name)]))
         return ca.vertcat(*parts)
 
     def local_expression(self, x: Expression, y: Expression) -> Expression:
-        """y [-] x, the error that takes x to y, symbolically; the attitude error goes the short way round."""
+        """y [-] x, the error that takes x to y, symbolically; the attitude error goes the short way round.
+
+        Parameters
+        ----------
+        x : Expression
+            Point from which the error is counted, (mean_dim,).
+        y : Expression
+            Point to which it leads, (mean_dim,).
+
+        Returns
+        -------
+        Expression
+            Error, (error_dim,).
+        """
         return self._difference(x, y, [block.chart.local for block in self.members])
 
     def near_local_expression(self, x: Expression, y: Expression) -> Expression:
-        """`local_expression` to first order at y = x: the same derivative there, and a shorter expression."""
+        """`local_expression` to first order at y = x: the same derivative there, and a shorter expression.
+
+        Parameters
+        ----------
+        x : Expression
+            Point from which the error is counted, (mean_dim,).
+        y : Expression
+            Point near x, (mean_dim,).
+
+        Returns
+        -------
+        Expression
+            Error to first order, (error_dim,).
+        """
         return self._difference(x, y, [block.chart.near_local for block in self.members])
 
     def _difference(self, x: Expression, y: Expression, how: list[PointAndError]) -> Expression:
@@ -146,17 +262,54 @@ class StateLayout:
     def retract(
         self, x: Float[np.ndarray, "*batch m"], d: Float[np.ndarray, "*batch n"]
     ) -> Float[np.ndarray, "*batch m"]:
-        """The point that lies at error ``d`` from ``x``, its quaternion normalised."""
+        """The point that lies at error ``d`` from ``x``, its quaternion normalised.
+
+        Parameters
+        ----------
+        x : ndarray of float, shape (..., m)
+            Points.
+        d : ndarray of float, shape (..., n)
+            Errors, each of its point or one of all.
+
+        Returns
+        -------
+        ndarray of float, shape (..., m)
+            Points at these errors.
+        """
         return self._retract(x, d)[0]
 
     def local(
         self, x: Float[np.ndarray, "*batch m"], y: Float[np.ndarray, "*batch m"]
     ) -> Float[np.ndarray, "*batch n"]:
-        """The error that takes ``x`` to ``y``."""
+        """The error that takes ``x`` to ``y``.
+
+        Parameters
+        ----------
+        x : ndarray of float, shape (..., m)
+            Points from which errors are counted.
+        y : ndarray of float, shape (..., m)
+            Points to which they lead.
+
+        Returns
+        -------
+        ndarray of float, shape (..., n)
+            Errors; that of an attitude goes the short way round.
+        """
         return self._local(x, y)[0]
 
     def reset_jacobian(self, d: Float[np.ndarray, "*batch n"]) -> Float[np.ndarray, "*batch n n"]:
-        """Derivative of the error about retract(x, d) with respect to the error about x, at d."""
+        """Derivative of the error about retract(x, d) with respect to the error about x, at d.
+
+        Parameters
+        ----------
+        d : ndarray of float, shape (..., n)
+            Errors that have been folded into a point.
+
+        Returns
+        -------
+        ndarray of float, shape (..., n, n)
+            Derivatives, the identity for blocks whose errors add.
+        """
         return self._reset(d)[0]
 
     @cached_property
@@ -190,7 +343,13 @@ class StateLayout:
         return self._reset
 
     def origin(self) -> Float[np.ndarray, " m"]:
-        """The point with identity attitude and zeros elsewhere."""
+        """The point with identity attitude and zeros elsewhere.
+
+        Returns
+        -------
+        ndarray of float, shape (m,)
+            Point of the layout.
+        """
         return np.array([number for block in self.members for number in block.origin])
 
 

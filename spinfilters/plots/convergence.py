@@ -44,8 +44,12 @@ class ConvergingQuantity:
 
     Attributes
     ----------
-    label, unit: of both.   distance: (f, f) length of the error, or of what differs from the last solve; solves by epochs.
-    std: (f, f) of that length: the root of the sum of the axes' variances.
+    label, unit : str
+        Of both.
+    distance : ndarray of float, shape (f, f)
+        Length of the error, or of what differs from the last solve; solves by epochs.
+    std : ndarray of float, shape (f, f)
+        Standard deviation of that length: the root of the sum of the axes' variances.
     """
 
     label: str
@@ -60,10 +64,20 @@ class Convergence:
 
     Attributes
     ----------
-    time: (f,) s of the epochs.   quantities: a row of panels each.   bodies: after every solve.
-    trusted: (f,) which solves the smoother vouched for.
-    known: whether distances are from the truth, or from the last solve.
-    true_ratios: k1, k2.   true_center: (3,) m in g; None where it is not known.
+    time : ndarray of float, shape (f,)
+        Times of the epochs, s.
+    quantities : sequence of ConvergingQuantity
+        A row of panels each.
+    bodies : BodyHistory
+        After every solve.
+    trusted : ndarray of bool, shape (f,)
+        Which solves the smoother vouched for.
+    known : bool
+        Whether distances are from the truth, or from the last solve.
+    true_ratios : ndarray of float, shape (2,) or None
+        k1, k2.
+    true_center : ndarray of float, shape (3,) or None
+        In g, m; None where it is not known.
     """
 
     time: Float[np.ndarray, " f"]
@@ -79,6 +93,16 @@ def convergence_figure(found: Convergence) -> Figure:
     """Convergence as surfaces and curves over the solves.
 
     Rows: quantities, error and standard deviation; last the body's constants.
+
+    Parameters
+    ----------
+    found : Convergence
+        Distances and deviations after every solve.
+
+    Returns
+    -------
+    Figure
+        Not yet saved or shown.
     """
     rows = len(found.quantities) + 1
     figure = Figure(figsize=(13.5, 2.6 * rows + 0.8), layout="constrained")

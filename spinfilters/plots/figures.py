@@ -34,7 +34,16 @@ if TYPE_CHECKING:
 class FigureData:
     """Data of all figures of a run.
 
-    Evaluations of one data set, the landmarks (k, 3) if any, and sentences on its conditions.
+    Attributes
+    ----------
+    dataset : Dataset
+        That all estimators took.
+    evaluations : sequence of Evaluation
+        One for each estimator.
+    map_points : ndarray of float, shape (k, 3) or None
+        Landmarks of the first estimator, m, frame g; None without any.
+    conditions : sequence of str
+        Sentences on the map, the seed and the noise.
     """
 
     dataset: Dataset
@@ -77,7 +86,12 @@ class FigureEntry(ABC):
 
     Attributes
     ----------
-    name: as in ``run.figure(name)``, and of its PNG file.   caption: what it shows, a sentence.   order: of the table.
+    name : str
+        As in ``run.figure(name)``, and of its PNG file.
+    caption : str
+        What it shows, a sentence.
+    order : int
+        Of the table.
     """
 
     name: str
@@ -85,16 +99,51 @@ class FigureEntry(ABC):
     order: int = 100
 
     def names(self, estimators: Sequence[str]) -> tuple[str, ...]:
-        """Names of the figures in a run of these estimators; one, unless it draws each estimator by itself."""
+        """Names of the figures in a run of these estimators; one, unless it draws each estimator by itself.
+
+        Parameters
+        ----------
+        estimators : sequence of str
+            Names of the estimators of the run.
+
+        Returns
+        -------
+        tuple[str, ...]
+            Names, without the suffix of a file.
+        """
         return (self.name,)
 
     def lacks(self, shown: FigureData) -> str | None:
-        """Noun for what the figure needs and a run lacks; None where it can be drawn."""
+        """Noun for what the figure needs and a run lacks; None where it can be drawn.
+
+        Parameters
+        ----------
+        shown : FigureData
+            Data of the run.
+
+        Returns
+        -------
+        str or None
+            Such as "truth", for a message.
+        """
         return None
 
     @abstractmethod
     def draw(self, shown: FigureData, name: str) -> "Figure":
-        """The figure of one of its names."""
+        """The figure of one of its names.
+
+        Parameters
+        ----------
+        shown : FigureData
+            Data of the run.
+        name : str
+            One of `names`.
+
+        Returns
+        -------
+        Figure
+            Not yet saved or shown.
+        """
 
 
 class SummaryFigure(FigureEntry):
@@ -219,13 +268,29 @@ def figure_entries() -> list[FigureEntry]:
     """All figures, in their order: these, and those of the entry points ``spinfilters.figures``.
 
     InputError: a plug-in that cannot be loaded, a name that stands twice.
+
+    Returns
+    -------
+    list of FigureEntry
+        Members of the table, sorted by ``order``.
     """
     others = installed_plugins("spinfilters.figures", FigureEntry)
     return list(entries_by_name(in_order((*OWN, *others)), "figure").values())
 
 
 def picture_files(estimators: Sequence[str]) -> list[str]:
-    """Files of the figures of a run of these estimators."""
+    """Files of the figures of a run of these estimators.
+
+    Parameters
+    ----------
+    estimators : sequence of str
+        Names of the estimators of the run.
+
+    Returns
+    -------
+    list of str
+        Names of PNG files.
+    """
     return [f"{name}.png" for entry in figure_entries() for name in entry.names(estimators)]
 
 
@@ -235,7 +300,24 @@ def draw_run(
     progress: Callable[[int, int], None],
     wanted: Container[str] | None = None,
 ) -> list[str]:
-    """Draw all or the wanted figures of a run as PNG files; returns names."""
+    """Draw all or the wanted figures of a run as PNG files; returns names.
+
+    Parameters
+    ----------
+    figure_data : FigureData
+        Data of the run.
+    folder : Path
+        Of the run.
+    progress : Callable[[int, int], None]
+        Called with figures done and figures in all.
+    wanted : Container[str] or None
+        Names of the files to draw; None for all.
+
+    Returns
+    -------
+    list of str
+        Names of the files that were drawn.
+    """
     from spinfilters.plots.style import draw_figure
 
     every = {f"{name}.png": draw for name, draw in _figures(figure_data)}
@@ -251,9 +333,22 @@ def draw_run(
 def drawn_figure(figure_data: FigureData, name: str) -> "Figure":
     """One figure of a run; a note where its numbers cannot be drawn.
 
+    Parameters
+    ----------
+    figure_data : FigureData
+        Data of the run.
+    name : str
+        Of a figure, without the suffix of its file.
+
+    Returns
+    -------
+    Figure
+        Not yet saved or shown.
+
     Raises
     ------
-    InputError: no such figure, or one that needs what the run does not have.
+    InputError
+        No such figure, or one that needs what the run does not have.
     """
     from spinfilters.plots.style import drawn
 

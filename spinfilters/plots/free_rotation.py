@@ -76,6 +76,11 @@ def cones_figure(moments: Float[np.ndarray, "3"], rate: Float[np.ndarray, "3"]) 
         Principal moments, kg m^2.
     rate : Float[np.ndarray, "3"]
         Body rate at t = 0 in principal axes, rad/s.
+
+    Returns
+    -------
+    Figure
+        Not yet saved or shown.
     """
     motion, circular = rolling_motion(moments, rate), cones(moments, rate)
     body = (
@@ -127,6 +132,11 @@ def stability_figure(moments: Float[np.ndarray, "3"], spin_rate: float, disturba
         Rate about each axis in turn, rad/s; not zero.
     disturbance : float
         Rate about the other two axes, as a part of ``spin_rate``.
+
+    Returns
+    -------
+    Figure
+        Not yet saved or shown.
     """
     figure = Figure(figsize=(8.0, 7.4), layout="constrained")
     panels = figure.subplots(3, 1, sharex=True)
@@ -158,6 +168,11 @@ def spin_threshold_figure(
         Missions by name; at least one.
     rates : mapping, optional
         Rates of targets to mark, rad/s by name.
+
+    Returns
+    -------
+    Figure
+        Not yet saved or shown.
     """
     figure = Figure(figsize=(max(6.4, 5.2 * len(missions)), 4.8), layout="constrained")
     panels = figure.subplots(1, len(missions), squeeze=False)[0]

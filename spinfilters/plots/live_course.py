@@ -34,9 +34,20 @@ class LiveCourse:
 
     Attributes
     ----------
-    time: (n,) s of the epochs.   rate, rate_std: (n, 3) rad/s along the axes of g.
-    latency: (n,) s from arrival to answer.   smoothed: (n,) whether the filter stood on a smoothed past.
-    ok: (n,) whether the verdict was.   deadline: s.   stride: answers of which the slowest stands for all.
+    time : ndarray of float, shape (n,)
+        Times of the epochs, s.
+    rate, rate_std : ndarray of float, shape (n, 3)
+        Along the axes of g, rad/s.
+    latency : ndarray of float, shape (n,)
+        From arrival to answer, s.
+    smoothed : ndarray of bool, shape (n,)
+        Whether the filter stood on a smoothed past.
+    ok : ndarray of bool, shape (n,)
+        Whether the verdict was ``ok``.
+    deadline : float
+        Latency that is allowed, s.
+    stride : int
+        Answers of which the slowest stands for all.
     """
 
     time: Float[np.ndarray, " n"]
@@ -50,7 +61,18 @@ class LiveCourse:
 
 
 def live_figure(course: LiveCourse) -> Figure:
-    """Three panels over time: rates with their bands, latencies with the deadline, source and verdict."""
+    """Three panels over time: rates with their bands, latencies with the deadline, source and verdict.
+
+    Parameters
+    ----------
+    course : LiveCourse
+        Answers of a live run.
+
+    Returns
+    -------
+    Figure
+        Not yet saved or shown.
+    """
     if not len(course.time):
         return note_figure("no epoch was answered")
     figure = Figure(figsize=(10.0, 7.2), layout="constrained")

@@ -21,7 +21,24 @@ def calibration_figure(
     disparity: Float[np.ndarray, "h w"],
     view_errors: Float[np.ndarray, "v 2"],
 ) -> Figure:
-    """Four panels: rectified left and right image, disparity (px), rms of each view (px)."""
+    """Four panels: rectified left and right image, disparity (px), rms of each view (px).
+
+    Parameters
+    ----------
+    left : ndarray of uint8, shape (h, w)
+        Rectified image, grey values.
+    right : ndarray of uint8, shape (h, w)
+        Rectified image, grey values.
+    disparity : ndarray of float, shape (h, w)
+        px, not finite where there is none.
+    view_errors : ndarray of float, shape (v, 2)
+        Root mean square error of each view, px.
+
+    Returns
+    -------
+    Figure
+        Not yet saved or shown.
+    """
     figure = Figure(figsize=(11.0, 8.0), layout="constrained")
     panels = figure.subplots(2, 2).ravel()
     for axes, image, name in zip(panels, (left, right), ("left", "right"), strict=False):
@@ -56,6 +73,18 @@ def scan_figure(scan: Scan, title: str) -> Figure:
     """Returns as azimuth and elevation, deg, and in space, m.
 
     Colour: the intensity, or the range where all are alike.
+
+    Parameters
+    ----------
+    scan : Scan
+        Returns of one scan.
+    title : str
+        Of the figure.
+
+    Returns
+    -------
+    Figure
+        Not yet saved or shown.
     """
     figure = Figure(figsize=(11, 5), layout="constrained")
     flat, space = figure.add_subplot(1, 2, 1), figure.add_subplot(1, 2, 2, projection="3d")
@@ -87,7 +116,19 @@ def scan_accuracy_figure(stds: Float[np.ndarray, " n"], asked: float, needed: in
 
     Parameters
     ----------
-    stds: of the first 1, 2, ... n scans, rad.   asked: standard deviation, rad.   needed: scans that it takes.
+    title : str
+        Of the figure.
+    stds : ndarray of float, shape (n,)
+        Of the first 1, 2, ... n scans, rad.
+    asked : float
+        Standard deviation, rad.
+    needed : int
+        Scans that it takes.
+
+    Returns
+    -------
+    Figure
+        Not yet saved or shown.
     """
     figure = Figure(figsize=(7, 4.5), layout="constrained")
     axes, count = figure.add_subplot(), np.arange(1, len(stds) + 1)

@@ -39,7 +39,20 @@ BRIGHT: Final = 0.6
 
 
 def observability_figure(found: Report, title: str) -> Figure:
-    """Ranks by order with the verdict, beside the Cramer-Rao bound of every quantity over time, s."""
+    """Ranks by order with the verdict, beside the Cramer-Rao bound of every quantity over time, s.
+
+    Parameters
+    ----------
+    found : Report
+        Result of the analysis.
+    title : str
+        Of the figure.
+
+    Returns
+    -------
+    Figure
+        Not yet saved or shown.
+    """
     figure = Figure(figsize=(11.0, 6.6), layout="constrained")
     panels = figure.subplot_mosaic([["names", "names"], ["ranks", "bounds"]], height_ratios=(0.14, 1.0))
     names, ranks, bounds = (panels[name] for name in ("names", "ranks", "bounds"))
@@ -54,7 +67,20 @@ def observability_figure(found: Report, title: str) -> Figure:
 
 
 def study_figure(study: BoundStudy, title: str) -> Figure:
-    """Bound against duration, frame rate, landmarks, and as a map over the direction of the rate."""
+    """Bound against duration, frame rate, landmarks, and as a map over the direction of the rate.
+
+    Parameters
+    ----------
+    study : BoundStudy
+        Bounds over the conditions.
+    title : str
+        Of the figure.
+
+    Returns
+    -------
+    Figure
+        Not yet saved or shown.
+    """
     panels = len(study.curves) + 1
     figure = Figure(figsize=(11.0, 8.4 if panels > 2 else 4.4), layout="constrained")
     axes = figure.subplots(2 if panels > 2 else 1, 2).ravel()
@@ -179,7 +205,15 @@ def conditioning_figure(
 
     Parameters
     ----------
-    time_step, alpha: a time step, s, to mark, and a unit of velocity, 1/s.
+    rate : ndarray of float, shape (3,)
+        Of the body, rad/s.
+    time_step, alpha
+        A time step, s, to mark, and a unit of velocity, 1/s.
+
+    Returns
+    -------
+    Figure
+        Not yet saved or shown.
     """
     figure = Figure(figsize=(11.0, 8.4), layout="constrained")
     over_time, ellipses, units, whole = figure.subplots(2, 2).ravel()
@@ -199,6 +233,16 @@ def covariance_figure(found: Sequence[CovarianceConditioning]) -> Figure:
     """Condition number of every estimator's covariance over its epochs.
 
     Panels: in SI, in fixed units, in units of its own deviations.
+
+    Parameters
+    ----------
+    found : sequence of CovarianceConditioning
+        One for each estimator.
+
+    Returns
+    -------
+    Figure
+        Not yet saved or shown.
     """
     figure = Figure(figsize=(11.0, 0.8 + 3.2 * len(found)), layout="constrained")
     panels = figure.subplots(len(found), 1, squeeze=False, sharex=True)[:, 0]

@@ -32,7 +32,17 @@ def page(parts: Mapping[str, str], title: str, script: str = "") -> str:
 
     Parameters
     ----------
-    script: the only one that a browser runs on the page; its hash stands in the page's policy.
+    parts : Mapping[str, str]
+        HTML of each section, by its heading.
+    title : str
+        Of the page.
+    script : str
+        The only one that a browser runs on the page; its hash stands in the page's policy.
+
+    Returns
+    -------
+    str
+        The whole document.
     """
     body = "".join(f"<section><h2>{escape(head)}</h2>{inner}</section>" for head, inner in parts.items())
     policy = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
@@ -49,14 +59,40 @@ def page(parts: Mapping[str, str], title: str, script: str = "") -> str:
 
 
 def image(data: bytes, words: str, kind: str = "png") -> str:
-    """A picture within the page."""
+    """A picture within the page.
+
+    Parameters
+    ----------
+    data : bytes
+        Content of a picture file.
+    words : str
+        Text in place of the picture.
+    kind : str
+        Its format.
+
+    Returns
+    -------
+    str
+        HTML of the picture.
+    """
     return (
         f'<p><img alt="{escape(words)}" src="data:image/{kind};base64,{base64.b64encode(data).decode()}"></p>'
     )
 
 
 def facts(told: Mapping[str, str]) -> str:
-    """Table of names with their values."""
+    """Table of names with their values.
+
+    Parameters
+    ----------
+    told : Mapping[str, str]
+        Values by their names.
+
+    Returns
+    -------
+    str
+        HTML of the table.
+    """
     rows = "".join(
         f"<tr><td>{escape(name)}</td><td>{escape(value)}</td></tr>" for name, value in told.items()
     )
@@ -64,7 +100,22 @@ def facts(told: Mapping[str, str]) -> str:
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]], words: int) -> str:
-    """A table of cells that are HTML already; the first ``words`` columns are text."""
+    """A table of cells that are HTML already; the first ``words`` columns are text.
+
+    Parameters
+    ----------
+    head : sequence of str
+        Cells of the heading.
+    rows : Sequence[sequence of str]
+        Cells of every row.
+    words : int
+        Number of leading columns that are text.
+
+    Returns
+    -------
+    str
+        HTML of the table.
+    """
     left = ' style="text-align:left"'
     top = "".join(f"<th{left if k < words else ''}>{escape(name)}</th>" for k, name in enumerate(head))
     body = "".join(
@@ -77,12 +128,36 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]], words: int) -> str
 
 
 def details(words: str, text: str) -> str:
-    """Collapsible text."""
+    """Collapsible text.
+
+    Parameters
+    ----------
+    words : str
+        Heading that unfolds it.
+    text : str
+        What it holds, plain text.
+
+    Returns
+    -------
+    str
+        HTML of both.
+    """
     return f"<details><summary>{escape(words)}</summary><pre>{escape(text)}</pre></details>"
 
 
 def note(text: str) -> str:
-    """A remark."""
+    """A remark.
+
+    Parameters
+    ----------
+    text : str
+        Plain text.
+
+    Returns
+    -------
+    str
+        HTML of a paragraph.
+    """
     return f'<p class="note">{escape(text)}</p>'
 
 
@@ -97,7 +172,14 @@ _SIZE = 900, 640
 class ShownMotion:
     """Poses of the principal axes in frame i.
 
-    ``time`` (n,) s, ``rotation`` (n, 3, 3) R_ip, ``position`` (n, 3) m.
+    Attributes
+    ----------
+    time : ndarray of float, shape (n,)
+        Stamps, s.
+    rotation : ndarray of float, shape (n, 3, 3)
+        R_ip, from principal axes to i.
+    position : ndarray of float, shape (n, 3)
+        Of the centre of mass, m.
     """
 
     time: Float[np.ndarray, " n"]
@@ -111,7 +193,12 @@ class ShownModel:
 
     Attributes
     ----------
-    vertices: (v, 3) m, principal axes.   triangles: (f, 3), anticlockwise seen from outside, or none.   grey: (v,) 0..255.
+    vertices : ndarray of float, shape (v, 3)
+        In principal axes, m.
+    triangles : ndarray of int, shape (f, 3)
+        Anticlockwise seen from outside, or none.
+    grey : ndarray of float, shape (v,)
+        From 0 to 255.
     """
 
     vertices: Float[np.ndarray, "v 3"]
@@ -120,12 +207,31 @@ class ShownModel:
 
 
 def model_script() -> str:
-    """The script of a page with a model, for `spinfilters.plots.page.page`."""
+    """The script of a page with a model, for `spinfilters.plots.page.page`.
+
+    Returns
+    -------
+    str
+        JavaScript.
+    """
     return files("spinfilters.plots").joinpath("model_view.js").read_text(encoding="utf-8")
 
 
 def model_view(model: ShownModel, motion: ShownMotion) -> str:
-    """HTML of a canvas, its buttons and its data; a page has one at most."""
+    """HTML of a canvas, its buttons and its data; a page has one at most.
+
+    Parameters
+    ----------
+    model : ShownModel
+        Vertices and triangles in principal axes.
+    motion : ShownMotion
+        Rotation and position over time.
+
+    Returns
+    -------
+    str
+        HTML of the canvas.
+    """
     document = json.dumps(_document(model, motion), allow_nan=False)
     width, height = _SIZE
     return (

@@ -37,7 +37,22 @@ from spinfilters.plots.style import (
 
 
 def space_figure(width: float, height: float) -> tuple[Figure, Axes3D]:
-    """A figure (inches) with three-dimensional axes that draw in the order of zorder."""
+    """A figure (inches) with three-dimensional axes that draw in the order of zorder.
+
+    Parameters
+    ----------
+    width : float
+        Inches.
+    height : float
+        Inches.
+
+    Returns
+    -------
+    figure : Figure
+        With one panel.
+    axes : Axes3D
+        Its axes.
+    """
     figure = Figure(figsize=(width, height), layout="constrained")
     axes = figure.add_subplot(projection="3d", computed_zorder=False)
     assert isinstance(axes, Axes3D)
@@ -45,7 +60,17 @@ def space_figure(width: float, height: float) -> tuple[Figure, Axes3D]:
 
 
 def equal_scales(axes: Axes3D, points: Float[np.ndarray, "n 3"], zoom: float = 0.9) -> None:
-    """Limits that hold all points at the same scale along all axes, and few ticks."""
+    """Limits that hold all points at the same scale along all axes, and few ticks.
+
+    Parameters
+    ----------
+    axes : Axes3D
+        Three-dimensional.
+    points : ndarray of float, shape (n, 3)
+        In the units of the axes.
+    zoom : float
+        Size of the box within its panel.
+    """
     low, high = points.min(axis=0), points.max(axis=0)
     least = 0.25 * float((high - low).max()) or 1.0
     middle, half = (low + high) / 2, 0.54 * np.maximum(high - low, least)
@@ -57,19 +82,52 @@ def equal_scales(axes: Axes3D, points: Float[np.ndarray, "n 3"], zoom: float = 0
 
 
 def draw_ellipsoid(axes: Axes3D, semi_axes: Float[np.ndarray, "3"], colour: str) -> None:
-    """A translucent ellipsoid about the origin."""
+    """A translucent ellipsoid about the origin.
+
+    Parameters
+    ----------
+    axes : Axes3D
+        Three-dimensional.
+    semi_axes : ndarray of float, shape (3,)
+        Along the axes, in their unit.
+    colour : str
+        Of matplotlib.
+    """
     axes.plot_surface(*_ellipsoid(semi_axes), color=colour, alpha=0.2, linewidth=0, rstride=1, cstride=1)
 
 
 def draw_wires(axes: Axes3D, semi_axes: Float[np.ndarray, "3"], colour: str) -> None:
-    """Meridians and parallels of an ellipsoid about the origin."""
+    """Meridians and parallels of an ellipsoid about the origin.
+
+    Parameters
+    ----------
+    axes : Axes3D
+        Three-dimensional.
+    semi_axes : ndarray of float, shape (3,)
+        Along the axes, in their unit.
+    colour : str
+        Of matplotlib.
+    """
     axes.plot_wireframe(
         *_ellipsoid(semi_axes), color=colour, alpha=0.6, linewidth=0.7, rstride=4, cstride=4, zorder=2
     )
 
 
 def frustum_edges(rig: Rig, depth: float) -> Float[np.ndarray, "8 2 3"]:
-    """Edges of the left camera's field of view down to a depth (m), in camera axes."""
+    """Edges of the left camera's field of view down to a depth (m), in camera axes.
+
+    Parameters
+    ----------
+    rig : Rig
+        Calibration of the camera.
+    depth : float
+        Of the far end, m.
+
+    Returns
+    -------
+    ndarray of float, shape (8, 2, 3)
+        Begin and end of every edge, m, camera axes.
+    """
     corners = np.array(
         [[0, 0], [rig.left.width, 0], [rig.left.width, rig.left.height], [0, rig.left.height]], dtype=float
     )
@@ -100,13 +158,32 @@ _REVOLUTIONS = 4  # of the paths of axes: more is a ball of wool
 
 @dataclass(frozen=True)
 class DrawnCamera:
-    """Calibration of the camera and its known trajectory in i, which is None where it rests in the origin."""
+    """The camera of a scene.
+
+    Attributes
+    ----------
+    rig : Rig
+        Its calibration.
+    inspector : CameraTrajectory or None
+        Its known trajectory in i; None where it rests in the origin.
+    """
 
     rig: Rig
     inspector: CameraTrajectory | None = None
 
     def poses(self, time: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 7"]:
-        """(t_ic m, q_ic) at these times, s; beyond the known trajectory its end."""
+        """(t_ic m, q_ic) at these times, s; beyond the known trajectory its end.
+
+        Parameters
+        ----------
+        time : ndarray of float, shape (n,)
+            Times, s.
+
+        Returns
+        -------
+        ndarray of float, shape (n, 7)
+            Position in i, m, and attitude.
+        """
         if self.inspector is None:
             return np.tile([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], (len(time), 1))
         return self.inspector.at(np.clip(time, self.inspector.time[0], self.inspector.time[-1]))
@@ -127,15 +204,29 @@ def scene_figure(
 
     Parameters
     ----------
-    camera: drawn at the last epoch when given, with its path where it moves.   map_points: landmarks, m, frame g.
-    initialisation: how many of the first epochs a smoother made for a filter; dotted.
+    trajectory : Trajectory
+        Motion of the body.
+    body : BodyEstimate
+        After the last epoch.
+    camera : DrawnCamera or None
+        Drawn at the last epoch when given, with its path where it moves.
+    map_points : ndarray of float, shape (k, 3) or None
+        Landmarks, m, frame g.
+    initialisation : int
+        How many of the first epochs a smoother made for a filter; dotted.
+
+    Returns
+    -------
+    Figure
+        Not yet saved or shown.
     """
     held = np.flatnonzero(trajectory.is_finite)
     centre = np.zeros(3) if body.center_of_mass_g is None else body.center_of_mass_g
     if not held.size or not np.isfinite([*body.principal_axes_g, centre]).all():
         return note_figure("No scene: the body at the end is not finite")
     initialisation = int(np.searchsorted(held, initialisation))
-    trajectory, map_points = trajectory.at(held), _or_none(map_points)
+    trajectory = trajectory.at(held)
+    map_points = map_points if map_points is not None and len(map_points) else None
     if not trajectory.sees_position:
         return _directions_figure(trajectory, body, initialisation)
     figure, axes = space_figure(9.4, 7.4)
@@ -157,11 +248,6 @@ def scene_figure(
 
 def _moves(camera: DrawnCamera | None) -> bool:
     return camera is not None and camera.inspector is not None
-
-
-def _or_none(points: Float[np.ndarray, "k 3"] | None) -> Float[np.ndarray, "k 3"] | None:
-    """None of no points."""
-    return points if points is not None and len(points) else None
 
 
 def _title(time: Float[np.ndarray, " n"], has_landmarks: bool) -> str:
@@ -310,7 +396,17 @@ def estimated_polhode_figure(rates: BodyRates, body: BodyEstimate, initialisatio
 
     Parameters
     ----------
-    initialisation: how many of the first epochs a smoother made for a filter; hollow.
+    rates : BodyRates
+        In axes g.
+    body : BodyEstimate
+        After the last epoch.
+    initialisation : int
+        How many of the first epochs a smoother made for a filter; hollow.
+
+    Returns
+    -------
+    Figure
+        Not yet saved or shown.
     """
     path = np.rad2deg(rates.in_axes(body.principal_axes_g).rate)
     if not np.isfinite(path[-1]).all():
@@ -328,24 +424,25 @@ def estimated_polhode_figure(rates: BodyRates, body: BodyEstimate, initialisatio
     extent = np.maximum(curve.energy_semi_axes, curve.momentum_semi_axes)
     equal_scales(axes, np.stack([-extent, extent]), zoom=1.0)
     axes.view_init(elev=22, azim=-52)
-    _label_moments(axes)
-    axes.set_title(f"{rates.label.upper()}: rate goes {curve.kind.value}\n{_moments(body)}")
+    for axis, name in zip((axes.xaxis, axes.yaxis, axes.zaxis), PRINCIPAL_NAMES, strict=True):
+        axis.set_label_text(f"{name} axis [deg/s]")
+        axis.labelpad = 8.0
+    minor, middle, _ = body.principal_moments
+    moments = f"moments of inertia {minor:.3f} : {middle:.3f} : 1"
+    axes.set_title(f"{rates.label.upper()}: rate goes {curve.kind.value}\n{moments}")
+    hollow = Line2D(
+        [], [], linestyle="none", marker="o", color=PURPLE, markerfacecolor="none", label=INITIALISATION
+    )
     legend_below(
         figure,
         [
             Patch(color=BLUE, alpha=0.35, label="constant energy"),
             Line2D([], [], color=RED, linewidth=0.7, label="constant momentum"),
             Line2D([], [], color=BLACK, linewidth=1.6, label="polhode of the last rate (both branches)"),
-            *([_hollow()] if initialisation else []),
+            *([hollow] if initialisation else []),
         ],
     )
     return figure
-
-
-def _label_moments(axes: Axes3D) -> None:
-    for axis, name in zip((axes.xaxis, axes.yaxis, axes.zaxis), PRINCIPAL_NAMES, strict=True):
-        axis.set_label_text(f"{name} axis [deg/s]")
-        axis.labelpad = 8.0
 
 
 def _draw_rates(
@@ -359,14 +456,3 @@ def _draw_rates(
     before, own = path[time < begin], path[time >= begin]
     axes.scatter(*before.T, s=16, facecolors="none", edgecolors=PURPLE, depthshade=False, zorder=4)
     return axes.scatter(*own.T, c=time[time >= begin], cmap="cividis", s=18, depthshade=False, zorder=5)
-
-
-def _hollow() -> Line2D:
-    return Line2D(
-        [], [], linestyle="none", marker="o", color=PURPLE, markerfacecolor="none", label=INITIALISATION
-    )
-
-
-def _moments(body: BodyEstimate) -> str:
-    minor, middle, _ = body.principal_moments
-    return f"moments of inertia {minor:.3f} : {middle:.3f} : 1"

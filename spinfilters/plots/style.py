@@ -58,7 +58,19 @@ _RANDOM: Final[dict[str, Any]] = {"linewidth": 0.7, "linestyle": ":"}
 
 @dataclass(frozen=True)
 class EstimatorLine:
-    """Line style of one estimator in every panel of a figure."""
+    """Line style of one estimator in every panel of a figure.
+
+    Attributes
+    ----------
+    name : str
+        Of the estimator.
+    color : str
+        Of its lines and bands.
+    dashes : tuple
+        Offset and lengths, in widths of the line, as matplotlib takes them.
+    width : float
+        Of the line, points.
+    """
 
     name: str
     color: str
@@ -66,16 +78,50 @@ class EstimatorLine:
     width: float
 
     def draw(self, axes: Axes, time: np.ndarray, values: np.ndarray) -> None:
-        """A course over time."""
+        """A course over time.
+
+        Parameters
+        ----------
+        axes : Axes
+            Axes to draw into.
+        time : ndarray
+            Times, s.
+        values : ndarray
+            Values at these times.
+        """
         rows = extremes(values)
         axes.plot(time[rows], values[rows], color=self.color, linestyle=self.dashes, linewidth=self.width)
 
     def fill(self, axes: Axes, time: np.ndarray, centre: np.ndarray, half: np.ndarray) -> None:
-        """A translucent band."""
+        """A translucent band.
+
+        Parameters
+        ----------
+        axes : Axes
+            Axes to draw into.
+        time : ndarray
+            Times, s.
+        centre : ndarray
+            Middle of the band.
+        half : ndarray
+            Its half width.
+        """
         fill_band(axes, time, centre, half, self.color)
 
     def edge(self, axes: Axes, time: np.ndarray, centre: np.ndarray, half: np.ndarray) -> None:
-        """Edges of a band without errors of the calibration."""
+        """Edges of a band without errors of the calibration.
+
+        Parameters
+        ----------
+        axes : Axes
+            Axes to draw into.
+        time : ndarray
+            Times, s.
+        centre : ndarray
+            Middle of the band.
+        half : ndarray
+            Its half width.
+        """
         for curve in (centre - half, centre + half):
             rows = extremes(curve)
             axes.plot(time[rows], curve[rows], color=self.color, **_RANDOM)
@@ -89,7 +135,18 @@ class EstimatorLine:
 
 
 def estimator_lines(names: Sequence[str]) -> list[EstimatorLine]:
-    """Line styles of estimators that stay visible where they agree."""
+    """Line styles of estimators that stay visible where they agree.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of the estimators, in the order of drawing.
+
+    Returns
+    -------
+    list of EstimatorLine
+        A colour, dashes and a width for each.
+    """
     free = iter(_OTHERS * (1 + len(names) // len(_OTHERS)))
     return [
         EstimatorLine(
@@ -100,7 +157,18 @@ def estimator_lines(names: Sequence[str]) -> list[EstimatorLine]:
 
 
 def extremes(*curves: np.ndarray) -> Int[np.ndarray, " k"] | slice:
-    """Indices of curves that a picture can show: extremes of every stretch."""
+    """Indices of curves that a picture can show: extremes of every stretch.
+
+    Parameters
+    ----------
+    curves : ndarray
+        Values at the same times.
+
+    Returns
+    -------
+    ndarray of int, shape (k,) or slice
+        Indices to draw, or all as a slice.
+    """
     count = len(curves[0])
     if count <= MOST_DRAWN:
         return slice(None)
@@ -116,41 +184,111 @@ def extremes(*curves: np.ndarray) -> Int[np.ndarray, " k"] | slice:
 
 
 def fill_band(axes: Axes, time: np.ndarray, centre: np.ndarray, half: np.ndarray, color: str) -> None:
-    """A translucent band of a half width about a course over time."""
+    """A translucent band of a half width about a course over time.
+
+    Parameters
+    ----------
+    axes : Axes
+        Axes to draw into.
+    time : ndarray
+        Times, s.
+    centre : ndarray
+        Middle of the band.
+    half : ndarray
+        Its half width.
+    color : str
+        Colour of matplotlib.
+    """
     low, high = centre - half, centre + half
     rows = extremes(low, high)
     axes.fill_between(time[rows], low[rows], high[rows], color=color, alpha=0.17, linewidth=0)
 
 
 def mark_start(axes: Axes, first: float, end_of_initialisation: float | None) -> None:
-    """Shade the times (s) of the filters' initialisation, from the first epoch on."""
+    """Shade the times (s) of the filters' initialisation, from the first epoch on.
+
+    Parameters
+    ----------
+    axes : Axes
+        Axes to draw into.
+    first : float
+        Time of the first epoch, s.
+    end_of_initialisation : float or None
+        Its end, s; None without one.
+    """
     if end_of_initialisation is not None:
         axes.axvspan(first, end_of_initialisation, color=BLACK, alpha=0.07, linewidth=0, zorder=0)
 
 
 def start_handle(end_of_initialisation: float | None) -> list[Artist]:
-    """Legend entry of `mark_start`, none when there is no initialisation."""
+    """Legend entry of `mark_start`, none when there is no initialisation.
+
+    Parameters
+    ----------
+    end_of_initialisation : float or None
+        Its end, s; None without one.
+
+    Returns
+    -------
+    list of Artist
+        One entry, or none.
+    """
     return [] if end_of_initialisation is None else [Patch(color=BLACK, alpha=0.1, label=INITIALISATION)]
 
 
 def random_handle() -> Line2D:
-    """Legend entry of `EstimatorLine.edge`."""
+    """Legend entry of `EstimatorLine.edge`.
+
+    Returns
+    -------
+    Line2D
+        For `legend_below`.
+    """
     return Line2D([], [], color=BLACK, label="the same without errors of the calibration", **_RANDOM)
 
 
 def truth_handle(label: str = "truth") -> Line2D:
-    """Legend entry of `plot_truth`."""
+    """Legend entry of `plot_truth`.
+
+    Parameters
+    ----------
+    label : str
+        Its text.
+
+    Returns
+    -------
+    Line2D
+        For `legend_below`.
+    """
     return Line2D([], [], color=BLACK, linestyle=(0, (2, 1.5)), linewidth=1.3, label=label)
 
 
 def plot_truth(axes: Axes, time: np.ndarray, values: np.ndarray) -> None:
-    """The true course, as in `truth_handle`."""
+    """The true course, as in `truth_handle`.
+
+    Parameters
+    ----------
+    axes : Axes
+        Axes to draw into.
+    time : ndarray
+        Times, s.
+    values : ndarray
+        True values at these times.
+    """
     rows = extremes(values)
     axes.plot(time[rows], values[rows], color=BLACK, linestyle=(0, (2, 1.5)), linewidth=1.3, zorder=4)
 
 
 def legend_below(figure: Figure, handles: Sequence[Artist]) -> None:
-    """One legend for the whole figure, under it, in as few rows as its width allows."""
+    """One legend for the whole figure, under it, in as few rows as its width allows.
+
+    Parameters
+    ----------
+    figure : Figure
+        With the panels.
+    handles : sequence of Artist
+        Entries, in their order.
+    """
     widths = [_HANDLE_INCHES + _LETTER_INCHES * len(str(handle.get_label())) for handle in handles]
     rows = 1
     while rows < len(widths) and _legend_width(widths, rows) > figure.get_figwidth():
@@ -160,25 +298,67 @@ def legend_below(figure: Figure, handles: Sequence[Artist]) -> None:
 
 
 def tidy(axes: Axes) -> None:
-    """Grid and no box."""
+    """Grid and no box.
+
+    Parameters
+    ----------
+    axes : Axes
+        A panel.
+    """
     axes.grid(alpha=0.3, linewidth=0.6)
     axes.spines[["top", "right"]].set_visible(False)
 
 
 def finite_quantile(values: np.ndarray, share: float, otherwise: float = 0.0) -> float:
-    """Quantile of the numbers that are finite."""
+    """Quantile of the numbers that are finite.
+
+    Parameters
+    ----------
+    values : ndarray
+        Numbers, some perhaps not finite.
+    share : float
+        Of the finite numbers below the quantile, from 0 to 1.
+    otherwise : float
+        Result where none is finite.
+
+    Returns
+    -------
+    float
+        The quantile.
+    """
     finite = values[np.isfinite(values)]
     return float(np.quantile(finite, share)) if finite.size else otherwise
 
 
 def half_width(errors: Float[np.ndarray, "n k"], bands: Float[np.ndarray, "n k"]) -> float:
-    """Half height of a panel with all errors and 90 % of the bands."""
+    """Half height of a panel with all errors and 90 % of the bands.
+
+    Parameters
+    ----------
+    errors : ndarray of float, shape (n, k)
+        Errors of k axes.
+    bands : ndarray of float, shape (n, k)
+        Half widths of their bands.
+
+    Returns
+    -------
+    float
+        In the unit of the errors.
+    """
     width = max(finite_quantile(np.abs(errors), 1.0), finite_quantile(bands, 0.9))
     return 1.15 * width if width > 0 else 1.0
 
 
 def draw_figure(draw: Callable[[], Figure], path: Path) -> None:
-    """Draw and save, or save a note of the failure. Errors: `save_figure`."""
+    """Draw and save, or save a note of the failure. Errors: `save_figure`.
+
+    Parameters
+    ----------
+    draw : Callable[[], Figure]
+        Makes the figure.
+    path : Path
+        Of the PNG file.
+    """
     figure = drawn(draw, path.stem)
     try:
         with np.errstate(all="ignore"):
@@ -188,7 +368,20 @@ def draw_figure(draw: Callable[[], Figure], path: Path) -> None:
 
 
 def drawn(draw: Callable[[], Figure], name: str) -> Figure:
-    """The figure, or a note with its name where its numbers cannot be drawn."""
+    """The figure, or a note with its name where its numbers cannot be drawn.
+
+    Parameters
+    ----------
+    draw : Callable[[], Figure]
+        Makes the figure.
+    name : str
+        What the note says could not be drawn.
+
+    Returns
+    -------
+    Figure
+        The figure or the note.
+    """
     try:
         with ONE_DRAWS, np.errstate(all="ignore"):
             return draw()
@@ -201,7 +394,18 @@ def _undrawable(name: str, error: Exception) -> Figure:
 
 
 def note_figure(text: str) -> Figure:
-    """A sentence in the place of a picture that cannot be drawn."""
+    """A sentence in the place of a picture that cannot be drawn.
+
+    Parameters
+    ----------
+    text : str
+        The sentence.
+
+    Returns
+    -------
+    Figure
+        Not yet saved or shown.
+    """
     figure = Figure(figsize=(10.0, 3.0), layout="constrained")
     figure.text(0.5, 0.5, text, ha="center", va="center", wrap=True, color=BLACK, parse_math=False)
     return figure
@@ -210,15 +414,38 @@ def note_figure(text: str) -> Figure:
 def save_figure(figure: Figure, path: Path) -> None:
     """Write the figure as PNG, complete or not at all.
 
+    Parameters
+    ----------
+    figure : Figure
+        To be saved.
+    path : Path
+        Of the PNG file.
+
     Raises
     ------
-    InputError: as `spinfilters.io.output_files.write_bytes`.
+    InputError
+        As `spinfilters.io.output_files.write_bytes`.
     """
     write_bytes(path, picture_bytes(figure, "png", dpi=_DPI))
 
 
 def picture_bytes(figure: Figure, form: str, **options: Any) -> bytes:
-    """The figure as "png" or "svg", drawn while no other thread draws; ``options`` are those of `Figure.savefig`."""
+    """The figure as "png" or "svg", drawn while no other thread draws; ``options`` are those of `Figure.savefig`.
+
+    Parameters
+    ----------
+    figure : Figure
+        To be saved.
+    form : str
+        "png" or "svg".
+    options : Any
+        Of `Figure.savefig`.
+
+    Returns
+    -------
+    bytes
+        Content of the file.
+    """
     target = BytesIO()
     with ONE_DRAWS:
         figure.savefig(target, format=form, **options)

@@ -56,7 +56,20 @@ def inertia_figure(
     evaluations: Sequence[Evaluation],
     true_moments: Float[np.ndarray, "3"] | None = None,
 ) -> Figure:
-    """Both ratios with +-3 sigma for every estimator, truth (any scale and order) dashed."""
+    """Both ratios with +-3 sigma for every estimator, truth (any scale and order) dashed.
+
+    Parameters
+    ----------
+    evaluations : sequence of Evaluation
+        Of the estimators, in the order of the table.
+    true_moments : ndarray of float, shape (3,) or None
+        In any scale and order; None where they are unknown.
+
+    Returns
+    -------
+    Figure
+        Not yet saved or shown.
+    """
     figure = Figure(figsize=(10.0, 6.4), layout="constrained")
     panels = figure.subplots(2, 1, sharex=True)
     lines = estimator_lines([evaluation.name for evaluation in evaluations])
@@ -76,7 +89,9 @@ def inertia_figure(
         axes.set_ylabel(f"{RATIO_LABELS[index]}  [-]")
         tidy(axes)
     panels[-1].set_xlabel("time [s]")
-    figure.suptitle(f"Principal moments of inertia: {_ending(evaluations[0])}", fontsize="large")
+    first = evaluations[0]
+    at_end = f"{' : '.join(first.moment_texts)} : 1  ({first.name.upper()} at the end, 1 σ)"
+    figure.suptitle(f"Principal moments of inertia: {at_end}", fontsize="large")
     handles = [line.handle for line in lines]
     truth = [] if true_moments is None else [truth_handle()]
     band = Patch(color=GREY, alpha=0.3, label=f"±{SIGMAS:g} σ")
@@ -115,11 +130,6 @@ def _quantile(bodies: BodyHistory, index: int, sigmas: float, share: float, othe
     return finite_quantile(edge, share, otherwise)
 
 
-def _ending(evaluation: Evaluation) -> str:
-    moments = " : ".join(evaluation.moment_texts)
-    return f"{moments} : 1  ({evaluation.name.upper()} at the end, 1 σ)"
-
-
 FOOTER_WIDTH, HEADLINE_WIDTH = 160, 105
 """Characters of a line below the panels, and of the bold one above them."""
 
@@ -136,8 +146,19 @@ def summary_figure(
 
     Parameters
     ----------
-    reference: true or measured rates in the estimate's axes g.   true_moments: any scale and order.
-    conditions: sentences on the map, the noise and the seed.
+    evaluations : sequence of Evaluation
+        Of the estimators, in the order of the table.
+    reference : BodyRates or None
+        True or measured rates in the estimate's axes g.
+    true_moments : ndarray of float, shape (3,) or None
+        Any scale and order.
+    conditions : sequence of str
+        Sentences on the map, the noise and the seed.
+
+    Returns
+    -------
+    Figure
+        Not yet saved or shown.
     """
     figure = Figure(figsize=(13.0, 8.2), layout="constrained")
     grid = figure.add_gridspec(2, 3, width_ratios=(1.6, 1.6, 1.3))
@@ -156,12 +177,26 @@ def summary_figure(
         axes.set_xlabel("time [s]")
     _name_initialisation(rates, evaluations)
     figure.supxlabel("\n".join(_footer(evaluations, conditions)), fontsize="medium", x=0.01, ha="left")
-    figure.suptitle(_in_lines(headline(evaluations)), fontsize="large", fontweight="bold")
+    title = headline(evaluations)
+    if len(title) > HEADLINE_WIDTH:
+        title = title.replace(", moments", ",\nmoments")
+    figure.suptitle(title, fontsize="large", fontweight="bold")
     return figure
 
 
 def headline(evaluations: Sequence[Evaluation]) -> str:
-    """Sentence on how the body spins, by the first estimator not failed."""
+    """Sentence on how the body spins, by the first estimator not failed.
+
+    Parameters
+    ----------
+    evaluations : sequence of Evaluation
+        Of the estimators, in the order of the table.
+
+    Returns
+    -------
+    str
+        The sentence.
+    """
     standing = [each for each in evaluations if each.history.status.verdict is not Verdict.FAILED]
     if not standing:
         return "Every estimator failed: nothing here tells how the body spins"
@@ -176,11 +211,6 @@ def headline(evaluations: Sequence[Evaluation]) -> str:
         "" if evaluation.history.status.verdict is Verdict.OK else f" ({evaluation.name.upper()}, degraded)"
     )
     return f"Spins at {np.median(speed):.3g} rpm, {_flips(evaluation)}{duration:.3g} s, moments of inertia {moments} : 1{doubt}"
-
-
-def _in_lines(sentence: str) -> str:
-    """A long headline in two lines, moments in the second."""
-    return sentence.replace(", moments", ",\nmoments") if len(sentence) > HEADLINE_WIDTH else sentence
 
 
 def _flips(evaluation: Evaluation) -> str:

@@ -26,8 +26,14 @@ class Throw:
 
     Attributes
     ----------
-    number: of its segment.   ratios: (2,) Jmin / Jmax and Jmid / Jmax.   covariance: (2, 2) of these.
-    degraded: whether the estimate should not be trusted.
+    number : int
+        Of its segment.
+    ratios : ndarray of float, shape (2,)
+        Jmin / Jmax and Jmid / Jmax.
+    covariance : ndarray of float, shape (2, 2)
+        Of these.
+    degraded : bool
+        Whether the estimate should not be trusted.
     """
 
     number: int
@@ -37,7 +43,22 @@ class Throw:
 
     @classmethod
     def from_body(cls, number: int, body: BodyEstimate, degraded: bool = False) -> "Throw":
-        """Throw of the body estimated at its end."""
+        """Throw of the body estimated at its end.
+
+        Parameters
+        ----------
+        number : int
+            Of its segment.
+        body : BodyEstimate
+            After the last epoch.
+        degraded : bool
+            Whether the estimate should not be trusted.
+
+        Returns
+        -------
+        Throw
+            Its ratios with their covariance.
+        """
         return cls(number, body.principal_moments[:2], body.principal_moments_cov[:2, :2], degraded)
 
 
@@ -46,7 +67,15 @@ def throws_figure(throws: Sequence[Throw], reference: Float[np.ndarray, "2"] | N
 
     Parameters
     ----------
-    reference: (Jmin / Jmax, Jmid / Jmax) known otherwise, a cross and lines.
+    throws : sequence of Throw
+        One for each segment.
+    reference : ndarray of float, shape (2,) or None
+        Jmin / Jmax and Jmid / Jmax as known otherwise, drawn as a cross and lines.
+
+    Returns
+    -------
+    Figure
+        Not yet saved or shown.
     """
     figure = Figure(figsize=(13.0, 6.2), layout="constrained")
     grid = figure.add_gridspec(2, 2, width_ratios=(1.0, 1.15))

@@ -47,6 +47,22 @@ def rates_figure(
     """Rates about three body axes, one panel each.
 
     All in the same axes. `end_of_initialisation` (s) ends the initialisation.
+
+    Parameters
+    ----------
+    estimates : sequence of BodyRates
+        One for each estimator.
+    reference : BodyRates or None
+        True or measured rates; None without any.
+    axis_names : sequence of str
+        Of the three panels.
+    end_of_initialisation : float or None
+        Its end, s; None without one.
+
+    Returns
+    -------
+    Figure
+        Not yet saved or shown.
     """
     figure = Figure(figsize=(10.0, 7.6), layout="constrained")
     panels = figure.subplots(3, 1, sharex=True)
@@ -64,7 +80,11 @@ def rates_figure(
     panels[-1].set_xlabel("time [s]")
     figure.suptitle(f"Body rates: {_speed(estimates[0])}", fontsize="large")
     handles = [line.handle for line in lines]
-    known = [] if reference is None else [_reference_handle(reference)]
+    known = []
+    if reference is not None:
+        known.append(
+            Line2D([], [], linestyle="none", marker="o", markersize=3.2, color=BLACK, label=reference.label)
+        )
     band = Patch(color=GREY, alpha=0.3, label=f"±{SIGMAS:g} σ")
     legend_below(figure, [*handles, band, *known, *start_handle(end_of_initialisation)])
     return figure
@@ -83,10 +103,6 @@ def _reference(axes: Axes, rates: BodyRates, axis: int) -> None:
     axes.plot(
         rates.time[::step], value[::step], linestyle="none", marker="o", markersize=3.2, color=BLACK, zorder=1
     )
-
-
-def _reference_handle(rates: BodyRates) -> Line2D:
-    return Line2D([], [], linestyle="none", marker="o", markersize=3.2, color=BLACK, label=rates.label)
 
 
 def _speed(rates: BodyRates) -> str:
@@ -120,6 +136,16 @@ def error_bands_figure(evaluation: Evaluation) -> Figure:
     """Position, attitude, velocity and rate errors (rows) by axis (columns) with +-3 sigma.
 
     Without a truth the estimates themselves, with the attitude's uncertainty about zero.
+
+    Parameters
+    ----------
+    evaluation : Evaluation
+        Of an estimator compared with a truth.
+
+    Returns
+    -------
+    Figure
+        Not yet saved or shown.
     """
     rows = _rows(evaluation)
     time = evaluation.history.time if evaluation.errors is None else evaluation.errors.time
@@ -230,7 +256,18 @@ _MOST_IN_A_LINE = 3  # means, behind the words of a title
 
 
 def consistency_figure(evaluations: Sequence[Evaluation]) -> Figure:
-    """NIS per degree of freedom, and above it NEES where the true state is known."""
+    """NIS per degree of freedom, and above it NEES where the true state is known.
+
+    Parameters
+    ----------
+    evaluations : sequence of Evaluation
+        Of the estimators, in the order of the table.
+
+    Returns
+    -------
+    Figure
+        Not yet saved or shown.
+    """
     end_of_initialisation = initialisation_end(evaluations)
     with_truth = any(evaluation.nees is not None for evaluation in evaluations)
     figure = Figure(figsize=(10.0, 6.6 if with_truth else 3.8), layout="constrained")
@@ -314,7 +351,10 @@ class PredictionCurves:
 
     Attributes
     ----------
-    before, ahead: motion.   rates_before, rates_ahead: body rates about principal axes; their label is the estimator's name.
+    before, ahead : Trajectory
+        Motion.
+    rates_before, rates_ahead : BodyRates
+        Body rates about principal axes; their label is the estimator's name.
     """
 
     before: Trajectory
@@ -324,7 +364,18 @@ class PredictionCurves:
 
 
 def prediction_figure(predicted_motions: Sequence[PredictionCurves]) -> Figure:
-    """Standard deviations over the time ahead (left), and the rates themselves with 1 sigma (right)."""
+    """Standard deviations over the time ahead (left), and the rates themselves with 1 sigma (right).
+
+    Parameters
+    ----------
+    predicted_motions : sequence of PredictionCurves
+        One for each estimator.
+
+    Returns
+    -------
+    Figure
+        Not yet saved or shown.
+    """
     figure = Figure(figsize=(12.0, 7.2), layout="constrained")
     grid = figure.add_gridspec(1, 2, width_ratios=(1.0, 1.25))
     left, right = (figure.add_subfigure(grid[column]) for column in range(2))

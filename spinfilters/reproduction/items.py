@@ -4,10 +4,14 @@ from typing import Final
 
 from spinfilters.core.errors import InputError
 from spinfilters.reproduction.decoust.parameter_influence import PARAMETER_INFLUENCE
+from spinfilters.reproduction.decoust.processed_clouds import PROCESSED_CLOUDS
+from spinfilters.reproduction.decoust.simulated_scans import SIMULATED_SCANS, STL_READER
 from spinfilters.reproduction.decoust.snapshots import SNAPSHOTS
 from spinfilters.reproduction.item import Item
 from spinfilters.reproduction.tweddle.inertia_observability import INERTIA_OBSERVABILITY
+from spinfilters.reproduction.tweddle.metrology_comparison import METROLOGY_COMPARISON
 from spinfilters.reproduction.tweddle.polhodes import POLHODES
+from spinfilters.reproduction.tweddle.reference_inertia import REFERENCE_INERTIA
 from spinfilters.reproduction.tweddle.spin_thresholds import SPIN_THRESHOLDS
 from spinfilters.reproduction.tweddle.stereo_rig import STEREO_RIG
 from spinfilters.reproduction.tweddle.time_step_conditioning import CONDITIONING
@@ -18,8 +22,13 @@ ITEMS: Final[tuple[Item, ...]] = (
     INERTIA_OBSERVABILITY,
     *CONDITIONING,
     STEREO_RIG,
+    *REFERENCE_INERTIA,
+    *METROLOGY_COMPARISON,
+    *SIMULATED_SCANS,
     *PARAMETER_INFLUENCE,
+    *PROCESSED_CLOUDS,
     *SNAPSHOTS,
+    STL_READER,
 )
 
 

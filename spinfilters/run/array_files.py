@@ -55,7 +55,8 @@ def write_arrays(path: Path, arrays: Mapping[str, np.ndarray], compression: int 
 
     Parameters
     ----------
-    compression: `zipfile.ZIP_STORED`, or `zipfile.ZIP_DEFLATED` for a file that is written once.
+    compression : int
+        `zipfile.ZIP_STORED`, or `zipfile.ZIP_DEFLATED` for a file that is written once.
     """
     with atomic_file(path) as stream, ZipFile(stream, "w", compression) as archive:
         for name, array in arrays.items():
@@ -144,11 +145,13 @@ def read_history(path: Path, cure: str = "make the run again") -> EstimateHistor
 
     Parameters
     ----------
-    cure: what to do about a file that cannot be used.
+    cure : str
+        What to do about a file that cannot be used.
 
     Raises
     ------
-    InputError: missing, too large, damaged, or arrays that do not fit together.
+    InputError
+        Missing, too large, damaged, or arrays that do not fit together.
     """
     try:
         arrays = read_arrays(path)
@@ -187,6 +190,15 @@ def finite_numbers(numbers: Mapping[str, float | str]) -> dict[str, float | None
         for name, value in numbers.items()
         if not isinstance(value, str)
     }
+
+
+def finite_document(value: Any) -> Any:
+    """A document of dictionaries, lists and numbers as JSON holds it: None for what is not finite."""
+    if isinstance(value, dict):
+        return {key: finite_document(each) for key, each in value.items()}
+    if isinstance(value, list):
+        return [finite_document(each) for each in value]
+    return None if isinstance(value, float) and not np.isfinite(value) else value
 
 
 def _about(found: Finding) -> list[str] | None:

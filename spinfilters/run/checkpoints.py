@@ -44,9 +44,16 @@ class RunFingerprint:
 
     Attributes
     ----------
-    estimator: its name.
-    versions: of this package, its commit, and the libraries.   settings: of the run, tables of plain values.
-    measurements: digest of all epochs, values and parameters.   start: digest of the belief that the estimator starts from.
+    estimator : str
+        Its name.
+    versions : Mapping[str, Any]
+        Of this package, its commit, and the libraries.
+    settings : Mapping[str, Any]
+        Of the run, tables of plain values.
+    measurements : str
+        Digest of all epochs, values and parameters.
+    start : str
+        Digest of the belief that the estimator starts from.
     """
 
     estimator: str
@@ -158,7 +165,8 @@ def save_checkpoint(
 
     Raises
     ------
-    InputError: as `spinfilters.io.output_files.atomic_file`.
+    InputError
+        As `spinfilters.io.output_files.atomic_file`.
     """
     state = {_STATE + name: array for name, array in estimator.snapshot().items()}
     named = {_ROWS + name: array for name, array in rows.arrays().items()}
@@ -184,7 +192,8 @@ def load_checkpoint(path: Path, estimator: Estimator, fingerprint: RunFingerprin
 
     Raises
     ------
-    InputError: missing, damaged, of another format, or of another run: the text names the first difference and the cure.
+    InputError
+        Missing, damaged, of another format, or of another run: the text names the first difference and the cure.
     """
     try:
         arrays = read_arrays(path)
@@ -301,7 +310,10 @@ class CheckpointFile(CheckpointStore):
 
     Attributes
     ----------
-    fingerprint: of the run.   time: (k,) of the epochs that it is to do, s.
+    fingerprint : RunFingerprint
+        Of the run.
+    time : sequence of float or ndarray of float, shape (k,)
+        Of the epochs that it is to do, s.
     """
 
     path: Path

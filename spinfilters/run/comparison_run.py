@@ -3,17 +3,20 @@
 What draws is imported where it draws: matplotlib would be a third of the time before the first epoch.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from spinfilters.inference.setup import Setup
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.output_files import made_folder
-from spinfilters.plots.figures import draw_run, picture_files
+from spinfilters.io.reference_motion import ReferenceMotion
+from spinfilters.plots.figures import FigureData, draw_run, picture_files
 from spinfilters.run.checkpoints import StoreOf, checkpoint_stores, no_checkpoints, remove_checkpoints
 from spinfilters.run.estimation import Comparison, Progress, compare_estimators
 from spinfilters.run.preparation import prepare
+from spinfilters.run.reference_output import without_late_truth
 from spinfilters.run.run_folder import (
     REPORT_FILE,
     figure_data_of,
@@ -37,13 +40,20 @@ class RunOutput:
 
     Attributes
     ----------
-    folder: of the run.   resume: go on from its checkpoints, or complete it where it is finished.
-    optional_outputs: what is written only when asked for, None for nothing.
+    folder : Path
+        Of the run.
+    resume : bool
+        Go on from its checkpoints, or complete it where it is finished.
+    optional_outputs : OptionalOutputs or None
+        What is written only when asked for, None for nothing.
+    with_figures : bool
+        Whether pictures and a page are made.
     """
 
     folder: Path
     resume: bool = False
     optional_outputs: "OptionalOutputs | None" = None
+    with_figures: bool = True
 
 
 @dataclass(frozen=True)
@@ -52,12 +62,20 @@ class WrittenRun:
 
     Attributes
     ----------
-    comparison: None where a finished run was there already, whose estimators were not run again.
-    completed: names of what that finished run lacked and was made now.
+    comparison : Comparison or None
+        None where a finished run was there already, whose estimators were not run again.
+    summary : mapping or None
+        Content of summary.json, where it was written now.
+    completed : tuple of str
+        Names of what that finished run lacked and was made now.
+    optional_outputs : OptionalOutputs or None
+        What was written besides, which holds a reference where the data set's truth served as one.
     """
 
     comparison: Comparison | None
+    summary: Mapping[str, Any] | None = None
     completed: tuple[str, ...] = ()
+    optional_outputs: "OptionalOutputs | None" = None
 
 
 def silent(_name: str, _done: int, _total: int) -> None:
@@ -66,6 +84,7 @@ def silent(_name: str, _done: int, _total: int) -> None:
 
 def compare_dataset(dataset: Dataset, settings: Settings, report: Progress = silent) -> Comparison:
     """Every estimator on a data set, in memory. Errors: `prepare`, `compare_estimators`."""
+    dataset, _ = without_late_truth(dataset)
     return compare_estimators(_initialised(dataset, settings, report), settings, report, no_checkpoints)
 
 
@@ -76,16 +95,22 @@ def compare_into(
 
     Raises
     ------
-    InputError: as `compare_dataset`; the folder holds something else, belongs to another running process or cannot be written; what
-        is asked for in addition cannot be made.
+    InputError
+        As `compare_dataset`; the folder holds something else, belongs to another running process or cannot be written; what is
+        asked for in addition cannot be made.
     """
     folder = output.folder
+    dataset, late = without_late_truth(dataset)
+    if late is not None:
+        output = replace(output, optional_outputs=with_reference(output.optional_outputs, late))
     refuse_source_within(folder, dataset.path)
     refuse_foreign_run(folder)
     with made_folder(folder), locked_run(folder):
         if output.resume and finished_run(folder, dataset, settings) is not None:
-            return WrittenRun(None, tuple(_complete(dataset, settings, output, report)))
-        return WrittenRun(_compare_and_write(dataset, settings, output, report))
+            completed = tuple(_complete(dataset, settings, output, report))
+            return WrittenRun(None, completed=completed, optional_outputs=output.optional_outputs)
+        written = _compare_and_write(dataset, settings, output, report)
+        return replace(written, optional_outputs=output.optional_outputs)
 
 
 def write_comparison(
@@ -95,31 +120,47 @@ def write_comparison(
     refuse_source_within(folder, comparison.setup.dataset.path)
     refuse_foreign_run(folder)
     with made_folder(folder), locked_run(folder):
-        _write_and_draw(folder, comparison, settings, report)
+        write_run(folder, comparison, settings)
         if not comparison.interrupted:
-            _write_report(folder, comparison)
+            figure_data = figure_data_of(comparison)
+            _draw(folder, figure_data, report)
+            _write_report(folder, figure_data)
+
+
+def with_reference(
+    optional_outputs: "OptionalOutputs | None", reference: ReferenceMotion
+) -> "OptionalOutputs":
+    """What is written, and a comparison with a reference unless another one was asked for."""
+    from spinfilters.run.optional_outputs import OptionalOutputs
+
+    chosen = optional_outputs or OptionalOutputs()
+    return chosen if chosen.reference is not None else replace(chosen, reference=reference)
 
 
 def _compare_and_write(
     dataset: Dataset, settings: Settings, output: RunOutput, report: Progress
-) -> Comparison:
+) -> WrittenRun:
     """Run, write and draw in a locked folder, from its checkpoints when resuming."""
     folder, optional_outputs = output.folder, output.optional_outputs
     setup = _initialised(dataset, settings, report)
     if optional_outputs is not None:
         optional_outputs.check(setup, settings)
     comparison = compare_estimators(setup, settings, report, _checkpoints(output, setup, settings))
-    _write_and_draw(folder, comparison, settings, report)
-    if comparison.interrupted:
-        return comparison
+    written = WrittenRun(comparison, write_run(folder, comparison, settings))
+    if comparison.interrupted:  # by Ctrl-C: no figures of a part
+        return written
+    figure_data = figure_data_of(comparison) if output.with_figures else None
+    if figure_data is not None:
+        _draw(folder, figure_data, report)
     try:
         if optional_outputs is not None:
             optional_outputs.write(
                 folder, comparison, settings, lambda done, total: report("convergence", done, total)
             )
     finally:  # the page stands, whatever came of these
-        _write_report(folder, comparison)
-    return comparison
+        if figure_data is not None:
+            _write_report(folder, figure_data)
+    return written
 
 
 def _initialised(dataset: Dataset, settings: Settings, report: Progress) -> Setup:
@@ -137,31 +178,28 @@ def _checkpoints(output: RunOutput, setup: Setup, settings: Settings) -> StoreOf
     return checkpoint_stores(output.folder, setup, settings)
 
 
-def _write_and_draw(folder: Path, comparison: Comparison, settings: Settings, report: Progress) -> None:
-    """The run folder; figures only where Ctrl-C has not cut the run short."""
-    write_run(folder, comparison, settings)
-    if comparison.interrupted:
-        return
-    draw_run(figure_data_of(comparison), folder, lambda done, total: report("figures", done, total))
+def _draw(
+    folder: Path, figure_data: FigureData, report: Progress, names: Sequence[str] | None = None
+) -> list[str]:
+    """Draw these figures, or all; their names."""
+    return draw_run(figure_data, folder, lambda done, total: report("figures", done, total), names)
 
 
-def _write_report(folder: Path, comparison: Comparison) -> None:
+def _write_report(folder: Path, figure_data: FigureData) -> None:
     from spinfilters.run.run_report import write_run_report
 
-    write_run_report(figure_data_of(comparison), folder)
+    write_run_report(figure_data, folder)
 
 
 def _complete(dataset: Dataset, settings: Settings, output: RunOutput, report: Progress) -> list[str]:
     """Complete a finished run's figures and extras; their names."""
-    made = _draw_missing(output.folder, settings, report)
+    made = _draw_missing(output.folder, settings, report) if output.with_figures else []
     if output.optional_outputs is not None:
         made += output.optional_outputs.complete(
             output.folder, dataset, settings, lambda done, total: report("convergence", done, total)
         )
-    if made or not (output.folder / REPORT_FILE).exists():
-        from spinfilters.run.run_report import write_run_report
-
-        write_run_report(read_figure_data(output.folder), output.folder)
+    if output.with_figures and (made or not (output.folder / REPORT_FILE).exists()):
+        _write_report(output.folder, read_figure_data(output.folder))
         made.append(REPORT_FILE)
     return made
 
@@ -169,7 +207,4 @@ def _complete(dataset: Dataset, settings: Settings, output: RunOutput, report: P
 def _draw_missing(folder: Path, settings: Settings, report: Progress) -> list[str]:
     """Draw the figures that a finished run lacks because it was stopped while they were drawn."""
     missing = [name for name in picture_files(settings.estimators) if not (folder / name).exists()]
-    if not missing:
-        return []
-    figure_data = read_figure_data(folder)
-    return draw_run(figure_data, folder, lambda done, total: report("figures", done, total), missing)
+    return _draw(folder, read_figure_data(folder), report, missing) if missing else []

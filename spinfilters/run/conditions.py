@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
@@ -16,7 +17,7 @@ from spinfilters.io.measurement_log import MeasurementStream
 from spinfilters.io.sensor_format import sensor_format
 from spinfilters.io.truth import Truth
 from spinfilters.models.sensor_registry import sensor_of
-from spinfilters.verdict.unstated_calibration import enlarged_words
+from spinfilters.verdict.calibration_errors import enlarged_words
 
 WINDOW: Final = 1.0
 """Rad of turn after which attitudes and rates start together again, so that a gyro's bias does not add up."""
@@ -150,9 +151,16 @@ class StatedNoise:
 
     Attributes
     ----------
-    label: what it is called in a sentence.   source: `STATED`, `IDENTIFIED`, or `PRIOR` where the data only bound it, or nothing.
-    std: of an identified value.   upper: bound on one that cannot be told from zero.
-    smallest: level below which none is identified; 0 of what has no such bound.
+    label : str
+        What it is called in a sentence.
+    source : str
+        `STATED`, `IDENTIFIED`, or `PRIOR` where the data only bound it, or nothing.
+    std : float or None
+        Of an identified value.
+    upper : float or None
+        Bound on one that cannot be told from zero.
+    smallest : float
+        Level below which none is identified; 0 of what has no such bound.
     """
 
     name: str
@@ -205,9 +213,20 @@ class Conditions:
 
     Attributes
     ----------
-    map: "known" or "unknown", None where no landmark is seen.   landmarks: of a known map.
-    sensors, disturbances: their noise.   seed: of a simulated data set.
-    contradictions: sentences on how the truth contradicts itself.   calibration: deviations that are considered.
+    map : str or None
+        "known" or "unknown", None where no landmark is seen.
+    landmarks : int or None
+        Of a known map.
+    sensors, disturbances : tuple[StatedNoise, ...]
+        Their noise.
+    seed : int or None
+        Of a simulated data set.
+    contradictions : tuple[str, ...]
+        Sentences on how the truth contradicts itself.
+    calibration : tuple[ConsideredDeviation, ...]
+        Deviations that are considered.
+    belief_at : float or None
+        Time of the stated belief that estimators begin from, s; None where first epochs are smoothed.
     """
 
     map: str | None
@@ -217,8 +236,9 @@ class Conditions:
     seed: int | None
     contradictions: tuple[str, ...] = ()
     calibration: tuple[ConsideredDeviation, ...] = ()
+    belief_at: float | None = None
 
-    @property
+    @cached_property
     def sentences(self) -> list[str]:
         """Conditions in words.
 
@@ -242,6 +262,10 @@ class Conditions:
                 f"If the calibration is exact (a simulation of your own), state [calibration] {keys}."
             )
         absent = [_absent(each) for each in self.sensors if each.is_absent]
+        if self.belief_at is not None:
+            first.append(
+                f"Every estimator begins from the stated belief at t = {self.belief_at:.6g} s; no first epochs are smoothed."
+            )
         return [*([" ".join(first)] if first else []), noise, *absent, *calibration, *self.contradictions]
 
     @property
@@ -277,6 +301,7 @@ def conditions_of(setup: Setup) -> Conditions:
         seed if isinstance(seed, int) and not isinstance(seed, bool) else None,
         () if dataset.truth is None else tuple(contradictions(dataset.truth)),
         setup.calibration,
+        setup.end_of_initialisation if setup.is_given else None,
     )
 
 
@@ -322,13 +347,10 @@ def _source(name: str, setup: Setup) -> str:
     """Source of a noise level that is not among those identified."""
     if name not in setup.unstated:
         return STATED
-    by_rates = setup.gyro_noise is not None and name in _identified_options(setup)
-    return IDENTIFIED if by_rates else PRIOR
-
-
-def _identified_options(setup: Setup) -> set[str | None]:
-    """Options of rate sensors of unknown error."""
-    return {sensor_of(stream.sensor).identified_option for stream in setup.dataset.log.streams}
+    if setup.gyro_noise is None:
+        return PRIOR
+    by_rates = {sensor_of(stream.sensor).identified_option for stream in setup.dataset.log.streams}
+    return IDENTIFIED if name in by_rates else PRIOR
 
 
 def _counted(considered: ConsideredDeviation) -> str:

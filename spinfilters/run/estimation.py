@@ -6,6 +6,19 @@ the first state, inertia and noise levels. `filters` estimate epoch by epoch, an
 `evaluation` computes errors, bounds and all metrics; `verdict` tests the residuals and says what holds; `plots` draws figures and
 pages. This room, `run`, calls them for one recording and writes its folder. `api` and `cli` are what users call; `live`,
 `campaigns` and `embedded` use the same estimators on a stream, on many recordings, and as C.
+
+One more of a kind is a file or an entry in its room, and a line in the table of the kind:
+
+    sensor             models/sensors/            models/sensor_registry.py
+    state block        models/                    models/state_blocks.py
+    file format        io/                        run/readers.py
+    estimator          filters/ or smoother/      run/estimators.py, its name in settings/run_settings.py
+    metric             evaluation/                evaluation/metrics.py
+    check of results   verdict/                   verdict/checks.py
+    possible cause     verdict/model_errors/      verdict/model_errors/alternatives.py (what may explain residuals beside noise)
+    fault              simulation/                simulation/measurement_faults.py (of data), model_faults.py (of a model)
+    figure             plots/                     plots/figures.py
+    command            cli/commands/              cli/commands/__init__.py
 """
 
 from collections.abc import Callable, Mapping
@@ -19,8 +32,8 @@ from spinfilters.core.errors import NUMERICAL_ERRORS, InputError, numerical
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.evaluation.recording_bound import Bounding, with_bounds
 from spinfilters.filters.estimator import Estimator
-from spinfilters.filters.history import EPOCH_ARRAYS, EstimateHistory, GrowingHistory
-from spinfilters.filters.timeline import NO_EPOCH_LEFT, Timeline, rehearse, run_interruptible, times_of
+from spinfilters.filters.history import EstimateHistory, GrowingHistory
+from spinfilters.filters.timeline import NO_EPOCH_LEFT, Timeline, rehearse, run_interruptible
 from spinfilters.inference.estimator_entry import AnyEntry
 from spinfilters.inference.setup import Setup
 from spinfilters.io.input_file import reason
@@ -36,7 +49,8 @@ from spinfilters.verdict.tested_models import NOT_TESTED, TestedModels
 Progress = Callable[[str, int, int], None]
 """Called with the estimator's name, epochs done and epochs in all."""
 Rehearsing = Callable[[Estimator, float, Timeline], None]
-"""Runs a twin of an estimator, begun at a time (s), through its first epochs, as `spinfilters.filters.timeline.rehearse`."""
+"""Runs a second copy of an estimator through its first epochs, from a time in s: compiled code is then ready before run times
+are measured (`spinfilters.filters.timeline.rehearse`)."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +101,7 @@ class ComparisonExtent:
 
 @dataclass(frozen=True)
 class _RunObservers:
-    """What follows an estimator's run: progress, checkpoints, and the rehearsal before its clock runs."""
+    """Callbacks of an estimator's run: progress, checkpoints, and the rehearsal before its run time is measured."""
 
     progress: Progress
     store_of: StoreOf
@@ -149,7 +163,7 @@ def compare_estimators(
             if not interrupted:
                 try:
                     history = calibration.counted(history, entries[name])
-                except KeyboardInterrupt:  # its epochs are done, and stay
+                except KeyboardInterrupt:  # its epochs are complete and stay in the result
                     interrupted = True
             evaluations.append(evaluated(history, setup))
             if points is not None:
@@ -275,12 +289,4 @@ def _is_cut_short(history: EstimateHistory, epochs: int) -> bool:
 
 def _with_initialisation(history: EstimateHistory, rows: GrowingHistory, setup: Setup) -> EstimateHistory:
     """A filter's history with its initialisation in front: smoothed epochs, which no error or count includes."""
-    start = setup.initial
-    count = len(start.mean)
-    before = dict.fromkeys(EPOCH_ARRAYS, np.zeros(count)) | {
-        "time": times_of(setup.timeline[:count]),
-        "mean": start.mean,
-        "factor": start.factor,
-        "runtime": setup.initial_runtime,
-    }
-    return rows.ended(history.name, history.status, before)
+    return rows.ended(history.name, history.status, setup.initial_arrays)

@@ -1,40 +1,31 @@
 """The estimators of a comparison: an entry each, and the table of all.
 
-One more is a class here and a line in `OWN`, with its name among those of the settings.
+One more is a class, in a file of its own or here, and a line in `OWN`.
 """
 
-from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.core.chi_square import chi_square_tail
 from spinfilters.core.errors import InputError
 from spinfilters.core.plugins import entries_by_name, in_order, installed_plugins
-from spinfilters.filters.ekf import MultiplicativeEkf
 from spinfilters.filters.estimator import Estimator
-from spinfilters.filters.filter import MultiplicativeFilter
 from spinfilters.filters.history import EstimateHistory
-from spinfilters.filters.noise_levels import VarianceComponent
-from spinfilters.filters.timeline import OnEpoch, Timeline, times_of
-from spinfilters.filters.ukf import MultiplicativeUkf
+from spinfilters.filters.timeline import times_of
 from spinfilters.inference.estimator_entry import AnyEntry, EstimatorEntry
-from spinfilters.inference.initial_estimate import InitialEstimate
 from spinfilters.inference.setup import Setup
-from spinfilters.inference.smoother_run import (
-    NAME,
-    begin_after_initialisation,
-    sliding_smoother,
-    smooth_at_once,
-    smoothed_history,
-)
-from spinfilters.inference.stated_noise import adapted_levels, identified_scales
-from spinfilters.io.sensor_format import sensor_format
 from spinfilters.models.rotation_integrator import substeps, turns
-from spinfilters.models.status import Verdict
+from spinfilters.run.filter_entries import (
+    InvariantEntry,
+    IteratedEntry,
+    JointEntry,
+    MekfEntry,
+    RauchTungStriebelEntry,
+    UkfEntry,
+)
+from spinfilters.run.smoother_entries import FixedLagEntry, LatestSmootherEntry, SmootherEntry
 from spinfilters.settings.run_settings import Settings
-from spinfilters.smoother.recursive_smoother import RecursiveSmoother
 
 if TYPE_CHECKING:
     from spinfilters.embedded.embedded_estimator import EmbeddedFilter
@@ -128,135 +119,8 @@ class FilterpyUkfEntry(EstimatorEntry[Estimator]):
         return FilterpyUkf(setup.process)
 
 
-class MultiplicativeEntry(EstimatorEntry[MultiplicativeFilter]):
-    """A multiplicative filter: it continues with the landmarks of the initialisation."""
-
-    is_default = True
-    holds_landmarks = True
-
-    def begin(self, estimator: MultiplicativeFilter, setup: Setup) -> None:
-        """Start with the initialisation's belief and noise scales."""
-        estimator.adapt_from(identified_scales(setup))
-        estimator.start(setup.belief)
-
-    def noise(
-        self, estimator: MultiplicativeFilter, history: EstimateHistory, setup: Setup
-    ) -> tuple[VarianceComponent, ...]:
-        """Noise levels as adapted, beside those of the initialisation."""
-        return adapted_levels(setup, estimator.level)
-
-    def points(
-        self, estimator: MultiplicativeFilter, history: EstimateHistory, setup: Setup
-    ) -> Float[np.ndarray, "k 3"] | None:
-        """Landmarks of the filter; those of the setup after a failure or without estimated ones."""
-        if history.status.verdict is Verdict.FAILED or not setup.initial.has_landmarks:
-            return setup.map_points
-        return estimator.landmark_belief.points_in_g
-
-    def false_alarm_probability(self, setup: Setup, settings: Settings) -> float:
-        """One minus the gate's probability."""
-        return 1.0 - settings.robust.gate_probability
-
-
-class MekfEntry(MultiplicativeEntry):
-    """Table entry of `MultiplicativeEkf`."""
-
-    name, order = "mekf", 0
-
-    def build(self, setup: Setup, settings: Settings) -> MultiplicativeEkf:
-        """The multiplicative EKF with the run's options."""
-        return MultiplicativeEkf(
-            setup.process, settings.robust, settings.adaptation, settings.iteration, settings.landmarks
-        )
-
-
-@dataclass(frozen=True)
-class BatchSmoother:
-    """Batch smoother of sensors without landmarks, by `smooth_at_once`."""
-
-    setup: Setup
-    settings: Settings
-
-    def smooth(self, timeline: Timeline, initial: InitialEstimate, on_epoch: OnEpoch) -> EstimateHistory:
-        """Smooth from the trajectory of an EKF that continues the initialisation."""
-        own = replace(self.setup, timeline=timeline, initial=initial)
-        return smooth_at_once(own, self.settings, on_epoch)
-
-
-class SmootherEntry(EstimatorEntry[RecursiveSmoother]):
-    """Recursive for tracks without a map (`RecursiveSmoother`), batch for everything else (`BatchSmoother`)."""
-
-    name, order = NAME, 2
-    is_default = True
-    holds_landmarks = True
-    continues = False
-
-    def batch(self, setup: Setup, settings: Settings) -> BatchSmoother | None:
-        """The batch smoother where no landmarks are estimated, else None."""
-        return None if setup.initial.has_landmarks else BatchSmoother(setup, settings)
-
-    def build(self, setup: Setup, settings: Settings) -> RecursiveSmoother:
-        """The sliding smoother with the run's options."""
-        return sliding_smoother(setup, settings)
-
-    def begin(self, estimator: RecursiveSmoother, setup: Setup) -> None:
-        """Begin with the epochs of the initialisation."""
-        begin_after_initialisation(estimator, setup)
-
-    def final(
-        self, estimator: RecursiveSmoother, passed: EstimateHistory, setup: Setup
-    ) -> EstimateHistory | None:
-        """Smoothed estimates of all epochs."""
-        return smoothed_history(estimator, passed, setup)
-
-    def points(
-        self, estimator: RecursiveSmoother, history: EstimateHistory, setup: Setup
-    ) -> Float[np.ndarray, "k 3"] | None:
-        """Landmarks (k, 3), m, frame g, of the last window."""
-        return estimator.sliding.window.points
-
-    def false_alarm_probability(self, setup: Setup, settings: Settings) -> float:
-        """Chi-square tail beyond the gate, zero of other losses."""
-        if settings.smoother.loss != "gate":
-            return 0.0
-        dimension = max(sensor_format(sensor).dimension for sensor in setup.dataset.log.sensors)
-        return float(chi_square_tail(settings.smoother.width**2, dimension))
-
-
-class LatestSmootherEntry(SmootherEntry):
-    """Table entry of the smoother without revision by later measurements, to be compared with filters."""
-
-    name, order = "smoother-latest", 7
-    is_default = False
-
-    def batch(self, setup: Setup, settings: Settings) -> BatchSmoother | None:
-        """None: it takes landmarks epoch by epoch.
-
-        Raises
-        ------
-        InputError
-            Measurements without landmarks to be found, all of whose epochs the smoother takes at once.
-        """
-        if not setup.initial.has_landmarks:
-            raise InputError(f"{self.name} takes tracks without a map alone; choose smoother")
-        return None
-
-    def final(self, estimator: RecursiveSmoother, passed: EstimateHistory, setup: Setup) -> None:
-        """None: what it said of each epoch as it came stands."""
-
-
-class UkfEntry(MultiplicativeEntry):
-    """Table entry of `MultiplicativeUkf`."""
-
-    name, order = "ukf", 1
-
-    def build(self, setup: Setup, settings: Settings) -> MultiplicativeUkf:
-        """The multiplicative UKF with the run's options."""
-        return MultiplicativeUkf(
-            setup.process, settings.ukf, settings.robust, settings.adaptation, settings.landmarks
-        )
-
-
+LAGS: Final = (1, 2, 5, 10, 20, 50)
+"""Lags of the smoothers with a fixed lag, epochs."""
 OWN: Final[tuple[AnyEntry, ...]] = (
     MekfEntry(),
     UkfEntry(),
@@ -266,8 +130,13 @@ OWN: Final[tuple[AnyEntry, ...]] = (
     EmbeddedEntry(),
     EmbeddedDoubleEntry(),
     LatestSmootherEntry(),
+    IteratedEntry(),
+    RauchTungStriebelEntry(),
+    InvariantEntry(),
+    JointEntry(),
+    *(FixedLagEntry(lag, 12 + place) for place, lag in enumerate(LAGS)),
 )
-"""Estimators of this package; `spinfilters.settings.run_settings` lists their names for the settings."""
+"""Estimators of this package; the settings take their names from here (`spinfilters.settings.run_settings.estimator_names`)."""
 
 
 def estimator_entries() -> dict[str, AnyEntry]:

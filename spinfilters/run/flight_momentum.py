@@ -12,7 +12,8 @@ from typing import Final
 import numpy as np
 import scipy.linalg
 from jaxtyping import Bool, Float, Int
-from scipy.spatial.transform import Rotation
+
+from spinfilters.core.attitude_conversions import integrate_gyro, matrix_from_quaternion
 
 ROTATION: Final = 2.0
 """Of a window, rad: less says little of a tensor."""
@@ -33,8 +34,14 @@ class RotationHistory:
 
     Attributes
     ----------
-    time: s.   rates: (n, 3) rad/s.   angle: rotated since the first sample, rad.
-    momentum: (n, 3, 6) of R J w over the elements xx, yy, zz, xy, xz, yz of J.
+    time : ndarray of float, shape (n,)
+        Stamps, s.
+    rates : ndarray of float, shape (n, 3)
+        Body rates, rad/s.
+    angle : ndarray of float, shape (n,)
+        Rotated since the first sample, rad.
+    momentum : ndarray of float, shape (n, 3, 6)
+        Angular momentum R J w over the elements xx, yy, zz, xy, xz, yz of J.
     """
 
     time: Float[np.ndarray, " n"]
@@ -44,14 +51,9 @@ class RotationHistory:
 
 
 def rotation_history(time: Float[np.ndarray, " n"], rates: Float[np.ndarray, "n 3"]) -> RotationHistory:
-    """Attitudes by rotation vectors of fourth order (linear rate between samples), multiplied by doubling."""
+    """Attitudes from the first sample on, by rates that are linear between samples."""
     step, middle = np.diff(time)[:, None], 0.5 * (rates[1:] + rates[:-1])
-    vectors = middle * step + np.cross(rates[:-1], rates[1:]) * step**2 / 12
-    attitude = np.concatenate([np.eye(3)[None], Rotation.from_rotvec(vectors).as_matrix()])
-    reach = 1
-    while reach < len(attitude):
-        attitude[reach:] = attitude[:-reach] @ attitude[reach:]
-        reach *= 2
+    attitude = matrix_from_quaternion(integrate_gyro(time, rates, np.array([0.0, 0.0, 0.0, 1.0])))
     angle = np.concatenate([[0.0], np.cumsum(np.linalg.norm(middle, axis=1) * step[:, 0])])
     return RotationHistory(time, rates, angle, attitude @ _tensor_rows(rates))
 
@@ -131,8 +133,12 @@ class MomentumChange:
 
     Attributes
     ----------
-    error: root mean square about a straight line over the angle, over |h|.   loss: of |h| from start to end, as a share.
-    turn: of its direction from start to end, rad; air slows a body, but what turns h is another torque.
+    error : float
+        Root mean square about a straight line over the angle, over |h|.
+    loss : float
+        Of |h| from start to end, as a share.
+    turn : float
+        Of its direction from start to end, rad; air slows a body, but what turns h is another torque.
     """
 
     error: float

@@ -12,8 +12,12 @@ from typing import Final
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.spatial.transform import Rotation
 
+from spinfilters.core.attitude_conversions import (
+    angle_from_matrix,
+    matrix_from_quaternion,
+    rotation_vector_from_matrix,
+)
 from spinfilters.run.flight_momentum import (
     Stretch,
     covered,
@@ -45,13 +49,12 @@ def turns_on(
 
     Parameters
     ----------
-    attitude: R_ig at times in s.   margin: samples at each end; those between tell how much the rate changes in flight.
+    attitude : ndarray of float, shape (n, 3, 3)
+        R_ig at the stamps.
+    margin : int
+        Samples at each end; those between tell how much the rate changes in flight.
     """
-    good, by = (
-        np.ones(len(time), dtype=bool),
-        Rotation.from_matrix(np.swapaxes(attitude[:-1], 1, 2) @ attitude[1:]),
-    )
-    rates = by.as_rotvec() / np.diff(time)[:, None]
+    good, rates = np.ones(len(time), dtype=bool), _body_rates(time, attitude)
     jumps = np.linalg.norm(np.diff(rates, axis=0), axis=1)  # of samples k, k + 1 and k + 2
     amid = jumps[margin : len(time) - margin - 2]
     if not amid.size or margin < 1:
@@ -60,6 +63,14 @@ def turns_on(
     good[:margin] = ~large[:margin]
     good[-margin:] = ~large[-margin:]
     return good
+
+
+def _body_rates(
+    time: Float[np.ndarray, " n"], attitude: Float[np.ndarray, "n 3 3"]
+) -> Float[np.ndarray, "r 3"]:
+    """Mean rates between attitudes R_ig, rad/s, body axes."""
+    by = np.swapaxes(attitude[:-1], 1, 2) @ attitude[1:]
+    return rotation_vector_from_matrix(by) / np.diff(time)[:, None]
 
 
 def leads_on(
@@ -72,8 +83,7 @@ def leads_on(
     good, margin = np.ones(len(time), dtype=bool), min(margin, SLOWEST_RELEASE)
     if margin < 1 or len(time) - 1 - 2 * margin < FEWEST:
         return good
-    by = Rotation.from_matrix(np.swapaxes(attitude[:-1], 1, 2) @ attitude[1:])
-    rates, middle = by.as_rotvec() / np.diff(time)[:, None], (time[1:] + time[:-1]) / 2
+    rates, middle = _body_rates(time, attitude), (time[1:] + time[:-1]) / 2
     good[: _departing(middle, rates, margin)] = False
     good[len(time) - _departing(-middle[::-1], rates[::-1], margin) :] = False
     return good
@@ -146,12 +156,15 @@ class PoseLog:
         The noise is that of the data, or the stated one where that is more.
         """
         noise = max(noise_level(values[:, :3]), stated or 0.0, LEAST_NOISE)
-        return cls(time, values[:, :3], Rotation.from_quat(values[:, 3:]).as_matrix(), noise)
+        attitude = matrix_from_quaternion(
+            values[:, 3:] / np.linalg.norm(values[:, 3:], axis=1, keepdims=True)
+        )
+        return cls(time, values[:, :3], attitude, noise)
 
     def rotation(self, stretch: Stretch) -> float:
         """Angle through which the body turns within a stretch, rad."""
         rows = self.attitude[stretch.start : stretch.end]
-        return float(Rotation.from_matrix(np.swapaxes(rows[:-1], 1, 2) @ rows[1:]).magnitude().sum())
+        return float(angle_from_matrix(np.swapaxes(rows[:-1], 1, 2) @ rows[1:]).sum())
 
 
 def pose_flights(log: PoseLog) -> list[Stretch]:
@@ -192,7 +205,8 @@ def _flights(log: PoseLog, piece: Stretch, gravity: Float[np.ndarray, " 3"], fac
 
     Parameters
     ----------
-    factor: on the length of windows: what a hand does over a short one a centre of mass somewhere else explains.
+    factor : float
+        On the length of windows: what a hand does over a short one a centre of mass somewhere else explains.
     """
     windows = _windows(log, piece, GRAVITY, factor)
     if windows is None:
@@ -353,7 +367,7 @@ def _let_go(log: PoseLog, stretch: Stretch) -> Stretch:
 def _reach(log: PoseLog, stretch: Stretch) -> float:
     """Largest angle from the first attitude of a stretch, rad, in which noise does not add up."""
     rows = log.attitude[stretch.start : stretch.end]
-    return float(Rotation.from_matrix(rows[0].T @ rows).magnitude().max())
+    return float(angle_from_matrix(rows[0].T @ rows).max())
 
 
 def _stretches(

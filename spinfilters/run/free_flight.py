@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
+from spinfilters.core.attitude_conversions import cross_matrix
 from spinfilters.core.errors import InputError
 from spinfilters.io.dataset import Dataset, Segment
 from spinfilters.io.measurement_log import Acceleration, MeasurementStream
@@ -103,8 +104,14 @@ class FreeFlight:
 
     Attributes
     ----------
-    start, end: s, on the clock of the recording.   epochs: measurements within.   rotation: rad.
-    evidence: in words.
+    start, end : float
+        On the clock of the recording, s.
+    epochs : int
+        Measurements within.
+    rotation : float
+        Of the body within, rad.
+    evidence : str
+        In words.
     """
 
     start: float
@@ -123,7 +130,8 @@ def find_flights(dataset: Dataset) -> list[FreeFlight]:
 
     Raises
     ------
-    InputError: measurements of other kinds; rates between whose samples a body turns by more than half a revolution.
+    InputError
+        Measurements of other kinds; rates between whose samples a body turns by more than half a revolution.
     """
     finder = _FINDERS.get(dataset.sensor)
     if finder is None:
@@ -227,7 +235,8 @@ def unexplained_force(
 
     Parameters
     ----------
-    time, rates: of the gyro, s and rad/s.
+    time, rates
+        Of the gyro, s and rad/s.
     """
     inside = (force.time >= time[0]) & (force.time <= time[-1])
     if np.count_nonzero(inside) < 4 or len(time) < 4:
@@ -237,15 +246,8 @@ def unexplained_force(
     rate, acceleration = (
         np.column_stack([np.interp(stamps, time, column) for column in each.T]) for each in (rates, slope)
     )
-    design = (_cross(acceleration) + _cross(rate) @ _cross(rate)).reshape(-1, 3)
+    design = (cross_matrix(acceleration) + cross_matrix(rate) @ cross_matrix(rate)).reshape(-1, 3)
     prior = np.eye(3) * (LARGEST_FORCE / FARTHEST) ** 2
     place = np.linalg.solve(design.T @ design + prior, design.T @ measured.reshape(-1))
     left = measured.reshape(-1) - design @ place
     return float(np.sqrt(np.mean(left.reshape(-1, 3) ** 2) * 3))
-
-
-def _cross(vectors: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 3"]:
-    """Matrices of v x."""
-    x, y, z = vectors.T
-    o = np.zeros_like(x)
-    return np.stack([np.stack([o, -z, y], 1), np.stack([z, o, -x], 1), np.stack([-y, x, o], 1)], 1)

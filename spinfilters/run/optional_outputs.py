@@ -18,6 +18,7 @@ from spinfilters.inference.setup import Setup
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.input_file import path_text, read_settings_text, reason
 from spinfilters.io.output_files import write_text
+from spinfilters.io.reference_motion import ReferenceMotion
 from spinfilters.io.truth import Truth
 from spinfilters.models.body import body_estimate
 from spinfilters.models.process import TorqueFreeProcess
@@ -26,13 +27,15 @@ from spinfilters.plots.convergence import convergence_figure
 from spinfilters.plots.style import draw_figure
 from spinfilters.plots.time_courses import PAST, PredictionCurves, prediction_figure
 from spinfilters.run import smoother_convergence
-from spinfilters.run.array_files import read_history, write_history
+from spinfilters.run.array_files import finite_document, read_history, write_history
 from spinfilters.run.estimation import Comparison, compare_estimators
 from spinfilters.run.preparation import prepare
+from spinfilters.run.reference_output import reference_lines, write_reference
 from spinfilters.run.run_folder import (
     CONVERGENCE_PICTURE,
     EXPLANATIONS_FILE,
     PREDICTION_PICTURE,
+    REFERENCE_FILE,
     read_histories,
 )
 from spinfilters.run.run_folder import PREDICTION_ARRAYS as ARRAYS
@@ -57,7 +60,8 @@ def times_ahead(time: Float[np.ndarray, " n"], seconds: float) -> Float[np.ndarr
 
     Raises
     ------
-    InputError: less than one step, or more than `MOST_STEPS`.
+    InputError
+        Less than one step, or more than `MOST_STEPS`.
     """
     interval = float(np.median(np.diff(time)))
     if not interval * (1 - ROUNDING) <= seconds <= interval * MOST_STEPS:
@@ -80,7 +84,8 @@ def write_predictions(
 
     Raises
     ------
-    InputError: as `times_ahead`; a file cannot be written.
+    InputError
+        As `times_ahead`; a file cannot be written.
     """
     good = _sound(histories)
     predicted = [_predicted(process, each, times_ahead(each.time, seconds)) for each in good]
@@ -103,7 +108,8 @@ def read_predictions(folder: Path, histories: Sequence[EstimateHistory]) -> list
 
     Raises
     ------
-    InputError: a prediction is missing where there are others, damaged, or of another run.
+    InputError
+        A prediction is missing where there are others, damaged, or of another run.
     """
     good = _sound(histories)
     paths = [folder / history.name / ARRAYS for history in good]
@@ -193,8 +199,10 @@ class Explanation:
 
     Attributes
     ----------
-    settings: that hold it, as tables of the settings file.   evaluation: of the estimator that was run again; None where the data
-        set was refused, with the ``refusal``.
+    settings : Mapping[str, Mapping[str, Any]]
+        That hold it, as tables of the settings file.
+    evaluation : Evaluation or None
+        Of the estimator that was run again; None where the data set was refused, with the ``refusal``.
     """
 
     alternative: Alternative
@@ -276,7 +284,7 @@ def write_explanations(folder: Path, comparison: Comparison, settings: Settings)
         "refits": [each.document for each in refits],
         "sentences": _sentences(found, refits),
     }
-    write_text(folder / EXPLANATIONS_FILE, json.dumps(_finite(document), indent=1) + "\n")
+    write_text(folder / EXPLANATIONS_FILE, json.dumps(finite_document(document), indent=1) + "\n")
 
 
 def read_sentences(folder: Path) -> Sequence[str]:
@@ -330,31 +338,23 @@ def _test_document(test: ScoreTest) -> dict[str, Any]:
     }
 
 
-def _finite(value: Any) -> Any:
-    """The document with null for what is not finite."""
-    if isinstance(value, dict):
-        return {key: _finite(each) for key, each in value.items()}
-    if isinstance(value, list):
-        return [_finite(each) for each in value]
-    return None if isinstance(value, float) and not np.isfinite(value) else value
-
-
 @dataclass(frozen=True)
 class OptionalOutputs:
-    """Optional outputs: seconds to predict, convergence, model errors.
+    """Optional outputs: seconds to predict, convergence, model errors, comparison with a reference.
 
-    None for no prediction; whether to show convergence; whether to refit with named model errors.
+    None for no prediction; whether to show convergence; whether to refit with named model errors; None for no reference.
     """
 
     predict_s: float | None = None
     convergence: bool = False
     explain: bool = False
+    reference: ReferenceMotion | None = None
 
     def require_one_run(self) -> None:
         """Refuse what a run of many segments does not make."""
-        if self.predict_s is not None or self.convergence or self.explain:
+        if self != OptionalOutputs():
             raise InputError(
-                "--predict, --convergence and --explain are for one recording; choose a segment with --segment N"
+                "--predict, --convergence, --explain and --reference are for one recording; choose a segment with --segment N"
             )
 
     def check(self, setup: Setup, settings: Settings) -> None:
@@ -376,6 +376,8 @@ class OptionalOutputs:
             smoother_convergence.write_convergence(folder, comparison.setup, settings, on_epoch)
         if self.explain:
             write_explanations(folder, comparison, settings)
+        if self.reference is not None:
+            write_reference(folder, [each.history for each in comparison.evaluations], self.reference)
 
     def complete(
         self, folder: Path, dataset: Dataset, settings: Settings, on_epoch: Callable[[int, int], None]
@@ -387,7 +389,8 @@ class OptionalOutputs:
 
         Raises
         ------
-        InputError: as `check`; a file of the run is damaged.
+        InputError
+            As `check`; a file of the run is damaged.
         """
         made = []
         if self.convergence and not smoother_convergence.is_whole(folder):
@@ -404,11 +407,16 @@ class OptionalOutputs:
             process = read_process(folder, settings.process.tolerance)
             if write_predictions(folder, process, histories, self.predict_s):
                 made.append(PREDICTION_PICTURE)
+        if self.reference is not None:
+            made += write_reference(folder, read_histories(folder, settings.estimators), self.reference)
         return made
 
     def sentences(self, folder: Path) -> Sequence[str]:
-        """Sentences of a run's explanations; none where they were not asked for."""
-        return read_sentences(folder) if self.explain else []
+        """Sentences of a run's explanations and of its reference; none where they were not asked for."""
+        told = list(read_sentences(folder)) if self.explain else []
+        if self.reference is not None:
+            told += reference_lines(json.loads(read_settings_text(folder / REFERENCE_FILE)))
+        return told
 
     def lacking(self, folder: Path) -> str | None:
         """Requested outputs that a folder lacks, and why; None where nothing is missing."""
@@ -424,7 +432,8 @@ def draw_optional_outputs(
 
     Raises
     ------
-    InputError: a file that one is drawn from is missing or damaged; what else there is has been drawn.
+    InputError
+        A file that one is drawn from is missing or damaged; what else there is has been drawn.
     """
     drawn: list[str] = []
     faults: list[InputError] = []

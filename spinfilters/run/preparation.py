@@ -35,6 +35,7 @@ from spinfilters.io.sensor_tables import require_motion
 from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.models.state_blocks import ACCELERATION, CENTRE_OF_MASS
 from spinfilters.models.state_layout import Gaussian
+from spinfilters.run.given_belief import given_belief
 from spinfilters.settings.run_settings import AUTO, LINEAR, QUADRATIC, Settings
 from spinfilters.smoother.priors import FirstStatePrior
 from spinfilters.verdict.model_errors.motion_alternatives import ConstantAcceleration
@@ -60,6 +61,7 @@ def prepare(dataset: Dataset, settings: Settings, initial: GivenInitialisation |
     """
     begin = working_seconds()
     with dataset.naming():
+        initial = initial or given_belief(dataset, settings.initialisation)
         if initial is not None:
             setup = first_setup(dataset, settings, initial)
         else:
@@ -73,7 +75,24 @@ def prepare(dataset: Dataset, settings: Settings, initial: GivenInitialisation |
 def first_setup(dataset: Dataset, settings: Settings, initial: GivenInitialisation | None = None) -> Setup:
     """The setup of exactly these settings: no drag and no acceleration but those that they state.
 
-    Parameters and errors: `prepare`.
+    Parameters
+    ----------
+    dataset : Dataset
+        Measurements, and what is stated of their sensors.
+    settings : Settings
+        Of the run; "auto" means a quadratic drag here, and no acceleration.
+    initial : GivenInitialisation or None
+        Gives the initialisation where the first epochs are not to be smoothed.
+
+    Returns
+    -------
+    Setup
+        What every estimator of the run shares.
+
+    Raises
+    ------
+    InputError
+        As `prepare`.
     """
     # Process, sensors and noise, as settings and data set state them.
     log = log_with_noise(dataset.log, settings)

@@ -1,80 +1,40 @@
-"""All readers of recordings, all front ends of raw data, and who reads a path.
-
-Rows that a logger wrote again are left out here. A gyro of 50 Hz that is logged at 100 Hz fills every other row with the rates
-of the row before. Taken for measurements these are late by a sample and tell the noise twice. A gyro whose noise is finer than
-its resolution repeats itself, too; there each axis by itself keeps its value more often than all three together, and the rows
-are left as they are.
-"""
+"""All readers of recordings, all front ends of raw data, and who reads a path."""
 
 import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-import numpy as np
-from jaxtyping import Bool
-
 from spinfilters.core.errors import InputError
 from spinfilters.core.plugins import entries_by_name, in_order, installed_plugins
+from spinfilters.io.array_exports import ArrayExportReader
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.dataset_folder import DatasetFolderReader, OtherFolderReader, SensorTableReader
 from spinfilters.io.dataset_reader import DatasetReader, OnRefused, RawDataReader
 from spinfilters.io.input_file import path_text
-from spinfilters.io.measurement_log import MeasurementLog, MeasurementStream
-from spinfilters.io.motion_table import MotionFileReader
+from spinfilters.io.logger_folders import LoggerFolderReader
+from spinfilters.io.measurement_log import MeasurementLog
+from spinfilters.io.motion_file import MotionFileReader
 from spinfilters.io.phone_exports import PhoneExportReader, PhyphoxReader
+from spinfilters.io.px4_log import Px4LogReader
+from spinfilters.io.repeated_rows import without_repeated_rows
 from spinfilters.io.ros_bag import RosBagReader
 from spinfilters.io.sensor_format import sensor_format, sensor_formats
 from spinfilters.io.stated_values import NOTHING_STATED, ReadingOptions
 from spinfilters.io.zip_export import ZipReader
-
-MOST_REPEATED: Final[float] = 1 / 3
-"""Of a gyro's rows, that repeat the row before by some fault of the sensor; more of them are a logger's."""
-MOST_KEPT: Final[float] = 0.05
-"""Of rows that are new, in which any axis has kept its value: where there are more the resolution is coarse."""
-FEWEST_NEW: Final[int] = 5
-"""Rows that tell how often an axis keeps its value."""
 
 
 def without_repeated_rates(dataset: Dataset) -> Dataset:
     """The data set without rows that only repeat the rates before; its description says how many."""
     streams, remarks = [], []
     for stream in dataset.log.streams:
-        repeated = _repeated(stream)
-        if repeated.any():
-            stream, every = _rows(stream, ~repeated), len(stream)
-            remarks.append(_remark(stream, every))
-        streams.append(stream)
+        kept, remark = without_repeated_rows(stream)
+        streams.append(kept)
+        remarks += [remark] if remark else []
     if not remarks:
         return dataset
     description = "; ".join(words for words in (dataset.description, *remarks) if words)
     return replace(dataset, log=MeasurementLog(tuple(streams)), description=description)
-
-
-def _repeated(stream: MeasurementStream) -> Bool[np.ndarray, " n"]:
-    """Rows that a logger wrote again; none where the resolution explains them."""
-    kept, repeated = stream.values[1:] == stream.values[:-1], np.zeros(len(stream), dtype=bool)
-    if not sensor_format(stream.sensor).logged_again:
-        return repeated
-    repeats = kept.all(axis=1)
-    new = kept[~repeats].any(axis=1)
-    if len(new) < FEWEST_NEW or np.mean(repeats) <= MOST_REPEATED or np.mean(new) > MOST_KEPT:
-        return repeated
-    repeated[1:] = repeats
-    return repeated
-
-
-def _rows(stream: MeasurementStream, chosen: Bool[np.ndarray, " n"]) -> MeasurementStream:
-    covariance = None if stream.covariance is None else stream.covariance[chosen]
-    return MeasurementStream(stream.sensor, stream.time[chosen], stream.values[chosen], None, covariance)
-
-
-def _remark(stream: MeasurementStream, every: int) -> str:
-    rate = 1.0 / float(np.median(np.diff(stream.time)))
-    return (
-        f"{every - len(stream)} of {every} rows of the {stream.sensor} repeat the row before and are left out: it measures at "
-        f"about {rate:.3g} Hz"
-    )
 
 
 def front_ends() -> tuple[RawDataReader, ...]:
@@ -206,6 +166,9 @@ OWN_READERS: Final[tuple[DatasetReader, ...]] = (
     DatasetFolderReader(front_end_of),
     OtherFolderReader(recordings_in),
     MotionFileReader(),
+    ArrayExportReader(),
+    Px4LogReader(),
+    LoggerFolderReader(),
     PhoneExportReader(),
     PhyphoxReader(),
     RosBagReader(),

@@ -52,7 +52,12 @@ class Reconstruction:
 
     Attributes
     ----------
-    model: of the body.   losses: of pairs.   document: what reconstruction.json holds.
+    model : BodyModel
+        Of the body.
+    losses : LossCount
+        Of pairs.
+    document : dict[str, Any]
+        What reconstruction.json holds.
     """
 
     model: BodyModel
@@ -91,11 +96,15 @@ def reconstruct(
 
     Parameters
     ----------
-    images: folder of the images, None for the one that the run tells.   progress: called with stage, how much and of how much.
+    images : Path or None
+        Folder of the images, None for the one that the run tells.
+    progress : Progress
+        Called with stage, how much and of how much.
 
     Raises
     ------
-    InputError: no run, no images, no estimator with a map, images of other times than the run's, no surface.
+    InputError
+        No run, no images, no estimator with a map, images of other times than the run's, no surface.
     """
     figure_data = read_figure_data(folder)
     source = images_of(folder, images)

@@ -44,15 +44,15 @@ CONFIG_FILE, DATASET_FOLDER, TRUTH_FILE = "config.toml", "dataset", "truth.tum"
 HISTORY_FILE, MAP_FILE = "history.npz", "map.ply"
 REPORT_FILE = "report.html"
 PREDICTION_PICTURE, CONVERGENCE_PICTURE = "prediction.png", "convergence.png"
-EXPLANATIONS_FILE = "explanations.json"
-PREDICTION_TABLE, PREDICTION_ARRAYS, CONVERGENCE_ARRAYS = (
+EXPLANATIONS_FILE, REFERENCE_FILE = "explanations.json", "reference.json"
+PREDICTION_TABLE, PREDICTION_ARRAYS, CONVERGENCE_ARRAYS, REFERENCE_TABLE = (
     *("prediction.csv", "prediction.npz"),
-    "convergence.npz",
+    *("convergence.npz", "reference.csv"),
 )
 """Files that a run has where they were asked for (`spinfilters.run.optional_outputs`); all but pictures by estimator."""
 ESTIMATOR_FILES = (
     *("trajectory.csv", "trajectory.tum", MAP_FILE, HISTORY_FILE),
-    *(PREDICTION_TABLE, PREDICTION_ARRAYS, CONVERGENCE_ARRAYS),
+    *(PREDICTION_TABLE, PREDICTION_ARRAYS, CONVERGENCE_ARRAYS, REFERENCE_TABLE),
 )
 """Everything that a run writes into the folder of an estimator, besides its checkpoint."""
 RECONSTRUCTION_FOLDER, MODEL_FILE = "reconstruction", "model.ply"
@@ -66,12 +66,18 @@ DECISIVE = ("kind", "log", "truth", "rig", "known_map", "inspector")
 """Parts of a data set that decide the numbers of a run, with noise and calibration among its options."""
 
 
+def reference_pictures(estimator: str) -> tuple[str, str]:
+    """Pictures of an estimator against a reference: values, and differences."""
+    return f"reference-{estimator}.png", f"reference-differences-{estimator}.png"
+
+
 def refuse_foreign_run(folder: Path) -> None:
     """Refuse a folder that holds something else than a run, or leads out of itself.
 
     Raises
     ------
-    InputError: it holds foreign files, or a link in the place of a folder that a run writes into.
+    InputError
+        It holds foreign files, or a link in the place of a folder that a run writes into.
     """
     if folder.is_dir() and any(each.name != LOCK_FILE for each in folder.iterdir()) and not _is_run(folder):
         raise InputError(
@@ -114,10 +120,29 @@ def mark_run_folder(folder: Path, settings: Settings) -> None:
         write_configuration(folder, settings)
 
 
-def write_run(folder: Path, comparison: Comparison, settings: Settings) -> None:
+def write_run(folder: Path, comparison: Comparison, settings: Settings) -> dict[str, Any]:
     """Write everything but the figures; summary.json comes last.
 
     Checkpoints stay until then, and beyond where Ctrl-C cut the run short.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the run; made where it does not exist.
+    comparison : Comparison
+        What the estimators left behind.
+    settings : Settings
+        They become config.toml.
+
+    Returns
+    -------
+    dict
+        Content of summary.json, before its numbers are rounded to text.
+
+    Raises
+    ------
+    InputError
+        The folder holds something else than a run, or the data set that the run is made from.
     """
     refuse_foreign_run(folder)
     make_folder(folder)
@@ -134,9 +159,11 @@ def write_run(folder: Path, comparison: Comparison, settings: Settings) -> None:
         write_history(part / HISTORY_FILE, evaluation.history)
         if evaluation.name in comparison.maps:
             write_map_ply(part / MAP_FILE, comparison.maps[evaluation.name])
-    write_json(folder / SUMMARY_FILE, summary(comparison))
+    document = summary(comparison)
+    write_json(folder / SUMMARY_FILE, document)
     if not comparison.interrupted:
         remove_checkpoints(folder)
+    return document
 
 
 def read_histories(folder: Path, names: Sequence[str]) -> list[EstimateHistory]:
@@ -144,7 +171,8 @@ def read_histories(folder: Path, names: Sequence[str]) -> list[EstimateHistory]:
 
     Raises
     ------
-    InputError: as `spinfilters.run.array_files.read_history`, or a history of another estimator than its folder's.
+    InputError
+        As `spinfilters.run.array_files.read_history`, or a history of another estimator than its folder's.
     """
     paths = [folder / name / HISTORY_FILE for name in names]
     histories = [read_history(path) for path in paths]
@@ -169,7 +197,8 @@ def read_figure_data(folder: Path) -> FigureData:
 
     Raises
     ------
-    InputError: a folder that is no run, or a damaged one.
+    InputError
+        A folder that is no run, or a damaged one.
     """
     document = read_summary(folder)
     dataset = read_dataset(folder / DATASET_FOLDER)
@@ -241,8 +270,9 @@ def _is_run(folder: Path) -> bool:
 
 def _clear(folder: Path, source: Path | None) -> None:
     """Remove an earlier run's files except checkpoints and the data set in use."""
-    pictures = (*picture_files(estimator_names()), PREDICTION_PICTURE, CONVERGENCE_PICTURE)
-    for name in (SUMMARY_FILE, TRUTH_FILE, REPORT_FILE, EXPLANATIONS_FILE, *pictures):
+    pictures = [*picture_files(estimator_names()), PREDICTION_PICTURE, CONVERGENCE_PICTURE]
+    pictures += [picture for name in estimator_names() for picture in reference_pictures(name)]
+    for name in (SUMMARY_FILE, TRUTH_FILE, REPORT_FILE, EXPLANATIONS_FILE, REFERENCE_FILE, *pictures):
         (folder / name).unlink(missing_ok=True)
     if not _is_own_dataset(folder, source):
         _remove(folder / DATASET_FOLDER, dataset_files())

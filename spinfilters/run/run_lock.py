@@ -22,7 +22,8 @@ def locked_run(folder: Path) -> Iterator[None]:
 
     Raises
     ------
-    InputError: another process holds it, or the lock cannot be written.
+    InputError
+        Another process holds it, or the lock cannot be written.
     """
     path = folder / LOCK_FILE
     try:

@@ -42,6 +42,7 @@ from spinfilters.run.run_folder import (
     RECONSTRUCTION_FILE,
     RECONSTRUCTION_FOLDER,
     REPORT_FILE,
+    reference_pictures,
 )
 
 LARGEST_PICTURE: Final = 20_000_000
@@ -55,7 +56,8 @@ def write_run_report(figure_data: FigureData, folder: Path) -> Path:
 
     Raises
     ------
-    InputError: the page cannot be written.
+    InputError
+        The page cannot be written.
     """
     with np.errstate(all="ignore"):  # what a failed estimator left is shown as it is
         model = _model_section(figure_data, folder)
@@ -184,6 +186,10 @@ def _pictures(figure_data: FigureData, folder: Path) -> Iterator[str]:
     names = [evaluation.name for evaluation in figure_data.evaluations]
     captions = {f"{name}.png": entry.caption for entry in figure_entries() for name in entry.names(names)}
     captions |= {PREDICTION_PICTURE: "Predicted motion.", CONVERGENCE_PICTURE: "How estimates settle."}
+    for name in names:
+        values, differences = reference_pictures(name)
+        captions[values] = f"{name} and the reference, in the same axes."
+        captions[differences] = f"{name} minus the reference, before and after its axes are corrected."
     for name, caption in captions.items():
         picture = _file(folder / name, caption)
         if picture:

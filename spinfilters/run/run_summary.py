@@ -53,7 +53,8 @@ def read_summary(folder: Path) -> dict[str, Any]:
 
     Raises
     ------
-    InputError: missing, too large, not JSON, another schema.
+    InputError
+        Missing, too large, not JSON, another schema.
     """
     path = folder / SUMMARY_FILE
     if not path.is_file():
@@ -83,7 +84,8 @@ def read_process(folder: Path, tolerance: float) -> TorqueFreeProcess:
 
     Raises
     ------
-    InputError: as `read_summary`, or the summary does not tell it.
+    InputError
+        As `read_summary`, or the summary does not tell it.
     """
     document = read_summary(folder)
     try:
@@ -173,7 +175,7 @@ def estimator_numbers(evaluation: Evaluation, shared: float = ALWAYS) -> dict[st
             if metric.of_epochs:
                 parent = metric.key.removesuffix(metric.leaf)
                 _place(document, f"{parent}shared_epochs.{metric.leaf}", metric.of(common))
-    return document | {ERRORS: _error_numbers(evaluation, common)}
+    return document | {ERRORS: _error_numbers(evaluation, own, common)}
 
 
 def _place(document: dict[str, Any], key: str, value: Any) -> None:
@@ -184,11 +186,11 @@ def _place(document: dict[str, Any], key: str, value: Any) -> None:
     document[leaf] = value
 
 
-def _error_numbers(evaluation: Evaluation, common: EpochSpan) -> dict[str, Any] | None:
+def _error_numbers(evaluation: Evaluation, own: EpochSpan, common: EpochSpan) -> dict[str, Any] | None:
     if evaluation.errors is None or evaluation.body_errors is None:
         return None
     chosen = [metric for metric in metrics() if metric.needs_truth]
-    own, late, first = own_span(evaluation), second_half(evaluation), evaluation.history.initialisation_end
+    late, first = second_half(evaluation), evaluation.history.initialisation_end
     rms = [(each, each.leaf.replace("rms_", "rms_second_half_", 1)) for each in chosen if each.of_epochs]
     halves = [(metric, name) for metric, name in rms if name != metric.leaf]
     bounded = [metric for metric in chosen if metric.bound is not None]

@@ -30,8 +30,12 @@ class SegmentChoice:
 
     Attributes
     ----------
-    several: "all" or "auto", which are any number of segments; empty for one.   number: of one.
-    stretch: times of one, where it has no number.
+    several : str
+        "all" or "auto", which are any number of segments; empty for one.
+    number : int or None
+        Of one.
+    stretch : Segment or None
+        Times of one, where it has no number.
     """
 
     several: str = ""
@@ -68,7 +72,8 @@ def read_chosen(
 
     Raises
     ------
-    InputError: as `read_dataset` and `find_flights`; no such segment, or several of them.
+    InputError
+        As `read_dataset` and `find_flights`; no such segment, or several of them.
     """
     if choice.stretch is not None:
         return read_whole(path, options).part(choice.stretch)
@@ -106,7 +111,8 @@ def read_several(
 
     Raises
     ------
-    InputError: as `read_chosen`.
+    InputError
+        As `read_chosen`.
     """
     if which == AUTO:
         recordings = recordings_in(Path(path))

@@ -41,8 +41,14 @@ class PooledMoments:
 
     Attributes
     ----------
-    ratios: (2,).   covariance: (2, 2) of them, as the segments' covariances say.
-    chi_square: of the segments about them, of ``degrees`` degrees of freedom.   segments: that are ok, of ``total``.
+    ratios : ndarray of float, shape (2,)
+        Jmin / Jmax and Jmid / Jmax.
+    covariance : ndarray of float, shape (2, 2)
+        Of them, as the segments' covariances say.
+    chi_square : float
+        Of the segments about them, of ``degrees`` degrees of freedom.
+    segments : int
+        That are ok, of ``total``.
     """
 
     ratios: Float[np.ndarray, " 2"]
@@ -100,7 +106,8 @@ def pooled_moments(estimates: Sequence[Mapping[str, Any]], total: int) -> Pooled
 
     Parameters
     ----------
-    total: how many segments there are, those without a result among them.
+    total : int
+        How many segments there are, those without a result among them.
     """
     ratios, information = [], []
     for estimate in estimates:
@@ -145,8 +152,12 @@ class PooledAcceleration:
 
     Attributes
     ----------
-    strength: the mean, its random part widened where the segments disagree.
-    chi_square: of the segments about it, of ``degrees`` degrees of freedom.   left_out: segments too far from their median.
+    strength : Strength
+        The mean, its random part widened where the segments disagree.
+    chi_square : float
+        Of the segments about it, of ``degrees`` degrees of freedom.
+    left_out : int
+        Segments too far from their median.
     """
 
     strength: Strength
@@ -297,13 +308,14 @@ def write_segments(folder: Path, results: Sequence[SegmentResult], settings: Set
         {"schema": 1, "segments": document, "pooled": pooled, "pooled_acceleration": accelerations},
     )
     for name in settings.estimators:
-        estimates = [(r.number, r.summary["estimators"][name]) for r in results if r.summary is not None]
-        throws = [_throw(number, estimate) for number, estimate in estimates]
-        throws = [
-            throw
-            for throw in throws
-            if np.isfinite(throw.ratios).all() and np.isfinite(throw.covariance).all()
-        ]
+        throws: list[Throw] = []
+        for result in results:
+            if result.summary is not None:
+                estimate = result.summary["estimators"][name]
+                ratios = _numbers(estimate["principal_moments"])[:2]
+                covariance = _numbers(estimate["principal_moments_cov"])[:2, :2]
+                if np.isfinite(ratios).all() and np.isfinite(covariance).all():
+                    throws.append(Throw(result.number, ratios, covariance, estimate["status"] != "ok"))
         if throws:
             draw_figure(partial(throws_figure, throws), folder / throws_picture(name))
 
@@ -311,11 +323,6 @@ def write_segments(folder: Path, results: Sequence[SegmentResult], settings: Set
 def throws_picture(estimator: str) -> str:
     """File of the picture of all segments; there is none where no segment has finite moments."""
     return f"throws-{estimator}.png"
-
-
-def _throw(number: int, estimate: dict[str, Any]) -> Throw:
-    moments, covariance = _numbers(estimate["principal_moments"]), _numbers(estimate["principal_moments_cov"])
-    return Throw(number, moments[:2], covariance[:2, :2], estimate["status"] != "ok")
 
 
 def _numbers(listed: list[Any]) -> Float[np.ndarray, "..."]:

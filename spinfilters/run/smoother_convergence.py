@@ -52,8 +52,16 @@ class PlottedQuantity:
 
     Attributes
     ----------
-    label, unit: in the picture.   scale: what SI is multiplied by for that unit.   size: components of the values.
-    estimate: values (k, size) and their standard deviations (k, 3).   true: values of a truth.
+    label, unit : str
+        In the picture.
+    scale : float
+        What SI is multiplied by for that unit.
+    size : int
+        Components of the values.
+    estimate : callable
+        Values (k, size) and their standard deviations (k, 3).
+    true : callable
+        Values of a truth.
     """
 
     label: str
@@ -139,7 +147,8 @@ def read_convergence_record(path: Path) -> tuple[StateLayout, ConvergenceRecord]
 
     Raises
     ------
-    InputError: missing, too large, damaged, or arrays that do not fit together.
+    InputError
+        Missing, too large, damaged, or arrays that do not fit together.
     """
     try:
         return _convergence_record(read_arrays(path))
@@ -203,7 +212,8 @@ def require_convergence(setup: Setup, settings: Settings) -> None:
 
     Raises
     ------
-    InputError: no smoother, measurements that are smoothed all at once, or too many epochs.
+    InputError
+        No smoother, measurements that are smoothed all at once, or too many epochs.
     """
     if NAME not in settings.estimators:
         raise InputError(f"--convergence shows the estimator {NAME}; name it in --estimators")
@@ -224,7 +234,8 @@ def write_convergence(
 
     Raises
     ------
-    InputError: as `require_convergence`; a file cannot be written.
+    InputError
+        As `require_convergence`; a file cannot be written.
     """
     require_convergence(setup, settings)
     start, layout = setup.initial, setup.process.layout
@@ -257,7 +268,8 @@ def read_convergence(folder: Path, truth: Truth | None) -> Convergence | None:
 
     Raises
     ------
-    InputError: as `spinfilters.run.smoother_convergence.read_convergence_record`.
+    InputError
+        As `spinfilters.run.smoother_convergence.read_convergence_record`.
     """
     path = folder / NAME / ARRAYS
     if not path.exists() and not (folder / CONVERGENCE_PICTURE).exists():

@@ -1,6 +1,6 @@
 """Everything that can be set about a run: tables, keys, ranges and defaults, read from and written to TOML."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, asdict, dataclass, field, fields, make_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal
@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, Literal
 import numpy as np
 
 from spinfilters.core.errors import InputError
-from spinfilters.core.plugins import installed_plugins
+from spinfilters.core.plugins import in_order, members_above
+from spinfilters.core.robust_losses import Barron, Gate, Huber, LeastSquares, PseudoHuber, RobustLoss
+from spinfilters.filters.error_coordinates import InvariantOptions
 from spinfilters.filters.iterated_update import IterationOptions
 from spinfilters.filters.measurement_prediction import SigmaPointOptions
 from spinfilters.filters.noise_levels import AdaptationOptions
@@ -30,7 +32,7 @@ from spinfilters.models.state_blocks import (
     VELOCITY,
     StateBlock,
 )
-from spinfilters.smoother.losses import Barron, Gate, Huber, LeastSquares, PseudoHuber, RobustLoss
+from spinfilters.settings.stated_belief import require_belief
 from spinfilters.smoother.sliding_smoother import SmootherOptions
 from spinfilters.smoother.window import FixedLag, FullSmoothing, LandmarkMarginalization, WindowPolicy
 
@@ -40,18 +42,55 @@ _OPTIONAL_PRIORS = {block.prior_option: block.prior_range for block in BLOCKS.va
 """Ranges of the options of blocks that a state has only where they are set."""
 
 
+class TruthValue:
+    """Strict bool of a setting: no number, no text."""
+
+    def __str__(self) -> str:
+        return "true or false"
+
+    def __get_pydantic_core_schema__(self, _source: object, _handler: object) -> Any:
+        from pydantic_core import core_schema
+
+        truth = core_schema.bool_schema(strict=True)
+        return core_schema.no_info_before_validator_function(plain_number, truth)
+
+
 @dataclass(frozen=True)
 class _OptionsOfEveryState:
     """Options of the initialisation that every state has; see `InitialisationOptions`.
 
     Attributes
     ----------
-    epochs: how many epochs it looks at, at most.   share: of the recording, at most; a third more where filters need it.
-    duration: how many seconds it looks at, at most.
-    iterations: of the smoother, at most.
-    mass_std: of the prior of the mass distribution about the sphere, in the logarithm of second moments (a phone lies at 2).
-    centre_std: of the prior of the centre of mass about the origin of g, m.   speed_std: of its velocity, m/s.
-    drag_std: of the prior of the drag coefficient, 1/rad.   linear_drag_std: of that of a drag linear in the rate, 1/s.
+    epochs : int
+        How many epochs it looks at, at most.
+    share : float
+        Of the recording, at most; a third more where filters need it.
+    duration : float
+        How many seconds it looks at, at most.
+    iterations : int
+        Of the smoother, at most.
+    mass_std : float
+        Of the prior of the mass distribution about the sphere, in the logarithm of second moments (a phone lies at 2).
+    centre_std : float
+        Of the prior of the centre of mass about the origin of g, m.
+    speed_std : float
+        Of its velocity, m/s.
+    drag_std : float
+        Of the prior of the drag coefficient, 1/rad.
+    linear_drag_std : float
+        Of that of a drag linear in the rate, 1/s.
+    mean : dict
+        Of a belief at the first epoch, from which every estimator begins, by block: position (of frame g in i, m), attitude (q_ig),
+        velocity (of the centre of mass, m/s), rate (rad/s, g axes), center_of_mass (m, g), mass_distribution or principal_moments
+        (about the axes of g). No first epochs are smoothed then.
+    std : dict
+        Its standard deviations by block.
+    covariance : tuple of tuples of float
+        In their place, of the errors in the order of the state.
+    from_truth : bool
+        Whether that belief is the truth of the first epoch with an error drawn from std or covariance.
+    draw : int
+        Seed of that error.
     """
 
     epochs: Annotated[int, NumberRange(1, 100_000, whole=True)] = 60
@@ -63,12 +102,30 @@ class _OptionsOfEveryState:
     speed_std: Annotated[float, PRIOR_STD] = VELOCITY.prior_std
     drag_std: Annotated[float, PRIOR_STD] = DRAG.prior_std
     linear_drag_std: Annotated[float, PRIOR_STD] = LINEAR_DRAG.prior_std
+    mean: dict[str, Any] = field(default_factory=dict)
+    std: dict[str, Any] = field(default_factory=dict)
+    covariance: tuple[tuple[float, ...], ...] = ()
+    from_truth: Annotated[bool, TruthValue()] = False
+    draw: Annotated[int, NumberRange(0, 2**63 - 1, whole=True)] = 0
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
+        require_belief(self.mean, self.std, self.covariance)
+        if self.from_truth and self.mean:
+            raise InputError("initialisation.from_truth takes the mean from the truth; leave out mean")
+        if (self.std or self.covariance) and not self.states_belief:
+            raise InputError(
+                "initialisation.std and covariance are of a belief; state its mean too, or from_truth = true"
+            )
+        for name in _NUMBERS:
+            value = getattr(self, name)
             allowed = value >= 0 if name in _OPTIONAL_PRIORS else value > 0
             if not (np.isfinite(value) and allowed):
                 raise InputError(f"initialisation.{name} is {value}; it must be positive")
+
+    @property
+    def states_belief(self) -> bool:
+        """Whether every estimator begins from a belief that is stated, and no first epochs are smoothed."""
+        return bool(self.mean) or self.from_truth
 
     def states_prior(self, block: StateBlock) -> bool:
         """Whether the option that a block names for its prior is set."""
@@ -88,6 +145,12 @@ class _OptionsOfEveryState:
         return max(4, min(self.epochs, inside, round(self.share * len(timeline))))
 
 
+_NUMBERS: Final = (
+    *("epochs", "share", "duration", "iterations", "mass_std", "centre_std", "speed_std"),
+    *("drag_std", "linear_drag_std", *_OPTIONAL_PRIORS),
+)
+"""Options that are numbers, which must be positive."""
+
 if TYPE_CHECKING:
 
     class InitialisationOptions(_OptionsOfEveryState):
@@ -97,7 +160,11 @@ if TYPE_CHECKING:
         gyro_bias_std, of the prior of a gyro's bias, rad/s, or gyro_scale_error_std, of that of its relative scale error.
         """
 
-        def __init__(self, **options: float) -> None: ...
+        mean: dict[str, Any]
+        std: dict[str, Any]
+        covariance: tuple[tuple[float, ...], ...]
+
+        def __init__(self, **options: Any) -> None: ...
 
         def __getattr__(self, name: str) -> float: ...
 
@@ -113,13 +180,6 @@ else:
 
 DEFAULT_ESTIMATORS: Final = ("mekf", "ukf", "smoother")
 """Estimators of a comparison where nobody names any."""
-ESTIMATORS: Final = (
-    *("mekf", "ukf", "smoother"),
-    *("filterpy-ekf", "filterpy-ukf"),
-    *("embedded", "embedded-double"),
-    "smoother-latest",
-)
-"""Estimators of this package, in the order of the table."""
 
 
 class NamedEstimator:
@@ -127,24 +187,41 @@ class NamedEstimator:
 
     Attributes
     ----------
-    name: as in ``--estimators``; also its folder in a run.
-    order: of the table and of messages.   is_default: whether a comparison has it where nobody names estimators.
+    name : str
+        As in ``--estimators``; also its folder in a run.
+    order : int
+        Of the table and of messages.
     """
 
     name: str
     order: int = 100
-    is_default: bool = False
 
 
 def estimator_names() -> tuple[str, ...]:
-    """Names of all estimators, in the order of the table. InputError: a plug-in that cannot be loaded."""
-    others = installed_plugins("spinfilters.estimators", NamedEstimator)
-    every = [*enumerate(ESTIMATORS), *((each.order, each.name) for each in others)]
-    return tuple(dict.fromkeys(name for _, name in sorted(every, key=lambda each: each[0])))
+    """Names of all estimators, in the order of the table. InputError: a plug-in that cannot be loaded.
+
+    Returns
+    -------
+    tuple[str, ...]
+        Names of this package's estimators, and those of installed distributions.
+    """
+    every = in_order(members_above("spinfilters.estimators", NamedEstimator))
+    return tuple(dict.fromkeys(each.name for each in every))
 
 
 def names_in(text: str) -> tuple[str, ...]:
-    """Names that a text lists with commas."""
+    """Names that a text lists with commas.
+
+    Parameters
+    ----------
+    text : str
+        As "mekf, ukf".
+
+    Returns
+    -------
+    tuple[str, ...]
+        The names, without blanks.
+    """
     return tuple(name.strip() for name in text.split(",") if name.strip())
 
 
@@ -160,13 +237,21 @@ class SmootherSettings:
 
     Attributes
     ----------
-    mode: "full" keeps everything, "frozen" eliminates landmarks for good that have not been seen for some revolutions,
-        "window" keeps the latest epochs; "automatic" is "full" for short recordings and "frozen" for others.
-    epochs: that stay at least, in the modes "frozen" and "window".   revolutions: see "frozen".
-    loss: of a residual: "gate" (nothing beyond width), "huber", "pseudo-huber", "barron" (alpha = shape) or "none"
-        (least squares).
-    width: where it begins to bend, standard deviations.   shape: Barron's alpha, at most 2.
-    iterations: per epoch, at most.
+    mode : str
+        "full" keeps everything, "frozen" eliminates landmarks for good that have not been seen for some revolutions, "window" keeps
+        the latest epochs; "automatic" is "full" for short recordings and "frozen" for others.
+    epochs : int
+        That stay at least, in the modes "frozen" and "window".
+    revolutions : float
+        See "frozen".
+    loss : str
+        Of a residual: "gate" (nothing beyond width), "huber", "pseudo-huber", "barron" (alpha = shape) or "none" (least squares).
+    width : float
+        Where it begins to bend, standard deviations.
+    shape : float
+        Barron's alpha, at most 2.
+    iterations : int
+        Per epoch, at most.
     """
 
     mode: str = "automatic"
@@ -188,7 +273,18 @@ class SmootherSettings:
         self.options(0)
 
     def options(self, epochs: int) -> SmootherOptions:
-        """For a recording of so many epochs."""
+        """For a recording of so many epochs.
+
+        Parameters
+        ----------
+        epochs : int
+            Number of epochs of the recording, by which the mode "automatic" decides.
+
+        Returns
+        -------
+        SmootherOptions
+            Options of the sliding smoother.
+        """
         mode = self._mode(epochs)
         return SmootherOptions(mode, iterations=self.iterations, loss=self.robust_loss)
 
@@ -275,34 +371,29 @@ else:
     )
 
 
-class TruthValue:
-    """Strict bool of a setting: no number, no text."""
-
-    def __str__(self) -> str:
-        return "true or false"
-
-    def __get_pydantic_core_schema__(self, _source: object, _handler: object) -> Any:
-        from pydantic_core import core_schema
-
-        truth = core_schema.bool_schema(strict=True)
-        return core_schema.no_info_before_validator_function(plain_number, truth)
-
-
 @dataclass(frozen=True)
 class ProcessSettings:
     """The process model.
 
     Attributes
     ----------
-    force_psd: (m/s^2)^2/Hz.   torque_psd: (rad/s^2)^2/Hz. "auto" takes the data set's own; where it is silent it is
-        identified (`spinfilters.inference.identified_noise`), but for the torque of a gyro of correlated unknown error: what
-        the disturbances of thrown bodies were found to be (`spinfilters.inference.identified_noise`).
-    drag: whether the state has an aerodynamic drag coefficient, and of which law: torques "quadratic" in the rate (or true) or
+    force_psd : float or "auto"
+        (m/s^2)^2/Hz.
+    torque_psd : float or "auto"
+        (rad/s^2)^2/Hz. "auto" takes the data set's own; where it is silent it is identified
+        (`spinfilters.inference.identified_noise`), but for the torque of a gyro of correlated unknown error: what the disturbances
+        of thrown bodies were found to be (`spinfilters.inference.identified_noise`).
+    drag : bool, "linear", "quadratic" or "auto"
+        Whether the state has an aerodynamic drag coefficient, and of which law: torques "quadratic" in the rate (or true) or
         "linear"; "auto" takes the likelier of both where the first epochs tell one from none (`spinfilters.run.preparation`).
-    gravity: whether the state has a constant acceleration; "auto" where the first epochs of a sensor of places ask for it.
-    body_torque: whether the state has a constant body torque.
-    rotor: whether the state has the angular momentum of a flywheel that turns steadily inside the body.
-    tolerance: of the integrator, rad and relative rate per step.
+    gravity : bool or "auto"
+        Whether the state has a constant acceleration; "auto" where the first epochs of a sensor of places ask for it.
+    body_torque : bool
+        Whether the state has a constant body torque.
+    rotor : bool
+        Whether the state has the angular momentum of a flywheel that turns steadily inside the body.
+    tolerance : float
+        Of the integrator, rad and relative rate per step.
     """
 
     force_psd: Auto | Annotated[float, DENSITIES["force_psd"]] = AUTO
@@ -314,7 +405,18 @@ class ProcessSettings:
     tolerance: Annotated[float, NumberRange(1e-12, 1e-2)] = 1e-8
 
     def noise(self, automatic: ProcessNoise) -> ProcessNoise:
-        """Its noise densities, checked; ``automatic`` are those that nobody has set."""
+        """Its noise densities, checked; ``automatic`` are those that nobody has set.
+
+        Parameters
+        ----------
+        automatic : ProcessNoise
+            Densities in place of those that are "auto".
+
+        Returns
+        -------
+        ProcessNoise
+            Densities of the disturbances.
+        """
         force_psd = automatic.force_psd if self.force_psd == AUTO else self.force_psd
         torque_psd = automatic.torque_psd if self.torque_psd == AUTO else self.torque_psd
         return ProcessNoise(force_psd, torque_psd)
@@ -331,13 +433,36 @@ class Settings:
     ----------
     estimators : tuple[str, ...]
         Names of the estimators, in the order of the results.
+    process : ProcessSettings
+        Disturbances of the motion, and which constants the state has.
+    sensors : SensorSettings
+        Standard deviations of the sensors' noise.
+    calibration : CalibrationSettings
+        Standard deviations of the calibration's errors.
+    initialisation : InitialisationOptions
+        How many epochs begin the estimates, and the prior of their first state.
+    ukf : SigmaPointOptions
+        Spread and weights of the UKF's sigma points.
+    invariant : InvariantOptions
+        Error coordinates of the invariant EKF.
+    landmarks : LandmarkOptions
+        How filters represent landmarks of an unknown map.
+    robust : RobustOptions
+        Gate and robust loss of the filters.
+    iteration : IterationOptions
+        Iterated updates by landmarks.
+    adaptation : AdaptationOptions
+        Which noise levels filters adapt to their innovations.
+    smoother : SmootherSettings
+        Window, robust loss and iterations of the smoother.
     verdict : "full" or "filter"
         Checks by which estimates are judged: all of them, or those alone that need no smoothed motion. The latter cost less, and
         leave every estimate ``degraded`` at best, because they do not show errors of the models that a filter's state absorbs.
 
     Raises
     ------
-    InputError: an unknown key of a table, a value of another type or out of its range, an unknown or repeated estimator.
+    InputError
+        An unknown key of a table, a value of another type or out of its range, an unknown or repeated estimator.
     """
 
     estimators: tuple[str, ...] = DEFAULT_ESTIMATORS
@@ -351,6 +476,7 @@ class Settings:
     iteration: IterationOptions = field(default_factory=IterationOptions)
     adaptation: AdaptationOptions = field(default_factory=AdaptationOptions)
     smoother: SmootherSettings = field(default_factory=SmootherSettings)
+    invariant: InvariantOptions = field(default_factory=InvariantOptions)
     verdict: Literal["full", "filter"] = FULL
 
     def __post_init__(self) -> None:
@@ -383,21 +509,45 @@ class Settings:
             "estimators": list(self.estimators),
             "verdict": self.verdict,
         }  # keys of no table stand first in TOML
-        return own | {name: table for name, table in asdict(self).items() if name not in own}
+        return own | {name: _as_toml(table) for name, table in asdict(self).items() if name not in own}
 
 
 def read_settings(path: Path) -> Settings:
     """Settings of a TOML file; what it does not mention keeps its default.
 
+    Parameters
+    ----------
+    path : Path
+        A TOML file.
+
+    Returns
+    -------
+    Settings
+        Validated settings.
+
     Raises
     ------
-    InputError: missing, too large, not TOML, an unknown key, a value of another type or out of range.
+    InputError
+        Missing, too large, not TOML, an unknown key, a value of another type or out of range.
     """
     return settings_from(read_toml(path), path_text(path))
 
 
 def settings_from(document: Mapping[str, Any], source: str) -> Settings:
-    """Settings of parsed TOML; ``source`` names it in errors. Errors: `read_settings`."""
+    """Settings of parsed TOML; ``source`` names it in errors. Errors: `read_settings`.
+
+    Parameters
+    ----------
+    document : Mapping[str, Any]
+        Tables and keys, as TOML gives them.
+    source : str
+        Name of the file or caller, for messages.
+
+    Returns
+    -------
+    Settings
+        Validated settings.
+    """
     try:
         present = with_present_keys(document)
     except InputError as error:
@@ -411,6 +561,43 @@ def settings_from(document: Mapping[str, Any], source: str) -> Settings:
         return Settings(**values)
     except InputError as error:
         raise InputError(f"{source}: {error}") from None
+
+
+def with_keys(settings: Settings, changes: Sequence[str]) -> Settings:
+    """The settings with some keys changed, each a text such as ``sensors.pixel_std=0.5``.
+
+    The value is that of TOML; what is no TOML is a text. InputError: no key or value, or one that cannot be.
+    """
+    import tomllib  # slow to import, and rarely needed
+
+    document = settings.document
+    for text in changes:
+        key, equals, value = text.partition("=")
+        *tables, last = (part.strip() for part in key.split("."))
+        if not equals or not last or not value.strip() or len(tables) > _DEEPEST:
+            raise InputError(
+                f"--set {value_text(text)} is no setting; give KEY=VALUE, such as sensors.pixel_std=0.5"
+            )
+        place: Any = document
+        for table in tables:
+            place = place.setdefault(table, {}) if isinstance(place, dict) else None
+        if not isinstance(place, dict):
+            raise InputError(f"--set {value_text(text)}: {'.'.join(tables)} is no table; give another key")
+        try:
+            place[last] = tomllib.loads(f"value = {value}")["value"]
+        except (tomllib.TOMLDecodeError, RecursionError):
+            place[last] = value.strip()
+    return settings_from(document, "--set")
+
+
+_DEEPEST: Final = 3  # tables within tables
+
+
+def _as_toml(value: Any) -> Any:
+    """Tables and lists as TOML reads them again, so that a document equals the one of its file."""
+    if isinstance(value, dict):
+        return {name: _as_toml(inner) for name, inner in value.items()}
+    return [_as_toml(inner) for inner in value] if isinstance(value, list | tuple) else value
 
 
 def _is_default(name: str, value: object) -> bool:
@@ -430,9 +617,20 @@ FORMER_KEYS = {
 def with_present_keys(document: Mapping[str, Any]) -> dict[str, Any]:
     """The document with former names of tables and keys replaced.
 
+    Parameters
+    ----------
+    document : Mapping[str, Any]
+        Tables and keys, some perhaps under former names.
+
+    Returns
+    -------
+    dict[str, Any]
+        The same under present names.
+
     Raises
     ------
-    InputError: a table or key under its former and its present name.
+    InputError
+        A table or key under its former and its present name.
     """
     tables = _renamed(document, FORMER_TABLES, "")
     return {

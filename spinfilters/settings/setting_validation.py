@@ -16,9 +16,22 @@ def validated(record: type, values: Mapping[str, object]) -> dict[str, Any]:
 
     Their types decide; tables given as mappings are turned into their dataclasses.
 
+    Parameters
+    ----------
+    record : type
+        A dataclass with annotated fields.
+    values : Mapping[str, object]
+        Values of some of its fields, by name.
+
+    Returns
+    -------
+    dict[str, Any]
+        The values, converted to the types of the fields.
+
     Raises
     ------
-    InputError: an unknown key in a table, a value of another type or out of its range.
+    InputError
+        An unknown key in a table, a value of another type or out of its range.
     """
     try:
         checked = _model(record).model_validate(dict(values))

@@ -100,7 +100,8 @@ def named_mesh(shape: str, radius: float) -> TriangleMesh:
 
     Raises
     ------
-    InputError: no such polyhedron nor file; as `read_mesh`; too few or too many triangles.
+    InputError
+        No such polyhedron nor file; as `read_mesh`; too few or too many triangles.
     """
     if shape in POLYHEDRA:
         points = np.array(POLYHEDRA[shape], dtype=float)
@@ -207,9 +208,23 @@ class View:
 def body_image(
     body: Appearance, R_ig: Float[np.ndarray, "3 3"], t_ig: Float[np.ndarray, " 3"], view: View
 ) -> tuple[Float[np.ndarray, "h w"], Float[np.ndarray, "h w"]]:
-    """Radiance (1 is white in the sun) and depth (m, 0 where nothing is seen) of each sample of the image.
+    """Radiance and depth of each sample of the image; a body behind the camera is not seen.
 
-    A body behind the camera is not seen.
+    Parameters
+    ----------
+    body : Appearance
+        Mesh and materials of the body.
+    R_ig, t_ig : ndarray of float, shapes (3, 3) and (3,)
+        Its pose; the origin in m.
+    view : View
+        Camera, its pose in i, and the number of samples.
+
+    Returns
+    -------
+    radiance : ndarray of float, shape (h, w)
+        1 is white in the sun.
+    depth : ndarray of float, shape (h, w)
+        Along the optical axis, m; 0 where nothing is seen.
     """
     at_i = body.mesh.vertices @ R_ig.T + t_ig
     at_c = ((at_i - view.t_ic) @ view.R_ic)[body.mesh.triangles]

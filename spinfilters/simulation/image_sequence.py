@@ -31,9 +31,18 @@ class Imaging:
 
     Attributes
     ----------
-    exposure: grey value over 255 of radiance 1.   blur_px: standard deviation of the point spread.
-    read_noise: grey values.   full_well: electrons at 255; their number is a Poisson number.   stars: in a field of view.
-    oversampling: samples of a pixel along each axis.
+    exposure : float
+        Grey value over 255 of radiance 1.
+    blur_px : float
+        Standard deviation of the point spread.
+    read_noise : float
+        Grey values.
+    full_well : float
+        Electrons at 255; their number is a Poisson number.
+    stars : int
+        In a field of view.
+    oversampling : int
+        Samples of a pixel along each axis.
     """
 
     exposure: float = 0.85

@@ -149,11 +149,6 @@ def _poses(coordinates: Float[np.ndarray, "2 3 n"]) -> Float[np.ndarray, "n 7"]:
     return np.concatenate([place, quaternion_from_rotation_vector(turned)], axis=1)
 
 
-def circling(time: Float[np.ndarray, " n"], centre: Float[np.ndarray, " 3"]) -> CameraTrajectory:
-    """Circle about a point, m, that begins as frame i at the first of these times."""
-    return CameraTrajectory(time, circle(centre)(time - time[0]))
-
-
 INSPECTORS: Final[Mapping[str, Callable[[Float[np.ndarray, " 3"], int], InspectorPath] | None]] = (
     MappingProxyType({STATIC: None, "circle": circle, "sway": sway, "dead-band": dead_band})
 )

@@ -13,9 +13,12 @@ from typing import Final, Protocol
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.spatial.transform import Rotation
 
-from spinfilters.core.attitude_conversions import matrix_from_quaternion, quaternion_from_matrix
+from spinfilters.core.attitude_conversions import (
+    matrix_from_quaternion,
+    quaternion_from_euler321,
+    quaternion_from_matrix,
+)
 from spinfilters.core.c_library import FLAGS, NATIVE, load_text
 from spinfilters.core.compiled import address
 from spinfilters.core.ray_angles import unit_vectors
@@ -55,9 +58,18 @@ class TorqueFreeTumble:
 
     Attributes
     ----------
-    principal_moments: (3,) any scale.   principal_axes: (3, 3) rows, right-handed, in g.   center_of_mass: (3,) in g, m.
-    rate: (3,) at t = 0 about the principal axes, rad/s.   attitude: (3, 3) R_Lg at t = 0.
-    position, velocity: (3,) of the centre of mass in L, m and m/s.
+    principal_moments : ndarray of float, shape (3,)
+        Any scale.
+    principal_axes : ndarray of float, shape (3, 3)
+        Rows, right-handed, in g.
+    center_of_mass : ndarray of float, shape (3,)
+        In g, m.
+    rate : ndarray of float, shape (3,)
+        At t = 0 about the principal axes, rad/s.
+    attitude : ndarray of float, shape (3, 3)
+        R_Lg at t = 0.
+    position, velocity : ndarray of float, shape (3,)
+        Of the centre of mass in L, m and m/s.
     """
 
     principal_moments: Float[np.ndarray, "3"]
@@ -96,7 +108,8 @@ def thesis_rotation(z_deg: float, y_deg: float, x_deg: float) -> Float[np.ndarra
     It is applied as printed (Decoust 2008, section 2.2.2). The name says an intrinsic sequence about z, y, x, which would be
     Rz Ry Rx: this is the extrinsic one.
     """
-    return Rotation.from_euler("zyx", [z_deg, y_deg, x_deg], degrees=True).as_matrix()
+    intrinsic = quaternion_from_euler321(-np.deg2rad([z_deg, y_deg, x_deg]))  # Rz(-z) Ry(-y) Rx(-x)
+    return matrix_from_quaternion(intrinsic).T
 
 
 EDGE_TOLERANCE: Final = 1e-9
@@ -112,7 +125,10 @@ class RayHits:
 
     Attributes
     ----------
-    distance: (n,) m, inf for a miss.   triangle: (n,) of the mesh, -1 for a miss.
+    distance : ndarray of float, shape (n,)
+        Along the ray, m; infinite for a miss.
+    triangle : ndarray of int, shape (n,)
+        Of the mesh, -1 for a miss.
     """
 
     distance: Float[np.ndarray, " n"]

@@ -121,8 +121,24 @@ ANGLE_NOISE: Final = LidarNoise(azimuth_std=_SIGMA, elevation_std=2 * _SIGMA, mo
 RANGE_NOISE: Final = LidarNoise(range_std=0.01 / 3)
 """Of Figure 2.16: 0.01 m (3 sigma)."""
 BOTH_NOISES: Final = LidarNoise(0.01 / 3, _SIGMA, 2 * _SIGMA, mode="thesis")
-_CUBE_WINDOW = HighResolutionWindow(9.0, 16.0, 5.5, 12.5)
-_TABLE_2_1 = (HighResolutionWindow(20.0, 14.0, 25.0, 5.0), HighResolutionWindow(5.0, 8.0, 1.0, 6.0))
+
+
+def _window_from_corner(
+    view: float, elevation: tuple[float, float], azimuth: tuple[float, float]
+) -> HighResolutionWindow:
+    """A window of the thesis: start and span, deg, counted from the corner of the field of view.
+
+    Counted from its axis, the first window of Table 2.1 and that of Figure 2.15 would reach beyond the field.
+    """
+    half = view / 2
+    return HighResolutionWindow(elevation[0] - half, elevation[1], azimuth[0] - half, azimuth[1])
+
+
+_CUBE_WINDOW = _window_from_corner(40.0, (9.0, 16.0), (5.5, 12.5))
+_TABLE_2_1 = (
+    _window_from_corner(50.0, (20.0, 14.0), (25.0, 5.0)),
+    _window_from_corner(50.0, (5.0, 8.0), (1.0, 6.0)),
+)
 
 
 @dataclass(frozen=True)
@@ -158,7 +174,7 @@ def _cube(noise: LidarNoise, *windows: HighResolutionWindow) -> ScanPreset:
 _NONE = LidarNoise()
 PRESETS: Final = {
     "table-2.1": ScanPreset(
-        "cube", RayPattern((50.0, 50.0), (5, 10), _TABLE_2_1), translation=(3.0, 0.0, 0.0)
+        "cube", RayPattern((50.0, 50.0), (11, 6), _TABLE_2_1), translation=(3.0, 0.0, 0.0)
     ),
     "table-3.2": ScanPreset("cube", RayPattern(), (6.0, 10.0, 0.0)),
     "figure-2.12": ScanPreset("spacecraft", RayPattern((4.0, 4.0), (301, 301)), (6.0, 10.0, 0.0)),
@@ -169,9 +185,9 @@ PRESETS: Final = {
     "figure-2.17": _cube(ANGLE_NOISE),
     "figure-2.18": _cube(BOTH_NOISES, _CUBE_WINDOW),
 }
-"""By table or figure. Table 3.2 is that of the point-cloud processing, here in the pose of Table 4.1."""
-BODIES: Final = ("cube", "spacecraft")
-"""Built-in bodies."""
+"""By table or figure. Table 3.2 is that of the point-cloud processing, here in the pose of Table 4.1.
+
+The resolutions 5 and 10 of Table 2.1 are taken as degrees between rays: with so many rays, spans of 5 and 6 deg hold none."""
 
 
 def mesh_of(name: str) -> TriangleMesh:

@@ -5,12 +5,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 
+from spinfilters.core.robust_losses import Gate, LeastSquares, RobustLoss
 from spinfilters.filters.estimator import ProcessModel
 from spinfilters.filters.timeline import Timeline
 from spinfilters.models.status import Finding
 from spinfilters.smoother.landmark_factors import ROWS, linearise_observations, reinitialised
 from spinfilters.smoother.linear_system import Marginals
-from spinfilters.smoother.losses import Gate, LeastSquares, RobustLoss
 from spinfilters.smoother.motion_factors import EpochFactors
 from spinfilters.smoother.priors import StatePrior
 from spinfilters.smoother.problem import (

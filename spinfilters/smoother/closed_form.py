@@ -157,6 +157,7 @@ def _rates(time: Float[np.ndarray, " k"], q: Float[np.ndarray, "k 4"]) -> Float[
 
     It is NaN where both neighbours are farther away than `LARGEST_TURN`.
     """
+    # neighbours of pose k: those from k - half to k + half, clipped at the ends and masked there
     half = LARGEST_WINDOW // 2
     around = np.arange(len(time))[:, None] + np.arange(-half, half + 1)
     inside = (around >= 0) & (around < len(time))
@@ -164,8 +165,10 @@ def _rates(time: Float[np.ndarray, " k"], q: Float[np.ndarray, "k 4"]) -> Float[
     phi = rotation_vector_from_quaternion(multiply(inverse(q)[:, None], q[around]))
     turn = np.linalg.norm(phi, axis=2)
     near = inside & (turn < LARGEST_TURN)
+    # a neighbour counts while all between it and the pose are near: accumulate from the middle to either side
     reach = np.logical_and.accumulate
     used = np.concatenate([reach(near[:, half::-1], axis=1)[:, :0:-1], reach(near[:, half:], axis=1)], axis=1)
+    # least squares of a polynomial in the scaled time, of lower degree where fewer neighbours count: its slope at the pose
     count = np.count_nonzero(used, axis=1)
     elapsed = np.where(used, time[around] - time[:, None], 0.0)
     scale = np.maximum(np.abs(elapsed).max(axis=1, keepdims=True), np.finfo(float).tiny)

@@ -7,10 +7,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from spinfilters.core.errors import InputError
+from spinfilters.core.robust_losses import RobustLoss
 from spinfilters.filters.timeline import Timeline, by_sensor
 from spinfilters.models.measurement import LandmarkSensor, MeasurementModel
 from spinfilters.models.state_layout import POSE_BLOCKS
-from spinfilters.smoother.losses import RobustLoss
 
 ROWS = 3
 """Components of an observation's innovation, at most; a sensor with fewer leaves rows of zeros."""
@@ -133,13 +133,16 @@ def collect_observations(epochs: Timeline, ids: Int[np.ndarray, " L"], needed: i
         When a sensor of landmarks sees more than the pose.
     """
     seen = _seen(epochs)
+    # landmark of every observation: place of its id among the ascending ids, -1 where it is not among them
     row = np.clip(np.searchsorted(ids, seen.ids), 0, max(len(ids) - 1, 0))
     known = ids[row] == seen.ids if len(ids) else np.zeros(len(row), dtype=bool)
     landmark = np.where(known, row, -1)
+    # keep those of landmarks that are observed often enough
     count = np.bincount(landmark[known], minlength=len(ids))
     keep = known.copy()
     keep[known] = count[landmark[known]] >= needed
     kept = np.flatnonzero(keep)
+    # by landmark, and of one landmark by epoch: the order in which elimination takes them
     order = kept[np.lexsort((seen.epoch[kept], landmark[kept]))]
     groups = tuple(_chosen(group, order, len(keep)) for group in seen.groups)
     return LandmarkObservations(
@@ -160,8 +163,10 @@ def seen_ids(epochs: Timeline) -> Int[np.ndarray, " s"]:
 
 def _chosen(group: SensorGroup, order: Int[np.ndarray, " N"], count: int) -> SensorGroup:
     """A group's part of a choice, in the order of the choice."""
+    # place within the group of every observation, -1 of another group's
     inside = np.full(count, -1)
     inside[group.rows] = np.arange(len(group.rows))
+    # rows: places within the choice that the group has; own: which of the group's observations stand there
     taken = inside[order]
     rows = np.flatnonzero(taken >= 0)
     own = taken[rows]
@@ -175,13 +180,16 @@ def _seen(epochs: Timeline) -> _Seen:
     nothing = np.zeros(0, dtype=int)
     parts = [(found, ids) for found in by_sensor(epochs) if (ids := found.measurement.ids) is not None]
     every = np.concatenate([nothing, *(found.epoch for found, _ in parts)])
+    # order sorts the sensors' observations, one sensor behind the other, by epoch; number is its inverse
     order = np.argsort(every, kind="stable")
     number = np.empty_like(order)
     number[order] = np.arange(len(order))
     ids = np.concatenate([nothing, *(own for _, own in parts)])
     counts = np.bincount(every, minlength=len(epochs))
     epoch = every[order]
+    # place of an observation within its epoch: its number less those of all epochs before
     place = np.arange(len(order)) - (np.cumsum(counts) - counts)[epoch]
+    # numbers of a sensor's observations: its part of the concatenation above
     ends = np.cumsum([len(own) for _, own in parts])
     groups = tuple(
         SensorGroup(
@@ -207,6 +215,7 @@ def linearise_observations(
     observations: LandmarkObservations, trajectory: Float[np.ndarray, "k m"], points: Float[np.ndarray, "L 3"]
 ) -> LinearObservations:
     """All observations about a trajectory and points (m, frame g)."""
+    # one sensor of three components fills all rows; else each fills its own, and rows that it lacks stay zero
     whole = len(observations.groups) == 1 and observations.groups[0].model.dim == ROWS
     rows = np.empty((0, ROWS, COLUMNS)) if whole else np.zeros((len(observations), ROWS, COLUMNS))
     square = np.full(len(observations), np.inf)
@@ -262,6 +271,7 @@ def reinitialised(
     winners = winners[votes[winners] >= OBSERVATIONS_NEEDED]
     if not len(winners):
         return None
+    # The landmark moves to the mean of the winner's point and those that agree with it.
     kept = np.isin(one, winners)
     moved = points.copy()
     moved[landmark[winners]] = _means(one[kept], other[kept], own, covariance)[winners]
@@ -305,7 +315,9 @@ def _by_landmark(
 def _pairs(landmark: Int[np.ndarray, " r"]) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
     """Every pair of two rows of one landmark, the earlier first; landmarks ascend."""
     row = np.arange(len(landmark))
+    # rows behind each one that are of its landmark: the next landmark begins where searchsorted says
     count = np.searchsorted(landmark, landmark, side="right") - row - 1
+    # each row as often as it has partners, and the number of the partner, 0 for the next row
     one = np.repeat(row, count)
     within = np.arange(len(one)) - np.repeat(np.cumsum(count) - count, count)
     return one, one + 1 + within
@@ -328,9 +340,11 @@ def _distance(
     """Mahalanobis distance of two points, by the adjugate of their covariances' sum."""
     x, y, z = (points[one] - points[other]).T
     spread = covariance[one] + covariance[other]
+    # S = [a d e; d b f; e f c]; first to third are the cofactors of its first row
     a, b, c = spread[:, 0, 0], spread[:, 1, 1], spread[:, 2, 2]
     d, e, f = spread[:, 1, 0], spread[:, 2, 0], spread[:, 2, 1]
     first, second, third = b * c - f * f, e * f - d * c, d * f - e * b
+    # v' adj(S) v, then over det S = a first + d second + e third
     square = first * x * x + (a * c - e * e) * y * y + (a * b - d * d) * z * z
     square += 2 * (second * x * y + third * x * z + (d * e - a * f) * y * z)
     return np.sqrt(np.maximum(square, 0.0) / (a * first + d * second + e * third))
@@ -343,6 +357,7 @@ def _means(
     covariance: Float[np.ndarray, "r 3 3"],
 ) -> Float[np.ndarray, "r 3"]:
     """For every row named in ``one`` the information-weighted mean of the points of ``other``."""
+    # sums over each row's partners of the information C^-1 and of C^-1 p, then their quotient
     each = np.linalg.inv(covariance[other])
     information, weighted = np.zeros((len(points), 3, 3)), np.zeros((len(points), 3))
     np.add.at(information, one, each)

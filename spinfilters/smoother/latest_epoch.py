@@ -9,8 +9,8 @@ from jaxtyping import Bool, Float
 from spinfilters.core.absolute_orientation import absolute_orientation, rigid_motions
 from spinfilters.core.attitude_conversions import matrix_from_quaternion, quaternion_from_matrix
 from spinfilters.core.errors import InputError
+from spinfilters.core.robust_losses import RobustLoss, UngatedRows
 from spinfilters.smoother.landmark_factors import OBSERVATIONS_NEEDED, linearise_observations, reinitialised
-from spinfilters.smoother.losses import RobustLoss, UngatedRows
 from spinfilters.smoother.problem import LinearizationPoint, LinearProblem, NormalEquations, Problem, Stage
 from spinfilters.smoother.solver import ConstantSchedule, SolverOptions, solve
 from spinfilters.smoother.window import Window

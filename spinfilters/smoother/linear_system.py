@@ -287,6 +287,7 @@ def _add_steps(M: np.ndarray, tridiagonal: Blocks, blocks: np.ndarray, sizes: Bl
 
 def _diagonal(M: Float[np.ndarray, "a b"], count: int, p: int) -> Float[np.ndarray, "k p p"]:
     """The first ``count`` blocks of p x p on a matrix' diagonal, as a view."""
+    # from one block to the next: p rows down and p columns on
     row, column = M.strides
     return np.lib.stride_tricks.as_strided(M, (count, p, p), (p * (row + column), row, column))
 
@@ -409,11 +410,6 @@ class Marginals:
         # dp = L^-T (own - Y dx): Y over the poses of each landmark's observations, dx over the separator's noise.
         pull = (blocks @ self.information_sqrt[:size]).reshape(len(landmarks), 3, -1)
         return -np.linalg.solve(out, pull), np.linalg.inv(out)
-
-    def landmark_covariance(self, landmarks: Int[np.ndarray, " q"]) -> Float[np.ndarray, "q 3 3"]:
-        """Covariance of well-constrained landmarks, m^2."""
-        rows, own = self.landmark_rows(landmarks)
-        return rows @ rows.swapaxes(1, 2) + own @ own.swapaxes(1, 2)
 
     @cached_property
     def _tridiagonal_rows(self) -> Float[np.ndarray, "k v r"]:

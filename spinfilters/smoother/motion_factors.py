@@ -10,11 +10,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from spinfilters.core.compiled import address
+from spinfilters.core.robust_losses import LeastSquares, RobustLoss
 from spinfilters.filters.estimator import ProcessModel
 from spinfilters.filters.timeline import Timeline, by_sensor, times_of
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.smoother.kernels import kernels
-from spinfilters.smoother.losses import LeastSquares, RobustLoss
 from spinfilters.smoother.priors import StatePrior, VariableOrdering
 
 
@@ -53,8 +53,9 @@ class EpochRows:
     @property
     def information(self) -> Float[np.ndarray, "f c1 c1"]:
         """[J | y]'[J | y] of the epochs of `first`."""
-        if self.are_single:
+        if self.are_single:  # one product [J | y]'[J | y] a row
             return self.rows.swapaxes(1, 2) @ self.rows
+        # all rows of an epoch as one tall matrix, whose product is the sum over them
         found = np.empty((len(self.first), self.rows.shape[2], self.rows.shape[2]))
         whole = self.rows.reshape(-1, self.rows.shape[2])
         for k, part in enumerate(self._parts):
@@ -64,10 +65,12 @@ class EpochRows:
     def gradient(self, right: Float[np.ndarray, "r i m"], count: int) -> Float[np.ndarray, "k c m"]:
         """J'u of each of ``count`` epochs, for m right-hand sides u."""
         m, J = right.shape[2], self.jacobian
+        # epochs without a row keep a gradient of zero
         found = np.zeros((count, J.shape[2], m))
         if self.are_single:
             found[self.epoch] = J.swapaxes(1, 2) @ right
             return found
+        # J'u of all rows of an epoch at once, u stacked as the rows are
         flat, by_row = self._flat, right.reshape(-1, m)
         for part, k in zip(self._parts, self._epochs, strict=True):
             np.matmul(flat[part].T, by_row[part], out=found[k])
@@ -78,6 +81,7 @@ class EpochRows:
         J = self.jacobian
         if self.are_single:
             return J @ errors[self.epoch]
+        # the stacked rows of an epoch times its one error, then back to a block per row
         found = np.empty((J.shape[0] * J.shape[1], errors.shape[2]))
         for part, k in zip(self._parts, self._epochs, strict=True):
             np.matmul(self._flat[part], errors[k], out=found[part])
@@ -94,6 +98,7 @@ class EpochRows:
     @cached_property
     def _parts(self) -> list[slice]:
         """Lines of `_flat` of each epoch that has any."""
+        # every row has i lines, so that an epoch's lines go from i times its first row to i times the next epoch's
         ends = (self.rows.shape[1] * np.append(self.first, len(self.rows))).tolist()
         return [slice(begin, end) for begin, end in pairwise(ends)]
 
@@ -177,6 +182,7 @@ def without_refused(epochs: Timeline, refused: Mapping[MeasurementModel, Bool[np
         kept = []
         for m in epoch.measurements:
             if m.model in left:
+                # the first flags are this epoch's, the rest belongs to later epochs
                 own, left[m.model] = np.split(left[m.model], [len(m.values)])
                 m = replace(m, values=m.values[~own], parameters=m.parameters[~own])
             kept.append(m)
@@ -301,6 +307,7 @@ class EpochFactors:
         n, made = self.process.layout.error_dim, []
         blocks, cost = np.zeros((len(trajectory), n + 1, n + 1)), 0.0
         if self.prior is not None:
+            # first epoch: += [J | y]'[J | y] of the prior, its columns in the ordering already
             rows = prior_rows(self.ordering, trajectory[0], self.prior)
             blocks[0] += rows.T @ rows
             cost += float(rows[:, -1] @ rows[:, -1])
@@ -308,6 +315,7 @@ class EpochFactors:
             made.append(self.sensor_rows(sensor, trajectory, pose_only_loss))
             each, columns = EpochRows(made[-1].rows, sensor.epoch), self.sensor_columns(sensor)
             epochs = sensor.epoch[each.first]
+            # [J | y]'[J | y] of each epoch, into the rows and columns of the errors that the sensor sees
             blocks[epochs[:, None, None], columns[:, None], columns] += each.information
             cost += float(made[-1].costs.sum())
         means = (own.squares / sensor.model.dim for sensor, own in zip(self.sensors, made, strict=True))
@@ -335,6 +343,7 @@ class EpochFactors:
             square = np.einsum("nr,nr->n", innovation, innovation)
         good = valid & np.isfinite(square)
         square = np.where(good, square, np.inf)
+        # rows times the root of the loss's weight, so that their squares have the weight; rows of no use are zero
         weight = np.where(good, np.sqrt(loss.weight(square)), 0.0)
         rows = np.concatenate([jacobian, innovation[..., None]], axis=2)
         other = np.flatnonzero(weight != 1.0)
@@ -432,6 +441,7 @@ def prior_rows(
 ) -> Float[np.ndarray, "n n1"]:
     """Rows of the prior in the error about the linearisation point, whitened; it is Gaussian about its own mean."""
     layout = ordering.layout
+    # about the linearisation point the error of the prior's mean is -away + G^-1 d, with the reset Jacobian G at away
     away = layout.local(prior.mean, first)
     by_trial = np.linalg.inv(layout.reset_jacobian(away))[:, ordering.order]
     return prior.whitened(np.concatenate([by_trial, -away[:, None]], axis=1))
@@ -439,5 +449,5 @@ def prior_rows(
 
 def _inverse(order: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
     result = np.empty(len(order), dtype=int)
-    result[order] = np.arange(len(order))
+    result[order] = np.arange(len(order))  # place in the ordering of every component of the layout
     return result

@@ -34,10 +34,28 @@ class StatePrior(Protocol):
 
 @dataclass(frozen=True)
 class FirstStatePrior:
-    """Mean (point of the layout) and standard deviations of the independent prior of the first state."""
+    """Prior of the first state: independent, or with correlations.
+
+    Attributes
+    ----------
+    mean : (m,) float array
+        Point of the layout.
+    std : (n,) float array
+        Standard deviations of its error.
+    root : (n, n) float array or None
+        Square root of the covariance, lower triangular, where components are correlated; None of an independent prior.
+    """
 
     mean: Float[np.ndarray, " m"]
     std: Float[np.ndarray, " n"]
+    root: Float[np.ndarray, "n n"] | None = None
+
+    @classmethod
+    def of_factor(cls, mean: Float[np.ndarray, " m"], factor: Float[np.ndarray, "n n"]) -> "FirstStatePrior":
+        """Prior of a covariance's square root, lower triangular."""
+        std = np.linalg.norm(factor, axis=1)
+        is_diagonal = np.count_nonzero(factor) == np.count_nonzero(np.diag(factor))
+        return cls(mean, np.diag(factor).copy() if is_diagonal else std, None if is_diagonal else factor)
 
     @property
     def factor(self) -> Float[np.ndarray, "n n"]:
@@ -48,11 +66,13 @@ class FirstStatePrior:
         """Rows of errors in standard deviations, as `StatePrior.whitened`."""
         if not self.std.all():
             raise np.linalg.LinAlgError("a standard deviation is zero")
+        if self.root is not None:
+            return np.linalg.solve(self.root, rows)
         return rows * (1.0 / self.std)[:, None]
 
     @cached_property
     def _factor(self) -> Float[np.ndarray, "n n"]:
-        return np.diag(self.std)
+        return np.diag(self.std) if self.root is None else self.root
 
 
 @dataclass(frozen=True)

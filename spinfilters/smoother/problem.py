@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from spinfilters.core.linear_algebra import with_largest_positive
+from spinfilters.core.robust_losses import LeastSquares, RobustLoss
 from spinfilters.filters.estimator import ProcessModel
 from spinfilters.filters.timeline import Timeline
 from spinfilters.models.state_blocks import CENTRE_OF_MASS, MASS_DISTRIBUTION, RATE, StateBlock
@@ -27,7 +28,6 @@ from spinfilters.smoother.linear_system import (
     assembled_by_stretches,
     solve_schur_system,
 )
-from spinfilters.smoother.losses import LeastSquares, RobustLoss
 from spinfilters.smoother.motion_factors import (
     STRETCH,
     EpochFactors,

@@ -59,6 +59,11 @@ class RecursiveSmoother(Estimator):
         """Begin from a belief at time 0 with all its correlations.
 
         The pose of the landmarks' frame g is as certain as the belief says.
+
+        Parameters
+        ----------
+        belief : Gaussian
+            Of time 0.
         """
         if belief.layout != self.layout:
             raise InputError(
@@ -73,8 +78,17 @@ class RecursiveSmoother(Estimator):
 
         Parameters
         ----------
+        epochs : Timeline
+            Those of the initialisation.
+        first : InitialGuess
+            States of the epochs, with ids and points (m, frame g) of landmarks.
         prior : StatePrior
             Prior of the first epoch's state; its pose defines frame g.
+
+        Returns
+        -------
+        list of UpdateResult
+            What happened to the measurements of each epoch.
         """
         self._begun(prior)
         for epoch in epochs:
@@ -94,16 +108,44 @@ class RecursiveSmoother(Estimator):
         return self.sliding.status
 
     def predict(self, dt: float) -> None:
-        """Predict dt > 0 seconds ahead. The window stays as it is until something is measured."""
+        """Predict dt > 0 seconds ahead. The window stays as it is until something is measured.
+
+        Parameters
+        ----------
+        dt : float
+            Duration, s; positive.
+        """
         ahead = predict_ahead(self.process, self._belief, np.array([dt]))
         self._time, self._belief = self._time + dt, ahead.belief(0)
 
     def update(self, measurement: Measurement) -> UpdateReport:
-        """Add one sensor's values to the epoch of the present time, and solve again."""
+        """Add one sensor's values to the epoch of the present time, and solve again.
+
+        Parameters
+        ----------
+        measurement : Measurement
+            One sensor's values of the present time.
+
+        Returns
+        -------
+        UpdateReport
+            How many values were used and rejected.
+        """
         return self.update_all((measurement,))[0]
 
     def update_all(self, measurements: Sequence[Measurement]) -> list[UpdateReport]:
-        """Take in what was measured at the present time, and solve once."""
+        """Take in what was measured at the present time, and solve once.
+
+        Parameters
+        ----------
+        measurements : sequence of Measurement
+            Of the present time, one for each sensor.
+
+        Returns
+        -------
+        list of UpdateReport
+            A report for each.
+        """
         if not measurements:
             return []
         self._meet(measurements)
@@ -116,7 +158,13 @@ class RecursiveSmoother(Estimator):
         return [UpdateReport(0.0, 0, accepted, rejected) for accepted, rejected in taken.counts]
 
     def update_epochs(self, epochs: Sequence[Epoch]) -> None:
-        """Add several later epochs and solve once."""
+        """Add several later epochs and solve once.
+
+        Parameters
+        ----------
+        epochs : sequence of Epoch
+            In the order of time, later than the present.
+        """
         measured = [epoch for epoch in epochs if epoch.measurements]
         for epoch in measured:
             self._meet(epoch.measurements)
@@ -127,12 +175,24 @@ class RecursiveSmoother(Estimator):
             self.predict(epochs[-1].time - self._time)
 
     def smoothed(self) -> list[MarginalizedState]:
-        """Every epoch so far, those in the window iterated until nothing moves."""
+        """Every epoch so far, those in the window iterated until nothing moves.
+
+        Returns
+        -------
+        list of MarginalizedState
+            Time, mean and covariance factor of every epoch.
+        """
         self.sliding.settle()
         return [*self.marginalized, *self.sliding.smoothed()]
 
     def snapshot(self) -> Snapshot:
-        """Copies of the whole internal state."""
+        """Copies of the whole internal state.
+
+        Returns
+        -------
+        Snapshot
+            Arrays by name, as a checkpoint keeps them.
+        """
         m = self.sliding.state
         flags = [
             m.prior_alive,
@@ -159,7 +219,13 @@ class RecursiveSmoother(Estimator):
         }
 
     def restore(self, snapshot: Snapshot) -> None:
-        """Continue from a snapshot. The smoother must have met the same sensors in the same order."""
+        """Continue from a snapshot. The smoother must have met the same sensors in the same order.
+
+        Parameters
+        ----------
+        snapshot : Snapshot
+            Of a smoother with the same process and options.
+        """
         window = window_of(self.layout, snapshot, self._sensors)
         self._begun(Gaussian(self.layout, snapshot["prior_mean"].copy(), snapshot["prior_factor"].copy()))
         self._time, alive, poor_guess, determined, is_due, retry, std, fits = map(float, snapshot["flags"])

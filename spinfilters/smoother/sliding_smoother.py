@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from spinfilters.core.errors import InputError
+from spinfilters.core.robust_losses import Gate, RobustLoss
 from spinfilters.filters.estimator import LandmarkBelief, Measurement, ProcessModel
 from spinfilters.filters.shared_modes import LandmarkOptions
 from spinfilters.filters.timeline import Epoch, Timeline
@@ -20,9 +21,8 @@ from spinfilters.smoother.latest_epoch import (
     with_few_joined,
 )
 from spinfilters.smoother.linear_system import Marginals, joint_belief, latest_factor
-from spinfilters.smoother.losses import Gate, RobustLoss
 from spinfilters.smoother.marginalization import without_landmarks, without_oldest
-from spinfilters.smoother.momentum_restart import RetrySchedule, fits
+from spinfilters.smoother.momentum_restart import RetrySchedule, fits, restarted_from_momentum
 from spinfilters.smoother.priors import StatePrior
 from spinfilters.smoother.problem import (
     LinearizationPoint,
@@ -437,8 +437,6 @@ class SlidingSmoother:
             return 0
         if not self.state.retry_schedule.is_due(len(self.window.epochs), self.state.fits):
             return 0
-        from spinfilters.smoother.momentum_restart import restarted_from_momentum
-
         linear = self._linearised()
         found, tries = restarted_from_momentum(problem, self.window, linear)
         if found is not None:

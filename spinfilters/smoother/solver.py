@@ -10,9 +10,9 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.core.errors import InputError
+from spinfilters.core.robust_losses import LeastSquares, RobustLoss
 from spinfilters.models.state_layout import StateLayout
 from spinfilters.smoother.linear_system import SchurSystem
-from spinfilters.smoother.losses import LeastSquares, RobustLoss
 from spinfilters.smoother.problem import LinearizationPoint, NormalEquations, Problem, Stage
 
 DAMPINGS = (0.0, 1e-9, 1e-6, 1e-3, 1e-1)

@@ -234,9 +234,11 @@ class Window:
     def observations(self) -> LandmarkObservations:
         """Observations in the order of elimination: landmark after landmark."""
         s, many = self.seen, len(self.ids) > np.iinfo(np.uint16).max
+        # stable: of one landmark the observations stay in the order of epochs; 16 bits are sorted in linear time
         order = np.argsort(s.landmark if many else s.landmark.astype(np.uint16), kind="stable")
         groups, every = [], np.arange(len(order))
         for number, model in enumerate(self.models):
+            # rows: places of the sensor's observations in that order; at: where they stand in the window
             rows = every if len(self.models) == 1 else np.flatnonzero(s.sensor[order] == number)
             at = order[rows]
             groups.append(SensorGroup(model, rows, s.values.take(at, axis=0), s.parameters.take(at, axis=0)))
@@ -316,11 +318,13 @@ def _with_observations(
     values, parameters = measured.values, measured.parameters
     models = window.models if any(known is model for known in window.models) else (*window.models, model)
     number = next(k for k, known in enumerate(models) if known is model)
+    # number of every observation's landmark in the window, -1 of one that is not there
     landmark = _numbers(window.ids, ids)
     fresh, every, points = np.flatnonzero(landmark < 0), window.ids, window.points
     if len(fresh):
         made = model.new_landmarks(window.trajectory[-1], parameters[fresh], values[fresh])
         good = np.flatnonzero(made.determined & np.isfinite(made.points).all(axis=1))
+        # of several observations of one new landmark the first makes it; new numbers follow those of the window
         good = good[np.sort(np.unique(ids[fresh[good]], return_index=True)[1])]
         landmark[fresh[good]] = len(every) + np.arange(len(good))
         every = np.concatenate([every, ids[fresh[good]]])

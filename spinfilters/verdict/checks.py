@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Final
 
-from spinfilters.models.status import ALL, BODY, MOMENTS, NOTHING, OWN_STATUS, Finding, Holds
+from spinfilters.models.status import ALL, AXES, BODY, MOMENTS, NOTHING, OWN_STATUS, Finding, Holds
 from spinfilters.verdict import check as of_estimate
 from spinfilters.verdict.check import Check, Needs, base_name
 
@@ -12,7 +12,6 @@ MOST_MOMENTUM: Final = 0.2
 CERTAIN: Final = "none: what it finds is a fact"
 LIMIT: Final = "none by chance: a limit of what is of use"
 MORE: Final = "give a longer recording, a richer motion or a larger initialisation.share"
-WOBBLE: Final = "record a motion that wobbles: a steady spin shows its axis only"
 STATE_ANOTHER: Final = "state another, or leave it out to have it identified"
 
 CHECKS: Final[tuple[Check, ...]] = (
@@ -51,6 +50,14 @@ CHECKS: Final[tuple[Check, ...]] = (
         "filter-failed", ALL, Needs.SMOOTHER, "Did the filter finish that the smoother sets out from?", CERTAIN,
         "the filter that the smoother sets out from failed",
         "look for the epoch at which the filter fails, and for wrong measurements there",
+    ),
+    Check(
+        "posterior-not-gaussian", frozenset({AXES}), Needs.SMOOTHER,
+        "Does the Gaussian belief of the mass distribution propose samples of its posterior? Pareto shape at most 0.7, where one "
+        "direction has a deviation above 0.1", LIMIT,
+        "the posterior of the moments is not Gaussian (Pareto shape {shape:.2g}, at most 0.7 is of use): mean and interval of the "
+        "moments are those of its samples, axes those of its mode",
+        "record a motion that wobbles",
     ),
     Check(
         "unobservable", NOTHING, Needs.SMOOTHER,
@@ -100,6 +107,13 @@ CHECKS: Final[tuple[Check, ...]] = (
         "it cannot be predicted so far ahead", "ask for a shorter prediction",
     ),
     Check(
+        "live-disagrees", ALL, Needs.FILTER,
+        "Is the last answer of a live run within 4 joint deviations of the estimate of its kept epochs?",
+        "below 1e-4 a component",
+        "the last answer is {deviations:.2g} joint deviations away from what the kept epochs together say",
+        "rely on the estimate of the recording (spinfilters compare)",
+    ),
+    Check(
         OWN_STATUS, ALL, Needs.ESTIMATE, "What an estimator, a plug-in for instance, says of itself", "as its author states",
         "the estimator doubts its result", "read its documentation",
     ),
@@ -125,6 +139,7 @@ CHECKS: Final[tuple[Check, ...]] = (
     Check(
         "data-set", ALL, Needs.RECORDING, "Does the reader or the front end trust what it made of raw data?", CERTAIN,
         "the measurements that were made of raw data are doubtful", "check the raw data, and what their reader remarks",
+        is_cause=True,
     ),
     Check(
         "sensor-data", ALL, Needs.RECORDING, "Are the values of each sensor within its range?", CERTAIN,

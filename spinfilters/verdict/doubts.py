@@ -24,6 +24,8 @@ from spinfilters.verdict.agreement_tests import (
     motion_diagnostics,
     reference_smoother,
 )
+from spinfilters.verdict.calibration_errors import enlargements, possible_clock_drift
+from spinfilters.verdict.camera_refit import with_camera_refit
 from spinfilters.verdict.check import LARGEST_MOMENT_STD, LEFT_OUT, Evidence, rejected_share
 from spinfilters.verdict.checks import MOST_MOMENTUM, finding
 from spinfilters.verdict.flywheel_refit import with_flywheel_refit
@@ -32,7 +34,6 @@ from spinfilters.verdict.model_tests import tested_epochs, tested_history, teste
 from spinfilters.verdict.noise_diagnostics import filter_noise_diagnostics, stated_level_diagnostics
 from spinfilters.verdict.recording_tests import front_end_slips, pose_findings, wrong_units
 from spinfilters.verdict.tested_models import NOT_TESTED, TestedModels, model_findings
-from spinfilters.verdict.unstated_calibration import enlargements
 
 
 def shared_diagnostics(setup: Setup) -> list[Finding]:
@@ -154,8 +155,11 @@ def doubts_of(
     smoother where the belief is too wide for a linearisation.
     """
     if setup.is_given:
-        shared, reference = shared_diagnostics(setup), reference_smoother([], setup, settings)
-        own = filter_diagnostics(setup)
+        shared, own, reference = shared_diagnostics(setup), filter_diagnostics(setup), None
+        if settings.verdict == FILTER:
+            shared.append(finding("smoothed-checks-left-out", {}))
+        else:
+            reference = reference_smoother([], setup, settings)
         return Doubts(setup, settings, evaluations, shared, own, reference, baselines=baselines)
     smoothers = [each.history for each in evaluations if each.name == SMOOTHER]
     shared = [*shared_diagnostics(setup), *motion_diagnostics(setup, settings)]
@@ -164,8 +168,9 @@ def doubts_of(
         tested, reference = None, finished_history(smoothers)
         shared.append(finding("smoothed-checks-left-out", {}))
     else:
-        models = _explained(setup, settings, evaluations)
-        tested, reference = tested_history(setup, evaluations), reference_smoother(smoothers, setup, settings)
+        tested = tested_history(setup, evaluations)
+        models = _explained(setup, settings, tested)
+        reference = reference_smoother(smoothers, setup, settings)
     shared += [*model_findings(models, tested), *measurement_findings(smoothers, evaluations)]
     own = filter_diagnostics(setup)
     return Doubts(setup, settings, evaluations, shared, own, reference, models, baselines)
@@ -177,14 +182,23 @@ def models_of_recording(setup: Setup) -> TestedModels:
     return replace(NOT_TESTED, units=tuple(wrong_units(setup.dataset)), slips=slips)
 
 
-def _explained(setup: Setup, settings: Settings, evaluations: Sequence[Evaluation]) -> TestedModels:
-    """Score tests of the models, with slips of front ends, and a flywheel fitted where anything is suspected."""
-    models, best = tested_models(setup, evaluations), tested_history(setup, evaluations)
+def _explained(setup: Setup, settings: Settings, best: EstimateHistory | None) -> TestedModels:
+    """Score tests about the best estimate, with slips of front ends; fits of a flywheel and of a camera where any is suspected.
+
+    None of measurements that their own front end doubts: wrong poses look like contact, and no other cause is named before that
+    one is mended.
+    """
+    if setup.dataset.doubts:
+        return models_of_recording(setup)
+    models = tested_models(setup, best)
+    if best is not None and len(best.time) <= tested_epochs(setup):
+        models = replace(models, clock_drift=possible_clock_drift(setup, best.mean, models.tests))
     is_suspect = models.is_suspect or best is None or best.status.verdict is not Verdict.OK
     models = replace(models, slips=front_end_slips(setup, with_fits=is_suspect))
     if best is None or not is_suspect or models.slips:
         return models
-    return with_flywheel_refit(models, setup, settings, best.mean[: tested_epochs(setup)])
+    tested = best.mean[: tested_epochs(setup)]
+    return with_camera_refit(with_flywheel_refit(models, setup, settings, tested), setup, tested)
 
 
 def measurement_findings(
@@ -243,6 +257,9 @@ def _widened(evaluation: Evaluation, doubts: Doubts) -> Evaluation:
         considered = [each for each in setup.calibration if each.std > 0]
         times = enlargements(considered, doubts.models.tests)
         history = history if (times == 1).all() else history.with_larger_calibration(times)
+    drift = doubts.models.clock_drift
+    if drift is not None and len(history.time) <= len(drift) and np.isfinite(drift).all():
+        history = history.with_calibration_error(drift[: len(history.time)])
     return evaluation if history is evaluation.history else evaluated(history, setup)
 
 

@@ -95,11 +95,11 @@ def _samples_as_one(setup: Setup, settings: Settings) -> float:
 
 def _fitted(setup: Setup, trajectory: Float[np.ndarray, "k m"], samples_as_one: float) -> ScoreTest | None:
     """The test of a flywheel; None where a fit leads nowhere or explains nothing."""
-    without = _at_own_levels(setup, linear_problem(setup, setup.timeline[: len(trajectory)]), trajectory)
+    without = at_own_levels(setup, linear_problem(setup, setup.timeline[: len(trajectory)]), trajectory)
     problem = _problem_with_flywheel(setup, len(trajectory))
     begun = trajectory if without is None else without.here.trajectory
     wide = _with_momentum(setup.process.layout, problem.layout, begun)
-    found = _at_own_levels(setup, problem, wide)
+    found = at_own_levels(setup, problem, wide)
     if without is None or found is None:
         return None
     layout, likelihood = problem.layout, minus_twice_log_likelihood(found)
@@ -108,7 +108,7 @@ def _fitted(setup: Setup, trajectory: Float[np.ndarray, "k m"], samples_as_one: 
         return None
     # Were the motion without a flywheel caught in a local minimum, the path found with one would free it.
     there = _narrow(setup.process.layout, layout, found.here.trajectory)
-    freed = _at_own_levels(setup, without.problem, there)
+    freed = at_own_levels(setup, without.problem, there)
     if freed is not None:
         gain = min(gain, (minus_twice_log_likelihood(freed) - likelihood) / samples_as_one)
     if not gain > ENOUGH:
@@ -129,7 +129,7 @@ def _fitted(setup: Setup, trajectory: Float[np.ndarray, "k m"], samples_as_one: 
     )
 
 
-def _at_own_levels(setup: Setup, problem: Problem, trajectory: Float[np.ndarray, "k m"]) -> LinearRows | None:
+def at_own_levels(setup: Setup, problem: Problem, trajectory: Float[np.ndarray, "k m"]) -> LinearRows | None:
     """The problem solved from a trajectory, at the noise levels that it identifies."""
     points = landmarks_placed(problem, trajectory)
     solved = solve(problem, problem.at(trajectory, points), SolverOptions())

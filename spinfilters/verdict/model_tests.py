@@ -114,9 +114,9 @@ MOST_EPOCHS_WITH_MAP, MOST_EPOCHS = 300, 1024
 """Of a recording that are tested: those of landmarks tie all poses together."""
 
 
-def tested_models(setup: Setup, evaluations: Sequence[Evaluation]) -> TestedModels:
-    """Score tests about the motion of the best estimator; no tests where no estimate can be linearised."""
-    best, units = tested_history(setup, evaluations), tuple(wrong_units(setup.dataset))
+def tested_models(setup: Setup, best: EstimateHistory | None) -> TestedModels:
+    """Score tests about the motion of the best estimate (`tested_history`); none where no estimate can be linearised."""
+    units = tuple(wrong_units(setup.dataset))
     if best is None:
         return replace(NOT_TESTED, units=units)
     most = tested_epochs(setup)

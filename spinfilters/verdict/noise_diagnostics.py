@@ -43,9 +43,12 @@ def untested(error: Exception) -> Finding:
 
 
 def filter_noise_diagnostics(history: EstimateHistory, setup: Setup, settings: Settings) -> list[Finding]:
-    """Noise findings of a filter's own epochs; none of one that has failed or that adapts its noise."""
+    """Noise findings of a filter's own epochs.
+
+    None of one that has failed or that adapts its noise, and none without innovations, as of a smoother's history.
+    """
     adapts = settings.adaptation.measurement or settings.adaptation.process
-    if adapts or history.status.verdict is Verdict.FAILED:
+    if adapts or not history.dof[history.own].any() or history.status.verdict is Verdict.FAILED:
         return []
     with np.errstate(all="ignore"):
         try:

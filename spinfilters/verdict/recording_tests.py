@@ -12,9 +12,8 @@ from spinfilters.core.attitude_conversions import (
     angle_between,
     inverse,
     matrix_from_quaternion,
-    quaternion_from_matrix,
     quaternion_from_rotation_vector,
-    rotation_vector_from_quaternion,
+    rotation_vector_from_matrix,
 )
 from spinfilters.core.camera_trajectory import CameraTrajectory
 from spinfilters.core.errors import NUMERICAL_ERRORS, InputError
@@ -130,11 +129,11 @@ def slipped_steps(
         return nothing
     R = matrix_from_quaternion(attitude)
     steps = R[1:] @ np.swapaxes(R[:-1], 1, 2)
-    rates = _rotation_vectors(steps) / dt[:, None]
+    rates = rotation_vector_from_matrix(steps) / dt[:, None]
     expected = _medians_of_neighbours(rates) * dt[:, None]
     turned = np.linalg.norm(expected, axis=1)
     back = matrix_from_quaternion(quaternion_from_rotation_vector(-expected))
-    departure = np.linalg.norm(_rotation_vectors(back @ steps), axis=1)
+    departure = np.linalg.norm(rotation_vector_from_matrix(back @ steps), axis=1)
     typical = float(np.median(departure))
     told = turned < LARGEST_TURN
     if typical > LARGEST_DEPARTURE or not np.median(told) > 0:
@@ -158,10 +157,6 @@ def _without_gross_errors(found: Sequence[int]) -> Int[np.ndarray, " s"]:
     """Slips, without those that end after fewer epochs than `SHORTEST`."""
     gross = {step for pair in pairwise(found) if pair[1] - pair[0] < SHORTEST for step in pair}
     return np.array([step for step in found if step not in gross], dtype=int)
-
-
-def _rotation_vectors(rotations: Float[np.ndarray, "k 3 3"]) -> Float[np.ndarray, "k 3"]:
-    return rotation_vector_from_quaternion(quaternion_from_matrix(rotations))
 
 
 FEWEST_EPOCHS: Final = 24

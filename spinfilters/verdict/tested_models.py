@@ -17,7 +17,6 @@ from spinfilters.verdict.checks import finding
 from spinfilters.verdict.judge import unmoved_quantities
 from spinfilters.verdict.model_errors.correlated_errors import (
     CorrelatedErrors,
-    ObservationCorrelation,
     correlated_errors,
     observation_correlation,
 )
@@ -81,14 +80,26 @@ def possible_correlation(
     if seen is not None and seen.score > LARGEST_SCORE:
         left = seen.inflation / _stated_inflation(setup)
         if left > LARGEST_NEES:
-            return PossibleCorrelation((_landmark_finding(seen, left),), score_inflation=left)
+            numbers = {"correlation": seen.value, "score": seen.score, "inflation": left}
+            return PossibleCorrelation((finding("correlated-observations", numbers),), score_inflation=left)
         if seen.inflation > LARGEST_NEES:
             return NO_CORRELATION
     found = [] if model is None else correlated_errors(rows, model, stated)
     if not found:
         return NO_CORRELATION
     likely = [each for each in found if each.probability > LIKELY and each.expected_nees > LARGEST_NEES]
-    doubts = tuple(_correlated_finding(each) for each in likely[:1])
+    doubts = tuple(
+        finding(
+            "correlated-errors",
+            {
+                "time": each.time,
+                "sizes": _sizes(each),
+                "advantage": each.advantage,
+                "inflation": each.inflation,
+            },
+        )
+        for each in likely[:1]
+    )
     widest = max(found, key=lambda each: float(np.square(each.widening).sum()))
     undecided = finding("correlation-undecided", {"time": widest.time, "sizes": _sizes(widest)})
     return PossibleCorrelation(doubts, widest.widening, undecided)
@@ -99,16 +110,6 @@ def _stated_inflation(setup: Setup) -> float:
     formats = [sensor_format(stream.sensor) for stream in setup.log.streams]
     names = {option.name for form in formats if form.has_landmarks for option in form.noise}
     return max((by for name, by in setup.inflation.items() if name in names), default=1.0)
-
-
-def _landmark_finding(seen: ObservationCorrelation, left: float) -> Finding:
-    numbers = {"correlation": seen.value, "score": seen.score, "inflation": left}
-    return finding("correlated-observations", numbers)
-
-
-def _correlated_finding(found: CorrelatedErrors) -> Finding:
-    numbers = {"advantage": found.advantage, "inflation": found.inflation}
-    return finding("correlated-errors", {"time": found.time, "sizes": _sizes(found)} | numbers)
 
 
 def _sizes(found: CorrelatedErrors) -> str:
@@ -170,6 +171,8 @@ class TestedModels:
         Of front ends, beside which residuals tell of no other cause.
     has_inspector : bool
         Whether poses of a moving camera are given, of which some cures speak.
+    clock_drift : (k, n) float array or None
+        Error of the tested states by one deviation of a drift of the clock, where that is to be counted.
     """
 
     tests: tuple[ScoreTest, ...] = ()
@@ -182,6 +185,7 @@ class TestedModels:
     score_inflation: float | None = None
     slips: tuple[Slip, ...] = ()
     has_inspector: bool = False
+    clock_drift: Float[np.ndarray, "k n"] | None = None
 
     @cached_property
     def classes(self) -> tuple[tuple[ScoreTest, ...], ...]:
@@ -192,7 +196,7 @@ class TestedModels:
         """
         if self.slips:
             return ()
-        possible = [each for each in self._beyond_chance if each.is_possible]
+        possible = [each for each in self.beyond_chance if each.is_possible]
         left, likely = [each for each in possible if not self._is_slow(each)], []
         while left and len(likely) < NAMED:
             first, *others = left
@@ -206,21 +210,22 @@ class TestedModels:
         """The likeliest of errors that a spin about one axis does not tell apart, if any; none beside a slip."""
         if self.slips:
             return None
-        return next((each for each in self._beyond_chance if each.slow > SLOW and self._counts(each)), None)
+        return next((each for each in self.beyond_chance if each.slow > SLOW and self._counts(each)), None)
 
     @property
     def is_suspect(self) -> bool:
         """Whether any error is improbable enough, or the noise contradicted, to look closer."""
         return self.contradicted or bool(self.trouble) or any(each.is_telling for each in self.tests)
 
-    @property
-    def _beyond_chance(self) -> list[ScoreTest]:
-        return [each for each in self.tests if self.is_beyond_chance(each)]
+    @cached_property
+    def beyond_chance(self) -> tuple[ScoreTest, ...]:
+        """Tests too improbable without the error."""
+        return tuple(each for each in self.tests if self._is_beyond_chance(each))
 
     @property
     def unexplained(self) -> list[str]:
         """Doubt where only an impossible error would explain the residuals."""
-        found = [each for each in self._beyond_chance if not each.is_possible and self._counts(each)]
+        found = [each for each in self.beyond_chance if not each.is_possible and self._counts(each)]
         if not found or self.classes or self.slips or self.slow is not None:
             return []
         return [
@@ -241,7 +246,7 @@ class TestedModels:
         """Largest p-value at which a test is beyond chance."""
         return FALSE_ALARM / max(len(self.tests), 1)
 
-    def is_beyond_chance(self, test: ScoreTest) -> bool:
+    def _is_beyond_chance(self, test: ScoreTest) -> bool:
         """Whether as much is too improbable without the error."""
         is_harmful = self.std is not None and test.effect(self.std).largest >= HARMFUL
         is_alone = is_harmful and test.error.trials == 1 and not self.beside_slow_noise
@@ -362,7 +367,11 @@ def model_findings(models: TestedModels, tested: EstimateHistory | None) -> list
     """
     about = _moved(models, tested)
     found = [finding("front-end-slip", {"text": each.sentence, "cure": each.cure}) for each in models.slips]
-    found += [*models.correlated.doubts, *map(_unit_finding, models.units)]
+    found += models.correlated.doubts
+    found += [
+        finding("wrong-unit", {"text": unit.sentence, "cure": unit.cure}, unit.about, unit.name)
+        for unit in models.units
+    ]
     if models.slow is not None:
         numbers = {"text": slow_phrase(models.slow), **_numbers(models.slow)}
         found.append(finding("slow-change", numbers, about))
@@ -374,10 +383,6 @@ def model_findings(models: TestedModels, tested: EstimateHistory | None) -> list
         numbers = {"text": models.causes, **_numbers(models.classes[0][0])}
         found.append(finding("model-error", numbers, about, names))
     return found
-
-
-def _unit_finding(unit: WrongUnit) -> Finding:
-    return finding("wrong-unit", {"text": unit.sentence, "cure": unit.cure}, unit.about, unit.name)
 
 
 def _numbers(test: ScoreTest) -> dict[str, float | str]:
@@ -392,16 +397,11 @@ def _moved(models: TestedModels, tested: EstimateHistory | None) -> frozenset[st
     """
     if tested is None:
         return ALL
-    suspects = _suspects(models)
+    # errors beyond chance, named or not, and those that look like the named ones; each once
+    suspects = {id(each): each for each in (*models.named, *models.beyond_chance)}
     if not suspects:
         return ALL
     unmoved = ALL
-    for each in suspects:
+    for each in suspects.values():
         unmoved &= unmoved_quantities(tested, each)
     return ALL - unmoved
-
-
-def _suspects(models: TestedModels) -> list[ScoreTest]:
-    """Errors beyond chance, named or not, and those that look like them."""
-    beyond = [each for each in models.tests if models.is_beyond_chance(each)]
-    return list({id(each): each for each in (*models.named, *beyond)}.values())

@@ -20,6 +20,7 @@ from scipy.sparse import bsr_array
 from spinfilters.core.attitude_conversions import matrix_from_quaternion
 from spinfilters.core.cameras import stereo_pair
 from spinfilters.core.errors import InputError
+from spinfilters.core.robust_losses import Huber
 from spinfilters.io.camera import StereoRig
 from spinfilters.io.measurement_log import MeasurementStream
 from spinfilters.models.camera_landmarks import StereoLandmark, camera_parameters
@@ -41,8 +42,8 @@ from spinfilters.vision.track_noise import (
 ITERATIONS: Final = 8
 SETTLED: Final = 1e-4
 """Relative fall of the cost below which iterations end."""
-LOSS: Final = 3.0
-"""Standard deviations beyond which a residual loses weight (Huber's loss of the length of the three whitened residuals)."""
+LOSS: Final = Huber(3.0)
+"""Of the length of the three whitened residuals, in standard deviations."""
 RIDGE: Final = 1e-9
 """Share of its own trace that is added to a landmark's information, so that one seen once has an inverse."""
 
@@ -166,7 +167,7 @@ def _linearise(
     innovation[~valid], by_pose[~valid] = 0.0, 0.0
     # a landmark in g moves as the place does, turned into i: columns of place times R_ig of the epoch
     by_point = by_pose[..., :3] @ matrix_from_quaternion(poses[:, 3:])[observations.epoch]
-    weight = _weights(innovation)
+    weight = LOSS.weight(np.square(innovation).sum(axis=1))
     information = np.zeros((len(points), 3, 3))
     np.add.at(
         information, observations.landmark, weight[:, None, None] * (np.swapaxes(by_point, 1, 2) @ by_point)
@@ -184,13 +185,8 @@ class _Linearised(Adjusted):
     weight: Float[np.ndarray, " n"]
 
 
-def _weights(whitened: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
-    return np.minimum(1.0, LOSS / np.maximum(np.linalg.norm(whitened, axis=1), 1e-12))
-
-
 def _cost(whitened: Float[np.ndarray, "n 3"]) -> float:
-    length = np.linalg.norm(whitened, axis=1)
-    return float(np.sum(np.where(length <= LOSS, length**2, 2 * LOSS * length - LOSS**2)))
+    return float(np.sum(LOSS.cost(np.square(whitened).sum(axis=1))))
 
 
 def _take_step(

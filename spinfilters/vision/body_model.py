@@ -21,8 +21,8 @@ from scipy.ndimage import map_coordinates
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull, KDTree
-from scipy.spatial.transform import Rotation
 
+from spinfilters.core.attitude_conversions import matrix_from_rotation_vector
 from spinfilters.core.errors import InputError
 from spinfilters.io.camera import StereoRig
 from spinfilters.vision.depth_map import DepthMap
@@ -342,7 +342,7 @@ def _extents_along_turned_axes(
     corners: Float[np.ndarray, "v 3"], rotations: Float[np.ndarray, "s 3"]
 ) -> Float[np.ndarray, "s 3"]:
     """Extents along axes turned by rotation vectors, rad."""
-    return np.array([np.ptp(corners @ turn.as_matrix(), axis=0) for turn in Rotation.from_rotvec(rotations)])
+    return np.ptp(corners @ matrix_from_rotation_vector(rotations), axis=1)
 
 
 FEWEST_TRIANGLES: Final = 100

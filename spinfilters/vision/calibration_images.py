@@ -12,14 +12,13 @@ from jaxtyping import Bool, Float, UInt8
 
 from spinfilters.core.errors import InputError
 from spinfilters.io.input_file import path_text, require_folder, value_text
+from spinfilters.vision.calibration_arguments import CalibrateArguments
 from spinfilters.vision.image_folder import CAMERAS, IMAGES, SUFFIXES, LossCount, read_image, stamped_pairs
 
 STAGE: Final = "board images"
 FEWEST_PAIRS: Final = 4
 NO_BOARD: Final = "without the board"
 REFINEMENT: Final = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-4)
-WINDOW_PX: Final = 11
-"""OpenCV's customary one; where corners are closer than twice that, a smaller one keeps the next corner out."""
 MARKER_SHARE: Final = 0.75
 """Side of a ChArUco board's marker over that of a square."""
 DICTIONARY: Final = "DICT_5X5_250"
@@ -45,10 +44,12 @@ class Board:
     rows: int
     square: float
     charuco: bool = False
-    window: int = WINDOW_PX
+    window: int = CalibrateArguments.window
 
     @classmethod
-    def of(cls, corners: str, square: float, charuco: bool = False, window: int = WINDOW_PX) -> "Board":
+    def of(
+        cls, corners: str, square: float, charuco: bool = False, window: int = CalibrateArguments.window
+    ) -> "Board":
         """Board of a text such as "9x6". InputError: no such text."""
         match = re.fullmatch(r"(\d{1,3})[xX](\d{1,3})", corners)
         if match is None or min(int(match[1]), int(match[2])) < 3:

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float
 
+from spinfilters.core.attitude_conversions import matrix_from_rotation_vector, rotation_vector_from_matrix
 from spinfilters.core.cameras import stereo_pair
 from spinfilters.core.errors import InputError
 from spinfilters.vision.calibration_images import FEWEST_PAIRS, Board, BoardView, distinct_views
@@ -194,8 +195,8 @@ def _relative_poses(
     """Rotation vectors and places of the left camera in the right one, of each view."""
     turns, places = [], []
     for left, right in zip(cameras.left.poses, cameras.right.poses, strict=True):
-        R = cv2.Rodrigues(right[:3])[0] @ cv2.Rodrigues(left[:3])[0].T
-        turns.append(cv2.Rodrigues(R)[0].ravel())
+        R = matrix_from_rotation_vector(right[:3]) @ matrix_from_rotation_vector(left[:3]).T
+        turns.append(rotation_vector_from_matrix(R))
         places.append(right[3:] - R @ left[3:])
     return np.array(turns), np.array(places)
 
@@ -225,7 +226,10 @@ def _join_cameras(
     """The relative pose, with both cameras as they are, and the covariance of all."""
     left, right = cameras
     turns, places = _relative_poses(cameras)
-    middle = cv2.Rodrigues(np.median(turns, axis=0))[0], np.median(places, axis=0).reshape(3, 1)
+    R_middle = np.ascontiguousarray(
+        matrix_from_rotation_vector(np.median(turns, axis=0))
+    )  # OpenCV writes into it
+    middle = R_middle, np.median(places, axis=0).reshape(3, 1)
     solved = cv2.stereoCalibrateExtended(
         *_seen_points(views, board),
         *(left.K, left.distortion.copy(), right.K, right.distortion.copy(), size),
@@ -236,7 +240,9 @@ def _join_cameras(
     R, t = np.asarray(solved[5]), np.asarray(solved[6]).ravel()
     first = RawCamera(_four_intrinsics(left.K), left.distortion, *size, np.eye(3), np.zeros(3))
     second = RawCamera(_four_intrinsics(right.K), right.distortion, *size, R.T, -R.T @ t)
-    known = calibration_covariance(views, board, cameras, RelativePose(cv2.Rodrigues(R)[0].ravel(), t), size)
+    known = calibration_covariance(
+        views, board, cameras, RelativePose(rotation_vector_from_matrix(R), t), size
+    )
     deviations = known.std
     of_pose, along = known.covariance[RELATIVE, RELATIVE], t / np.linalg.norm(t)
     return StereoCalibration(

@@ -63,6 +63,9 @@ WRONG: dict[str, tuple[Callable[..., object], dict[str, tuple[Any, ...]]]] = {
             "clock": but_none(NO_TEXT),
             "rate": but_none(NO_NUMBER),
             "topic": but_none(NO_TEXT),
+            "columns": but_none(NO_TEXT),
+            "kind": but_none(NO_TEXT),
+            "units": (3, 2.5, float("nan"), True, b"deg/s", [], {}, object()),
         },
     ),
     "compare": (
@@ -73,6 +76,8 @@ WRONG: dict[str, tuple[Callable[..., object], dict[str, tuple[Any, ...]]]] = {
             "settings": (3, 2.5, float("nan"), True, b"x.toml", "", [], ["mekf"], object()),
             "segment": (2.5, float("nan"), b"1", [], {}, object()),
             "output": but_none(NO_PATH),
+            "kind": but_none(NO_TEXT),
+            "units": (3, 2.5, float("nan"), True, b"deg/s", [], {}, object()),
             "resume": NO_TRUTH,
             "predict": but_none(NO_NUMBER),
             "convergence": NO_TRUTH,

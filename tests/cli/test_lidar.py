@@ -27,7 +27,7 @@ def test_a_preset_is_scanned_into_files_and_a_picture(
         "csv",
     ]
     assert main(command) == 0
-    assert "1906 of 6195 rays returned" in capsys.readouterr().out
+    assert "3034 of 6731 rays returned" in capsys.readouterr().out
     assert {"scan.ply", "scan.csv", "scan.png"} <= {path.name for path in (tmp_path / "out").iterdir()}
     scan = read_scan(tmp_path / "out" / "scan.ply")
     assert scan.metadata["noise"]["mode"] == "thesis"  # pyright: ignore[reportIndexIssue]

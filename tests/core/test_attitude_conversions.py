@@ -245,3 +245,17 @@ def test_wrong_shapes_are_refused(call: Callable[[], object]) -> None:
 def test_a_nearly_unit_quaternion_is_normalised() -> None:
     q = random_quaternions(10)
     np.testing.assert_allclose(attitude.multiply(q * (1 + 5e-7), q), attitude.multiply(q, q), atol=1e-15)
+
+
+def test_matrices_and_rotation_vectors_are_those_of_scipy() -> None:
+    vectors_of, R = special_rotation_vectors(), Rotation.from_quat(SAMPLES).as_matrix()
+    matrices = attitude.matrix_from_rotation_vector(vectors_of)
+    assert np.abs(matrices - Rotation.from_rotvec(vectors_of).as_matrix()).max() < ROUNDING
+    back = Rotation.from_rotvec(attitude.rotation_vector_from_matrix(R)).as_matrix()
+    assert np.abs(back - R).max() < ROUNDING
+    assert attitude.angle_from_matrix(R) == pytest.approx(Rotation.from_matrix(R).magnitude(), abs=1e-7)
+
+
+def test_a_cross_matrix_multiplies_as_the_cross_product() -> None:
+    a, b = np.random.default_rng(0).standard_normal((2, 5, 3))
+    assert (attitude.cross_matrix(a) @ b[..., None])[..., 0] == pytest.approx(np.cross(a, b))

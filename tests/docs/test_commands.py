@@ -15,11 +15,11 @@ import numpy as np
 import pytest
 from vision.board_images import drawn_poses, write_board_images
 
-from spinfilters.api.image_recordings import ImageScenario, example_rig, render
 from spinfilters.cli.main import main, parser
 from spinfilters.io.dataset_folder import write_dataset
 from spinfilters.lidar.mesh import TriangleMesh, box
 from spinfilters.plots import style
+from spinfilters.simulation.image_recordings import ImageScenario, example_rig, render
 from spinfilters.simulation.image_sequence import Imaging
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 from spinfilters.vision.calibration_images import Board
@@ -119,12 +119,10 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "runs").mkdir()
     (folder / "floating.toml").write_text("[process]\ngravity = false\n")
     images = ImageScenario(
+        Scenario(radius_m=0.13, epochs=8, interval=0.25),
         shape="box",
-        frames=8,
-        interval=0.25,
         size=(320, 240),
         imaging=Imaging(oversampling=1, stars=10),
-        radius_m=0.13,
     )
     render(images, folder / "images")
     return folder

@@ -9,7 +9,7 @@ import numpy as np
 
 from spinfilters.evaluation.consistency import true_states
 from spinfilters.filters.ekf import MultiplicativeEkf
-from spinfilters.filters.estimator import Measurement
+from spinfilters.filters.estimator import Estimator, Measurement
 from spinfilters.filters.filter import MultiplicativeFilter
 from spinfilters.filters.timeline import CameraView, Epoch, SensorNoise, Timeline, build_timeline
 from spinfilters.filters.ukf import MultiplicativeUkf
@@ -73,7 +73,7 @@ def started(name: str = "mekf", seed: int = 0, epochs: int = 30, **options: Any)
     return estimator
 
 
-def run_through(estimator: MultiplicativeFilter, timeline: Timeline, first: int = 0) -> list[Gaussian]:
+def run_through(estimator: Estimator, timeline: Timeline, first: int = 0) -> list[Gaussian]:
     """Beliefs after every epoch from this one on; the filter stands at the epoch before."""
     beliefs = []
     for k in range(first, len(timeline)):

@@ -8,6 +8,7 @@ import numpy as np
 from spinfilters.evaluation.consistency import true_states
 from spinfilters.filters.ekf import MultiplicativeEkf
 from spinfilters.filters.estimator import Estimator, Measurement, ProcessModel
+from spinfilters.filters.invariant_ekf import InvariantEkf
 from spinfilters.filters.late_measurements import Outcome, OutOfSequenceUpdates
 from spinfilters.filters.timeline import SensorNoise, Timeline, build_timeline
 from spinfilters.filters.ukf import MultiplicativeUkf
@@ -21,7 +22,7 @@ PROCESS = TorqueFreeProcess(FULL, ProcessNoise())
 FRAMES, INTERVAL = 24, 0.1
 Arrival = tuple[float, Measurement]
 Build = Callable[[ProcessModel], Estimator]
-OURS = (MultiplicativeEkf, MultiplicativeUkf)
+OURS = (MultiplicativeEkf, MultiplicativeUkf, InvariantEkf)
 
 
 def one_by_one(timeline: Timeline) -> list[Arrival]:

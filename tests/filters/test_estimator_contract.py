@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from spinfilters.filters.estimator import Estimator
+from spinfilters.filters.joint_ekf import JointEkf
 from spinfilters.filters.late_measurements import Outcome
 from spinfilters.smoother.recursive_smoother import RecursiveSmoother
 from tests.filters.out_of_sequence_samples import (
@@ -22,7 +23,7 @@ from tests.filters.out_of_sequence_samples import (
     received,
 )
 
-EVERY = (*OURS, RecursiveSmoother)
+EVERY = (*OURS, JointEkf, RecursiveSmoother)
 every_estimator = pytest.mark.parametrize("build", EVERY)
 
 

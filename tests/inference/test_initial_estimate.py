@@ -9,6 +9,7 @@ from scipy.special import chdtri
 from spinfilters.core.attitude_conversions import matrix_from_quaternion
 from spinfilters.core.errors import InputError
 from spinfilters.core.mass_distribution import inertia_matrix
+from spinfilters.core.robust_losses import LeastSquares
 from spinfilters.evaluation.consistency import true_states
 from spinfilters.filters.timeline import SensorNoise, build_timeline
 from spinfilters.inference.initial_estimate import InitialEstimate
@@ -22,7 +23,6 @@ from spinfilters.settings.run_settings import InitialisationOptions
 from spinfilters.simulation.scenario import Scenario, simulate
 from spinfilters.smoother.batch_smoother import AnnealedSchedule
 from spinfilters.smoother.closed_form import InitialMotion, fit_momentum, initial_motion, initial_state
-from spinfilters.smoother.losses import LeastSquares
 from spinfilters.smoother.problem import Stage, problem_of, with_common_constants
 from spinfilters.smoother.solver import ConstantSchedule, SolverOptions, solve
 from tests.filters.filter_samples import FULL, PROCESS, START, embedded, started

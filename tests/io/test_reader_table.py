@@ -35,8 +35,11 @@ def test_the_documentation_tells_the_order_of_the_readers() -> None:
         ("folder", 0),
         ("phyphox", 10),
         ("phone-export", 20),
+        ("logger-folder", 25),
         ("zip", 30),
         ("ros-bag", 40),
+        ("px4-log", 42),
+        ("array-export", 45),
         ("other-folder", 90),
         ("motion-table", 95),
         ("sensor-table", 100),
@@ -44,8 +47,8 @@ def test_the_documentation_tells_the_order_of_the_readers() -> None:
     page = (DOCS / "add-a-reader.md").read_text().replace("\n", " ")
     assert (
         "folders with a `dataset.toml` at 0, "
-        "phyphox exports at 10, other phone exports at 20, archives at 30, ROS bags at 40, yours at 50"
-        in page
+        "phyphox exports at 10, other phone exports at 20, folders of EuRoC and TUM at 25, archives at 30, ROS bags at 40, PX4 "
+        "logs at 42, files of arrays at 45, yours at 50" in page
     )
     assert "other folders at 90, tables with named columns at 95, other files at 100" in page
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from spinfilters.core.ray_angles import unit_vectors
-from spinfilters.lidar.edge_adjustment import expected_ranges, moved_pose
+from spinfilters.lidar.edge_adjustment import expected_ranges, with_edges
 from spinfilters.lidar.face_map import Face
 from spinfilters.lidar.mesh import box
 from spinfilters.lidar.planes import PointNoise
 from spinfilters.lidar.scan import RayPattern, rvs_noise
-from spinfilters.lidar.scan_pose import rotation_vector
+from spinfilters.lidar.scan_pose import ScanPose, move_placement, rotation_vector
 from spinfilters.lidar.scan_poses import scan_poses
 from spinfilters.simulation.lidar_scanner import LidarSettings, Scanner, Still, thesis_rotation
 
@@ -54,7 +54,7 @@ def test_derivatives_by_pose_and_faces_are_those_of_differences(noise: PointNois
     found = expected_ranges(angles, FACES, R, T, noise)
 
     def mean(step: np.ndarray, faces: list[Face]) -> np.ndarray:
-        return expected_ranges(angles, faces, *moved_pose(R, T, step), noise).mean
+        return expected_ranges(angles, faces, *move_placement((R, T), step), noise).mean
 
     small = 1e-6
     for k, step in enumerate(small * np.eye(6)):
@@ -92,3 +92,17 @@ def test_points_at_edges_improve_attitudes_of_a_coarse_scan(monkeypatch: pytest.
     true = [b @ a.T for a, b in pairwise(rotations)]
     errors = [np.linalg.norm(rotation_vector(a @ b.T)) for a, b in zip(turns, true, strict=True)]
     assert np.rad2deg(max(errors)) < 3.0
+
+
+def test_rays_that_miss_the_body_leave_the_pose_to_the_others() -> None:
+    # a plate seen so flat that 2 of its 61 columns of beams are beyond the grazing angle
+    azimuth, elevation = np.meshgrid(np.linspace(-0.04, 0.04, 61), np.linspace(-0.02, 0.02, 31))
+    angles = np.column_stack([azimuth.ravel(), elevation.ravel()])
+    normal = np.array([-0.058, 0.0, 1.0]) / np.hypot(0.058, 1.0)
+    plate, place, noise = [Face(normal, 0.0)], np.array([30.0, 0.0, 0.0]), PointNoise(0.01, 1e-3, 1e-3)
+    expected = expected_ranges(angles, plate, np.eye(3), place, noise).mean
+    assert 0 < np.isnan(expected).sum() < 100
+    points = unit_vectors(*angles.T) * np.nan_to_num(expected, nan=90.0)[:, None]
+    displaced = ScanPose(0.0, np.eye(3), place + 0.01 * normal, 1e5 * np.eye(6))
+    found = with_edges(displaced, points, plate, noise, 10.0, np.zeros((6, 6)))
+    assert abs(normal @ (found.translation - place)) < 1e-6

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from spinfilters.core.attitude_conversions import matrix_from_rotation_vector
 from spinfilters.lidar.face_map import (
     Face,
     PlaneEvidence,
@@ -12,7 +13,7 @@ from spinfilters.lidar.face_map import (
     with_map_errors,
 )
 from spinfilters.lidar.planes import FittedPlane
-from spinfilters.lidar.scan_pose import ScanPose, rotation_matrix
+from spinfilters.lidar.scan_pose import ScanPose
 
 RATE, PLACE = np.array([0.25, 0.35, 0.2]), np.array([20.0, 0.0, 0.0])
 SIZE, TURNS = 1.5, 16
@@ -20,7 +21,7 @@ FACES = tuple(Face(sign * np.eye(3)[k], 0.5) for k in range(3) for sign in (-1.0
 
 
 def tracked(faces: tuple[Face, ...], matches: tuple[tuple[int, ...], ...]) -> TrackedFaces:
-    rotations = [rotation_matrix(RATE * k) for k in range(len(matches))]
+    rotations = [matrix_from_rotation_vector(RATE * k) for k in range(len(matches))]
     poses = tuple(ScanPose(float(k), R, PLACE, 1e-8 * np.eye(6)) for k, R in enumerate(rotations))
     return TrackedFaces(poses, faces, matches)
 
@@ -29,7 +30,7 @@ def seen(std: float, generator: np.random.Generator) -> tuple[TrackedFaces, list
     """A turning cube: the planes of the faces towards the lidar, with errors of ``std`` (rad and m)."""
     matches, planes = [], []
     for k in range(TURNS):
-        R = rotation_matrix(RATE * k)
+        R = matrix_from_rotation_vector(RATE * k)
         visible = tuple(j for j, f in enumerate(FACES) if (R @ f.normal)[0] < -0.1)
         found = []
         for j in visible:
@@ -46,7 +47,7 @@ def seen(std: float, generator: np.random.Generator) -> tuple[TrackedFaces, list
 
 
 def test_a_face_that_came_back_as_a_new_one_is_merged() -> None:
-    again = Face(rotation_matrix(np.array([0.0, 0.01, 0.0])) @ FACES[0].normal, 0.505)
+    again = Face(matrix_from_rotation_vector(np.array([0.0, 0.01, 0.0])) @ FACES[0].normal, 0.505)
     merged = merged_faces(tracked((*FACES, again), ((0, 2), (2, 4), (6, 4))), SIZE)
     assert len(merged.faces) == 6
     assert merged.matches == ((0, 2), (2, 4), (0, 4))
@@ -60,7 +61,9 @@ def test_coplanar_faces_that_a_scan_sees_side_by_side_stay_two() -> None:
 def test_wrong_faces_are_adjusted_to_the_shape_that_all_planes_show() -> None:
     true, planes = seen(1e-4, np.random.default_rng(0))
     tilts = 2e-3 * np.random.default_rng(1).standard_normal((6, 3))
-    rough = tuple(Face(rotation_matrix(e) @ f.normal, 0.502) for e, f in zip(tilts, FACES, strict=True))
+    rough = tuple(
+        Face(matrix_from_rotation_vector(e) @ f.normal, 0.502) for e, f in zip(tilts, FACES, strict=True)
+    )
     start = TrackedFaces(true.poses, rough, true.matches)
     assert shape_error(start) > 1e-3
     assert shape_error(adjusted_faces(start, PlaneEvidence(planes), SIZE)) < 3e-4

@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from spinfilters.core.attitude_conversions import matrix_from_rotation_vector
 from spinfilters.core.ray_angles import unit_vectors
 from spinfilters.lidar.face_map import Face, TrackedFaces, consistent_faces
 from spinfilters.lidar.planes import FittedPlane, PointNoise, extract_planes, fitted_plane
-from spinfilters.lidar.scan_pose import ScanPose, rotation_matrix
+from spinfilters.lidar.scan_pose import ScanPose
 
 SIZE, STD, SCANS = 1.5, 1e-4, 12
 PLACE, VELOCITY = np.array([20.0, 0.0, 0.0]), np.array([0.0, 0.01, 0.0])
@@ -20,7 +21,7 @@ def drifting() -> tuple[TrackedFaces, list[tuple[FittedPlane, ...]]]:
     generator = np.random.default_rng(0)
     poses, matches, planes = [], [], []
     for k in range(SCANS):
-        R, t = rotation_matrix(np.array([0.25, 0.35, 0.2]) * k), PLACE + VELOCITY * k
+        R, t = matrix_from_rotation_vector(np.array([0.25, 0.35, 0.2]) * k), PLACE + VELOCITY * k
         seen = tuple(j for j, face in enumerate(FACES) if (R @ face.normal)[0] < 0)
         at = t + STD * generator.standard_normal(3)
         planes.append(

@@ -8,7 +8,7 @@ import pytest
 from plain_comparison import plain_comparison
 from scipy.spatial.transform import Rotation
 
-from spinfilters.core.attitude_conversions import angle_between
+from spinfilters.core.attitude_conversions import angle_between, multiply, quaternion_from_rotation_vector
 from spinfilters.core.errors import InputError
 from spinfilters.io.dataset import Dataset
 from spinfilters.lidar.mesh import box
@@ -100,6 +100,22 @@ def test_planes_that_contradict_the_drift_are_a_doubt_of_every_estimate(dataset:
     assert found.history.status.verdict is Verdict.DEGRADED
     (doubt,) = (each for each in found.history.status.findings if each.check == "data-set")
     assert doubt.sentence == "7 of 25 scans"
+
+
+def test_what_a_front_end_doubts_is_stated_first_and_no_other_cause_is_named(dataset: Dataset) -> None:
+    """Scans that are turned wrongly look like contact."""
+    (stream,) = dataset.log.streams
+    values = stream.values.copy()
+    turn = quaternion_from_rotation_vector(np.array([0.0, 2.5, 0.0]))
+    values[-4:, 3:] = multiply(np.broadcast_to(turn, (4, 4)), values[-4:, 3:])
+    log = replace(dataset.log, streams=(replace(stream, values=values),))
+    doubted = replace(dataset, log=log, doubts=("3 of 25 scans may be turned wrongly",))
+    (found,) = plain_comparison(doubted, Settings(estimators=("smoother",))).evaluations
+    first, *others = found.history.status.findings
+    assert first.check == "data-set"
+    assert not [
+        each.sentence for each in others if "most like" in each.sentence and "contact" in each.sentence
+    ]
 
 
 def test_stamps_that_fall_with_the_names_are_refused(folder: Path, tmp_path: Path) -> None:

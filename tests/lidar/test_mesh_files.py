@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from spinfilters.core.errors import InputError
+from spinfilters.io.ply_files import read_ply
 from spinfilters.lidar.mesh import TriangleMesh, box, mass_properties, read_mesh
 
 SHAPES = Path(__file__).parents[3] / "shared" / "data" / "asteroid_shapes"
@@ -192,3 +193,24 @@ def test_mass_properties_move_with_the_mesh() -> None:
 def test_toutatis_has_the_published_ratios_of_moments() -> None:
     moments = mass_properties(read_mesh(SHAPES / "toutatis_from_cmod.obj")).principal_moments
     assert (moments / moments[0]).round(3).tolist() == [1.0, 2.997, 3.178]
+
+
+def test_binary_faces_of_mixed_lengths_are_read_in_their_order(tmp_path: Path) -> None:
+    generator = np.random.default_rng(0)
+    lengths = [*[3] * 200, *generator.integers(1, 6, 100), *[4] * 77]
+    faces = [generator.integers(0, 50, length).astype("<i4") for length in lengths]
+    head = (
+        "ply\nformat binary_little_endian 1.0\nelement vertex 50\nproperty float x\nproperty float y\nproperty float z\n"
+        f"element face {len(faces)}\nproperty list uchar float weights\nproperty list uchar int vertex_index\nend_header\n"
+    )
+    rows = b"".join(
+        bytes([len(face) % 3]) + bytes(4 * (len(face) % 3)) + bytes([len(face)]) + face.tobytes()
+        for face in faces
+    )
+    path = tmp_path / "mixed.ply"
+    path.write_bytes(head.encode() + bytes(600) + rows)
+    expected = [(face[0], face[k], face[k + 1]) for face in faces for k in range(1, len(face) - 1)]
+    assert read_ply(path).triangles.tolist() == [list(map(int, each)) for each in expected]
+    path.write_bytes(path.read_bytes()[:-1])
+    with pytest.raises(InputError, match="numbers are told where"):
+        read_ply(path)

@@ -5,11 +5,12 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
+from spinfilters.core.attitude_conversions import matrix_from_rotation_vector
 from spinfilters.lidar.scan_pose import (
     ScanPose,
     interpolated_rotation,
     predicted_pose,
-    rotation_matrix,
+    rate_of_step,
     rotation_vector,
 )
 
@@ -19,10 +20,10 @@ CENTRE, SIZE = np.array([0.4, -0.2, 0.3]), 1.5
 
 def pose(time: float, turn: Sequence[float], shift: Sequence[float], std: float) -> ScanPose:
     """Of a body that turns about its centre, with errors, rad and m."""
-    R = rotation_matrix(RATE * time)
+    R = matrix_from_rotation_vector(RATE * time)
     t = PLACE + VELOCITY * time - R @ CENTRE
     covariance = std**2 * np.eye(6)
-    return ScanPose(time, rotation_matrix(np.array(turn)) @ R, t + np.array(shift), covariance)
+    return ScanPose(time, matrix_from_rotation_vector(np.array(turn)) @ R, t + np.array(shift), covariance)
 
 
 def off(poses: Sequence[ScanPose], time: float) -> tuple[float, float]:
@@ -67,7 +68,9 @@ def test_one_scan_predicts_itself() -> None:
 def test_a_scan_that_does_not_determine_its_rotation_is_led_by_its_neighbours(number: int) -> None:
     poses = [pose(k, (0, 0, 0), (0, 0, 0), 1e-6) for k in range(9)]
     poses[number] = pose(number, (0.3, 0.4, 0.0), (0, 0, 0), 0.2)
-    turned = rotation_vector(interpolated_rotation(poses, number) @ rotation_matrix(RATE * number).T)
+    turned = rotation_vector(
+        interpolated_rotation(poses, number) @ matrix_from_rotation_vector(RATE * number).T
+    )
     assert np.linalg.norm(turned) < 1e-6
 
 
@@ -87,3 +90,20 @@ def test_an_exact_first_pose_leaves_the_prediction_finite() -> None:
     poses = [pose(k, (0, 0, 0), (0, 0, 0), 0.0 if k == 0 else 1e-4) for k in range(2)]
     assert np.isfinite(predicted_pose(poses, 2.0, SIZE)[1]).all()
     assert off([*poses, pose(2.0, (0, 0, 0), (0, 0, 0), 1e-4)], 3.0)[0] < 1e-3
+
+
+def test_the_rate_across_scans_that_do_not_determine_their_rotation_comes_from_both_sides() -> None:
+    """Faces on both sides of such scans are tied by it: a prediction from the scans before alone turned them by degrees."""
+    rate, poses = np.array([0.1, 0.2, -0.15]), []
+    for k in range(16):
+        vague = k in (3, 4)
+        wrong = np.array([0.0, 0.3, 0.0]) if vague else np.zeros(3)
+        covariance = np.diag([*[1e-6] * 3, *[0.04 if vague else 1e-8] * 3])
+        poses.append(
+            ScanPose(float(k), matrix_from_rotation_vector(k * rate + wrong), np.zeros(3), covariance)
+        )
+    found = rate_of_step(poses, 3)
+    assert found is not None
+    np.testing.assert_allclose(found, rate, atol=1e-6)
+    assert rate_of_step(poses[:6], 3) is None
+    assert rate_of_step(poses, -1) is None

@@ -2,11 +2,15 @@
 
 import numpy as np
 
+from spinfilters.core.attitude_conversions import matrix_from_rotation_vector
 from spinfilters.lidar.registration import cloud_of, registered
-from spinfilters.lidar.scan_pose import rotation_matrix, rotation_vector
+from spinfilters.lidar.scan_pose import rotation_vector
 
 EYE = np.array([-3.0, 0.0, 0.0])
-ROTATION, TRANSLATION = rotation_matrix(np.array([0.05, -0.04, 0.06])), np.array([0.03, -0.02, 0.01])
+ROTATION, TRANSLATION = (
+    matrix_from_rotation_vector(np.array([0.05, -0.04, 0.06])),
+    np.array([0.03, -0.02, 0.01]),
+)
 STD = 5e-4
 
 

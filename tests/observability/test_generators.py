@@ -68,8 +68,98 @@ def test_generators_are_the_known_ones(name: str) -> None:
     document, components, kind = CASES[name]
     found = analyse(document)
     assert found.certified
-    assert [each.components for each in found.generators] == components
-    assert {each.kind for each in found.generators} == ({kind} if kind else set())
+    assert found.generators == components
+    assert {each.kind for each in found.symmetries} == ({kind} if kind else set())
+
+
+RATIONAL = {
+    "two compartments": (
+        {
+            "states": ["x0", "x1"],
+            "parameters": ["a01", "a21", "a12"],
+            "equations": {"x0": "-(a01 + a21)*x0 + a12*x1", "x1": "a21*x0 - a12*x1"},
+            "outputs": {"y": "x0"},
+        },
+        {"a01": "a01", "a21": "-a01 + a12", "a12": "-a12", "x1": "x0 + x1"},
+    ),
+    "a sum of two states that decay alike": (
+        {
+            "states": ["a", "b", "r", "s"],
+            "parameters": ["k", "m"],
+            "equations": {"a": "k*r - s*a", "b": "m*r - s*b", "r": "1 - r*s", "s": "r - s**2"},
+            "outputs": {"y": "a + b", "y1": "r", "y2": "s", "y3": "k", "y4": "m"},
+        },
+        {"a": "-a*m + b*k", "b": "a*m - b*k"},
+    ),
+}
+
+
+@pytest.mark.parametrize("name", RATIONAL)
+def test_a_generator_is_interpolated_from_null_vectors(name: str) -> None:
+    document, components = RATIONAL[name]
+    found = analyse(document)
+    assert found.null_dimension == len(found.generators) == 1
+    own = found.generators[0]
+    turned = {key: signed_terms(value) for key, value in own.items()}
+    wanted = {key: signed_terms(value) for key, value in components.items()}
+    assert turned in (wanted, {key: {(-a, b) for a, b in value} for key, value in wanted.items()})
+
+
+def signed_terms(text: str) -> set[tuple[int, tuple[str, ...]]]:
+    """Terms of a sum with their signs, in any order."""
+    parts = text.replace("- ", "+ -").split(" + ")
+    return {
+        (-1 if part.startswith("-") else 1, tuple(sorted(part.lstrip("+- ").split("*")))) for part in parts
+    }
+
+
+def test_known_initial_values_keep_the_generators_that_keep_them() -> None:
+    document = {
+        "states": ["x1", "x2"],
+        "parameters": ["t1", "t2", "t3", "t4"],
+        "inputs": ["u"],
+        "equations": {"x1": "t1*x1**2 + t2*x1*x2 + u", "x2": "t3*x1**2 + t4*x1*x2"},
+        "outputs": {"y": "x1"},
+    }
+    found = analyse(document | {"known_initial_values": {"x1": 0, "x2": 0}})
+    assert found.certified
+    assert found.generators == [{"t2": "t2", "t3": "-t3", "x2": "-x2"}]
+    known = analyse(document | {"known_initial_values": {"x1": 0, "x2": 1}})
+    assert known.null_dimension == 0
+
+
+def test_an_unknown_input_that_compensates_is_certified_by_inversion() -> None:
+    document = {
+        "states": ["x", "z"],
+        "parameters": ["a", "b"],
+        "unknown_inputs": ["w"],
+        "equations": {"x": "a*x + b*z + w", "z": "x - a*z"},
+        "outputs": {"y": "x"},
+    }
+    found = analyse(document)
+    assert found.rank == 2
+    assert found.proof.name in ("INVERSION", "GENERATORS")
+    assert found.inverted is not None
+    assert found.inverted.compensated == ("a", "b", "z")
+
+
+def test_a_bearing_with_an_unknown_acceleration_leaves_three_directions() -> None:
+    document = {
+        "states": ["rx", "ry", "vx", "vy"],
+        "unknown_inputs": ["ax", "ay"],
+        "equations": {"rx": "vx", "ry": "vy", "vx": "ax", "vy": "ay"},
+        "outputs": {"y": "rx/ry"},
+    }
+    found = analyse(document)
+    assert found.rank == 3
+    assert len(found.generators) == 3
+
+
+def test_a_special_point_on_an_invariant_manifold_is_certified_without_generators() -> None:
+    document = {"states": ["x", "v"], "parameters": ["k"], "equations": {"x": "v", "v": "-k*x"}}
+    found = analyse(document | {"outputs": {"y": "x**2"}}, at={"x": 0, "v": 0})
+    assert found.proof.name == "MANIFOLD"
+    assert found.rank == 0
 
 
 def test_a_direction_without_a_closed_form_is_said_to_be_one() -> None:
@@ -84,10 +174,10 @@ def test_a_direction_without_a_closed_form_is_said_to_be_one() -> None:
     assert "1 direction without a closed form." in str(found)
 
 
-def test_an_unknown_input_is_certified_by_its_generators() -> None:
+def test_an_unknown_input_is_certified_and_has_its_generator() -> None:
     found = analyse(CASES["what is seen through an unknown force leaves the mass"][0])
-    assert found.proof.name == "GENERATORS"
-    assert found.null_dimension == 1
+    assert found.proof.name == "INVERSION"
+    assert found.null_dimension == len(found.generators) == 1
 
 
 def test_a_quadratic_generator_is_found() -> None:
@@ -99,4 +189,4 @@ def test_a_quadratic_generator_is_found() -> None:
     }
     found = analyse(document)
     assert found.null_dimension == len(found.generators) == 2
-    assert [each.kind for each in found.generators] == ["scaling", "polynomial"]
+    assert [each.kind for each in found.symmetries] == ["scaling", "polynomial"]

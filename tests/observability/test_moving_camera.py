@@ -14,7 +14,7 @@ from spinfilters.models.camera_landmarks import MOVING, MonocularLandmark, Stere
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.process import ProcessNoise
 from spinfilters.models.sensor_noise import IsotropicNoise
-from spinfilters.simulation.inspector import circling
+from spinfilters.simulation.inspector import circle as circle_about
 from tests.observability.bound_samples import CALIBRATION, LAYOUT, flight_of
 
 FRAMES, INTERVAL = 25, 0.5
@@ -44,7 +44,8 @@ def schedule(name: str, poses: Float[np.ndarray, "k 7"] | None) -> SensorSchedul
 def circle() -> Float[np.ndarray, "k 7"]:
     """About the first place of the body."""
     centre = reference().states[0, LAYOUT.mean_slice("t")]
-    return circling(reference().time, centre).poses
+    time = reference().time
+    return circle_about(centre)(time - time[0])
 
 
 def identities() -> Float[np.ndarray, "k 7"]:

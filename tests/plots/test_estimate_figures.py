@@ -13,6 +13,7 @@ from matplotlib.patches import Rectangle
 from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Line3D, Line3DCollection
 
+from spinfilters.core.camera_trajectory import CameraTrajectory
 from spinfilters.core.errors import InputError
 from spinfilters.evaluation.estimated_motion import BodyRates, count_flips, estimated_rates, true_rates
 from spinfilters.evaluation.estimator_evaluation import evaluate
@@ -22,7 +23,7 @@ from spinfilters.plots.scene import DrawnCamera, estimated_polhode_figure, scene
 from spinfilters.plots.style import estimator_lines, save_figure
 from spinfilters.plots.summary import headline, inertia_figure, summary_figure
 from spinfilters.plots.time_courses import consistency_figure, error_bands_figure, rates_figure
-from spinfilters.simulation.inspector import circling
+from spinfilters.simulation.inspector import circle
 from tests.plots.run_samples import (
     FRAMES,
     INITIALISATION_EPOCHS,
@@ -38,7 +39,8 @@ from tests.plots.run_samples import (
 FULL, ROTATIONS = full_runs(), rotation_runs()
 RIG = StereoRig(PinholeCamera(fx=466.7, fy=466.7, cx=320.0, cy=240.0, width=640, height=480), baseline_m=0.09)
 POINTS = np.random.default_rng(0).standard_normal((300, 3)) * 0.05
-CIRCLE = circling(INTERVAL * np.arange(FRAMES), np.array([0.0, 0.0, 0.6]))
+TIME = INTERVAL * np.arange(FRAMES)
+CIRCLE = CameraTrajectory(TIME, circle(np.array([0.0, 0.0, 0.6]))(TIME))
 CONDITIONS = ("Map unknown, seed 3.", "Noise: pixels 1 px; disturbances: torque 1e-06 (rad/s^2)^2/Hz.")
 Maker = Callable[[SampleRuns], Figure]
 

@@ -7,10 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from spinfilters import compare, simulate
 from spinfilters.cli.main import main
 from spinfilters.core.errors import InputError
 from spinfilters.core.plugins import installed_plugins
-from spinfilters.run.estimators import estimator_entries
+from spinfilters.run.estimators import LAGS, estimator_entries
 from spinfilters.run.run_summary import read_summary
 from spinfilters.settings.run_settings import DEFAULT_ESTIMATORS, Settings, estimator_names
 
@@ -38,12 +39,13 @@ def distribution(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Pa
 
 def test_the_table_has_ours_before_the_baselines_and_the_defaults_among_them() -> None:
     ours, baselines = ("mekf", "ukf", "smoother"), ("filterpy-ekf", "filterpy-ukf")
+    family = ("iekf", "rts", "invariant", "ekf-joint", *(f"smoother-lag-{lag}" for lag in LAGS))
     assert (
         tuple(estimator_entries())
         == estimator_names()
-        == (*ours, *baselines, "embedded", "embedded-double", "smoother-latest")
+        == (*ours, *baselines, "embedded", "embedded-double", "smoother-latest", *family)
     )
-    assert tuple(n for n, entry in estimator_entries().items() if entry.is_default) == DEFAULT_ESTIMATORS
+    assert ours == DEFAULT_ESTIMATORS
 
 
 @pytest.mark.usefixtures("distribution")
@@ -76,3 +78,18 @@ def test_a_name_that_stands_twice_is_refused(distribution: Path) -> None:
     installed_plugins.cache_clear()
     with pytest.raises(InputError, match="'mekf' is registered twice"):
         estimator_entries()
+
+
+@pytest.mark.parametrize("kind", ["pose", "gyro"])
+def test_every_member_of_the_family_estimates_the_same_recording(kind: str) -> None:
+    names = ("mekf", "iekf", "rts", "invariant", "ekf-joint", "smoother", "smoother-lag-5")
+    run = compare(simulate(kind, frames=60), names)
+    errors = {name: run.summary["estimators"][name]["errors"] for name in names}
+    assert all(each["nees_per_dof"] < 4 for each in errors.values())
+    rates = {name: each["rms_rate_rad_s"] for name, each in errors.items()}
+    for name in ("iekf", "invariant", "ekf-joint"):
+        assert rates[name] == pytest.approx(rates["mekf"], rel=0.2)
+    assert rates["rts"] < rates["mekf"]
+    assert not any(
+        each["name"] == "filter-disturbance" for each in run.summary["estimators"]["rts"]["checks"]
+    )

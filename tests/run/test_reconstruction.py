@@ -7,13 +7,14 @@ from pathlib import Path
 import pytest
 from pictures import unrendered_pictures
 
-from spinfilters.api.image_recordings import ImageScenario, render
 from spinfilters.cli.main import main
 from spinfilters.io.ply_files import read_ply
 from spinfilters.run.comparison_run import RunOutput, compare_into
 from spinfilters.run.run_folder import mark_run_folder
 from spinfilters.settings.run_settings import ProcessSettings, Settings
+from spinfilters.simulation.image_recordings import ImageScenario, render
 from spinfilters.simulation.image_sequence import Imaging
+from spinfilters.simulation.scenario_record import Scenario
 from spinfilters.vision.track_images import track_images
 from tests.plots.chromium import document_after_scripts, pixels_drawn
 
@@ -26,9 +27,8 @@ def images(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Eight pairs of a box at 10 rpm."""
     folder = tmp_path_factory.mktemp("images")
     imaging = Imaging(oversampling=1, stars=10)
-    scenario = ImageScenario(
-        shape="box", frames=8, interval=0.25, size=(320, 240), imaging=imaging, radius_m=RADIUS_M
-    )
+    motion = Scenario(radius_m=RADIUS_M, epochs=8, interval=0.25)
+    scenario = ImageScenario(motion, shape="box", size=(320, 240), imaging=imaging)
     render(scenario, folder)
     return folder
 

@@ -1,13 +1,12 @@
 """Scenarios have one source of defaults: the bundled example."""
 
 import inspect
-from dataclasses import fields
+from dataclasses import replace
 
 import pytest
 
 from observability.analysis_report import assumptions
 from spinfilters.api.analysis import observe
-from spinfilters.api.image_recordings import ImageScenario
 from spinfilters.api.recordings import simulate
 from spinfilters.campaigns.recording_factors import (
     BodyFactor,
@@ -19,6 +18,7 @@ from spinfilters.campaigns.recording_factors import (
 )
 from spinfilters.cli.main import parser
 from spinfilters.models.process import THESIS_NOISE
+from spinfilters.simulation.image_recordings import ImageScenario
 from spinfilters.simulation.scenario import Scenario
 
 
@@ -49,9 +49,7 @@ def test_the_command_line_has_the_defaults_of_a_scenario(command: list[str]) -> 
 
 def test_rendered_images_are_of_the_default_motion() -> None:
     default = Scenario()
-    told = {each.name: each.default for each in fields(ImageScenario)}
-    assert (told["frames"], told["interval"]) == (default.epochs, default.interval)
-    assert (told["rate_rpm"], told["moments"]) == (default.rate_rpm, default.principal_moments)
+    assert replace(ImageScenario().scenario, radius_m=default.radius_m) == default
 
 
 def test_the_analyser_assumes_the_disturbances_of_the_example() -> None:

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 from swapped_ids import swapped
 
+from spinfilters.core.robust_losses import LeastSquares, RobustLoss
 from spinfilters.evaluation.consistency import true_states
 from spinfilters.filters.timeline import CameraView, SensorNoise, Timeline, build_timeline
 from spinfilters.io.measurement_log import MeasurementLog
@@ -15,7 +16,6 @@ from spinfilters.models.feature_tracks import RIG
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.models.state_layout import FULL_BLOCKS, StateLayout
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
-from spinfilters.smoother.losses import LeastSquares, RobustLoss
 from spinfilters.smoother.priors import FirstStatePrior
 from spinfilters.smoother.problem import InitialGuess, Problem, Stage, problem_of
 from spinfilters.smoother.sliding_smoother import SlidingSmoother, SmootherOptions

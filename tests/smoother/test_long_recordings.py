@@ -7,6 +7,7 @@ from typing import TypeVar
 import numpy as np
 import pytest
 
+from spinfilters.core.robust_losses import Gate
 from spinfilters.filters.estimator import UpdateReport
 from spinfilters.filters.history import GrowingHistory
 from spinfilters.filters.timeline import SensorNoise, Timeline, build_timeline, times_of
@@ -19,7 +20,6 @@ from spinfilters.smoother import linear_system as schur_system
 from spinfilters.smoother import motion_factors
 from spinfilters.smoother import problem as least_squares
 from spinfilters.smoother.batch_smoother import BatchSmoothing, smooth_recording
-from spinfilters.smoother.losses import Gate
 from spinfilters.smoother.priors import FirstStatePrior
 
 LAYOUT = StateLayout(ROTATION_BLOCKS)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from spinfilters.models.process import ProcessNoise
-from spinfilters.simulation.faulty_motion import LAYOUT, Physics, faulty_motion, motion_at
+from spinfilters.simulation.model_faults import LAYOUT, Physics, faulty_motion, motion_at
 from spinfilters.simulation.scenario import RICH_RPM, Scenario
 from spinfilters.smoother.momentum_restart import trajectory_from_momentum
 

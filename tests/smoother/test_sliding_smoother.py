@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from spinfilters.core.errors import InputError
+from spinfilters.core.robust_losses import Gate, LeastSquares
 from spinfilters.filters.estimator import LandmarkBelief, Measurement
 from spinfilters.filters.shared_modes import LandmarkOptions
 from spinfilters.filters.timeline import Epoch, SensorNoise, build_timeline
@@ -16,7 +17,6 @@ from spinfilters.models.sensors.pose import Pose, pose_parameters
 from spinfilters.models.state_layout import ROTATION_BLOCKS, StateLayout
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 from spinfilters.smoother.linear_system import Marginals, SchurSystem
-from spinfilters.smoother.losses import Gate, LeastSquares
 from spinfilters.smoother.priors import FirstStatePrior
 from spinfilters.smoother.problem import Stage
 from spinfilters.smoother.sliding_smoother import SlidingSmoother, SmootherOptions, UpdateResult
@@ -253,7 +253,8 @@ def test_the_latest_state_and_the_map_are_told_together_with_their_joint_covaria
     assert isinstance(normal.solution, SchurSystem)
     marginals = Marginals(normal.solution, normal.eliminated)
     assert normal.eliminated is not None
-    expected = marginals.landmark_covariance(np.flatnonzero(normal.eliminated.is_constrained))
+    by_epochs, own = marginals.landmark_rows(np.flatnonzero(normal.eliminated.is_constrained))
+    expected = by_epochs @ by_epochs.swapaxes(1, 2) + own @ own.swapaxes(1, 2)
     rows = told.joint_factor()[LAYOUT.error_dim :].reshape(len(told.ids), 3, -1)
     found, wanted = (np.sqrt(np.einsum("kii->ki", P)) for P in (rows @ rows.swapaxes(1, 2), expected))
     np.testing.assert_allclose(found, wanted, rtol=0.05)  # what few modes leave out is each landmark's own

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from spinfilters.core.robust_losses import Gate
 from spinfilters.filters.timeline import Epoch, Timeline
 from spinfilters.simulation.scenario import Scenario
 from spinfilters.smoother.linear_system import latest_factor
-from spinfilters.smoother.losses import Gate
 from spinfilters.smoother.priors import FirstStatePrior
 from spinfilters.smoother.problem import Stage, problem_of
 from spinfilters.smoother.sliding_smoother import SlidingSmoother, SmootherOptions

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from jaxtyping import Float
 
+from spinfilters.core.robust_losses import LeastSquares, PseudoHuber, RobustLoss
 from spinfilters.filters.estimator import Measurement
 from spinfilters.filters.timeline import Epoch
 from spinfilters.models.sensors.pose import Pose, pose_parameters
 from spinfilters.smoother.linear_system import Marginals, SchurSystem, latest_factor
-from spinfilters.smoother.losses import LeastSquares, PseudoHuber, RobustLoss
 from spinfilters.smoother.problem import InitialGuess, NormalEquations, Problem, Stage
 from tests.smoother.smoothing_samples import LAYOUT, PROCESS, SMALL, Sample, perturbed, sample
 
@@ -202,9 +202,9 @@ def test_the_covariance_of_landmarks_is_that_of_the_dense_problem() -> None:
     dense, (_, normal) = _dense(LeastSquares()), _linear(LeastSquares())
     is_constrained = np.flatnonzero(dense.is_constrained)
     first = MOVING * len(_sample().epochs) + CONSTANT
-    found = Marginals(_solution(LeastSquares()), normal.eliminated).landmark_covariance(
-        is_constrained[[6, 2, 9]]
-    )
+    marginals = Marginals(_solution(LeastSquares()), normal.eliminated)
+    by_epochs, own = marginals.landmark_rows(is_constrained[[6, 2, 9]])
+    found = by_epochs @ by_epochs.swapaxes(1, 2) + own @ own.swapaxes(1, 2)
     for covariance, k in zip(found, (6, 2, 9), strict=True):
         at = first + 3 * k + np.arange(3)
         assert _apart(covariance, dense.covariance[np.ix_(at, at)]) < TOLERANCE

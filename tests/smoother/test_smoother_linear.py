@@ -9,10 +9,10 @@ import pytest
 from jaxtyping import Float
 
 from spinfilters.core.errors import InputError
+from spinfilters.core.robust_losses import PseudoHuber
 from spinfilters.filters.estimator import Measurement
 from spinfilters.filters.timeline import Epoch, Timeline
 from spinfilters.smoother.linear_system import Marginals, SchurSystem, latest_factor
-from spinfilters.smoother.losses import PseudoHuber
 from spinfilters.smoother.priors import FirstStatePrior
 from spinfilters.smoother.problem import problem_of
 from spinfilters.smoother.sliding_smoother import SlidingSmoother, SmootherOptions

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from spinfilters.core.errors import InputError
+from spinfilters.core.robust_losses import Barron, Graduated, LeastSquares, PseudoHuber, RobustLoss
 from spinfilters.models.state_blocks import ATTITUDE, MASS_DISTRIBUTION
 from spinfilters.smoother.linear_system import Marginals, SchurSystem
-from spinfilters.smoother.losses import Barron, Graduated, LeastSquares, PseudoHuber, RobustLoss
 from spinfilters.smoother.problem import InitialGuess, NormalEquations
 from spinfilters.smoother.solver import (
     COST_SLACK,

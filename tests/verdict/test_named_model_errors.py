@@ -221,9 +221,8 @@ def test_a_wrong_unit_is_named_first() -> None:
     dataset = recording(None, np.zeros(3), 0.4)
     (stream,) = dataset.log.streams
     millimetres = replace(stream, values=stream.values * [1e3, 1e3, 1e3, 1, 1, 1, 1])
-    models = model_errors.tested_models(
-        prepare(replace(dataset, log=MeasurementLog((millimetres,))), SMOOTHER), []
-    )
+    setup = prepare(replace(dataset, log=MeasurementLog((millimetres,))), SMOOTHER)
+    models = model_errors.tested_models(setup, None)
     assert models.names == ("length-unit",)
     assert "in m, not in mm" in model_findings(models, None)[0].reason
 

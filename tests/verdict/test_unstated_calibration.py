@@ -16,7 +16,7 @@ from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.model_faults import faulty_recording, model_faults
 from spinfilters.simulation.scenario import Scenario
-from spinfilters.verdict.unstated_calibration import possible_deviation
+from spinfilters.verdict.calibration_errors import possible_deviation
 
 DEFAULT, PLAUSIBLE = 1e-3, 0.05
 """Of a focal length."""

@@ -4,8 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from spinfilters.api.image_recordings import ImageScenario, render
+from spinfilters.simulation.image_recordings import ImageScenario, render
 from spinfilters.simulation.image_sequence import Imaging
+from spinfilters.simulation.scenario_record import Scenario
 
 
 @pytest.fixture(scope="session")
@@ -13,12 +14,10 @@ def rendered_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Six pairs of 320 x 240 of a box at 10 rpm, 0.25 s apart, 0.4 m away."""
     folder = tmp_path_factory.mktemp("images")
     scenario = ImageScenario(
+        Scenario(radius_m=0.13, epochs=6, interval=0.25),
         shape="box",
-        frames=6,
-        interval=0.25,
         size=(320, 240),
         imaging=Imaging(oversampling=1, stars=10),
-        radius_m=0.13,
     )
     render(scenario, folder)
     return folder

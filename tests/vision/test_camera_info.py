@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import yaml
 
-from spinfilters.api.image_recordings import example_rig
 from spinfilters.core.errors import InputError
+from spinfilters.simulation.image_recordings import example_rig
 from spinfilters.vision.rectification import RawRig, read_raw_rig
 
 

@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from spinfilters.api.image_recordings import example_rig
 from spinfilters.core.attitude_conversions import matrix_from_quaternion
 from spinfilters.core.errors import InputError
 from spinfilters.io.measurement_log import MeasurementStream
 from spinfilters.io.sensor_tables import write_tum
 from spinfilters.io.truth import Truth, write_truth
+from spinfilters.simulation.image_recordings import example_rig
 from spinfilters.vision.image_folder import LossCount, StampedPair
 from spinfilters.vision.rectification import Rectification, write_raw_rig
 from spinfilters.vision.track_images import read_image_source, rectified_camera_poses

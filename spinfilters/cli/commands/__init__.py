@@ -87,3 +87,11 @@ COMMANDS: Final = (
         "doctor", "print versions and check that everything works", "spinfilters.cli.commands.doctor"
     ),
 )
+
+COMMAND_GROUPS: Final[dict[str, tuple[str, ...]]] = {
+    "estimate": ("compare", "estimate", "segments", "live", "plot"),
+    "make data": ("simulate", "lidar", "track", "calibrate", "rig", "reconstruct"),
+    "study": ("observe", "campaign", "condition", "polhode", "threshold", "reproduce"),
+    "deliver": ("embed", "doctor"),
+}
+"""Commands by what they are for, as ``spinfilters --help`` lists them; others stand behind these."""

@@ -1,41 +1,16 @@
 """The command ``calibrate``: a stereo calibration from images of a board, and its checkout."""
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 from spinfilters.cli.command import Command
 from spinfilters.core.errors import InputError
 from spinfilters.io.input_file import path_text
-from spinfilters.io.stated_values import Argument, NumberRange
+from spinfilters.vision.calibration_arguments import CalibrateArguments
 
 if TYPE_CHECKING:
     from spinfilters.vision.image_folder import LossCount
     from spinfilters.vision.stereo_calibration import CheckResult, StereoCalibration
-
-
-@dataclass(frozen=True, kw_only=True)
-class CalibrateArguments:
-    """Arguments of ``calibrate``."""
-
-    folder: Annotated[str, Argument("folder of the images", positional=True, metavar="FOLDER")]
-    corners: Annotated[str, Argument("inner corners of the board, columns x rows", metavar="9x6")]
-    square: Annotated[float, NumberRange(1e-4, 10, "m"), Argument("side of a square", metavar="METRES")]
-    charuco: Annotated[bool, Argument("the board has markers (DICT_5X5_250, 3/4 of a square)")] = False
-    window: Annotated[
-        int,
-        NumberRange(2, 50, "px", whole=True),
-        Argument(
-            "half width in which a corner is refined; smaller where corners are close together", metavar="PX"
-        ),
-    ] = 11
-    output: Annotated[str, Argument("folder of the calibration", short="-o", metavar="OUT")]
-    check: Annotated[
-        bool,
-        Argument(
-            "the checkout before use: parameters in range, rows that correspond, measured square, a disparity map in check.png"
-        ),
-    ] = False
 
 
 def calibrate(options: CalibrateArguments) -> int:

@@ -4,6 +4,7 @@ What estimates, and what prints its results, is imported once there is a data se
 refused in half the time.
 """
 
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -23,9 +24,15 @@ if TYPE_CHECKING:
     from spinfilters.run.segment_runs import SegmentResult
     from spinfilters.settings.run_settings import Settings
 
-NAMES: Final = "mekf, ukf, smoother, smoother-latest, filterpy-ekf, filterpy-ukf, embedded"
+NAMES: Final = (
+    "mekf, ukf, smoother, smoother-latest, iekf, rts, invariant, ekf-joint, smoother-lag-1, smoother-lag-2, smoother-lag-5, "
+    "smoother-lag-10, smoother-lag-20, smoother-lag-50, filterpy-ekf, filterpy-ukf, embedded"
+)
+"""Names for the help, which loads no estimator; a test compares them with the table."""
 RECORDING: Final = "data set folder, phyphox export, gyro .csv or TUM .tum"
 _FLIGHTS_PRINTED: Final = 4
+OWN_SETTINGS: Final = "spinfilters.toml"
+"""Settings file of the folder in which the command runs, taken where ``--config`` names no other."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,6 +57,15 @@ class ComparisonArguments(RunArguments):
     config: Annotated[
         str | None, Argument("TOML file with settings, such as config.toml of another run", metavar="FILE")
     ] = None
+    set: Annotated[
+        tuple[tuple[str], ...],
+        Argument(
+            "a setting by its key, such as sensors.pixel_std=0.5; which goes before all others; once for each",
+            metavar="KEY=VALUE",
+        ),
+    ] = ()
+    quiet: Annotated[bool, Argument("print nothing but errors", short="-q")] = False
+    json: Annotated[bool, Argument("print the content of summary.json in place of the table")] = False
     reading: Annotated[ReadingOptions, ArgumentGroup("what the recording does not tell")] = field(
         default_factory=ReadingOptions
     )
@@ -81,14 +97,16 @@ def compare(options: CompareArguments) -> int:
         if optional_outputs is not None:
             optional_outputs.require_one_run()
         return _compare_segments(options.dataset, choice.several, settings, options.how)
-    dataset = _dataset(options, choice)
+    dataset = _read_with_bar(options, choice)
     from spinfilters.cli.console import progress_bars, wide_console  # a refused recording needs no estimators
     from spinfilters.run.comparison_run import RunOutput, compare_into
 
     folder = Path(options.how.output)
     with progress_bars() as report:
-        output = RunOutput(folder, options.how.resume, optional_outputs)
+        output = RunOutput(folder, options.how.resume, optional_outputs, not options.how.no_figures)
         written = compare_into(dataset, settings, output, report)
+    if options.how.quiet or options.how.json:
+        return _without_table(options.how, written.comparison, folder)
     if written.comparison is None:
         rest = f"made {', '.join(written.completed)}" if written.completed else "nothing is left to do"
         wide_console().print(f"run folder: {folder} is complete, {rest}", highlight=False, soft_wrap=True)
@@ -96,10 +114,35 @@ def compare(options: CompareArguments) -> int:
         _print_comparison(written.comparison, folder)
         if options.dataset is not None and choice is None:
             _print_flights(written.comparison)
+    optional_outputs = written.optional_outputs
     if optional_outputs is not None:
         for line in (*optional_outputs.sentences(folder), optional_outputs.lacking(folder)):
             if line is not None:
                 wide_console().print(line, highlight=False, soft_wrap=True)
+    return 0
+
+
+def _read_with_bar(options: CompareArguments, choice: "SegmentChoice | None") -> "Dataset":
+    """The data set, with a bar from the first second on where somebody watches; images have bars of their own."""
+    from spinfilters.io.dataset_reader import has_images
+
+    if not sys.stderr.isatty() or (options.dataset is not None and has_images(options.dataset)):
+        return _dataset(options, choice)
+    from spinfilters.cli.console import progress_bars
+
+    with progress_bars() as report:
+        report("simulating" if options.dataset is None else "reading", 0, 1)
+        return _dataset(options, choice)
+
+
+def _without_table(how: ComparisonArguments, comparison: "Comparison | None", folder: Path) -> int:
+    """Print the summary as JSON, or nothing. InputError: the run was interrupted."""
+    if comparison is not None and comparison.interrupted:
+        raise InputError(f"interrupted; what was estimated is in {folder}, --resume goes on from there")
+    if how.json:
+        from spinfilters.run.run_summary import SUMMARY_FILE
+
+        print((folder / SUMMARY_FILE).read_text(encoding="utf-8").rstrip("\n"))
     return 0
 
 
@@ -112,22 +155,32 @@ def settings_of(options: CompareArguments) -> "Settings":
         A config file that cannot be used, an unknown estimator.
     """
     from spinfilters.run.estimators import estimator_entries
-    from spinfilters.settings.run_settings import Settings, names_in, read_settings
+    from spinfilters.settings.run_settings import (
+        DEFAULT_ESTIMATORS,
+        Settings,
+        names_in,
+        read_settings,
+        with_keys,
+    )
 
     how = options.how
-    settings = read_settings(Path(how.config)) if how.config else Settings()
+    config = how.config or (OWN_SETTINGS if Path(OWN_SETTINGS).is_file() else None)
+    settings = read_settings(Path(config)) if config else Settings()
     if options.estimators is not None:
         settings = replace(settings, estimators=names_in(options.estimators))
-    elif options.known_map and not how.config:
+    elif options.known_map and not config:
         entries = estimator_entries().values()
-        names = tuple(entry.name for entry in entries if entry.is_default or entry.is_baseline)
-        settings = replace(settings, estimators=names)
+        baselines = (entry.name for entry in entries if entry.is_baseline)
+        settings = replace(settings, estimators=(*DEFAULT_ESTIMATORS, *baselines))
     if how.drag or how.drag_law:
         law = how.drag_law or settings.process.drag or True  # a law of the config file stays
         settings = replace(settings, process=replace(settings.process, drag=law))
     if how.verdict is not None:
         settings = replace(settings, verdict=how.verdict)
-    return settings
+    if how.from_truth is not None:
+        drawn = replace(settings.initialisation, from_truth=True, draw=how.from_truth, mean={})
+        settings = replace(settings, initialisation=drawn)
+    return with_keys(settings, [text for (text,) in how.set]) if how.set else settings
 
 
 def _segment_choice(text: str | None) -> "SegmentChoice | None":

@@ -4,12 +4,11 @@ import os
 import sys
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final, Literal
+from typing import TYPE_CHECKING, Final
 
 from spinfilters.cli.command import Command
-from spinfilters.io.stated_values import Argument, NumberRange
+from spinfilters.live.live_arguments import LiveArguments
 
 if TYPE_CHECKING:
     from spinfilters.live.answer import Answer, AnswerWriter, CourseRecorder
@@ -21,52 +20,13 @@ if TYPE_CHECKING:
 MIB: Final = 1 << 20
 
 
-@dataclass(frozen=True, kw_only=True)
-class LiveArguments:
-    """Arguments of ``live``."""
-
-    dataset: Annotated[
-        str, Argument("data set folder, gyro .csv or TUM .tum", positional=True, metavar="DATASET")
-    ]
-    input: Annotated[
-        str | None,
-        Argument(
-            "- (standard input), tcp:HOST:PORT, unix:PATH, a named pipe or a growing file", metavar="PLACE"
-        ),
-    ] = None
-    speed: Annotated[float, NumberRange(1e-3, 1e6), Argument("of the replay")] = 1.0
-    filter: Annotated[Literal["mekf", "ukf", "embedded", "embedded-double"], Argument("that answers")] = (
-        "mekf"
-    )
-    no_smoother: Annotated[bool, Argument("the filter alone")] = False
-    patience: Annotated[
-        float,
-        NumberRange(0.05, 1e4, "s"),
-        Argument("without a word of the smoother, after which it begins anew", metavar="SECONDS"),
-    ] = 5.0
-    smoother_memory: Annotated[
-        float | None,
-        NumberRange(64, 1e7, "MiB"),
-        Argument("address space of the smoother's process (default: no limit)", metavar="MIB"),
-    ] = None
-    format: Annotated[Literal["lines", "tum"], Argument("JSON lines or TUM")] = "lines"
-    predict: Annotated[
-        float, NumberRange(0, 1e4, "s"), Argument("say every answer so far ahead too", metavar="SECONDS")
-    ] = 0.0
-    deadline_ms: Annotated[
-        float, NumberRange(1e-3, 1e6, "ms"), Argument("from an epoch's arrival to its answer, ms")
-    ] = 20.0
-    config: Annotated[str | None, Argument("TOML file with settings", metavar="FILE")] = None
-    summary: Annotated[str | None, Argument("write the counts as JSON, too", metavar="FILE")] = None
-    view: Annotated[bool, Argument("show a table in the terminal")] = False
-
-
 def live(options: LiveArguments) -> int:
     """Estimate every epoch until measurements end; exit code 1 after missed deadlines, else 0."""
     from spinfilters.cli.interrupts import require_uninterrupted, until_interrupted
     from spinfilters.io.output_files import write_json
     from spinfilters.live.answer import AnswerWriter, CourseRecorder
     from spinfilters.live.executive import Executive
+    from spinfilters.live.kept_epochs import KeptEpochs, LastAnswer, final_verdict
     from spinfilters.live.live_options import live_setup
     from spinfilters.live.sources import Replay, open_lines
     from spinfilters.run.readers import read_dataset
@@ -77,12 +37,14 @@ def live(options: LiveArguments) -> int:
     lines = None if options.input is None else open_lines(options.input, dataset.log.sensors)
     setup = live_setup(dataset, settings, options.filter)
     require_uninterrupted()
-    executive = Executive(setup, _live_options(options, settings))
+    kept = KeptEpochs(dataset, setup.time)
+    executive = Executive(setup, _live_options(options, settings), kept.keep)
     source: Source = lines or Replay(dataset.log, setup.time, options.speed)
     if options.summary:  # a place that cannot be written is said now, not when the run is over
         write_json(Path(options.summary), executive.summary.document())
     course = CourseRecorder(executive.summary.deadline)
     writer = AnswerWriter(options.format, sys.stdout)
+    last = None
     try:
         with ExitStack() as stack:
             stack.callback(writer.close)
@@ -90,6 +52,12 @@ def live(options: LiveArguments) -> int:
             for answer in executive.run(until_interrupted(source.epochs())):
                 show(answer)
                 course.keep(answer)
+                last = answer
+        require_uninterrupted()
+        if last is not None:
+            estimator = "smoother" if last.source == "smoother" else options.filter
+            answered = LastAnswer(last.time, last.belief, estimator)
+            executive.summary.final = final_verdict(kept, settings, answered)
     except KeyboardInterrupt:
         pass
     except BrokenPipeError:  # nobody reads the answers any more

@@ -1,12 +1,14 @@
 """The command ``observe``: what a sensor determines of a motion, with proof and bounds."""
 
 from dataclasses import dataclass
+from functools import reduce
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, Literal
 
 from spinfilters.api.arguments import ObserveArguments
 from spinfilters.cli.command import Command
 from spinfilters.core.errors import InputError
+from spinfilters.io.argument_fields import given_fields
 from spinfilters.io.stated_values import Argument, NumberRange
 
 if TYPE_CHECKING:
@@ -20,8 +22,8 @@ CAMERA_AXES: Final = (
     "x, y, z of the camera's axes at the first epoch (x right, y down, z forward); in every chart"
 )
 
-MOTION_OPTIONS: Final = ("torque", "manoeuvre", "known_map", "study")
-"""Options of a tumbling body that a model has no use for."""
+MODEL_OPTIONS: Final = ("model", "output")
+"""Options that a model's file goes with; all others are of a tumbling body."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,17 +88,21 @@ def _observe_model(options: ObserveCommandArguments, model: str) -> int:
     from spinfilters.cli.console import wide_console
     from spinfilters.io.output_files import output_folder, refuse_foreign, write_json, write_text
 
-    useless = [name for name in MOTION_OPTIONS if getattr(options, name)]
+    useless = [
+        field.flag
+        for field in given_fields(ObserveCommandArguments)
+        if field.path[0] not in MODEL_OPTIONS and reduce(getattr, field.path, options) != field.default
+    ]
     if useless:
         raise InputError(
-            f"--{useless[0].replace('_', '-')} is of a tumbling body; leave it out, a model's file holds all of its equations"
+            f"{useless[0]} is of a tumbling body; leave it out, a model's file holds all of its equations and outputs"
         )
     folder = Path(options.output)
     refuse_foreign(folder, COMMAND.name)
     found = analyse_file(model)
     with output_folder(folder, COMMAND.name) as place:
         write_text(place / "observe.txt", f"{found}\n")
-        write_json(place / "observe.json", found.document())
+        write_json(place / "observability.json", found.document())
     wide_console().print(f"{found}\nwritten to {folder}", highlight=False, markup=False, soft_wrap=True)
     return 0
 

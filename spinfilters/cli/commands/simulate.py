@@ -1,6 +1,6 @@
 """The command ``simulate``: a simulated recording as a data set, or rendered stereo images of it."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -70,9 +70,9 @@ def _sentence(dataset: "Dataset", folder: Path, frames: int) -> str:
 
 def _simulate_images(options: SimulateArguments, folder: Path) -> int:
     """Render the motion's stereo images."""
-    from spinfilters.api.image_recordings import ImageScenario, render
     from spinfilters.cli.console import progress_bars, wide_console
     from spinfilters.io.output_files import output_folder
+    from spinfilters.simulation.image_recordings import IMAGE_RADIUS_M, ImageScenario, render
 
     scenario = options.scenario
     if options.known_map or any(scenario.gyro_bias) or scenario.inspector_errors:
@@ -80,14 +80,9 @@ def _simulate_images(options: SimulateArguments, folder: Path) -> int:
             f"--known-map, --gyro-bias, --beside and --inspector-error are not for --kind {IMAGE_KIND}; leave them out"
         )
     images = ImageScenario(
+        replace(scenario, radius_m=IMAGE_RADIUS_M),
         shape=options.shape or ImageScenario.shape,
-        rate_rpm=scenario.rate_rpm,
-        moments=scenario.principal_moments,
-        frames=scenario.epochs,
-        interval=scenario.interval,
-        seed=scenario.seed,
-        foil=options.foil or 0.0,
-        inspector=scenario.inspector,
+        foil=options.foil or ImageScenario.foil,
     )
     with progress_bars() as report, output_folder(folder, COMMAND.name) as place:
         description = render(images, place, lambda done, total: report("images", done, total))

@@ -1,4 +1,9 @@
-"""A rate gyro on the body: samples of the body rate in axes g, rad/s, with constant bias and scale error."""
+"""A rate gyro on the body: samples of the body rate in axes g, rad/s, with constant bias and scale error.
+
+First its measurement model `Gyro`, from which Jacobians, filters and smoother are made; then the sensor `GyroSensor`: file format,
+binding of a recording to a state, initial motion, simulation and faults. The last line is its entry for the table of sensors
+(`spinfilters.models.sensor_registry`).
+"""
 
 from collections.abc import Sequence
 from typing import Final
@@ -45,7 +50,7 @@ class Gyro(MeasurementModel):
     The noise n has the covariance N + (scale_std |w|)^2 I, with N = noise_std^2 I or each sample's own.
     Consumer gyros carry scale, cross-axis and timing errors that grow with the rate; ``scale_std`` covers them, because a
     fixed noise makes the normalised innovations of a fast spin tens to hundreds of times too large.
-    Parameters of a measurement: (those of N, such as noise_std in rad/s, then scale_std without a unit).
+    Every sample comes with its parameters: first those of N (such as noise_std, rad/s), last scale_std (no unit).
     """
 
     name = "gyro"
@@ -83,12 +88,12 @@ GYRO_FULL_SCALE: Final = 35.0
 
 
 def require_slow_turns(table: Table) -> None:
-    """Refuse a table whose body turns too far between two rows for a motion to be seen (`require_turns`)."""
+    """Raise InputError where the body would turn so often between samples that the clock is hardly in seconds."""
     require_turns(table, np.linalg.norm(table.values[:, 1:], axis=1))
 
 
 class GyroSensor(Sensor):
-    """Sensor of the model `spinfilters.models.sensors.gyro.Gyro`."""
+    """The gyro as files, initialisation and simulation know it."""
 
     name = "gyro"
     format = SensorFormat(
@@ -103,15 +108,15 @@ class GyroSensor(Sensor):
                 "gyro_noise_std",
                 "gyro",
                 NumberRange(1e-12, 1e6, "rad/s"),
-                0.005,
-                (0, 1, 2),
+                default=0.005,
+                components=(0, 1, 2),
                 scene_level="gyro_std",
             ),
             NoiseOption(
                 "gyro_scale_std",
                 "gyro, of the rate",
                 NumberRange(1e-9, 1e3, zero=True),
-                0.0,
+                default=0.0,
                 in_dataset=False,
             ),
         ),
@@ -127,7 +132,7 @@ class GyroSensor(Sensor):
     def bind(
         self, stream: MeasurementStream, layout: StateLayout, noise: SensorNoise, view: CameraView | None
     ) -> BoundStream:
-        """Rates with their noise, rad/s."""
+        """The measurement model over a state, with times, values and parameters of all samples."""
         level = noise_level(stream, noise.gyro_noise_std)
         parameters = gyro_parameters(len(stream), level, noise.gyro_scale_std)
         return BoundStream(
@@ -137,15 +142,15 @@ class GyroSensor(Sensor):
     def initial_motion(
         self, stream: MeasurementStream, noise: SensorNoise, view: CameraView | None
     ) -> MotionSamples:
-        """Rates as samples of the motion."""
+        """The measured rates, as samples of the motion that the initialisation begins from."""
         return MotionSamples(stream.time, rates=stream.values)
 
     def measured_rates(self, stream: MeasurementStream) -> Float[np.ndarray, "n 3"]:
-        """Measured rates (n, 3), rad/s, unchanged."""
+        """Body rates that the recording shows directly, (n, 3), rad/s."""
         return stream.values
 
     def diagnostics(self, stream: MeasurementStream) -> Sequence[str]:
-        """A reason for doubt that names the number of saturated samples, where there are any."""
+        """A sentence with the number of saturated samples, if there are any."""
         count = int(np.count_nonzero(saturated(stream.values)))
         return [f"{count} gyro samples are saturated"] if count else []
 
@@ -169,12 +174,13 @@ class GyroSensor(Sensor):
 
 FLAT_TOP: Final[float] = 1e-3
 NEAR_TOP: Final[float] = 2e-2
-"""Relative distances from the largest |rate| of an axis. Clipped samples lie within `FLAT_TOP` of it (offsets are corrected after
-clipping), and few others lie within `NEAR_TOP`. A smooth peak has about sqrt(FLAT_TOP / NEAR_TOP) of those in the top."""
+"""Relative distances from the largest |rate| of an axis. Clipped samples lie within `FLAT_TOP` of it, since offsets are corrected
+after clipping; few others lie within `NEAR_TOP`. Of a smooth peak's samples within `NEAR_TOP`, the share sqrt(FLAT_TOP / NEAR_TOP)
+lies within `FLAT_TOP`."""
 FEWEST_CLIPPED: Final[int] = 3
 """Samples that can make a flat top."""
 CHANCE: Final[float] = 1e-4
-"""A flat top counts as clipped, whatever the full scale, where a smooth peak has it with a smaller probability than this."""
+"""Probability that a smooth peak has as flat a top; where it is smaller, the top counts as clipped at any full scale."""
 FULL_SCALES: Final = np.deg2rad(125.0 * 2.0 ** np.arange(6))
 """Full scales of usual gyros, rad/s: a flat top of few samples counts as clipped where it lies at one of them."""
 FULL_SCALE_TOLERANCE: Final[float] = 5e-3

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from spinfilters.core.attitude_conversions import quaternion_from_rotation_vector
+from spinfilters.core.gauss_newton import LeastSquaresEnd, StepEquations, gauss_newton, step_equations
 from spinfilters.core.linear_algebra import is_definite
 from spinfilters.models.camera_landmarks import MonocularLandmark
 from spinfilters.models.measurement import MeasurementModel
@@ -78,24 +79,29 @@ def _refined(
     model: MeasurementModel, parameters: np.ndarray, pixels: np.ndarray, pose: Float[np.ndarray, " 7"]
 ) -> Float[np.ndarray, " 7"] | None:
     """Gauss-Newton on the matches within a gate that closes while the pose settles."""
-    for _ in range(ITERATIONS):
+
+    def linearise(pose: Float[np.ndarray, " 7"]) -> StepEquations | None:
         innovation, jacobian, valid, _ = model.linearise(pose, parameters, pixels)
         size = np.linalg.norm(innovation, axis=1)
         quarter = float(np.partition(size, len(size) // 4)[len(size) // 4])
         inliers = valid & (size < max(GATE, OPENING * quarter))
         if not _are_enough(inliers):
             return None
-        A, b = jacobian[inliers].reshape(-1, 6), innovation[inliers].reshape(-1)
-        information = A.T @ A
-        if not is_definite(information):
-            return None
-        step = np.linalg.solve(information, A.T @ b)
-        pose = model.layout.retract(pose, step)
-        if step @ information @ step < SETTLED**2:
-            break
-    innovation, _, valid, _ = model.linearise(pose, parameters, pixels)
+        found = step_equations(innovation[inliers].reshape(-1), jacobian[inliers].reshape(-1, 6))
+        return found if is_definite(found.information) else None
+
+    found = gauss_newton(
+        pose,
+        linearise,
+        model.layout.retract,
+        lambda step, normal: bool(step @ normal.information @ step < SETTLED**2),
+        ITERATIONS,
+    )
+    if found.end is LeastSquaresEnd.UNDETERMINED:
+        return None
+    innovation, _, valid, _ = model.linearise(found.state, parameters, pixels)
     agreeing = valid & (np.linalg.norm(innovation, axis=1) < GATE)
-    return pose if _are_enough(agreeing) else None
+    return found.state if _are_enough(agreeing) else None
 
 
 def _are_enough(inliers: Bool[np.ndarray, " k"]) -> bool:

@@ -1,5 +1,6 @@
 """The corner, labelled edges and boundary corners (Decoust 2008, section 4.1, appendices D.6 and D.7)."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -29,12 +30,19 @@ class SnapshotFeatures:
 
     Attributes
     ----------
-    corner: (3,) m.   boundary_corners: (b, 3) m, at the far ends of the labelled edges, 0 to 3 of them.
+    planes: of the three largest surfaces.   corner: (3,) m.
+    edges: labelled points of the three edges, m, see `labelled_edges`.
     """
 
     surfaces: Surfaces
+    planes: "ThreePlanes"
     corner: Float[np.ndarray, "3"]
-    boundary_corners: Float[np.ndarray, "b 3"]
+    edges: tuple[Float[np.ndarray, "_ 3"], ...]
+
+    @property
+    def boundary_corners(self) -> Float[np.ndarray, "b 3"]:
+        """The far ends of the labelled edges, 0 to 3 of them, m; edges without a point are left out."""
+        return np.array([edge[0] for edge in self.edges if len(edge)]).reshape(-1, 3)
 
 
 def snapshot_features(points: Float[np.ndarray, "n 3"], parameters: Parameters) -> SnapshotFeatures | None:
@@ -50,8 +58,8 @@ def snapshot_features(points: Float[np.ndarray, "n 3"], parameters: Parameters) 
     corner = None if planes is None else find_corner(planes)
     if planes is None or corner is None:
         return None
-    ends = label_edge(features, planes, corner, parameters)
-    return SnapshotFeatures(surfaces, corner, ends)
+    edges = labelled_edges(features, planes, corner, parameters)
+    return SnapshotFeatures(surfaces, planes, corner, tuple(edges))
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,8 +77,15 @@ def three_planes(surfaces: Surfaces) -> ThreePlanes | None:
     """
     if len(surfaces.sizes) < 3:
         return None
-    chosen = [int(np.argmax(surfaces.of_point == number)) for number in surfaces.largest()]
-    normals, points = surfaces.features.normal[chosen], surfaces.features.points[chosen]
+    return planes_through(
+        surfaces, [int(np.argmax(surfaces.of_point == number)) for number in surfaces.largest()]
+    )
+
+
+def planes_through(surfaces: Surfaces, chosen: Sequence[int]) -> ThreePlanes:
+    """Planes through three points of a cloud with the points' own normals."""
+    rows = list(chosen)
+    normals, points = surfaces.features.normal[rows], surfaces.features.points[rows]
     return ThreePlanes(normals, np.einsum("ki,ki->k", normals, points))
 
 
@@ -84,13 +99,12 @@ def find_corner(planes: ThreePlanes) -> Float[np.ndarray, "3"] | None:
     return (d1 * np.cross(n2, n3) + d2 * np.cross(n3, n1) + d3 * np.cross(n1, n2)) / triple
 
 
-def label_edge(
+def labelled_edges(
     features: PointFeatures, planes: ThreePlanes, corner: Float[np.ndarray, "3"], parameters: Parameters
-) -> Float[np.ndarray, "b 3"]:
-    """Boundary corners: the point farthest from the corner near each line of intersection.
+) -> list[Float[np.ndarray, "_ 3"]]:
+    """Edge and boundary points near each of the three lines of intersection, the farthest from the corner first.
 
-    The points are edge and boundary points. Edges without a point are left out. The distance is Eq. 4.5; the line goes
-    through the corner.
+    The distance is Eq. 4.5; the lines go through the corner.
     """
     candidates = features.points[(features.label == EDGE) | (features.label == BOUNDARY)]
     w, found = candidates - corner, []
@@ -100,9 +114,8 @@ def label_edge(
         D /= np.linalg.norm(D)
         distance = np.linalg.norm(w - (w @ D)[:, None] * D, axis=1)
         near = np.flatnonzero(distance < threshold)
-        if near.size:
-            found.append(candidates[near[np.argmax(np.linalg.norm(w[near], axis=1))]])
-    return np.array(found).reshape(-1, 3)
+        found.append(candidates[near[np.argsort(-np.linalg.norm(w[near], axis=1), kind="stable")]])
+    return found
 
 
 def spacing(points: Float[np.ndarray, "n 3"]) -> float:

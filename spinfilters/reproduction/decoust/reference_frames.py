@@ -50,10 +50,7 @@ def best_fitting_sphere(points: Float[np.ndarray, "n 3"]) -> Sphere:
 def reference_frame(
     centre: Float[np.ndarray, "3"], corner: Float[np.ndarray, "3"], boundary_corner: Float[np.ndarray, "3"]
 ) -> Float[np.ndarray, "3 3"]:
-    """Direction cosine matrix of centre A, corner B, boundary corner C (Figure 4.10).
-
-    Columns x = AB, y, z normal to ABC.
-    """
+    """Direction cosine matrix of centre A, corner B and boundary corner C: columns x = AB, y, and z normal to ABC (Figure 4.10)."""
     x = (corner - centre) / np.linalg.norm(corner - centre)
     z = np.cross(corner - centre, boundary_corner - centre)
     z /= np.linalg.norm(z)
@@ -63,10 +60,7 @@ def reference_frame(
 def transition_errors(
     measured: Float[np.ndarray, "n 3 3"], true: Float[np.ndarray, "n 3 3"]
 ) -> Float[np.ndarray, "m 3"]:
-    """Angles, deg, between rows of measured and true transition matrices (section 4.4).
-
-    M = DCM(t + 1) DCM(t)'.
-    """
+    """Angles, deg, between rows of measured and true transition matrices M = DCM(t + 1) DCM(t)' (section 4.4)."""
     ours, theirs = (epochs[1:] @ np.swapaxes(epochs[:-1], 1, 2) for epochs in (measured, true))
     sines = np.linalg.norm(np.cross(ours, theirs), axis=2)
     return np.rad2deg(np.arctan2(sines, np.einsum("nij,nij->ni", ours, theirs)))

@@ -72,10 +72,7 @@ def processed_sequence(
     noise: LidarNoise | None = None,
     seed: int = 0,
 ) -> ProcessedSequence:
-    """The cube at 500 m in every pose.
-
-    Scanned with the rays of Table 3.2 and processed.
-    """
+    """The cube at 500 m in every pose, scanned with the rays of Table 3.2 and processed."""
     scanner = Scanner.of(box(), LidarSettings(noise=noise or LidarNoise()))
     generator, snapshots, vertices = np.random.default_rng(seed), [], []
     for pose in angles:

@@ -268,10 +268,10 @@ class InspectorMissing(Alternative):
             return None
         steps = motion.rows.left.steps
         degree = HIGHEST_DEGREE if float(np.mean(steps**2)) > BEYOND else DEGREE
-        return displaced_camera(motion, _smooth_paths(degree), camera)
+        return displaced_camera(motion, smooth_paths(degree), camera)
 
 
-def _smooth_paths(degree: int) -> Displacement:
+def smooth_paths(degree: int) -> Displacement:
     """Legendre polynomials of every axis, zero at the first time."""
 
     def displacement(

@@ -9,9 +9,9 @@ from jaxtyping import Bool, Float, Int
 from scipy.special import gammaln
 
 from spinfilters.core.chi_square import chi_square_tail
+from spinfilters.core.robust_losses import LeastSquares, RobustLoss, Squares
 from spinfilters.inference.identification import STAGE, identify
 from spinfilters.inference.noise_model import NoiseModel, residuals_of, source_factors
-from spinfilters.smoother.losses import LeastSquares, RobustLoss, Squares
 from spinfilters.smoother.problem import (
     LinearizationPoint,
     NormalEquations,

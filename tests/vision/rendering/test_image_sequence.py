@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from spinfilters.api.image_recordings import ImageScenario, example_rig, render
 from spinfilters.io.sensor_tables import read_tum
 from spinfilters.io.truth import read_truth
+from spinfilters.simulation.image_recordings import ImageScenario, example_rig, render
 from spinfilters.simulation.image_sequence import (
     FramePose,
     Imaging,
@@ -19,9 +19,15 @@ from spinfilters.simulation.image_sequence import (
     photograph,
     rendered_pairs,
 )
+from spinfilters.simulation.scenario_record import Scenario
 from spinfilters.vision.rectification import read_raw_rig
 
-SMALL = ImageScenario(shape="box", frames=2, size=(96, 72), imaging=Imaging(oversampling=1, stars=5))
+SMALL = ImageScenario(
+    Scenario(radius_m=0.11, epochs=2),
+    shape="box",
+    size=(96, 72),
+    imaging=Imaging(oversampling=1, stars=5),
+)
 
 
 def rotation(*vector: float) -> np.ndarray:
@@ -92,7 +98,8 @@ def test_an_image_from_a_moved_camera_is_that_of_the_body_as_it_lies_before_it()
 
 
 def test_a_circling_inspector_is_written_and_keeps_the_body_in_view(tmp_path: Path) -> None:
-    render(replace(SMALL, inspector="circle", interval=15.0), tmp_path)
+    circling = replace(SMALL.scenario, inspector="circle", interval=15.0)
+    render(replace(SMALL, scenario=circling), tmp_path)
     inspector, truth = read_tum(tmp_path / "inspector.tum"), read_truth(tmp_path)
     np.testing.assert_array_equal(inspector.time, truth.time)
     assert np.linalg.norm(inspector.values[1, :3]) > 0.5  # a quarter of a circle about a body 0.6 m away

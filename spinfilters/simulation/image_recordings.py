@@ -1,11 +1,13 @@
 """Rendered stereo images of a simulated motion."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
+from spinfilters.core.absolute_orientation import nearest_rotation
 from spinfilters.core.camera_trajectory import CameraTrajectory
 from spinfilters.simulation.body_view import Appearance, SurfaceTexture, named_mesh
 from spinfilters.simulation.image_sequence import Imaging, RenderedScene, SeenMotion, write_sequence
@@ -15,6 +17,8 @@ from spinfilters.vision.rectification import RawCamera, RawRig
 
 _FOCAL_PX, _BASELINE_M = 466.7, 0.09
 _SIZE = (640, 480)
+IMAGE_RADIUS_M: Final = 0.11
+"""Of a rendered body, m; less than a scenario's own, so that the whole body stays in the images."""
 
 
 @dataclass(frozen=True)
@@ -23,12 +27,10 @@ class ImageScenario:
 
     Attributes
     ----------
+    scenario : Scenario
+        The motion, the seed, and how the left camera moves; its measurements are not asked for.
     shape : str
         A polyhedron or the file of a mesh (`named_mesh`).
-    radius_m : float
-        Of the body, m; less than a scenario's own, so that the whole body stays in the images.
-    rate_rpm, moments, frames, interval, seed : tuple, tuple, int, float, int
-        Of the motion, as `Scenario` has them.
     foil : float
         Share of the surface that is crinkled metal foil.
     sun : tuple[float, float, float]
@@ -37,44 +39,29 @@ class ImageScenario:
         Of both cameras.
     size : tuple[int, int]
         Width and height of the images, px.
-    inspector : str
-        How the left camera moves (`spinfilters.simulation.inspector.INSPECTORS`).
     """
 
+    scenario: Scenario = field(default_factory=lambda: Scenario(radius_m=IMAGE_RADIUS_M))
     shape: str = "spheres"
-    radius_m: float = 0.11
-    rate_rpm: tuple[float, float, float] = Scenario.rate_rpm
-    moments: tuple[float, float, float] = Scenario.principal_moments
-    frames: int = Scenario.epochs
-    interval: float = Scenario.interval
-    seed: int = Scenario.seed
     foil: float = 0.0
     sun: tuple[float, float, float] = (-0.5, -0.6, -1.0)
     imaging: Imaging = field(default_factory=Imaging)
     size: tuple[int, int] = _SIZE
-    inspector: str = Scenario.inspector
 
     def motion(self) -> SeenMotion:
-        """True motion with the thesis' disturbances that stays in view of the inspector."""
-        scenario = Scenario(
-            rate_rpm=self.rate_rpm,
-            epochs=self.frames,
-            interval=self.interval,
-            principal_moments=self.moments,
-            radius_m=self.radius_m,
-            inspector=self.inspector,
-            seed=self.seed,
-        )
-        dataset = simulate(scenario, silent)
+        """True motion that stays in view of the inspector."""
+        dataset = simulate(replace(self.scenario, kind=Scenario.kind), silent)
         assert dataset.truth is not None
         return SeenMotion(dataset.truth, CameraTrajectory.of(dataset.inspector))
 
     def stage(self) -> RenderedScene:
         """The body, the sun and the cameras."""
         body = Appearance(
-            named_mesh(self.shape, self.radius_m), SurfaceTexture(self.seed, self.foil), self.sun
+            named_mesh(self.shape, self.scenario.radius_m),
+            SurfaceTexture(self.scenario.seed, self.foil),
+            self.sun,
         )
-        return RenderedScene(body, example_rig(self.size), self.imaging, self.seed)
+        return RenderedScene(body, example_rig(self.size), self.imaging, self.scenario.seed)
 
 
 def render(scenario: ImageScenario, folder: Path, progress: Callable[[int, int], None] = silent) -> str:
@@ -99,11 +86,10 @@ def render(scenario: ImageScenario, folder: Path, progress: Callable[[int, int],
     InputError
         A shape that is no mesh, numbers that are no motion, a folder that cannot be written.
     """
-    stage = scenario.stage()
+    stage, motion = scenario.stage(), scenario.scenario
     description = (
-        f"rendered stereo images of {Path(scenario.shape).name}, {scenario.frames} pairs at {scenario.interval} s, "
-        f"seed {scenario.seed}"
-        + ("" if scenario.inspector == STATIC else f", inspector: {scenario.inspector}")
+        f"rendered stereo images of {Path(scenario.shape).name}, {motion.epochs} pairs at {motion.interval} s, seed {motion.seed}"
+        + ("" if motion.inspector == STATIC else f", inspector: {motion.inspector}")
     )
     write_sequence(stage, scenario.motion(), folder, description, progress)
     return description
@@ -114,7 +100,6 @@ def example_rig(size: tuple[int, int] = _SIZE) -> RawRig:
     width, height = size
     focal = _FOCAL_PX * width / _SIZE[0]
     turned = np.array([[1.0, -0.002, 0.004], [0.002, 1.0, -0.003], [-0.004, 0.003, 1.0]])
-    U, _, Vt = np.linalg.svd(turned)
     centre = ((width - 1) / 2, (height - 1) / 2)
     left = RawCamera(
         np.array([focal, focal, centre[0] + 3.0, centre[1] - 2.0]),
@@ -129,7 +114,7 @@ def example_rig(size: tuple[int, int] = _SIZE) -> RawRig:
         np.array([-0.075, 0.015, -0.0002, 0.0002, 0.0]),
         width,
         height,
-        U @ Vt,
+        nearest_rotation(turned),
         np.array([_BASELINE_M, 0.0004, -0.0003]),
     )
     return RawRig(left, right)

@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 
 from spinfilters.core.errors import InputError
-from spinfilters.smoother.losses import Barron, Gate, Graduated, Huber, LeastSquares, PseudoHuber, RobustLoss
+from spinfilters.core.robust_losses import (
+    Barron,
+    Gate,
+    Graduated,
+    Huber,
+    LeastSquares,
+    PseudoHuber,
+    RobustLoss,
+)
 
 LOSSES: tuple[RobustLoss, ...] = (
     LeastSquares(),

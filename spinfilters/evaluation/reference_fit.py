@@ -1,0 +1,563 @@
+"""Clock, axes and origin of a reference, fitted to an estimate.
+
+A reference tells poses of axes m in a frame l at times of its own clock (`spinfilters.io.reference_motion`). With the estimate
+R_ig(t), r(t), c of a `ContinuousMotion` it is modelled as
+
+    R_lm(t + d) = X R_ig(t) Y,    p_l(t + d) = X (r(t) + R_ig(t) (o - c)) + s,    w_m(t + d) = Y' w_g(t),
+
+with the clock's offset d, the rotations X = R_li and Y = R_gm, the origin o of m in g, and the shift s. What is left holds white
+noise of the reference, which its second differences show, and the error of the estimate, as large as stated, alike over many rows.
+The fit is the generalised least-squares one. An estimate that defines g by the pose of its first epoch is exact there, so that Y
+follows from the first epochs as in Eq. 6.12 of Tweddle (2013), and hides no error.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import permutations, product
+from typing import Final
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+
+from spinfilters.core.absolute_orientation import nearest_rotation
+from spinfilters.core.attitude_conversions import (
+    axis_angle_from_quaternion,
+    continuous_quaternions,
+    inverse,
+    matrix_from_quaternion,
+    quaternion_from_matrix,
+    quaternion_from_rotation_vector,
+    rotation_vector_from_quaternion,
+)
+from spinfilters.core.errors import InputError
+from spinfilters.evaluation.continuous_motion import ContinuousMotion
+from spinfilters.io.reference_motion import ReferenceMotion
+
+MOST_ROWS: Final = 1500
+"""Of a reference that the fit looks at, evenly."""
+FIRST_ROWS: Final = 250
+"""Of it that choose among the first offsets."""
+LEAST_OVERLAP: Final = 0.6
+"""Of the shorter recording, that an offset of the clocks must leave."""
+RATE_SPAN: Final = 0.1
+"""s over which rates are differenced to find the first offset."""
+CANDIDATES: Final = 4
+"""Offsets from which the fit starts, besides zero."""
+ITERATIONS: Final = 40
+FLOOR: Final = (1e-6, 1e-6)
+"""Smallest noise of a reference, rad (or rad/s) and m: interpolation is no better."""
+OUTLIER: Final = 4.0
+"""Deviations from which on a row weighs less."""
+JUMP: Final = 20.0
+"""Deviations by which a row stands out that the instrument has lost."""
+UNDETERMINED: Final = 1e-9
+"""Eigenvalue of the scaled normal matrix, below which a combination is not determined."""
+SAME_COST: Final = 1.1
+"""Ratio of costs of fits that are equally good; then the smaller offset is taken."""
+WRONG_FORM: Final = np.deg2rad(5.0)
+"""Attitude residual, rad, from which on other forms of the quaternion are tried."""
+
+
+@dataclass(frozen=True)
+class ReferenceFit:
+    """Relation of a reference to an estimate.
+
+    Attributes
+    ----------
+    clock_offset, clock_std : float
+        d, s; positive where the reference is late. The deviation is infinite where the motion does not determine it, which d = 0
+        then stands for.
+    frame, frame_std : (3, 3), (3,) float array
+        X = R_li and deviations about the axes of l, rad; zero where the frame is shared.
+    axes, axes_std : (3, 3), (3,) float array
+        Y = R_gm and deviations about the axes of m, rad.
+    origin, origin_std : (3,) float array or None
+        o in g, m; None where the reference has no positions.
+    shift : (3,) float array
+        s, m.
+    noise : tuple of float
+        Of the reference: rad (rad/s where it has rates alone) and m, one component.
+    residual : tuple of float
+        Root mean square lengths of what is left, in the same units.
+    form : str
+        How the quaternions have to be read; empty for as they are.
+    """
+
+    clock_offset: float
+    clock_std: float
+    frame: Float[np.ndarray, "3 3"]
+    frame_std: Float[np.ndarray, " 3"]
+    axes: Float[np.ndarray, "3 3"]
+    axes_std: Float[np.ndarray, " 3"]
+    origin: Float[np.ndarray, " 3"] | None
+    origin_std: Float[np.ndarray, " 3"] | None
+    shift: Float[np.ndarray, " 3"]
+    noise: tuple[float, float]
+    residual: tuple[float, float]
+    form: str = ""
+
+    @property
+    def has_clock(self) -> bool:
+        """Whether the motion determines the offset."""
+        return bool(np.isfinite(self.clock_std))
+
+
+def fit_reference(
+    motion: ContinuousMotion, reference: ReferenceMotion
+) -> tuple[ReferenceFit, ReferenceMotion]:
+    """The fit, and the reference in the form that it needs.
+
+    Raises
+    ------
+    InputError
+        The recordings have no stretch in common, whatever the offset.
+    """
+    reference = _without_jumps(reference)
+    found = _fitted(motion, reference)
+    if reference.attitude is None or found.residual[0] < WRONG_FORM:
+        return found, reference
+    best, chosen = found, reference
+    for form, other in _other_forms(reference):
+        tried = _fitted(motion, other)
+        if tried.residual[0] < 0.25 * best.residual[0]:
+            best, chosen = replace(tried, form=form), other
+    return best, chosen
+
+
+def nearest_flip(R: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:
+    """Of the 24 right-handed choices and signs of axes the one that is nearest to a rotation."""
+    return max(_FLIPS, key=lambda flip: float(np.sum(flip * R)))
+
+
+def axis_and_angle(R: Float[np.ndarray, "3 3"]) -> tuple[Float[np.ndarray, " 3"], float]:
+    """Axis and angle, rad in [0, pi], of a rotation (Tweddle 2013, Eqs 6.24 and 6.25)."""
+    axis, angle = axis_angle_from_quaternion(quaternion_from_matrix(R))
+    return np.asarray(axis), float(angle)
+
+
+def _flips() -> Iterator[Float[np.ndarray, "3 3"]]:
+    for order in permutations(range(3)):
+        for signs in product((1.0, -1.0), repeat=3):
+            flip = np.zeros((3, 3))
+            flip[range(3), order] = signs
+            if np.linalg.det(flip) > 0:
+                yield flip
+
+
+_FLIPS: Final = tuple(_flips())
+
+
+def _other_forms(reference: ReferenceMotion) -> Iterator[tuple[str, ReferenceMotion]]:
+    """The same quaternions from the frame to the body, and with the scalar first."""
+    q = reference.attitude
+    assert q is not None
+    yield "its quaternions map the frame to the body", replace(reference, attitude=inverse(q))
+    first = continuous_quaternions(q[:, [1, 2, 3, 0]])
+    yield "its quaternions have the scalar first", replace(reference, attitude=first)
+    yield (
+        "its quaternions have the scalar first and map the frame to the body",
+        replace(reference, attitude=inverse(first)),
+    )
+
+
+def reference_rates(
+    reference: ReferenceMotion, span: float = 0.0
+) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k 3"]]:
+    """Times, s, and body rates about m, rad/s: its own, or differences of its attitudes (Tweddle 2013, Eq. 6.13).
+
+    Parameters
+    ----------
+    span : float
+        Least time, s, between two differenced attitudes; differences over gaps are left out.
+    """
+    if reference.attitude is None:
+        assert reference.rate is not None
+        return reference.time, reference.rate
+    if reference.rate is not None:
+        return reference.time, reference.rate
+    time, q = reference.time, reference.attitude
+    stride = int(np.clip(np.ceil(span / reference.step - 1e-9), 1, max(len(time) // 4, 1)))
+    turned = quaternion_pairs(q, stride)
+    dt = time[stride:] - time[:-stride]
+    held = dt <= 1.5 * stride * reference.step
+    return (time[stride:] + time[:-stride])[held] / 2, turned[held] / dt[held, None]
+
+
+def quaternion_pairs(q: Float[np.ndarray, "n 4"], stride: int) -> Float[np.ndarray, "k 3"]:
+    """Rotation vectors from every attitude to the one so many rows later, rad, body axes."""
+    R = matrix_from_quaternion(q)
+    turn = np.swapaxes(R[:-stride], 1, 2) @ R[stride:]
+    return rotation_vector_from_quaternion(quaternion_from_matrix(turn))
+
+
+def _fitted(motion: ContinuousMotion, reference: ReferenceMotion) -> ReferenceFit:
+    few = _thinned(reference, FIRST_ROWS)
+    found = [_solved_from(motion, few, start) for start in _starts(motion, reference)]
+    if not found:
+        begin, end = motion.span
+        raise InputError(
+            f"{reference.name}: from {reference.time[0]:.6g} s to {reference.time[-1]:.6g} s it has no stretch in common with the "
+            f"estimate from {begin:.6g} s to {end:.6g} s; give a recording of the same motion"
+        )
+    least = min(problem.cost for problem in found)
+    good = [problem for problem in found if problem.cost <= SAME_COST * least]
+    chosen = min(good, key=lambda problem: abs(problem.offset))
+    return (
+        chosen.on(_thinned(reference, MOST_ROWS)).with_own_noise().solved().with_own_noise().solved().result()
+    )
+
+
+def _thinned(reference: ReferenceMotion, most: int) -> ReferenceMotion:
+    """Every k-th row."""
+    return _rows_of(reference, np.arange(0, len(reference.time), -(-len(reference.time) // most)))
+
+
+def _without_jumps(reference: ReferenceMotion) -> ReferenceMotion:
+    """Without rows that depart from their neighbours `JUMP` times as far as rows usually do."""
+    good = np.ones(len(reference.time), dtype=bool)
+    for values in (reference.position, reference.attitude, reference.rate):
+        if values is not None:
+            off = np.linalg.norm(values - _running_median(values), axis=1)
+            good &= off <= JUMP * max(float(np.median(off)), FLOOR[0])
+    if good.all() or np.count_nonzero(good) < 0.7 * len(good):
+        return reference
+    said = f"{np.count_nonzero(~good)} rows that jump"
+    return replace(_rows_of(reference, np.flatnonzero(good)), left_out=(*reference.left_out, said))
+
+
+def _rows_of(reference: ReferenceMotion, rows: Int[np.ndarray, " k"]) -> ReferenceMotion:
+    cut = {
+        name: None if getattr(reference, name) is None else getattr(reference, name)[rows]
+        for name in ("attitude", "position", "rate", "velocity")
+    }
+    return replace(reference, time=reference.time[rows], **cut)
+
+
+def _starts(motion: ContinuousMotion, reference: ReferenceMotion) -> list[float]:
+    """Offsets at which the rates, turned into the estimate's axes, agree best; and zero if the clocks overlap so."""
+    time, rate = reference_rates(reference, RATE_SPAN)
+    begin, end = motion.span
+    rows = np.linspace(0, len(time) - 1, min(len(time), 600)).astype(int)
+    time, rate = time[rows], rate[rows]
+    need = LEAST_OVERLAP * min(end - begin, float(time[-1] - time[0]))
+    low, high = float(time[0]) + need - end, float(time[-1]) - need - begin
+    if not high >= low:
+        return []
+    step = max(0.2 / max(motion.typical_rate, 1e-3), (high - low) / 1500)
+    step = min(step, max((high - low) / 20, 1e-9))
+    grid = np.arange(low, high + step, step)
+    cost = np.array([_rate_cost(motion, time, rate, float(offset)) for offset in grid])
+    inner = np.r_[True, cost[1:] <= cost[:-1]] & np.r_[cost[:-1] <= cost[1:], True] & np.isfinite(cost)
+    order = sorted(np.flatnonzero(inner), key=lambda k: cost[k])[:CANDIDATES]
+    zero = [0.0] if low <= 0.0 <= high else []
+    return [*zero, *(float(grid[k]) for k in order)]
+
+
+def _rate_cost(motion: ContinuousMotion, time: np.ndarray, rate: np.ndarray, offset: float) -> float:
+    """Mean square of rates that the best rotation leaves, (rad/s)^2."""
+    begin, end = motion.span
+    inside = (time - offset >= begin) & (time - offset <= end)
+    if np.count_nonzero(inside) < 3:
+        return np.inf
+    own = motion.at(time[inside] - offset).rate
+    Y = nearest_rotation(own.T @ rate[inside])
+    return float(np.mean(np.sum((rate[inside] - own @ Y) ** 2, axis=1)))
+
+
+class _Problem:
+    """Residuals of one reference at one linearisation point, their weights and derivatives."""
+
+    def __init__(self, motion: ContinuousMotion, reference: ReferenceMotion, offset: float) -> None:
+        self.motion, self.reference, self.offset = motion, reference, offset
+        self.X, self.Y, self.s = np.eye(3), np.eye(3), np.zeros(3)
+        self.places = reference.position is not None and motion.sees_position
+        self.o = motion.final_centre.copy() if self.places else np.zeros(3)
+        self.turns = reference.attitude is not None
+        self.noise = np.array([np.deg2rad(1.0), 0.01])
+        self.alike = 0.0
+        self.inside = self.within()
+        self.clock_is_free = True
+        self.cost = np.inf
+
+    @property
+    def blocks(self) -> dict[str, slice]:
+        """Columns of what is fitted."""
+        shared = self.reference.shares_frame or not self.turns
+        sizes = {
+            "clock": int(self.clock_is_free),
+            "frame": 0 if shared else 3,
+            "axes": 3,
+            "origin": 3 if self.places and not self.reference.shares_origin else 0,
+            "shift": 3 if self.places and not shared else 0,
+        }
+        ends = np.cumsum(list(sizes.values())).tolist()
+        return {name: slice(end - size, end) for (name, size), end in zip(sizes.items(), ends, strict=True)}
+
+    def within(self) -> Bool[np.ndarray, " n"]:
+        """Rows of the reference within the estimate, or one row beyond, so that a change of the offset loses none."""
+        begin, end = self.motion.span
+        time, margin = self.reference.time - self.offset, self.reference.step
+        return (time >= begin - margin) & (time <= end + margin)
+
+    def guess(self) -> None:
+        """Rotations and shift in closed form at the offset: Y from rates, then X and Y in turn."""
+        rows, reference = self.inside, self.reference
+        own = self.motion.at(reference.time[rows] - self.offset)
+        if not self.turns:
+            assert reference.rate is not None
+            self.Y = nearest_rotation(own.rate.T @ reference.rate[rows])
+            return
+        assert reference.attitude is not None
+        time, rate = reference_rates(reference, RATE_SPAN)
+        begin, end = self.motion.span
+        held = (time - self.offset >= begin) & (time - self.offset <= end)
+        if held.any():
+            rates = self.motion.at(time[held] - self.offset).rate
+            self.Y = nearest_rotation(rates.T @ rate[held])
+        R, B = matrix_from_quaternion(own.q_ig), matrix_from_quaternion(reference.attitude[rows])
+        for _ in range(10):
+            if not reference.shares_frame:
+                self.X = nearest_rotation(np.einsum("nij,njk->ik", B, np.swapaxes(R @ self.Y, 1, 2)))
+            self.Y = nearest_rotation(np.einsum("nji,njk->ik", self.X @ R, B))
+        if self.places and not reference.shares_frame:
+            assert reference.position is not None
+            at = own.position + (R @ (self.o - own.centre)[..., None])[..., 0]
+            self.s = np.mean(reference.position[rows] - at @ self.X.T, axis=0)
+
+    def rows(self) -> tuple[Float[np.ndarray, "k g 3"], Float[np.ndarray, "k g 3 p"], np.ndarray]:
+        """Residuals, derivatives and deviations of the estimate: of rotation, then of place where both know it."""
+        inside, reference, blocks = self.inside, self.reference, self.blocks
+        own = self.motion.at(reference.time[inside] - self.offset)
+        count, size = int(np.count_nonzero(inside)), max(part.stop for part in blocks.values())
+        groups = 1 + self.places
+        e, J = np.zeros((count, groups, 3)), np.zeros((count, groups, 3, size))
+        R = matrix_from_quaternion(own.q_ig)
+        w = own.rate @ self.Y
+        if self.turns:
+            assert reference.attitude is not None
+            B = matrix_from_quaternion(reference.attitude[inside])
+            left = np.swapaxes(B, 1, 2) @ self.X @ R @ self.Y
+            e[:, 0] = rotation_vector_from_quaternion(quaternion_from_matrix(left))
+            if blocks["frame"].stop > blocks["frame"].start:
+                J[:, 0, :, blocks["frame"]] = np.swapaxes(self.X @ R @ self.Y, 1, 2)
+            J[:, 0, :, blocks["axes"]] = np.eye(3)
+            if self.clock_is_free:
+                J[:, 0, :, 0] = -w
+        else:
+            assert reference.rate is not None
+            e[:, 0] = reference.rate[inside] - w
+            J[:, 0, :, blocks["axes"]] = -_cross(w)
+            if self.clock_is_free:
+                J[:, 0, :, 0] = own.acceleration @ self.Y
+        deviations = [own.std_attitude if self.turns else 0.0 * own.std_attitude]
+        if self.places:
+            assert reference.position is not None
+            arm = (R @ (self.o - own.centre)[..., None])[..., 0]
+            at = (own.position + arm) @ self.X.T
+            e[:, 1] = reference.position[inside] - at - self.s
+            if blocks["frame"].stop > blocks["frame"].start:
+                J[:, 1, :, blocks["frame"]] = _cross(at)
+            if blocks["origin"].stop > blocks["origin"].start:
+                J[:, 1, :, blocks["origin"]] = -self.X @ R
+            if blocks["shift"].stop > blocks["shift"].start:
+                J[:, 1, :, blocks["shift"]] = -np.eye(3)
+            if self.clock_is_free:
+                spun = np.cross((R @ own.rate[..., None])[..., 0], arm)
+                J[:, 1, :, 0] = (own.velocity + spun) @ self.X.T
+            deviations.append(own.std_position)
+        return e, J, np.stack(deviations, axis=1)
+
+    def on(self, reference: ReferenceMotion) -> "_Problem":
+        """The same point with other rows."""
+        other = _Problem(self.motion, reference, self.offset)
+        other.noise, other.clock_is_free, other.alike = self.noise, self.clock_is_free, self.alike
+        other.X, other.Y, other.s, other.o = self.X, self.Y, self.s, self.o
+        if reference is self.reference:
+            other.inside = self.inside
+        return other
+
+    def moved(self, step: Float[np.ndarray, " p"]) -> "_Problem":
+        """The problem at a step away."""
+        other, blocks = self.on(self.reference), self.blocks
+        if self.clock_is_free:
+            other.offset = self.offset + float(step[0])
+        turn = lambda v: matrix_from_quaternion(quaternion_from_rotation_vector(v))  # noqa: E731
+        if step[blocks["frame"]].size:
+            other.X = turn(step[blocks["frame"]]) @ self.X
+        other.Y = self.Y @ turn(step[blocks["axes"]])
+        if step[blocks["origin"]].size:
+            other.o = self.o + step[blocks["origin"]]
+        if step[blocks["shift"]].size:
+            other.s = self.s + step[blocks["shift"]]
+        return other
+
+    def whitened(self) -> tuple[Float[np.ndarray, "k g3"], Float[np.ndarray, "k g3 p"]]:
+        """Residuals and derivatives as white noise of deviation one, outliers weighing less."""
+        e, J, own = self.rows()
+        count, size = len(e), J.shape[3]
+        both = np.concatenate([e[..., None], J], axis=3)
+        if self.alike:
+            both = np.stack(
+                [self._innovations(both[:, g], own[:, g], g) for g in range(both.shape[1])], axis=1
+            )
+        else:
+            both = both / np.hypot(own, self.noise[: own.shape[1]])[..., None, None]
+        both = both.reshape(count, -1, 1 + size)
+        e, J = both[..., 0], both[..., 1:]
+        length = np.sqrt(np.mean(e**2, axis=1))
+        scale = OUTLIER * max(1.0, float(np.median(length)))
+        root = np.sqrt(np.minimum(1.0, scale / np.maximum(length, 1e-300)))
+        return e * root[:, None], J * root[:, None, None]
+
+    def _innovations(
+        self, rows: Float[np.ndarray, "k 3 q"], own: Float[np.ndarray, " k"], group: int
+    ) -> Float[np.ndarray, "k 3 q"]:
+        """Innovations of a scalar Kalman filter over rows that hold an error of the estimate and white noise of the reference.
+
+        The error is of first order with the stated variance own^2 and a correlation time of ``alike`` rows; all columns of the
+        rows pass the same filter, so that a least-squares fit to its innovations is the generalised one.
+        """
+        time = self.reference.time[self.inside]
+        decay = np.exp(-2.0 * np.diff(time) / (self.alike * self.reference.step))
+        noise, variance = self.noise[group] ** 2, float(own[0]) ** 2
+        x, found = np.zeros(rows.shape[1:]), np.empty_like(rows)
+        for k, row in enumerate(rows):
+            if k:
+                # e_k = f e_k-1 + new, so that a growing deviation adds to an error and does not enlarge it
+                f = decay[k - 1] * min(1.0, own[k] / max(own[k - 1], 1e-300))
+                x, variance = f * x, f * f * (variance - own[k - 1] ** 2) + own[k] ** 2
+            y, S = row - x, variance + noise
+            found[k] = y / np.sqrt(S)
+            x, variance = x + variance / S * y, variance * noise / S
+        return found
+
+    def mean_square(self) -> float:
+        """Cost per row, so that offsets of other overlaps compare."""
+        if np.count_nonzero(self.inside) < 4:
+            return np.inf
+        e, _ = self.whitened()
+        return float(np.mean(e**2))
+
+    def solved(self) -> "_Problem":
+        """Levenberg-Marquardt."""
+        here, damping = self, 1e-4
+        cost = here.mean_square()
+        if not np.isfinite(cost):
+            return here
+        for _ in range(ITERATIONS):
+            e, J = here.whitened()
+            A = np.einsum("kip,kiq->pq", J, J)
+            b = np.einsum("kip,ki->p", J, e)
+            scale = np.sqrt(np.maximum(np.diag(A), 1e-300))
+            A = A / scale[:, None] / scale
+            step = -np.linalg.solve(A + damping * np.eye(len(A)), b / scale) / scale
+            there = here.moved(step)
+            after = there.mean_square()
+            if after < cost:
+                done = cost - after < 1e-8 * cost
+                here, cost, damping = there, after, max(damping / 10, 1e-12)
+                if done:
+                    break
+            else:
+                damping *= 10
+                if damping > 1e8:
+                    break
+        here.cost = cost
+        return here
+
+    def with_own_noise(self) -> "_Problem":
+        """Noise of the reference by second differences of what is left, and over how many rows errors of the estimate stay alike.
+
+        Rows that stand out from their neighbours by more than `JUMP` deviations are left out.
+        """
+        self.inside = self.within()
+        e, _, _ = self.rows()
+        noise, good = self.noise.copy(), np.ones(len(e), dtype=bool)
+        dt = np.diff(self.reference.time[self.inside])
+        near = (dt[1:] < 1.5 * self.reference.step) & (dt[:-1] < 1.5 * self.reference.step)
+        for group in range(e.shape[1]):
+            bend = e[2:, group] - 2 * e[1:-1, group] + e[:-2, group]
+            if near.any():
+                noise[group] = max(np.sqrt(np.median(bend[near] ** 2) / (6 * 0.4549)), FLOOR[group])
+            good &= np.linalg.norm(e[:, group] - _running_median(e[:, group]), axis=1) < JUMP * noise[group]
+        other = self.on(self.reference)
+        if np.count_nonzero(good) > 0.7 * len(good):
+            other.inside = self.inside.copy()
+            other.inside[np.flatnonzero(self.inside)[~good]] = False
+            e = e[good]
+        other.noise = noise
+        other.alike = max(correlated_rows(e[:, g, k : k + 1]) for g in range(e.shape[1]) for k in range(3))
+        return other
+
+    def covariance(self) -> tuple[Float[np.ndarray, "p p"], Bool[np.ndarray, " p"]]:
+        """Of what is fitted, larger where what is left is larger than stated; and which of it is determined at all."""
+        e, J = self.whitened()
+        A = np.einsum("kip,kiq->pq", J, J)
+        scale = np.sqrt(np.maximum(np.diag(A), 1e-300))
+        values, vectors = np.linalg.eigh(A / scale[:, None] / scale)
+        good = values > UNDETERMINED * values[-1]
+        inverse_A = (vectors[:, good] / values[good]) @ vectors[:, good].T / scale[:, None] / scale
+        determined = np.sum(vectors[:, ~good] ** 2, axis=1) < 0.01
+        return inverse_A * max(1.0, float(np.mean(e**2))), determined
+
+    def result(self) -> ReferenceFit:
+        """The fit as others use it."""
+        covariance, determined = self.covariance()
+        std = np.where(determined, np.sqrt(np.diag(covariance)), np.inf)
+        blocks = self.blocks
+        if self.clock_is_free and (not determined[0] or std[0] > self._vague()):
+            self.clock_is_free, self.offset = False, 0.0
+            if np.count_nonzero(self.inside) >= 4:
+                self.guess()
+                return self.solved().result()
+        part = lambda name: std[blocks[name]] if std[blocks[name]].size else np.zeros(3)  # noqa: E731
+        e, _, _ = self.rows()
+        left = [float(np.sqrt(np.mean(np.sum(e[:, g] ** 2, axis=1)))) for g in range(e.shape[1])]
+        return ReferenceFit(
+            self.offset,
+            float(std[0]) if self.clock_is_free else np.inf,
+            self.X,
+            part("frame"),
+            self.Y,
+            part("axes"),
+            self.o if self.places else None,
+            part("origin") if self.places else None,
+            self.s,
+            (float(self.noise[0]), float(self.noise[1])),
+            (left[0], left[1] if len(left) > 1 else 0.0),
+        )
+
+    def _vague(self) -> float:
+        """Deviation of the offset, s, beyond which it is no result: a radian of the rotation."""
+        return 1.0 / max(self.motion.typical_rate, 1e-6)
+
+
+def _solved_from(motion: ContinuousMotion, reference: ReferenceMotion, offset: float) -> _Problem:
+    problem = _Problem(motion, reference, offset)
+    problem.guess()
+    return problem.solved()
+
+
+def _cross(v: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "k 3 3"]:
+    """Cross product matrices."""
+    found = np.zeros((len(v), 3, 3))
+    found[:, 0, 1], found[:, 0, 2], found[:, 1, 2] = -v[:, 2], v[:, 1], -v[:, 0]
+    return found - np.swapaxes(found, 1, 2)
+
+
+def _running_median(values: Float[np.ndarray, "k c"]) -> Float[np.ndarray, "k c"]:
+    """Median of every row and the two on either side; the ends are their own."""
+    found = values.copy()
+    if len(values) >= 5:
+        found[2:-2] = np.median(np.stack([values[k : len(values) - 4 + k] for k in range(5)]), axis=0)
+    return found
+
+
+def correlated_rows(values: Float[np.ndarray, "k c"]) -> float:
+    """Integrated autocorrelation time in rows, up to the first lag that is not positive: 1 + 2 sum rho."""
+    rows = len(values)
+    spectrum = np.abs(np.fft.rfft(values, 2 * rows, axis=0)) ** 2
+    total = np.fft.irfft(spectrum.sum(axis=1))[:rows]
+    rho = total / max(float(total[0]), 1e-300)
+    ends = np.flatnonzero(rho <= 0)
+    return float(max(1.0, 1.0 + 2.0 * rho[1 : int(ends[0]) if ends.size else rows].sum()))

@@ -1,0 +1,118 @@
+"""Tables with named columns, wherever their numbers come from: a text file, or arrays in memory."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.core.errors import InputError
+from spinfilters.io.input_file import path_text, value_text
+from spinfilters.io.text_table import Table, TableLayout, read_columns
+
+
+class NamedColumns(Protocol):
+    """A table whose columns are known by their names."""
+
+    @property
+    def path(self) -> Path:
+        """The file, or what messages call a table without one."""
+        ...
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of all columns."""
+        ...
+
+    def read(self, columns: Sequence[int], keys: int = 0) -> Table:
+        """Finite numbers of some columns, by their indices.
+
+        A row is left out where all but its first ``keys`` columns are empty. InputError: a cell that is no finite number.
+        """
+        ...
+
+
+@dataclass(frozen=True)
+class TextColumns:
+    """Columns of a text table (`spinfilters.io.text_table.read_layout`)."""
+
+    path: Path
+    layout: TableLayout
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of all columns."""
+        return self.layout.names
+
+    def read(self, columns: Sequence[int], keys: int = 0) -> Table:
+        """See `NamedColumns.read`."""
+        return read_columns(self.path, self.layout, columns, keys)
+
+
+@dataclass(frozen=True, eq=False)
+class ArrayColumns:
+    """Columns in memory, of equal length; an empty cell is NaN, as a missing value of a data frame is.
+
+    Attributes
+    ----------
+    path : Path
+        What messages call the table.
+    names : tuple[str, ...]
+        Of the columns.
+    columns : tuple[np.ndarray, ...]
+        One array for each name, of any type; only those that are read need be numbers.
+    """
+
+    path: Path
+    names: tuple[str, ...]
+    columns: tuple[np.ndarray, ...]
+
+    def __post_init__(self) -> None:
+        lengths = {name: len(column) for name, column in zip(self.names, self.columns, strict=True)}
+        if len(set(lengths.values())) > 1:
+            listed = ", ".join(f"{value_text(name)} {length}" for name, length in lengths.items())
+            raise InputError(
+                f"{path_text(self.path)}: its columns differ in length ({listed}); give as many rows of each"
+            )
+
+    def read(self, columns: Sequence[int], keys: int = 0) -> Table:
+        """See `NamedColumns.read`; rows are counted from 0."""
+        names = tuple(self.names[k] for k in columns)
+        numbers = [_numbers(self.path, self.names[k], self.columns[k]) for k in columns]
+        values = np.column_stack(numbers) if numbers else np.empty((0, 0))
+        measured = ~np.isnan(values[:, keys:]).all(axis=1)
+        rows, values = np.flatnonzero(measured), values[measured]
+        if not len(values):
+            raise InputError(f"{path_text(self.path)}: has no rows of numbers; give at least two")
+        wrong = np.argwhere(~np.isfinite(values))
+        if wrong.size:
+            row, column = map(int, wrong[0])
+            raise InputError(
+                f"{path_text(self.path)}: row {rows[row]}: {value_text(names[column])} is {values[row, column]}, "
+                "not finite; correct or delete the row"
+            )
+        left_out = int(np.count_nonzero(~measured))
+        layout = TableLayout(self.names, header_line=0)
+        return Table(self.path, layout, names, values, rows.tolist(), left_out, counted="row")
+
+
+def _numbers(path: Path, name: str, column: np.ndarray) -> Float[np.ndarray, " n"]:
+    """Numbers of a column as float64. InputError: the first cell that is none."""
+    if column.dtype.kind in "iuf":
+        return column.astype(np.float64)
+    values = np.full(len(column), np.nan)
+    for row, cell in enumerate(column.tolist()):
+        if cell is None:
+            continue
+        try:
+            if isinstance(cell, bool | complex):
+                raise TypeError
+            values[row] = float(cell)
+        except (TypeError, ValueError, OverflowError):
+            raise InputError(
+                f"{path_text(path)}: row {row}: {value_text(name)} is {value_text(cell)}, not a number; "
+                "correct or delete the row"
+            ) from None
+    return values

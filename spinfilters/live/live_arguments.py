@@ -1,0 +1,46 @@
+"""Arguments of ``live``, whose defaults the options of a live run take. Nothing heavy is imported here, so that help is quick."""
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from spinfilters.io.stated_values import Argument, NumberRange
+
+
+@dataclass(frozen=True, kw_only=True)
+class LiveArguments:
+    """Arguments of ``live``."""
+
+    dataset: Annotated[
+        str, Argument("data set folder, gyro .csv or TUM .tum", positional=True, metavar="DATASET")
+    ]
+    input: Annotated[
+        str | None,
+        Argument(
+            "- (standard input), tcp:HOST:PORT, unix:PATH, a named pipe or a growing file", metavar="PLACE"
+        ),
+    ] = None
+    speed: Annotated[float, NumberRange(1e-3, 1e6), Argument("of the replay")] = 1.0
+    filter: Annotated[Literal["mekf", "ukf", "embedded", "embedded-double"], Argument("that answers")] = (
+        "mekf"
+    )
+    no_smoother: Annotated[bool, Argument("the filter alone")] = False
+    patience: Annotated[
+        float,
+        NumberRange(0.05, 1e4, "s"),
+        Argument("without a word of the smoother, after which it begins anew", metavar="SECONDS"),
+    ] = 5.0
+    smoother_memory: Annotated[
+        float | None,
+        NumberRange(64, 1e7, "MiB"),
+        Argument("address space of the smoother's process (default: no limit)", metavar="MIB"),
+    ] = None
+    format: Annotated[Literal["lines", "tum"], Argument("JSON lines or TUM")] = "lines"
+    predict: Annotated[
+        float, NumberRange(0, 1e4, "s"), Argument("say every answer so far ahead too", metavar="SECONDS")
+    ] = 0.0
+    deadline_ms: Annotated[
+        float, NumberRange(1e-3, 1e6, "ms"), Argument("from an epoch's arrival to its answer, ms")
+    ] = 20.0
+    config: Annotated[str | None, Argument("TOML file with settings", metavar="FILE")] = None
+    summary: Annotated[str | None, Argument("write the counts as JSON, too", metavar="FILE")] = None
+    view: Annotated[bool, Argument("show a table in the terminal")] = False

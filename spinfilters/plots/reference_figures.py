@@ -1,0 +1,141 @@
+"""Figures of an estimate against a reference: values (Tweddle 2013, Figures 6-16, 6-18), and differences (6-17, 6-19, 6-21)."""
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from spinfilters.core.attitude_conversions import continuous_quaternions
+from spinfilters.evaluation.reference_comparison import AttitudeCourse, Course, ReferenceComparison
+from spinfilters.plots.style import AXIS_COLOURS, BLACK, BLUE, GREY, ORANGE, RED, extremes, legend_below, tidy
+
+DEGREES: Final = 180.0 / np.pi
+_GAP = 3.0  # median intervals between rows from which on a curve is cut
+
+
+def reference_values_figure(found: ReferenceComparison) -> Figure:
+    """Estimate and reference over time: position, velocity, attitude and rate about the reference's axes."""
+    rows = [
+        (label, course, scale, names)
+        for label, course, scale, names in (
+            ("position [m]", found.position, 1.0, _axes("in i")),
+            ("velocity [mm/s]", found.velocity, 1e3, _axes("in i")),
+            ("rate [deg/s]", found.rate_after, DEGREES, _axes("of the reference's body")),
+        )
+        if course is not None
+    ]
+    with_attitude = found.attitude_after is not None
+    count = len(rows) + with_attitude
+    figure = Figure(figsize=(11.0, 1.3 + 2.1 * count), layout="constrained")
+    grid = figure.add_gridspec(count, 12)
+    for k, (label, course, scale, names) in enumerate(rows):
+        for axis in range(3):
+            axes = figure.add_subplot(grid[k, 4 * axis : 4 * axis + 4])
+            draw_course(axes, course.time, scale * course.reference[:, axis], RED, dots=True)
+            draw_course(axes, course.time, scale * course.estimate[:, axis], BLUE)
+            axes.set_title(names[axis], loc="left", fontsize="medium")
+            if axis == 0:
+                axes.set_ylabel(label)
+            tidy(axes)
+    if found.attitude_after is not None:
+        _quaternions(figure.add_subplot(grid[count - 1, :]), found.attitude_after)
+    figure.axes[-1].set_xlabel("time [s]")
+    figure.suptitle(f"{found.name.upper()} and the reference, in the same axes", fontsize="large")
+    handles = [
+        Line2D([], [], color=BLUE, label=found.name.upper()),
+        Line2D([], [], color=RED, linestyle="none", marker=".", label="reference"),
+    ]
+    legend_below(figure, handles)
+    return figure
+
+
+def reference_differences_figure(found: ReferenceComparison) -> Figure:
+    """Estimate minus reference: places, closest angle and rate, before and after the correction of the axes."""
+    places = [
+        (label, course, scale)
+        for label, course, scale in (
+            ("position [mm]", found.position, 1e3),
+            ("velocity [mm/s]", found.velocity, 1e3),
+        )
+        if course is not None
+    ]
+    turns = found.attitude_before is not None and found.attitude_after is not None
+    count = len(places) + 1 + turns
+    figure = Figure(figsize=(11.0, 1.3 + 2.1 * count), layout="constrained")
+    grid = figure.add_gridspec(count, 12)
+    for k, (label, course, scale) in enumerate(places):
+        for axis, name in enumerate(_axes("in i")):
+            axes = figure.add_subplot(grid[k, 4 * axis : 4 * axis + 4])
+            _difference(axes, course, axis, scale, BLUE)
+            _finish(axes, name, label if axis == 0 else "")
+    for axis, name in enumerate(_axes("of the reference's body")):
+        axes = figure.add_subplot(grid[len(places), 4 * axis : 4 * axis + 4])
+        _difference(axes, found.rate_before, axis, DEGREES, ORANGE)
+        _difference(axes, found.rate_after, axis, DEGREES, BLUE)
+        _finish(axes, name, "rate [deg/s]" if axis == 0 else "")
+    if found.attitude_before is not None and found.attitude_after is not None:
+        axes = figure.add_subplot(grid[count - 1, :])
+        draw_course(axes, found.attitude_before.time, DEGREES * found.attitude_before.angle, ORANGE)
+        draw_course(axes, found.attitude_after.time, DEGREES * found.attitude_after.angle, BLUE)
+        axes.set_ylim(bottom=0.0)
+        axes.set_title("closest angle between both attitudes", loc="left", fontsize="medium")
+        axes.set_ylabel("angle [deg]")
+        tidy(axes)
+    figure.axes[-1].set_xlabel("time [s]")
+    figure.suptitle(f"{found.name.upper()} minus reference", fontsize="large")
+    handles = [
+        Line2D([], [], color=ORANGE, label="axes only flipped"),
+        Line2D([], [], color=BLUE, label="axes corrected by the fitted rotation"),
+    ]
+    legend_below(figure, handles)
+    return figure
+
+
+def draw_course(
+    axes: Axes, time: Float[np.ndarray, " k"], values: Float[np.ndarray, " k"], color: str, dots: bool = False
+) -> None:
+    """A curve that is cut where rows are missing."""
+    if len(time) < 2:
+        return
+    dt = np.diff(time)
+    after = np.flatnonzero(dt > _GAP * np.median(dt)) + 1
+    time, values = np.insert(time, after, np.nan), np.insert(values, after, np.nan)
+    if not after.size:
+        rows = extremes(values)
+        time, values = time[rows], values[rows]
+    if dots:
+        axes.plot(time, values, color=color, linestyle="none", marker=".", markersize=2.5)
+    else:
+        axes.plot(time, values, color=color, linewidth=1.1)
+
+
+def _quaternions(axes: Axes, course: AttitudeCourse) -> None:
+    together = continuous_quaternions(course.estimate)
+    theirs = course.reference * np.sign(np.sum(together * course.reference, axis=1, keepdims=True))
+    for k, (name, color) in enumerate(zip(("qx", "qy", "qz", "qw"), (*AXIS_COLOURS, BLACK), strict=True)):
+        draw_course(axes, course.time, theirs[:, k], GREY, dots=True)
+        draw_course(axes, course.time, together[:, k], color)
+        axes.plot([], [], color=color, label=name)
+    axes.set_title("attitude since the first row (reference grey)", loc="left", fontsize="medium")
+    axes.set_ylabel("quaternion")
+    axes.legend(frameon=False, ncols=4, loc="lower right", bbox_to_anchor=(1.0, 0.98), fontsize="small")
+    tidy(axes)
+
+
+def _difference(axes: Axes, course: Course, axis: int, scale: float, color: str) -> None:
+    draw_course(axes, course.time, scale * course.difference[:, axis], color)
+
+
+def _finish(axes: Axes, name: str, label: str) -> None:
+    axes.axhline(0.0, color=BLACK, linewidth=0.5)
+    axes.set_title(name, loc="left", fontsize="medium")
+    axes.set_ylabel(label)
+    tidy(axes)
+
+
+def _axes(of: str) -> Sequence[str]:
+    return tuple(f"{axis} axis {of}" for axis in "xyz")

@@ -1,0 +1,142 @@
+"""What a run folder holds of a reference: numbers, tables and pictures of every estimator against it.
+
+Nothing about a reference ends a run: what cannot be compared is a sentence in its file.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from spinfilters.core.errors import NUMERICAL_ERRORS, InputError, numerical
+from spinfilters.core.linear_algebra import at_times
+from spinfilters.evaluation.reference_comparison import ReferenceComparison, compare_with_reference
+from spinfilters.evaluation.trajectory_errors import TIME_TOLERANCE
+from spinfilters.filters.history import EstimateHistory
+from spinfilters.io.dataset import Dataset
+from spinfilters.io.input_file import reason
+from spinfilters.io.output_files import write_json
+from spinfilters.io.reference_motion import (
+    ReferenceMotion,
+    read_reference,
+    reference_of_truth,
+    relative_reference,
+)
+from spinfilters.io.text_table import write_csv
+from spinfilters.plots.reference_figures import reference_differences_figure, reference_values_figure
+from spinfilters.plots.style import draw_figure
+from spinfilters.run.array_files import finite_document
+from spinfilters.run.run_folder import REFERENCE_FILE, REFERENCE_TABLE, reference_pictures
+
+SCHEMA: Final = 1
+COLUMNS: Final = (
+    "time_s",
+    *(f"{kind}_{name}{axis}" for name in ("r", "v") for kind in ("estimate", "reference") for axis in "xyz"),
+    *("angle_before_rad", "angle_rad"),
+)
+
+
+def without_late_truth(dataset: Dataset) -> tuple[Dataset, ReferenceMotion | None]:
+    """The data set, and its truth as a reference where none of its stamps is that of a measurement.
+
+    Errors need equal stamps; a truth of another rate or clock has none, and then says as much as any other reference.
+    """
+    truth = dataset.truth
+    if truth is None:
+        return dataset, None
+    times = np.unique(np.concatenate([stream.time for stream in dataset.log.streams]))
+    after = np.clip(np.searchsorted(times, truth.time), 1, len(times) - 1)
+    nearest = np.minimum(np.abs(times[after] - truth.time), np.abs(times[after - 1] - truth.time))
+    if nearest.min() <= TIME_TOLERANCE:
+        return dataset, None
+    try:
+        reference = reference_of_truth(truth, "truth.csv")
+    except InputError:  # too few rows for anything
+        reference = None
+    return replace(dataset, truth=None), reference
+
+
+def chosen_reference(path: str, inspector: str | None, shares: Sequence[str]) -> ReferenceMotion:
+    """Reference of a file, or of two: a target's motion as an inspector's body axes see it. InputError: as `read_reference`."""
+    reference = read_reference(Path(path), shares)
+    if inspector is None:
+        return reference
+    return relative_reference(reference, read_reference(Path(inspector)))
+
+
+def write_reference(
+    folder: Path, histories: Sequence[EstimateHistory], reference: ReferenceMotion
+) -> list[str]:
+    """Write `REFERENCE_FILE`, and a table and two pictures of each estimator; returns the names of the pictures.
+
+    Raises
+    ------
+    InputError
+        A file cannot be written.
+    """
+    document: dict[str, Any] = {"schema": SCHEMA, "reference": reference.name, "estimators": {}}
+    drawn: list[str] = []
+    for history in histories:
+        try:
+            with np.errstate(all="ignore"):
+                found = compare_with_reference(history, reference)
+        except InputError as error:
+            document["estimators"][history.name] = {"refused": str(error)}
+            continue
+        except NUMERICAL_ERRORS as error:
+            document["estimators"][history.name] = {"refused": reason(numerical(error))}
+            continue
+        document["estimators"][history.name] = finite_document(found.document)
+        _write_table(folder / history.name / REFERENCE_TABLE, found)
+        values, differences = reference_pictures(history.name)
+        draw_figure(lambda found=found: reference_values_figure(found), folder / values)
+        draw_figure(lambda found=found: reference_differences_figure(found), folder / differences)
+        drawn += [values, differences]
+    write_json(folder / REFERENCE_FILE, document)
+    return drawn
+
+
+def reference_lines(document: Mapping[str, Any]) -> list[str]:
+    """Lines for the terminal: fit, and the rows of Tables 6.1 and 6.2."""
+    lines: list[str] = []
+    for name, found in document["estimators"].items():
+        if "refused" in found:
+            lines.append(f"{name} against {document['reference']}: {found['refused']}")
+            continue
+        lines.append(f"{name} against {document['reference']}: {'; '.join(found['sentences'])}")
+        for row, value in found["statistics"].items():
+            scale, unit = _unit(row)
+            if value["mean"] is not None:
+                lines.append(
+                    f"  {row:30s} mean {scale * value['mean']:10.4g} {unit:6s} std {scale * value['std']:10.4g} {unit}"
+                )
+    return lines
+
+
+def _unit(row: str) -> tuple[float, str]:
+    if "angular" in row:
+        return 180 / np.pi, "deg/s"
+    if "angle" in row:
+        return 180 / np.pi, "deg"
+    return (100.0, "cm/s") if "velocity" in row else (100.0, "cm")
+
+
+def _write_table(path: Path, found: ReferenceComparison) -> None:
+    """Places and angles over time on the estimate's clock; NaN where the reference has none."""
+    course = found.position if found.position is not None else found.rate_after
+    time = course.time
+    nothing = np.full((len(time), 3), np.nan)
+    columns: list[np.ndarray] = [time]
+    for each in (found.position, found.velocity):
+        values = [nothing.copy(), nothing.copy()]
+        if each is not None:
+            values = [at_times(time, each.time, block) for block in (each.estimate, each.reference)]
+        columns += [column for block in values for column in block.T]
+    for attitude in (found.attitude_before, found.attitude_after):
+        angle = np.full(len(time), np.nan)
+        if attitude is not None:
+            angle = np.interp(time, attitude.time, attitude.angle)
+        columns.append(angle)
+    write_csv(path, COLUMNS, columns)

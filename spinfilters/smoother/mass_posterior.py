@@ -1,0 +1,331 @@
+"""The marginal posterior of a mass distribution whose least-squares problem is far from Gaussian.
+
+Where a motion hardly shows the moments, likely mass distributions lie along a curved ridge, and the joint optimum of mass and
+trajectory lies where trajectories have the least freedom, not where most of the probability is. With the trajectory x integrated
+out about its optimum x^(s) for each mass distribution s (Laplace; Tierney, Kadane 1986),
+
+    log p(s | y) = -J(x^(s), s) / 2 - log det H_xx(s) / 2 - log v(s) + constant,
+
+J the sum of squared residuals, those of the prior among them, and H_xx the information of the trajectory. This density of five
+dimensions is sampled. Nodes are set along the ridge, by steps in its softest direction with Newton's step in the other four. A
+mixture of t distributions at the nodes proposes samples. They are weighted by density over proposal, with a smoothed tail, whose
+Pareto shape says whether the weights can be relied upon (`spinfilters.core.importance_weights`).
+
+The density refers to errors of s about itself, the invariant volume of the chart. The prior is Gaussian in D = log S about its own
+mean instead, so that its density is divided by v(s), the product of sinh(d) / d over the pairs of eigenvalues l_i of D,
+d = (l_i - l_j) / 2. Without it needles and thin discs would be likely for want of data: the invariant volume counts their axes many
+times over.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.core.importance_weights import LARGEST_SHAPE, ImportanceWeights, smoothed_weights
+from spinfilters.core.robust_losses import LeastSquares
+from spinfilters.models.body import MassSamples
+from spinfilters.models.state_blocks import MASS_DISTRIBUTION
+from spinfilters.smoother.batch_smoother import BatchSmoothing
+from spinfilters.smoother.linear_system import Marginals, SchurSystem
+from spinfilters.smoother.priors import FirstStatePrior
+from spinfilters.smoother.problem import Problem, Stage
+from spinfilters.smoother.solver import SolverOptions, solve
+
+FIXED_STD = 1e-6
+"""Standard deviation of a prior that fixes the mass distribution; its share of log det H is the same for all."""
+STEP, SMALLEST_STEP = 0.7, 0.02
+"""Step along the ridge, in standard deviations of its softest direction; the least one, in the logarithm of second moments."""
+LONGEST_STEP = 0.35
+"""Of a step, in the log of second moments: local curvatures say little beyond it."""
+MOST_NODES = 24
+"""In each direction along the ridge."""
+FALLEN = 6.0
+"""Fall of the log probability per step along the ridge below its largest value at which a walk ends."""
+PROPOSAL_DOF, PROPOSAL_WIDTH = 6.0, 1.25
+"""Degrees of freedom of the t distributions, and their width over the local one."""
+SMALLEST_GAP = 1e-6
+"""Half a difference of eigenvalues below which sinh(d) / d is 1 to rounding."""
+SAMPLES, TRIED = 200, 80
+"""Samples of the mixture, and of the Gaussian belief whose Pareto shape is asked for."""
+WIDE = 0.1
+"""Standard deviation of the logarithm of second moments beyond which a direction counts as hardly determined."""
+MOST_EPOCHS = 600
+"""Of a recording whose posterior is sampled: a sample solves all of them."""
+NO_POINTS = np.zeros((0, 3))
+STRICT = Stage(LeastSquares())
+
+
+@dataclass(frozen=True)
+class MassNode:
+    """A mass distribution on the ridge, with its most probable trajectory.
+
+    Attributes
+    ----------
+    trajectory : ndarray of float, shape (k, m)
+        Most probable states given the mass distribution, which is that of every epoch.
+    log_density : float
+        log p(s | y) up to the constant.
+    step : ndarray of float, shape (5,)
+        Newton's step of the profile -J / 2 from here.
+    covariance : ndarray of float, shape (5, 5)
+        Inverse curvature of the profile.
+    factors : ndarray of float, shape (k, n, n)
+        Covariance factors of every epoch, with the mass distribution free.
+    """
+
+    trajectory: Float[np.ndarray, "k m"]
+    log_density: float
+    step: Float[np.ndarray, " 5"]
+    covariance: Float[np.ndarray, "5 5"]
+    factors: Float[np.ndarray, "k n n"]
+
+    @cached_property
+    def softest(self) -> tuple[float, Float[np.ndarray, " 5"]]:
+        """Standard deviation along the softest direction, and that direction."""
+        values, vectors = np.linalg.eigh(self.covariance)
+        return float(np.sqrt(values[-1])), vectors[:, -1]
+
+
+@dataclass(frozen=True)
+class MassPosterior:
+    """Weighted samples of the mass distribution.
+
+    Attributes
+    ----------
+    points : ndarray of float, shape (n, 5)
+        Samples s.
+    log_density : ndarray of float, shape (n,)
+        Of each sample, up to a constant.
+    weights : ImportanceWeights
+        Of the samples.
+    """
+
+    points: Float[np.ndarray, "n 5"]
+    log_density: Float[np.ndarray, " n"]
+    weights: ImportanceWeights
+
+
+class MassSampler:
+    """Walks and samples the mass posterior of a problem without landmarks.
+
+    Parameters
+    ----------
+    problem : Problem
+        At the noise levels that it is to be judged by.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem, self.layout = problem, problem.layout
+        self._s, self._at = (
+            self.layout.slice(MASS_DISTRIBUTION.name),
+            self.layout.mean_slice(MASS_DISTRIBUTION.name),
+        )
+        prior = problem.motion.prior
+        assert prior is not None
+        self._prior = prior
+        self._prior_std = np.linalg.norm(prior.factor, axis=1)
+
+    def node(self, trajectory: Float[np.ndarray, "k m"]) -> MassNode | None:
+        """The node at a trajectory's mass distribution; None where a linear problem has no solution."""
+        found = self._conditional(trajectory, iterations=4)
+        if found is None:
+            return None
+        x, log_density = found
+        here = self.problem.at(x, NO_POINTS)
+        solution = self.problem.normal(here, STRICT).solution
+        if solution is None:
+            return None
+        factors = Marginals(solution, None).factors
+        rows = factors[0, self._s]
+        return MassNode(x, log_density, solution.errors[0, self._s], rows @ rows.T, factors)
+
+    def ridge(self, trajectory: Float[np.ndarray, "k m"]) -> list[MassNode]:
+        """Nodes along the softest direction through a trajectory's mass distribution, both ways."""
+        first = self.node(trajectory)
+        if first is None:
+            return []
+        nodes = [first]
+        for sign in (1.0, -1.0):
+            nodes += self._walk(first, sign * first.softest[1])
+        return nodes
+
+    def sample(self, nodes: list[MassNode], count: int, seed: int) -> MassPosterior | None:
+        """Weighted samples from a mixture at the nodes; None without any node."""
+        if not nodes:
+            return None
+        generator = np.random.default_rng(seed)
+        roots = [self._root(node) for node in nodes]
+        log_mass = np.array([self._log_mass(node) for node in nodes])
+        share = np.exp(log_mass - log_mass.max())
+        share = 0.9 * share / share.sum() + 0.1 / len(nodes)
+        chosen = generator.choice(len(nodes), count, p=share)
+        points, density = [], []
+        for k in chosen:
+            z = generator.standard_normal(5) * np.sqrt(PROPOSAL_DOF / generator.chisquare(PROPOSAL_DOF))
+            found = self._conditional(self._moved(nodes[k], roots[k] @ z), iterations=1)
+            if found is not None:
+                points.append(found[0][0, self._at])
+                density.append(found[1])
+        if not points:
+            return None
+        log_density = np.array(density)
+        proposal = self._log_proposal(np.array(points), nodes, roots, share)
+        return MassPosterior(np.array(points), log_density, smoothed_weights(log_density - proposal))
+
+    def gaussian_shape(self, node: MassNode, count: int, seed: int) -> float:
+        """Pareto shape of the Gaussian about a node as a proposal: above 0.7 the posterior is not Gaussian."""
+        generator, root, logs = np.random.default_rng(seed), np.linalg.cholesky(node.covariance), []
+        for _ in range(count):
+            z = generator.standard_normal(5)
+            found = self._conditional(self._moved(node, root @ z), iterations=1)
+            logs.append(-np.inf if found is None else found[1] + 0.5 * float(z @ z))
+        return smoothed_weights(np.array(logs)).shape
+
+    def _walk(self, first: MassNode, direction: Float[np.ndarray, " 5"]) -> list[MassNode]:
+        nodes: list[MassNode] = []
+        here, best = first, self._log_mass(first)
+        while len(nodes) < MOST_NODES:
+            std = here.softest[0]
+            length = min(max(STEP * std, SMALLEST_STEP), LONGEST_STEP)
+            there = self.node(self._moved(here, length * direction))
+            if there is None:
+                break
+            for _ in range(2):  # Newton's step across the ridge
+                there_across = self._across(there, direction)
+                if np.linalg.norm(there_across) < 0.1 * length:
+                    break
+                moved = self.node(self._moved(there, there_across))
+                if moved is None:
+                    break
+                there = moved
+            if not np.isfinite(there.log_density):
+                break
+            nodes.append(there)
+            best = max(best, self._log_mass(there))
+            if self._log_mass(there) < best - FALLEN:
+                break
+            turned = there.softest[1]
+            direction = turned if turned @ direction > 0 else -turned
+            here = there
+        return nodes
+
+    def _across(self, node: MassNode, direction: Float[np.ndarray, " 5"]) -> Float[np.ndarray, " 5"]:
+        """Newton's step without its part along a direction, capped."""
+        along = node.covariance @ direction
+        step = node.step - along * (direction @ node.step) / (direction @ along)
+        return step * min(1.0, LONGEST_STEP / max(float(np.linalg.norm(step)), 1e-300))
+
+    def _root(self, node: MassNode) -> Float[np.ndarray, "5 5"]:
+        """Root of the covariance of a node's proposal: one step long along the ridge, as wide as the profile across it."""
+        length = min(max(STEP * node.softest[0], SMALLEST_STEP), LONGEST_STEP)
+        values, vectors = np.linalg.eigh(node.covariance)
+        widths = np.sqrt(values)
+        widths[-1] = min(widths[-1], length)
+        return PROPOSAL_WIDTH * vectors * widths
+
+    def _log_mass(self, node: MassNode) -> float:
+        """Log probability of a node's part of the ridge, up to a constant."""
+        return node.log_density + float(np.linalg.slogdet(self._root(node))[1])
+
+    def _log_proposal(
+        self,
+        points: Float[np.ndarray, "n 5"],
+        nodes: list[MassNode],
+        roots: list[np.ndarray],
+        share: Float[np.ndarray, " c"],
+    ) -> Float[np.ndarray, " n"]:
+        """Log density of the mixture of t distributions, in errors about each node."""
+        states = np.tile(nodes[0].trajectory[0], (len(points), 1))
+        states[:, self._at] = points
+        terms = []
+        for node, root, part in zip(nodes, roots, share, strict=True):
+            origin = states.copy()
+            origin[:] = node.trajectory[0]
+            moved = origin.copy()
+            moved[:, self._at] = points
+            error = self.layout.local(origin, moved)[:, self._s]
+            square = np.square(np.linalg.solve(root, error.T)).sum(axis=0)
+            tail = -(PROPOSAL_DOF + 5) / 2 * np.log1p(square / PROPOSAL_DOF)
+            terms.append(np.log(part) - np.linalg.slogdet(root)[1] + tail)
+        return np.logaddexp.reduce(np.array(terms), axis=0)
+
+    def _moved(self, node: MassNode, d: Float[np.ndarray, " 5"]) -> Float[np.ndarray, "k m"]:
+        """A node's trajectory with its mass distribution moved by d, everything else following by regression."""
+        F = node.factors
+        by_mass = F @ np.swapaxes(F[:, self._s], 1, 2) @ np.linalg.solve(node.covariance, d)
+        by_mass[:, self._s] = d
+        return self.layout.retract(node.trajectory, by_mass)
+
+    def _conditional(
+        self, trajectory: Float[np.ndarray, "k m"], iterations: int
+    ) -> tuple[Float[np.ndarray, "k m"], float] | None:
+        """The most probable trajectory with a fixed mass distribution, and the log density of that."""
+        mean, std = self._prior.mean.copy(), self._prior_std.copy()
+        mean[self._at], std[self._s] = trajectory[0, self._at], FIXED_STD
+        fixed = replace(self.problem, motion=replace(self.problem.motion, prior=FirstStatePrior(mean, std)))
+        solved = solve(
+            fixed, fixed.at(trajectory, NO_POINTS), SolverOptions(iterations=iterations, settled=1e-3)
+        )
+        solution = solved.normal.solution
+        if solution is None:
+            return None
+        x = solved.point.trajectory.copy()
+        x[:, self._at] = trajectory[0, self._at]
+        away = self.layout.local(self._prior.mean, x[0])[self._s] / self._prior_std[self._s]
+        cost = solved.point.cost(None, STRICT) - solved.normal.predicted_reduction + float(away @ away)
+        return x, -0.5 * cost - 0.5 * log_determinant(solution) - log_volume_ratio(
+            traceless_part(away * self._prior_std[self._s])
+        )
+
+
+def log_volume_ratio(D: Float[np.ndarray, "3 3"]) -> float:
+    """log v: sum of log(sinh(d) / d) over the pairs of eigenvalues of D, d half their difference."""
+    smallest, middle, largest = np.linalg.eigvalsh(D)
+    d = np.maximum(np.array([middle - smallest, largest - smallest, largest - middle]) / 2, SMALLEST_GAP)
+    return float((d + np.log1p(-np.exp(-2 * d)) - np.log(2 * d)).sum())
+
+
+def traceless_part(d: Float[np.ndarray, " 5"]) -> Float[np.ndarray, "3 3"]:
+    """The symmetric D of trace zero with the components d, as `spinfilters.core.mass_distribution.traceless`."""
+    return np.array([[d[0], d[2], d[3]], [d[2], d[1], d[4]], [d[3], d[4], -d[0] - d[1]]])
+
+
+def log_determinant(solution: SchurSystem) -> float:
+    """log det of the information of all unknowns."""
+    chain = np.diagonal(solution.tridiagonal.information_sqrts, axis1=1, axis2=2)
+    rest = np.diagonal(solution.information_sqrt)
+    return 2 * float(np.log(np.abs(chain)).sum() + np.log(np.abs(rest)).sum())
+
+
+def sampled_mass(problem: Problem, smoothed: BatchSmoothing) -> MassSamples | None:
+    """Weighted samples of the mass distribution, where a motion leaves one direction of it hardly determined; None elsewhere.
+
+    Parameters
+    ----------
+    problem : Problem
+        At its noise levels.
+    smoothed : BatchSmoothing
+        Its solution.
+    """
+    layout, prior = problem.layout, problem.motion.prior
+    if (
+        problem.is_long
+        or len(smoothed.mean) > MOST_EPOCHS
+        or prior is None
+        or not layout.has(MASS_DISTRIBUTION)
+    ):
+        return None
+    rows = smoothed.factor[0, layout.slice(MASS_DISTRIBUTION.name)]
+    if not np.isfinite(smoothed.factor).all():
+        return None
+    std = np.linalg.svd(rows, compute_uv=False)
+    if not std[0] > WIDE > std[1]:
+        return None
+    sampler = MassSampler(problem)
+    nodes = sampler.ridge(smoothed.mean)
+    found = sampler.sample(nodes, SAMPLES, 0)
+    if found is None or not found.weights.shape < LARGEST_SHAPE:
+        return None
+    return MassSamples(found.points, found.weights.weights, sampler.gaussian_shape(nodes[0], TRIED, 1))

@@ -1,0 +1,96 @@
+"""What every command line has: exact flags, a hint at what was meant, settings by key, output for people and for programs."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import spinfilters
+from spinfilters.cli.commands import COMMAND_GROUPS, COMMANDS
+from spinfilters.cli.main import main
+from spinfilters.core.errors import InputError
+from spinfilters.settings.run_settings import Settings, read_settings, with_keys
+
+
+@pytest.fixture
+def table(tmp_path: Path) -> str:
+    """A short gyro table."""
+    stream = spinfilters.simulate("gyro", frames=30, seed=1).log.streams[0]
+    path = tmp_path / "mine.csv"
+    rows = np.column_stack([stream.time, stream.values]).tolist()
+    path.write_text("time_s,wx,wy,wz\n" + "".join(",".join(map(repr, row)) + "\n" for row in rows))
+    return str(path)
+
+
+@pytest.mark.parametrize(
+    ("words", "hint"),
+    [
+        (["compar"], "did you mean compare"),
+        (["compare", "--estimator", "mekf"], "did you mean --estimators"),
+        (["compare", "--resum"], "did you mean --resume"),
+        (["campain", "study.toml"], "did you mean campaign"),
+    ],
+)
+def test_a_misspelled_word_is_met_with_the_nearest(
+    words: list[str], hint: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as end:
+        main(words)
+    assert end.value.code == 2
+    assert hint in capsys.readouterr().err
+
+
+def test_the_help_lists_every_command_once_in_its_group(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["--help"])
+    lines = capsys.readouterr().out.splitlines()
+    for listed in COMMANDS:
+        assert sum(line.startswith(f"  {listed.name} ") for line in lines) == 1
+    named = [name for names in COMMAND_GROUPS.values() for name in names]
+    assert len(named) == len(set(named))
+    assert set(named) <= {listed.name for listed in COMMANDS}
+
+
+def test_keys_of_settings_are_set_by_name() -> None:
+    changed = with_keys(
+        Settings(), ["sensors.gyro_noise_std=0.02", "process.drag=linear", 'estimators=["ukf"]']
+    )
+    assert changed.sensors.gyro_noise_std == 0.02
+    assert changed.process.drag == "linear"
+    assert changed.estimators == ("ukf",)
+    assert with_keys(Settings(), ["initialisation.mean.rate=[0, 0, 1]"]).initialisation.mean == {
+        "rate": [0, 0, 1]
+    }
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("sensors.pixel_std", "is no setting; give KEY=VALUE"),
+        ("sensors.pixel_std=", "is no setting"),
+        ("sensors.smell=1", "unknown key sensors.smell"),
+        ("sensors.pixel_std=-1", "sensors.pixel_std is -1"),
+        ("verdict.deep=1", "verdict is no table"),
+        ("a.b.c.d.e=1", "is no setting"),
+    ],
+)
+def test_a_key_that_cannot_be_set_is_refused(text: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        with_keys(Settings(), [text])
+
+
+def test_numbers_alone_are_written_and_printed_for_programs(
+    table: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "spinfilters.toml").write_text('estimators = ["mekf"]\nverdict = "filter"\n')
+    options = ["--no-figures", "--json", "--set", "sensors.gyro_noise_std=0.01", "-o", "run"]
+    assert main(["compare", table, *options]) == 0
+    assert list(json.loads(capsys.readouterr().out)["estimators"]) == ["mekf"]
+    assert not list((tmp_path / "run").rglob("*.png"))
+    settings = read_settings(tmp_path / "run" / "config.toml")
+    assert settings.sensors.gyro_noise_std == 0.01
+    assert settings.verdict == "filter"
+    assert main(["compare", table, "--no-figures", "-q", "-o", "run"]) == 0
+    assert capsys.readouterr().out == ""

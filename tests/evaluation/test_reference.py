@@ -1,0 +1,146 @@
+"""A reference of its own rate, clock and axes is related to an estimate, and never ends a run."""
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from plain_comparison import plain_comparison
+
+from spinfilters.core.attitude_conversions import (
+    angle_between,
+    continuous_quaternions,
+    multiply,
+    quaternion_from_axis_angle,
+    quaternion_from_matrix,
+    rotate,
+)
+from spinfilters.core.errors import InputError
+from spinfilters.evaluation.reference_comparison import compare_with_reference
+from spinfilters.filters.history import EstimateHistory
+from spinfilters.io.reference_motion import ReferenceMotion, read_reference, reference_of_truth
+from spinfilters.io.truth import Truth
+from spinfilters.run.reference_output import without_late_truth
+from spinfilters.settings.run_settings import Settings
+from spinfilters.simulation.scenario import Scenario, simulate
+
+LATE = 0.1
+
+
+@cache
+def smoothed() -> tuple[EstimateHistory, Truth]:
+    """A motion that determines everything, from poses with little noise, and its truth."""
+    scenario = Scenario.simplified(
+        kind="pose", rate_rpm=(4.0, 9.0, 3.0), epochs=60, position_std=1e-4, rotation_std=1e-3
+    )
+    dataset = simulate(scenario)
+    assert dataset.truth is not None
+    found = plain_comparison(dataset, Settings(estimators=("smoother",)))
+    return found.evaluations[0].history, dataset.truth
+
+
+def moved(truth: Truth, late: float = LATE) -> tuple[ReferenceMotion, np.ndarray, np.ndarray]:
+    """The truth on a late clock, in axes and a frame of its own, with a gap; the two rotations."""
+    axes = quaternion_from_axis_angle(np.array([0.6, 0.0, 0.8]), np.deg2rad(10.0))
+    frame = quaternion_from_axis_angle(np.array([0.0, 1.0, 0.0]), np.deg2rad(40.0))
+    q = multiply(
+        np.tile(frame, (len(truth.time), 1)), multiply(truth.q_ig, np.tile(axes, (len(truth.time), 1)))
+    )
+    position = rotate(np.tile(frame, (len(truth.time), 1)), truth.center_of_mass) + np.array([1.0, 2.0, 3.0])
+    keep = (truth.time < 10.0) | (truth.time > 13.0)
+    reference = ReferenceMotion(
+        "moved", truth.time[keep] + late, continuous_quaternions(q[keep]), position[keep]
+    )
+    return reference, axes, frame
+
+
+def test_clock_axes_and_frame_of_a_moved_truth_are_found() -> None:
+    history, truth = smoothed()
+    reference, axes, frame = moved(truth)
+    fit = compare_with_reference(history, reference).fit
+    assert abs(fit.clock_offset - LATE) < max(2e-3, 4 * fit.clock_std)
+    assert np.rad2deg(angle_between(quaternion_from_matrix(fit.axes), axes)) < 0.1
+    assert np.rad2deg(angle_between(quaternion_from_matrix(fit.frame), frame)) < 0.2
+
+
+def test_differences_are_those_from_a_truth_at_equal_stamps() -> None:
+    history, truth = smoothed()
+    exact = replace(moved(truth)[0], time=moved(truth)[0].time - LATE)
+    ours, theirs = (compare_with_reference(history, each).rms for each in (moved(truth)[0], exact))
+    for name in ("position", "attitude", "velocity", "rate"):
+        assert ours[name] == pytest.approx(theirs[name], rel=0.02), name
+
+
+def test_quaternions_of_the_other_sense_are_read_so_and_named() -> None:
+    history, truth = smoothed()
+    reference = moved(truth, 0.0)[0]
+    assert reference.attitude is not None
+    conjugate = replace(reference, attitude=reference.attitude * np.array([-1.0, -1.0, -1.0, 1.0]))
+    assert "map the frame to the body" in compare_with_reference(history, conjugate).fit.form
+
+
+def test_lost_markers_are_left_out() -> None:
+    history, truth = smoothed()
+    reference = moved(truth)[0]
+    assert reference.position is not None
+    position = reference.position.copy()
+    position[[7, 23]] += 2.0
+    fit = compare_with_reference(history, replace(reference, position=position)).fit
+    assert abs(fit.clock_offset - LATE) < max(4e-3, 4 * fit.clock_std)
+
+
+def test_rates_alone_give_clock_and_axes() -> None:
+    history, truth = smoothed()
+    whole = reference_of_truth(truth)
+    rates = ReferenceMotion("rates", whole.time + LATE, rate=whole.rate)
+    found = compare_with_reference(history, rates)
+    assert abs(found.fit.clock_offset - LATE) < 0.03
+    assert found.position is None
+    assert found.attitude is None
+    assert "x angular velocity corrected" in found.statistics
+
+
+def test_a_late_truth_becomes_a_reference() -> None:
+    dataset = simulate(Scenario.simplified(kind="gyro", epochs=12))
+    assert dataset.truth is not None
+    same, nothing = without_late_truth(dataset)
+    assert same is dataset
+    assert nothing is None
+    late, reference = without_late_truth(
+        replace(dataset, truth=replace(dataset.truth, time=dataset.truth.time + 0.1))
+    )
+    assert late.truth is None
+    assert reference is not None
+    assert len(reference.time) == 12
+
+
+def test_files_of_others_are_read_with_gaps(tmp_path: Path) -> None:
+    tum = tmp_path / "capture.tum"
+    rows = [f"{0.1 * k} {k} 0 0 0 0 0 1" for k in range(6)]
+    rows[3] = "0.3 nan nan nan nan nan nan nan"
+    tum.write_text("\n".join(rows))
+    read = read_reference(tum)
+    assert len(read.time) == 5
+    assert "1 rows without numbers" in read.left_out
+    motive = tmp_path / "take.csv"
+    head = [
+        "Format Version,1.23,Rotation Type,Quaternion,Length Units,Millimeters",
+        ",Type,Rigid Body,Rigid Body,Rigid Body,Rigid Body,Rigid Body,Rigid Body,Rigid Body",
+        ",Name,B,B,B,B,B,B,B",
+        ",,Rotation,Rotation,Rotation,Rotation,Position,Position,Position",
+        "Frame,Time (Seconds),X,Y,Z,W,X,Y,Z",
+    ]
+    body = [f"{k},{0.01 * k},0,0,0,1,{1000 * k},0,0" for k in range(6)]
+    body[2] = "2,0.02,,,,,,,"
+    motive.write_text("\n".join([*head, *body]))
+    read = read_reference(motive)
+    assert read.position is not None
+    assert np.allclose(read.position[:, 0], [0, 1, 3, 4, 5])
+
+
+def test_a_table_without_a_time_is_refused_with_the_cure(tmp_path: Path) -> None:
+    path = tmp_path / "poses.csv"
+    path.write_text("qx,qy,qz,qw\n" + "0,0,0,1\n" * 6)
+    with pytest.raises(InputError, match="no column of the time"):
+        read_reference(path)

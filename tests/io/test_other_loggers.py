@@ -1,0 +1,391 @@
+"""Recordings of other people's loggers, made by hand from the documentation of each format: read as they are, or with one hint."""
+
+import json
+import struct
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import spinfilters
+from spinfilters.core.errors import InputError
+
+COUNT = 40
+TIME = 0.02 * np.arange(COUNT)  # s
+RATES = np.column_stack([0.3 + 0.1 * TIME, 1.5 * np.cos(2 * TIME), 1.5 * np.sin(2 * TIME)])  # rad/s
+TURN = np.column_stack([np.zeros((COUNT, 2)), np.sin(0.4 * TIME), np.cos(0.4 * TIME)])  # x, y, z, w
+PLACE = np.column_stack([0.1 * TIME, 0.2 * TIME, 1.0 + 0.0 * TIME])  # m
+START_NS = 1_403_636_579_763_555_584
+STAMPS_NS = [START_NS + 20_000_000 * k for k in range(COUNT)]
+STAMPS_US = [5_000_000 + 20_000 * k for k in range(COUNT)]
+
+
+def text(path: Path, head: str, rows: Any, between: str = ",") -> Path:
+    """A table with this head and rows."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(head + "".join(between.join(str(cell) for cell in row) + "\n" for row in rows))
+    return path
+
+
+def euroc_imu(folder: Path) -> Path:
+    head = (
+        "#timestamp [ns],w_RS_S_x [rad s^-1],w_RS_S_y [rad s^-1],w_RS_S_z [rad s^-1],"
+        "a_RS_S_x [m s^-2],a_RS_S_y [m s^-2],a_RS_S_z [m s^-2]\n"
+    )
+    rows = [(stamp, *rate, 9.8, 0.1, 0.2) for stamp, rate in zip(STAMPS_NS, RATES, strict=True)]
+    return text(folder / "mav0" / "imu0" / "data.csv", head, rows)
+
+
+def euroc_root(folder: Path) -> Path:
+    euroc_imu(folder)
+    (folder / "mav0" / "imu0" / "sensor.yaml").write_text("sensor_type: imu\nrate_hz: 50\n")
+    return folder
+
+
+def euroc_mav0(folder: Path) -> Path:
+    return euroc_root(folder) / "mav0"
+
+
+def euroc_truth(folder: Path) -> Path:
+    head = (
+        "#timestamp, p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y [], q_RS_z [], "
+        "v_RS_R_x [m s^-1], v_RS_R_y [m s^-1], v_RS_R_z [m s^-1], b_w_RS_S_x [rad s^-1], b_w_RS_S_y [rad s^-1], "
+        "b_w_RS_S_z [rad s^-1], b_a_RS_S_x [m s^-2], b_a_RS_S_y [m s^-2], b_a_RS_S_z [m s^-2]\n"
+    )
+    rows = [
+        (stamp, *p, q[3], *q[:3], 0.1, 0.2, 0.0, *[0.001] * 6)
+        for stamp, p, q in zip(STAMPS_NS, PLACE, TURN, strict=True)
+    ]
+    return text(folder / "state_groundtruth_estimate0" / "data.csv", head, rows)
+
+
+def euroc_vicon(folder: Path) -> Path:
+    head = "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []\n"
+    rows = [(stamp, *p, q[3], *q[:3]) for stamp, p, q in zip(STAMPS_NS, PLACE, TURN, strict=True)]
+    text(folder / "mav0" / "vicon0" / "data.csv", head, rows)
+    return folder
+
+
+def tum_folder(folder: Path) -> Path:
+    head = "# ground truth trajectory\n# file: 'rgbd_dataset.bag'\n# timestamp tx ty tz qx qy qz qw\n"
+    rows = [
+        (f"{1305031098.6659 + t:.4f}", *p, *q.round(6)) for t, p, q in zip(TIME, PLACE, TURN, strict=True)
+    ]
+    text(folder / "groundtruth.txt", head, rows, " ")
+    (folder / "rgb.txt").write_text("# color images\n")
+    return folder
+
+
+def px4_csv(folder: Path) -> Path:
+    head = "timestamp,timestamp_sample,xyz[0],xyz[1],xyz[2],xyz_derivative[0],xyz_derivative[1],xyz_derivative[2]\n"
+    rows = [(stamp + 300, stamp, *rate, 0, 0, 0) for stamp, rate in zip(STAMPS_US, RATES, strict=True)]
+    return text(folder / "log_0_2024_vehicle_angular_velocity_0.csv", head, rows)
+
+
+def px4_combined_csv(folder: Path) -> Path:
+    head = (
+        "timestamp,gyro_rad[0],gyro_rad[1],gyro_rad[2],gyro_integral_dt,accelerometer_timestamp_relative,"
+        "accelerometer_m_s2[0],accelerometer_m_s2[1],accelerometer_m_s2[2],accelerometer_integral_dt\n"
+    )
+    rows = [
+        (stamp, *rate, 4000, 0, 0.1, 0.2, -9.8, 4000) for stamp, rate in zip(STAMPS_US, RATES, strict=True)
+    ]
+    return text(folder / "log_0_sensor_combined_0.csv", head, rows)
+
+
+def px4_gyro_csv(folder: Path) -> Path:
+    head = "timestamp,timestamp_sample,device_id,temperature,error_count,x,y,z\n"
+    rows = [(s + 90, s, 2490378, 41.2, 0, *rate) for s, rate in zip(STAMPS_US, RATES, strict=True)]
+    return text(folder / "log_0_sensor_gyro_0.csv", head, rows)
+
+
+def px4_attitude_csv(folder: Path) -> Path:
+    head = "timestamp,timestamp_sample,q[0],q[1],q[2],q[3],delta_q_reset[0],delta_q_reset[1],"
+    head += "delta_q_reset[2],delta_q_reset[3],quat_reset_counter\n"
+    rows = [(s + 90, s, q[3], *q[:3], 1, 0, 0, 0, 0) for s, q in zip(STAMPS_US, TURN, strict=True)]
+    return text(folder / "log_0_vehicle_attitude_0.csv", head, rows)
+
+
+def ulog(folder: Path) -> Path:
+    def message(kind: str, body: bytes) -> bytes:
+        return struct.pack("<HB", len(body), ord(kind)) + body
+
+    path = folder / "flight.ulg"
+    data = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 1)
+    data += message("B", bytes(40)) + message("I", b"\x0cchar[3] sysPX4")
+    data += message("F", b"vehicle_status:uint64_t timestamp;uint8_t arming_state;uint8_t[7] _padding0;")
+    data += message(
+        "F",
+        b"vehicle_angular_velocity:uint64_t timestamp;uint64_t timestamp_sample;float[3] xyz;uint8_t[4] _padding0;",
+    )
+    data += message("A", b"\x00" + struct.pack("<H", 3) + b"vehicle_status")
+    data += message("A", b"\x00" + struct.pack("<H", 5) + b"vehicle_angular_velocity")
+    for stamp, rate in zip(STAMPS_US, RATES, strict=True):
+        data += message("D", struct.pack("<HQB", 3, stamp, 2))
+        data += message("D", struct.pack("<HQQ3f", 5, stamp + 80, stamp, *rate))
+    path.write_bytes(data)
+    return path
+
+
+def mavlink_attitude(folder: Path) -> Path:
+    head = "timestamp_ms,roll,pitch,yaw,rollspeed,pitchspeed,yawspeed\n"
+    rows = [(1000 + 20 * k, 0.1, 0.2, 0.3, *rate) for k, rate in enumerate(RATES)]
+    return text(folder / "ATTITUDE.csv", head, rows)
+
+
+def ardupilot(folder: Path) -> Path:
+    head = "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ,EG,EA,T,GH,AH,GHz,AHz\n"
+    rows = [
+        (s, 0, *rate, 0.1, 0.2, -9.8, 0, 0, 45.2, 1, 1, 1000, 1000)
+        for s, rate in zip(STAMPS_US, RATES, strict=True)
+    ]
+    return text(folder / "IMU.csv", head, rows)
+
+
+def betaflight(folder: Path) -> Path:
+    head = '"Product","Blackbox flight data recorder by Nicholas Sherlock"\n"firmwareType","Cleanflight"\n'
+    head += '"loopIteration","time (us)","gyroADC[0] (deg/s)","gyroADC[1] (deg/s)","gyroADC[2] (deg/s)","motor[0]"\n'
+    rows = [(k, s, *np.degrees(rate), 300) for k, (s, rate) in enumerate(zip(STAMPS_US, RATES, strict=True))]
+    return text(folder / "btfl_001.csv", head, rows)
+
+
+def rostopic_echo(folder: Path) -> Path:
+    names = ["%time", "field.header.seq", "field.header.stamp", "field.header.frame_id"]
+    names += [f"field.orientation.{axis}" for axis in "xyzw"]
+    names += [f"field.orientation_covariance{k}" for k in range(9)]
+    names += [f"field.angular_velocity.{axis}" for axis in "xyz"]
+    names += [f"field.linear_acceleration.{axis}" for axis in "xyz"]
+    rows = [
+        (s + 5000, k, s, "imu_link", *[0.0] * 4, -1, *[0] * 8, *rate, 0.1, 0.2, 9.8)
+        for k, (s, rate) in enumerate(zip(STAMPS_NS, RATES, strict=True))
+    ]
+    return text(folder / "imu.csv", ",".join(names) + "\n", rows)
+
+
+def sensor_logger_json(folder: Path) -> Path:
+    rows: list[dict[str, str]] = [{"sensor": "Metadata", "version": "3", "device name": "phone"}]
+    for stamp, time, rate in zip(STAMPS_NS, TIME, RATES, strict=True):
+        shared = {"time": str(stamp), "seconds_elapsed": repr(float(time))}
+        rows.append({"sensor": "Accelerometer", **shared, "z": "0.1", "y": "0.2", "x": "0.3"})
+        values = {axis: repr(float(value)) for axis, value in zip("zyx", rate[::-1], strict=True)}
+        rows.append({"sensor": "Gyroscope", **shared, **values})
+    path = folder / "recording.json"
+    path.write_text(json.dumps(rows))
+    return path
+
+
+def sensor_logger_csv(folder: Path) -> Path:
+    rows = [(s, t, *rate[::-1]) for s, t, rate in zip(STAMPS_NS, TIME, RATES, strict=True)]
+    text(folder / "Gyroscope.csv", "time,seconds_elapsed,z,y,x\n", rows)
+    return folder
+
+
+def phyphox_csv(folder: Path) -> Path:
+    head = '"Time (s)","Gyroscope x (rad/s)","Gyroscope y (rad/s)","Gyroscope z (rad/s)","Absolute (rad/s)"\n'
+    rows = [(t, *rate, float(np.linalg.norm(rate))) for t, rate in zip(TIME, RATES, strict=True)]
+    return text(folder / "Gyroscope rotation rate.csv", head, rows)
+
+
+def npz_named(folder: Path) -> Path:
+    path = folder / "run.npz"
+    np.savez(path, time=TIME, omega=RATES)
+    return path
+
+
+def npz_columns(folder: Path) -> Path:
+    path = folder / "columns.npz"
+    np.savez_compressed(
+        path, t_ms=1e3 * TIME, wx=RATES[:, 0], wy=RATES[:, 1], wz=RATES[:, 2], note=np.array([1.0])
+    )
+    return path
+
+
+def mat_variables(folder: Path) -> Path:
+    from scipy.io import savemat
+
+    path = folder / "run.mat"
+    savemat(path, {"t": TIME[:, None], "omega": RATES})
+    return path
+
+
+def mat_structure(folder: Path) -> Path:
+    from scipy.io import savemat
+
+    path = folder / "struct.mat"
+    savemat(path, {"imu": {"time": TIME, "omega": RATES.T, "name": "xsens"}})
+    return path
+
+
+def parquet(folder: Path) -> Path:
+    pyarrow = pytest.importorskip("pyarrow")
+    from pyarrow import parquet as files
+
+    path = folder / "run.parquet"
+    columns = {"time_s": TIME, **dict(zip(("wx", "wy", "wz"), RATES.T, strict=True)), "label": ["a"] * COUNT}
+    files.write_table(pyarrow.table(columns), path)
+    return path
+
+
+def blanks_with_names(folder: Path) -> Path:
+    rows = [(f"{t:8.3f}", *(f"{value:12.6f}" for value in rate)) for t, rate in zip(TIME, RATES, strict=True)]
+    return text(folder / "sim.dat", "  time_s   wx   wy   wz\n", rows, "  ")
+
+
+def tabs(folder: Path) -> Path:
+    rows = list(np.column_stack([TIME, RATES]).tolist())
+    return text(
+        folder / "log.txt", "time (s)\tomega_x (rad/s)\tomega_y (rad/s)\tomega_z (rad/s)\n", rows, "\t"
+    )
+
+
+def semicolons(folder: Path) -> Path:
+    rows = [[str(cell).replace(".", ",") for cell in row] for row in np.column_stack([TIME, RATES])]
+    return text(folder / "messung.csv", "Zeit (s);wx (rad/s);wy (rad/s);wz (rad/s)\n", rows, ";")
+
+
+def body_rates_in_degrees(folder: Path) -> Path:
+    rows = np.column_stack([TIME, np.degrees(RATES)]).tolist()
+    return text(folder / "simulink.csv", "Time (s),p (deg/s),q (deg/s),r (deg/s)\n", rows)
+
+
+def roll_rate_in_degrees(folder: Path) -> Path:
+    rows = np.column_stack([TIME, np.degrees(RATES)]).tolist()
+    return text(folder / "dji.csv", "time_s,roll_rate [deg/s],pitch_rate [deg/s],yaw_rate [deg/s]\n", rows)
+
+
+def motion_capture(folder: Path) -> Path:
+    rows = [(t, *(1e3 * p), *q) for t, p, q in zip(TIME, PLACE, TURN, strict=True)]
+    return text(
+        folder / "mocap.csv",
+        "t_s,x_mm,y_mm,z_mm,qx,qy,qz,qw\n".replace("x_mm,y_mm,z_mm", "px_mm,py_mm,pz_mm"),
+        rows,
+    )
+
+
+def tum_text(folder: Path) -> Path:
+    rows = [(t, *p, *q) for t, p, q in zip(TIME, PLACE, TURN, strict=True)]
+    return text(folder / "poses.txt", "", rows, " ")
+
+
+def p_q_r(folder: Path) -> Path:
+    return text(folder / "flightgear.csv", "time,p,q,r\n", np.column_stack([TIME, RATES]).tolist())
+
+
+def no_header(folder: Path) -> Path:
+    return text(folder / "bare.csv", "", np.column_stack([TIME, np.degrees(RATES)]).tolist())
+
+
+def bare_blanks(folder: Path) -> Path:
+    return text(folder / "bare.txt", "", np.column_stack([TIME, RATES]).tolist(), " ")
+
+
+def rosbag(folder: Path) -> Path:
+    pytest.importorskip("rosbags")
+    from rosbags.rosbag2 import StoragePlugin, Writer
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_HUMBLE)
+    types: Any = store.types
+    vector, time = types["geometry_msgs/msg/Vector3"], types["builtin_interfaces/msg/Time"]
+    header, twist = types["std_msgs/msg/Header"], types["geometry_msgs/msg/Twist"]
+    name = "geometry_msgs/msg/TwistStamped"
+    path = folder / "bag"
+    with Writer(path, version=8, storage_plugin=StoragePlugin.MCAP) as bag:
+        connection = bag.add_connection("/target/twist", name, typestore=store)
+        for stamp, rate in zip(STAMPS_NS, RATES, strict=True):
+            at = header(stamp=time(sec=stamp // 10**9, nanosec=stamp % 10**9), frame_id="body")
+            message = types[name](header=at, twist=twist(linear=vector(0.0, 0.0, 0.0), angular=vector(*rate)))
+            bag.write(connection, stamp, store.serialize_cdr(message, name))
+    return path
+
+
+AS_IT_IS: tuple[Callable[[Path], Path], ...] = (
+    *(euroc_imu, euroc_root, euroc_mav0, euroc_truth, euroc_vicon, tum_folder, tum_text),
+    *(
+        px4_csv,
+        px4_combined_csv,
+        px4_gyro_csv,
+        px4_attitude_csv,
+        ulog,
+        mavlink_attitude,
+        ardupilot,
+        betaflight,
+    ),
+    *(rostopic_echo, rosbag, sensor_logger_json, sensor_logger_csv, phyphox_csv),
+    *(npz_named, npz_columns, mat_variables, mat_structure, parquet),
+    *(blanks_with_names, tabs, semicolons, body_rates_in_degrees, roll_rate_in_degrees, motion_capture),
+)
+WITH_A_HINT: tuple[tuple[Callable[[Path], Path], dict[str, str], str], ...] = (
+    (p_q_r, {"unit": "rad/s"}, "--unit"),
+    (no_header, {"columns": "t,x,y,z", "unit": "deg/s"}, "--columns"),
+    (bare_blanks, {"columns": "t,wx,wy,wz"}, "--columns"),
+)
+
+
+def require_motion(dataset: spinfilters.Dataset) -> None:
+    """The motion that every file holds."""
+    stream = dataset.log.streams[0]
+    np.testing.assert_allclose(
+        stream.time - stream.time[0], TIME, atol=1e-3 if stream.time[0] > 1e8 else 1e-6
+    )
+    if stream.sensor == "gyro":
+        np.testing.assert_allclose(stream.values, RATES, atol=2e-6)
+        return
+    np.testing.assert_allclose(stream.values[:, -4:], TURN, atol=2e-6)
+    if stream.sensor == "pose":
+        np.testing.assert_allclose(stream.values[:, :3], PLACE, atol=1e-9)
+
+
+@pytest.mark.parametrize("make", AS_IT_IS, ids=lambda make: make.__name__)
+def test_a_recording_of_another_logger_is_read_as_it_is(make: Callable[[Path], Path], tmp_path: Path) -> None:
+    require_motion(spinfilters.load(make(tmp_path)))
+
+
+@pytest.mark.parametrize(
+    ("make", "hint", "asked"), WITH_A_HINT, ids=lambda each: getattr(each, "__name__", "")
+)
+def test_what_a_recording_does_not_say_is_asked_for(
+    make: Callable[[Path], Path], hint: dict[str, str], asked: str, tmp_path: Path
+) -> None:
+    path = make(tmp_path)
+    with pytest.raises(InputError) as refusal:
+        spinfilters.load(path)
+    assert asked in str(refusal.value)
+    given: Any = hint
+    require_motion(spinfilters.load(path, **given))
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".mat", ".parquet", ".json", ".ulg"])
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04 nothing", b"\x00" * 300, b"[[1, 2], [3]]", b"{}"])
+def test_a_damaged_file_is_refused_in_one_line(suffix: str, content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / f"mine{suffix}"
+    path.write_bytes(content)
+    with pytest.raises(InputError) as refusal:
+        spinfilters.load(path)
+    assert path.name in str(refusal.value)
+    assert len(str(refusal.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize("make", [ulog, npz_named, mat_variables, sensor_logger_json])
+def test_a_truncated_file_is_read_or_refused_in_one_line(
+    make: Callable[[Path], Path], tmp_path: Path
+) -> None:
+    whole = make(tmp_path)
+    data = whole.read_bytes()
+    for share in (0.1, 0.5, 0.9):
+        whole.write_bytes(data[: int(share * len(data))])
+        refusals = []
+        try:
+            spinfilters.load(whole)
+        except InputError as refusal:
+            refusals.append(str(refusal))
+        assert all(len(each.splitlines()) == 1 for each in refusals)
+
+
+def test_pickled_objects_are_never_loaded(tmp_path: Path) -> None:
+    path = tmp_path / "objects.npz"
+    np.savez(path, allow_pickle=True, time=TIME, omega=np.array([{"a": 1}] * COUNT, dtype=object))
+    with pytest.raises(InputError, match=r"no \.npz of plain arrays"):
+        spinfilters.load(path)

@@ -1,0 +1,120 @@
+"""The bound of any system equals a Kalman filter's covariance, Monte Carlo runs and the empirical Gramian."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from observability import bound, empirical_information, gain_table
+from spinfilters.core.errors import InputError
+
+SPRING: dict[str, Any] = {
+    "states": ["x", "v"],
+    "equations": {"x": "v", "v": "-4*x - 0.5*v"},
+    "outputs": {"y": "x", "s": "v"},
+}
+DECAY: dict[str, Any] = {
+    "states": ["x"],
+    "parameters": ["k"],
+    "equations": {"x": "-k*x"},
+    "outputs": {"y": "x"},
+}
+TIMES = np.linspace(0, 3, 31)
+
+
+def test_the_bound_of_a_linear_system_is_the_covariance_of_its_kalman_filter() -> None:
+    found = bound(
+        SPRING, {"x": 1, "v": 0}, {"y": 0.1}, TIMES, priors={"x": 2.0, "v": 3.0}, process_noise={"v": 0.3}
+    )
+    slope, step = np.array([[0, 1], [-4, -0.5]]), 1e-4
+    covariance, row = np.diag([4.0, 9.0]), np.array([[1.0, 0.0]])
+    for k in range(len(TIMES)):
+        if k:
+            for _ in range(round((TIMES[1] - TIMES[0]) / step)):
+                covariance = covariance + step * (
+                    slope @ covariance + covariance @ slope.T + np.diag([0, 0.3])
+                )
+        gain = covariance @ row.T / (row @ covariance @ row.T + 0.01)
+        covariance = covariance - gain @ row @ covariance
+    np.testing.assert_allclose(found.covariances[-1], covariance, rtol=3e-3)
+
+
+def test_2000_least_squares_fits_of_a_nonlinear_system_scatter_as_the_bound_says() -> None:
+    generator = np.random.default_rng(7)
+    measured = 2 * np.exp(-0.7 * TIMES) + 0.02 * generator.standard_normal((2000, len(TIMES)))
+    x, k = np.full(2000, 2.0), np.full(2000, 0.7)
+    for _ in range(8):
+        model = x[:, None] * np.exp(-k[:, None] * TIMES)
+        slopes = np.stack([model / x[:, None], -TIMES * model], axis=2)
+        normal = slopes.transpose(0, 2, 1) @ slopes
+        step = np.linalg.solve(normal, slopes.transpose(0, 2, 1) @ (measured - model)[..., None])[..., 0]
+        x, k = x + step[:, 0], k + step[:, 1]
+    found = bound(DECAY, {"x": 2, "k": 0.7}, {"y": 0.02}, TIMES)
+    last = x * np.exp(-k * TIMES[-1])
+    assert np.std(k) == pytest.approx(found.final["k"], rel=0.03)
+    assert np.std(last) == pytest.approx(found.final["x"], rel=0.03)
+
+
+def test_the_empirical_gramian_is_the_information_about_the_start() -> None:
+    found = bound(DECAY, {"x": 2, "k": 0.7}, {"y": 0.02}, TIMES)
+    start = empirical_information(found)
+    # Information about the end, carried back to the start by the transition of (x, k).
+    decay = np.exp(-0.7 * TIMES[-1])
+    transition = np.array([[decay, -TIMES[-1] * 2 * decay], [0, 1]])
+    information = transition.T @ found.roots[-1].T @ found.roots[-1] @ transition
+    np.testing.assert_allclose(start, information, rtol=1e-5)
+
+
+def test_a_direction_that_only_a_prior_holds_is_named() -> None:
+    document = {
+        "states": ["x"],
+        "parameters": ["a", "b"],
+        "equations": {"x": "a + b"},
+        "outputs": {"y": "x"},
+    }
+    found = bound(document, {"x": 0, "a": 1, "b": 1}, {"y": 0.01}, TIMES, priors={"a": 1, "b": 1})
+    (direction,) = found.prior_only
+    assert direction["a"] == pytest.approx(-direction["b"], rel=1e-3)
+    free = bound(document, {"x": 0, "a": 1, "b": 1}, {"y": 0.01}, TIMES)
+    assert np.isinf(free.final["a"])
+    assert free.final["x"] < 0.01
+    assert "a                    not determined" in str(free)
+
+
+def test_the_gain_table_says_what_a_sensor_and_a_manoeuvre_add() -> None:
+    found = bound(SPRING, {"x": 1, "v": 0}, {"y": 0.1, "s": 1e-3}, TIMES)
+    table = gain_table(found)
+    assert table["s"]["v"] > 10
+    assert table["y"]["v"] < 1.1
+    pushed = {
+        "states": ["v"],
+        "parameters": ["m"],
+        "inputs": ["F"],
+        "equations": {"v": "F/m"},
+        "outputs": {"y": "v"},
+    }
+    still = bound(pushed, {"v": 0, "m": 2}, {"y": 0.1}, TIMES, inputs={"F": 0.1}, priors={"m": 1})
+    gain = gain_table(still, {"push": {"F": lambda t: 5 * np.cos(t)}})
+    assert gain["push"]["m"] > 5
+
+
+def test_an_output_at_a_lower_rate_says_less() -> None:
+    often = bound(DECAY, {"x": 2, "k": 0.7}, {"y": 0.02}, TIMES)
+    seldom = bound(DECAY, {"x": 2, "k": 0.7}, {"y": 0.02}, TIMES, every={"y": 10})
+    assert seldom.final["k"] > 2 * often.final["k"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"values": {"x": 1}}, "values has no 'k'"),
+        ({"noise": {"z": 1}}, "noise names 'z'"),
+        ({"noise": {"y": 0}}, "noise of y is 0"),
+        ({"noise": {}}, "nothing is measured"),
+        ({"times": [1, 0]}, "times have to increase"),
+    ],
+)
+def test_wrong_input_is_one_line_with_the_cure(changes: dict[str, Any], words: str) -> None:
+    given = {"values": {"x": 2, "k": 0.7}, "noise": {"y": 0.02}, "times": TIMES} | changes
+    with pytest.raises(InputError, match=words):
+        bound(DECAY, **given)

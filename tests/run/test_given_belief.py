@@ -1,0 +1,138 @@
+"""Estimators that begin from a stated belief, or from one drawn about the truth."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import spinfilters
+from spinfilters.core.chi_square import chi_square_tail
+from spinfilters.core.errors import InputError
+from spinfilters.evaluation.consistency import true_states
+from spinfilters.settings.run_settings import InitialisationOptions
+
+STD = {"position": 0.005, "attitude": 0.02, "velocity": 0.005, "rate": 0.02}
+BODY_STD = {"center_of_mass": 0.005, "mass_distribution": 0.05}
+
+
+@pytest.fixture(scope="module")
+def poses() -> spinfilters.Dataset:
+    """A short recording of poses with truth."""
+    return spinfilters.simulate("pose", seed=4, frames=30)
+
+
+def stated(poses: spinfilters.Dataset, **changes: Any) -> dict[str, Any]:
+    """The truth of the first epoch as a belief."""
+    truth = poses.truth
+    assert truth is not None
+    from spinfilters.models.state_layout import FULL_BLOCKS, StateLayout
+
+    layout = StateLayout(FULL_BLOCKS)
+    first = true_states(truth, layout)[0]
+    words = ("position", "attitude", "velocity", "rate", "center_of_mass", "mass_distribution")
+    mean = {word: first[layout.mean_slice(name)] for word, name in zip(words, FULL_BLOCKS, strict=True)}
+    return {"mean": mean, "std": {**STD, **BODY_STD}, **changes}
+
+
+def test_a_filter_begins_at_the_first_epoch_from_the_belief(poses: spinfilters.Dataset) -> None:
+    belief = stated(poses)
+    run = spinfilters.compare(poses, "mekf", belief=belief)
+    history = run["mekf"].evaluation.history
+    assert history.initialisation == 1
+    np.testing.assert_allclose(history.mean[0][:3], belief["mean"]["position"], atol=1e-15)
+    said = " ".join(str(run).split())
+    assert "The one before is the stated belief" in said
+    assert "begins from the stated belief" in said
+
+
+def test_no_smoother_is_called_for_a_filter_from_a_belief(
+    poses: spinfilters.Dataset, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise AssertionError("smoothed")
+
+    for place in (
+        "spinfilters.inference.initial_estimate.solve",
+        "spinfilters.inference.smoother_run.smooth_problem",
+        "spinfilters.verdict.agreement_tests.smooth_at_once",
+    ):
+        monkeypatch.setattr(place, refuse)
+    assert (
+        spinfilters.compare(poses, "mekf", belief=stated(poses), verdict="filter")["mekf"].status
+        == "degraded"
+    )
+
+
+def test_a_full_covariance_says_the_same_as_its_deviations(poses: spinfilters.Dataset) -> None:
+    belief = stated(poses)
+    std = np.concatenate(
+        [np.full(5 if word == "mass_distribution" else 3, value) for word, value in belief["std"].items()]
+    )
+    whole = {"mean": belief["mean"], "covariance": np.diag(std**2)}
+    first, second = (
+        spinfilters.compare(poses, "mekf", belief=each)["mekf"].trajectory for each in (belief, whole)
+    )
+    np.testing.assert_allclose(first.rate_i, second.rate_i, rtol=1e-9, atol=1e-12)
+    correlated = np.diag(std**2)
+    correlated[0, 1] = correlated[1, 0] = 0.5 * std[0] * std[1]
+    run = spinfilters.compare(poses, "mekf,smoother", belief={**whole, "covariance": correlated})
+    assert all(np.isfinite(each.trajectory.rate_i).all() for each in run.values())
+
+
+def test_a_belief_drawn_about_the_truth_is_consistent(poses: spinfilters.Dataset) -> None:
+    """Ten draws: the mean NEES at the end lies in the central interval of all but one in ten thousand."""
+    total, dof = 0.0, 0
+    for seed in range(10):
+        data = spinfilters.simulate("pose", seed=100 + seed, frames=12)
+        nees = spinfilters.compare(data, "mekf", from_truth=seed)["mekf"].evaluation.nees
+        assert nees is not None
+        total, dof = total + float(nees.total[-1]), dof + nees.dof
+    assert 5e-5 < chi_square_tail(total, dof) < 1 - 5e-5
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"mean": {"rate": [0, 0, 1]}}, "does not state position"),
+        ({"mean": {"speed": 1}}, "initialisation.mean.speed is unknown; use position"),
+        ({"mean": {"rate": [0, 0]}}, "give 3 numbers"),
+        ({"mean": {"rate": [0, 0, "x"]}}, "give numbers"),
+        ({"mean": {"attitude": [0, 0, 0, 2]}}, "not 1 as a unit quaternion"),
+        ({"std": {"rate": -1}}, "initialisation.std.rate is -1"),
+        ({"std": {"rate": 0.1}}, "does not state position"),
+        ({"covariance": [[1.0]]}, "both state deviations"),
+        ({"std": {}, "covariance": [[1.0]]}, "give 20 x 20"),
+        ({"median": 1}, "belief.median is unknown"),
+    ],
+)
+def test_a_belief_that_cannot_be_is_refused(
+    poses: spinfilters.Dataset, changes: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(InputError, match=message):
+        spinfilters.compare(poses, "mekf", belief=stated(poses, **changes))
+
+
+def test_tracks_without_a_map_and_recordings_without_truth_are_refused() -> None:
+    with pytest.raises(InputError, match="frames that unknown landmarks do not tell"):
+        spinfilters.compare(spinfilters.simulate(frames=12), "mekf", from_truth=1)
+    gyro = spinfilters.simulate("gyro", frames=12)
+    rows = gyro.log.streams[0]
+    table = np.column_stack([rows.time, rows.values])
+    with pytest.raises(InputError, match="needs a truth"):
+        spinfilters.compare(table, "mekf", kind="gyro", from_truth=1)
+
+
+def test_a_gyro_begins_from_its_rate_and_moments_alone() -> None:
+    gyro = spinfilters.simulate("gyro", frames=30, seed=2)
+    assert gyro.truth is not None
+    mean = {"rate": gyro.log.streams[0].values[0], "principal_moments": [1.2, 1.1, 1.0]}
+    run = spinfilters.compare(
+        gyro, "mekf", belief={"mean": mean, "std": {"rate": 0.05, "mass_distribution": 0.3}}
+    )
+    assert np.isfinite(run["mekf"].body.principal_moments).all()
+
+
+def test_settings_with_a_belief_are_written_and_read_again() -> None:
+    initialisation = InitialisationOptions(mean={"rate": [0.0, 0.0, 1.0]}, std={"rate": 0.1})
+    settings = spinfilters.Settings(initialisation=initialisation)
+    assert spinfilters.Settings(**settings.document) == settings

@@ -1,0 +1,41 @@
+"""The marginal posterior of the mass distribution: where it is asked for, and what it says of a weak motion."""
+
+import numpy as np
+import pytest
+
+from spinfilters import compare, simulate
+from spinfilters.core.mass_distribution import exponential
+from spinfilters.smoother.mass_posterior import log_volume_ratio, traceless_part
+
+WEAK_RPM = (2.0, 6.0, 1.0)
+
+
+def test_the_volume_ratio_is_that_of_the_exponential_map() -> None:
+    d = np.array([0.7, -0.2, 0.4, 0.1, -0.5])
+    D, h = traceless_part(d), 1e-5
+    root = np.linalg.cholesky(np.array(exponential(D)))
+    columns = []
+    for k in range(5):
+        ends = [np.array(exponential(traceless_part(d + sign * h * np.eye(5)[k]))) for sign in (1, -1)]
+        change = np.linalg.solve(root, np.linalg.solve(root, (ends[0] - ends[1]).T / (2 * h)).T)
+        columns.append([change[0, 0], change[1, 1], change[1, 0], change[2, 0], change[2, 1]])
+    assert np.linalg.slogdet(np.array(columns))[1] == pytest.approx(log_volume_ratio(D), abs=1e-6)
+    assert log_volume_ratio(np.zeros((3, 3))) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_weak_motion_publishes_the_marginal_posterior_and_not_its_mode() -> None:
+    data = simulate("pose", rate_rpm=WEAK_RPM, frames=100, seed=1)
+    assert data.truth is not None
+    assert data.truth.principal_moments is not None
+    truth = np.sort(data.truth.principal_moments)
+    found = compare(data, ["smoother"]).summary["estimators"]["smoother"]
+    away = np.array(found["principal_moments"]) - truth / truth[-1]
+    assert (np.abs(away[:2]) < 2.5 * np.array(found["principal_moments_std"])[:2]).all()
+    low, high = np.array(found["principal_moments_interval"]).T
+    assert (low[:2] <= (truth / truth[-1])[:2]).all()
+    assert ((truth / truth[-1])[:2] <= high[:2]).all()
+
+
+def test_a_rich_motion_is_not_sampled() -> None:
+    run = compare(simulate("pose", frames=115), ["smoother"])
+    assert run.summary["estimators"]["smoother"]["principal_moments_interval"] is None
