@@ -28,6 +28,7 @@ from spinfilters.io.input_file import path_text, read_toml, value_text
 from spinfilters.io.measurement_log import MeasurementStream
 from spinfilters.io.output_files import make_folder, write_json, write_toml
 from spinfilters.io.sensor_tables import write_tum
+from spinfilters.models.state_layout import Gaussian
 from spinfilters.models.status import Verdict
 from spinfilters.plots.figures import FigureData, picture_files
 from spinfilters.run.array_files import read_history, write_history
@@ -182,6 +183,26 @@ def read_histories(folder: Path, names: Sequence[str]) -> list[EstimateHistory]:
                 f"{path_text(path)}: is of {value_text(history.name)}, not of {name}; make the run again"
             )
     return histories
+
+
+def last_belief(folder: Path) -> tuple[str, Gaussian]:
+    """Name of an estimator and its belief after the last epoch, from a run folder or from the estimator's folder in it.
+
+    Raises
+    ------
+    InputError
+        No run, or a damaged one; of a run folder the first estimator is taken.
+    """
+    if (folder / HISTORY_FILE).exists():
+        history = read_history(folder / HISTORY_FILE)
+    else:
+        document = read_summary(folder)
+        try:
+            name = next(iter(document["estimators"]))
+        except (KeyError, StopIteration, TypeError) as error:
+            raise not_whole(folder, error) from None
+        (history,) = read_histories(folder, [name])
+    return history.name, history.belief(len(history.time) - 1)
 
 
 def figure_data_of(comparison: Comparison) -> FigureData:
