@@ -10,7 +10,7 @@ from jaxtyping import Float
 from spinfilters.core.errors import InputError
 from spinfilters.core.working_time import building
 from spinfilters.embedded.embedded_options import EmbedOptions
-from spinfilters.embedded.emitted_sensors import EMITTED_SENSORS, EmittedSensor
+from spinfilters.embedded.emitted_sensors import EmittedSensor
 from spinfilters.embedded.model_functions import model_functions
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.models.state_layout import Gaussian, StateLayout
@@ -22,8 +22,6 @@ TURN = 0.1
 """Rotation between two epochs of the recording, rad."""
 LONGEST_INTERVAL = 0.1
 """Between two epochs of the recording, s."""
-NOISE_STD = {"gyro": (0.01,) * 3, "pose": (0.004,) * 3 + (0.0025,) * 4}
-"""Noise of the recording: rad/s; m, and half the 0.005 rad of the attitude for its quaternion."""
 SEED = 29
 
 
@@ -72,7 +70,7 @@ def start_from_belief(belief: Gaussian, layout: StateLayout, source: str) -> Sta
 
 def program_texts(options: EmbedOptions, start: StartState) -> dict[str, str]:
     """``start_state.h`` and ``recording.h`` by name."""
-    sensor = EMITTED_SENSORS["pose" if "pose" in options.sensors else "gyro"]
+    sensor = next(each for each in options.emitted if each.example is not None)
     interval, values = _recording(sensor, options.layout, start)
     columns = ",".join(
         column for block in options.layout.members for column in _columns(block.symbol, block.mean_size)
@@ -137,9 +135,7 @@ def _recording(
         if epoch:
             truth = process.step(truth, interval)
         exact = model.predict(truth, sensor.example)
-        values.append(
-            sensor.normalised(exact + np.array(NOISE_STD[sensor.name]) * rng.normal(size=len(exact)))
-        )
+        values.append(sensor.normalised(exact + np.array(sensor.example_std) * rng.normal(size=len(exact))))
     return interval, np.array(values)
 
 
