@@ -13,6 +13,7 @@ import numpy as np
 from spinfilters.core.errors import InputError
 from spinfilters.evaluation.estimated_motion import (
     read_map_ply,
+    write_frame_tum,
     write_map_ply,
     write_trajectory_csv,
     write_trajectory_tum,
@@ -42,7 +43,7 @@ from spinfilters.run.run_summary import SUMMARY_FILE, not_whole, read_summary, s
 from spinfilters.settings.run_settings import Settings, estimator_names
 
 CONFIG_FILE, DATASET_FOLDER, TRUTH_FILE = "config.toml", "dataset", "truth.tum"
-HISTORY_FILE, MAP_FILE = "history.npz", "map.ply"
+HISTORY_FILE, MAP_FILE, FRAME_FILE = "history.npz", "map.ply", "trajectory_g.tum"
 REPORT_FILE = "report.html"
 PREDICTION_PICTURE, CONVERGENCE_PICTURE = "prediction.png", "convergence.png"
 EXPLANATIONS_FILE, REFERENCE_FILE = "explanations.json", "reference.json"
@@ -52,7 +53,7 @@ PREDICTION_TABLE, PREDICTION_ARRAYS, CONVERGENCE_ARRAYS, REFERENCE_TABLE = (
 )
 """Files that a run has where they were asked for (`spinfilters.run.optional_outputs`); all but pictures by estimator."""
 ESTIMATOR_FILES = (
-    *("trajectory.csv", "trajectory.tum", MAP_FILE, HISTORY_FILE),
+    *("trajectory.csv", "trajectory.tum", FRAME_FILE, MAP_FILE, HISTORY_FILE),
     *(PREDICTION_TABLE, PREDICTION_ARRAYS, CONVERGENCE_ARRAYS, REFERENCE_TABLE),
 )
 """Everything that a run writes into the folder of an estimator, besides its checkpoint."""
@@ -157,6 +158,8 @@ def write_run(folder: Path, comparison: Comparison, settings: Settings) -> dict[
         make_folder(part)
         write_trajectory_csv(part / "trajectory.csv", evaluation.trajectory)
         write_trajectory_tum(part / "trajectory.tum", evaluation.trajectory)
+        if evaluation.history.layout.translates:
+            write_frame_tum(part / FRAME_FILE, evaluation.history)
         write_history(part / HISTORY_FILE, evaluation.history)
         if evaluation.name in comparison.maps:
             write_map_ply(part / MAP_FILE, comparison.maps[evaluation.name])
