@@ -189,23 +189,24 @@ def read_histories(folder: Path, names: Sequence[str]) -> list[EstimateHistory]:
 
 
 def last_belief(folder: Path) -> tuple[str, Gaussian]:
-    """Name of an estimator and its belief after the last epoch, from a run folder or from the estimator's folder in it.
+    """Where it is from, and a belief after the last epoch: of a run's first estimator, or of the estimator whose folder it is.
 
     Raises
     ------
     InputError
-        No run, or a damaged one; of a run folder the first estimator is taken.
+        No run, or a damaged one.
     """
-    if (folder / HISTORY_FILE).exists():
-        history = read_history(folder / HISTORY_FILE)
+    run = folder.resolve()
+    if (run / HISTORY_FILE).exists():
+        run, name = run.parent, run.name
     else:
         document = read_summary(folder)
         try:
-            name = next(iter(document["estimators"]))
+            name = str(next(iter(document["estimators"])))
         except (KeyError, StopIteration, TypeError) as error:
             raise not_whole(folder, error) from None
-        (history,) = read_histories(folder, [name])
-    return history.name, history.belief(len(history.time) - 1)
+    (history,) = read_histories(run, [name])
+    return f"the last state of {name} in {run.name}", history.belief(len(history.time) - 1)
 
 
 def figure_data_of(comparison: Comparison) -> FigureData:

@@ -112,6 +112,13 @@ def test_a_filter_begins_from_the_last_state_of_a_run(tmp_path: Path) -> None:
     speed = np.linalg.norm([float(last[name]) for name in ("wx", "wy", "wz")])
     assert np.linalg.norm([first[name] for name in ("wx", "wy", "wz")]) == pytest.approx(speed, rel=0.1)
     assert main(["embed", "-o", str(tmp_path / "other"), "--sensor", "pose", "--from-run", str(run)]) == 2
+    assert (
+        main(["embed", "-o", str(tmp_path / "same"), "--sensor", "gyro", "--from-run", str(run / "mekf")])
+        == 0
+    )
+    begun = [(tmp_path / name / "start_state.h").read_text() for name in ("filter", "same")]
+    assert begun[0] == begun[1]
+    assert "the last state of mekf in run" in begun[0]
 
 
 @pytest.mark.skipif(shutil.which("cmake") is None, reason="cmake is not installed")

@@ -37,11 +37,8 @@ def embed(options: EmbedArguments) -> int:
     refuse_foreign(folder, COMMAND.name)
     start = None
     if options.from_run is not None:
-        place = Path(options.from_run)
-        name, belief = last_belief(place)
-        start = start_from_belief(
-            belief, chosen.layout, f"the last state of {name} in {place.resolve().name}"
-        )
+        source, belief = last_belief(Path(options.from_run))
+        start = start_from_belief(belief, chosen.layout, source)
     with output_folder(folder, COMMAND.name) as place:
         files = write_library(chosen, place, start)
     size = sum(len((folder / file.name).read_bytes()) for file in files)
