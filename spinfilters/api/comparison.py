@@ -18,6 +18,7 @@ from rich.console import Console, RenderableType
 
 from spinfilters.api.arguments import RunArguments
 from spinfilters.api.blas_threads import on_one_blas_thread
+from spinfilters.api.labelled_arrays import labelled_arrays, write_netcdf
 from spinfilters.api.recordings import load
 from spinfilters.core.errors import InputError
 from spinfilters.evaluation.comparison_table import ComparisonCells, comparison_cells, comparison_table
@@ -271,23 +272,28 @@ class Run(Mapping[str, EstimatorResult]):
 
     @checked_arguments(folder=path("a folder"))
     def save(self, folder: str | os.PathLike[str]) -> Path:
-        """Write the run folder of the command, with its pictures; returns its path.
+        """Write the run folder of the command, with its pictures, or one file of NetCDF; returns its path.
 
         Parameters
         ----------
         folder : str or os.PathLike[str]
-            New, or that of an earlier run.
+            New, or that of an earlier run. A name that ends in ``.nc`` is a file with the content of `to_xarray`.
 
         Returns
         -------
         Path
-            Of the folder.
+            Of the folder or the file.
 
         Raises
         ------
+        ImportError
+            A file of NetCDF needs xarray, which is not installed.
         InputError
             The folder holds something else than a run or cannot be written; the run was read from a folder itself.
         """
+        if Path(folder).suffix == ".nc":
+            write_netcdf(Path(folder), self._evaluations)
+            return Path(folder)
         if self.comparison is None:
             raise InputError(f"this run was read from {self.folder}; copy that folder")
         write_comparison(Path(folder), self.comparison, self.settings)
@@ -309,6 +315,21 @@ class Run(Mapping[str, EstimatorResult]):
         rows = [{"estimator": name} | dict(flattened(self.summary["estimators"][name], "")) for name in self]
         names = dict.fromkeys(name for row in rows for name in row)
         return data_frame({name: [row.get(name) for row in rows] for name in names}, "estimator")
+
+    def to_xarray(self) -> Any:
+        """Motions and bodies of all estimators as an xarray.Dataset, with units and meanings.
+
+        Returns
+        -------
+        Any
+            xarray.Dataset over ``estimator``, ``time`` (s) and axes; NaN where an estimator has no epoch.
+
+        Raises
+        ------
+        ImportError
+            xarray is not installed.
+        """
+        return labelled_arrays(self._evaluations)
 
     def __str__(self) -> str:
         return "\n".join([plain_text(comparison_table(self._evaluations, self.conditions)), *self.remarks])

@@ -37,6 +37,8 @@ class EmittedSensor:
     example : ndarray of shape (p,) or None
         Parameters of the measurements of the test vectors; of a sensor of landmarks these come with the
         scene.
+    example_std : tuple of float
+        Deviations of the numbers of a value with these parameters.
     quaternion : int or None
         First of four numbers of a value that are a unit quaternion.
     """
@@ -48,6 +50,7 @@ class EmittedSensor:
     landmark_model: Callable[[StateLayout], LandmarkSensor] | None = None
     macros: Callable[[MeasurementModel, int], Mapping[str, int]] = lambda model, landmarks: {}
     example: Float[np.ndarray, " p"] | None = None
+    example_std: tuple[float, ...] = ()
     quaternion: int | None = None
 
     @property
@@ -73,12 +76,19 @@ def _gyro_macros(model: MeasurementModel, landmarks: int) -> Mapping[str, int]:
 
 
 _POSE_NOISE: Final = np.diag([1.6e-5] * 3 + [2.5e-5] * 3)
+_POSE_STD: Final = (0.004,) * 3 + (0.0025,) * 4
+"""In m; of a quaternion's numbers half the 0.005 rad of the rotation."""
 EMITTED_SENSORS: Final = MappingProxyType(
     {
         each.name: each
         for each in (
             EmittedSensor(
-                "pose", Pose, FULL_BLOCKS, example=pose_parameters(_POSE_NOISE[None])[0], quaternion=3
+                "pose",
+                Pose,
+                FULL_BLOCKS,
+                example=pose_parameters(_POSE_NOISE[None])[0],
+                example_std=_POSE_STD,
+                quaternion=3,
             ),
             EmittedSensor(
                 "stereo",
@@ -88,7 +98,14 @@ EMITTED_SENSORS: Final = MappingProxyType(
                 landmark_model=StereoLandmark,
                 macros=_stereo_macros,
             ),
-            EmittedSensor("gyro", Gyro, ROTATION_BLOCKS, macros=_gyro_macros, example=np.array([0.01, 0.0])),
+            EmittedSensor(
+                "gyro",
+                Gyro,
+                ROTATION_BLOCKS,
+                macros=_gyro_macros,
+                example=np.array([0.01, 0.0]),
+                example_std=(0.01,) * 3,
+            ),
         )
     }
 )

@@ -9,6 +9,7 @@ from jaxtyping import Float, Int
 from spinfilters.core.mass_distribution import from_inertia
 from spinfilters.embedded.embedded_options import EmbedOptions
 from spinfilters.embedded.emitted_sensors import EmittedSensor
+from spinfilters.embedded.first_program import StartState, operation_counts, program_texts, with_licence
 from spinfilters.embedded.library import library_texts, template
 from spinfilters.filters.landmark_map import CONFIRMED, WRONG_IN_A_ROW
 from spinfilters.filters.outlier_rejection import RobustOptions, gate
@@ -169,34 +170,47 @@ def _limit(dof: int) -> float:
 
 
 TEST = ("test_spinfilter.c", "test_spinfilter.h", "firmware.c", "firmware.ld", "Makefile")
+PROGRAM = ("main.c", "CMakeLists.txt", "library.json", "platformio.ini")
 BYTES = {"float": 4, "double": 8}
 
 
-def folder_texts(options: EmbedOptions) -> dict[str, str]:
-    """Texts of all files by name."""
-    texts = library_texts(options) | {name: template(name) for name in TEST}
+def folder_texts(options: EmbedOptions, start: StartState | None = None) -> dict[str, str]:
+    """Texts of all files by name; without a start state that of an example."""
+    begin = example_start(options) if start is None else start
+    texts = library_texts(options) | {name: template(name) for name in (*TEST, *PROGRAM)}
+    texts |= program_texts(options, begin)
     texts["test_vectors.h"] = make_vectors(options).text()
-    texts["README.md"] = readme_text(options)
-    return texts
+    texts["README.md"] = readme_text(options, begin.source)
+    return {name: with_licence(name, text) for name, text in texts.items()}
 
 
-def write_library(options: EmbedOptions, folder: Path) -> list[Path]:
+def write_library(options: EmbedOptions, folder: Path, start: StartState | None = None) -> list[Path]:
     """Write the folder, which exists; the files written."""
-    texts = folder_texts(options)
+    texts = folder_texts(options, start)
     for name, text in texts.items():
         write_text(folder / name, text)
     return [folder / name for name in texts]
 
 
-def readme_text(options: EmbedOptions) -> str:
-    """``README.md``."""
+def memory_sizes(options: EmbedOptions) -> dict[str, int]:
+    """Bytes of what a filter keeps, by what it is."""
     layout, size = options.layout, BYTES[options.real]
     n = layout.error_dim
-    state = size * (layout.mean_dim + n * (n - 1) // 2 + n + 3) + 8
-    rows = [f"| `sf_filter` | {state} bytes |"]
+    sizes = {"`sf_filter`": size * (layout.mean_dim + n * (n - 1) // 2 + n + 3) + 8}
     if options.has_map:
-        rows.append(f"| map of {options.landmarks} landmarks | {options.landmarks * (9 * size + 4)} bytes |")
+        sizes[f"map of {options.landmarks} landmarks"] = options.landmarks * (9 * size + 4)
+    return sizes
+
+
+def readme_text(options: EmbedOptions, source: str) -> str:
+    """``README.md``, with the source of the start state."""
+    layout = options.layout
+    rows = [f"| {what} | {size} bytes |" for what, size in memory_sizes(options).items()]
+    operations = [f"| `{name}` | {count} |" for name, count in operation_counts(options).items()]
     values = {
+        "source": source,
+        "operations": "\n".join(operations),
+        "substeps": str(options.substeps),
         "options": f"sensor {options.sensor}, {options.real}, {options.substeps} substeps",
         "sizes": "\n".join(rows),
         "state": ", ".join(f"`{block.symbol}` ({block.mean_size})" for block in layout.members),
@@ -317,6 +331,12 @@ class _Landmarks:
         """Test-vector arrays: values, and the last landmarks (m, frame g)."""
         last = [self._landmarks[place].point for place in range(len(self._points))]
         return {"values": np.array(self._values), "points": np.array(last)}
+
+
+def example_start(options: EmbedOptions) -> StartState:
+    """A start state of the example body of the test vectors."""
+    std = np.concatenate([np.full(block.dimension, STD[block.name]) for block in options.layout.members])
+    return StartState(_first(options), np.diag(std**2), "an example body")
 
 
 def _first(options: EmbedOptions) -> Float[np.ndarray, " m"]:

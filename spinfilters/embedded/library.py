@@ -19,9 +19,9 @@ from spinfilters.models.rotation_integrator import boole_weights
 
 HEADERS = (
     "spinfilter.h",
-    *(f"spinfilter_{part}.h" for part in ("arithmetic", "matrix", "internal", "landmarks")),
+    *(f"spinfilter_{part}.h" for part in ("arithmetic", "matrix", "internal", "landmarks", "moments")),
 )
-PARTS = ("covariance", "reset", "predict", "update", "landmarks", "stereo")
+PARTS = ("covariance", "reset", "predict", "update", "landmarks", "stereo", "moments")
 SOURCES = tuple(f"spinfilter_{part}.c" for part in PARTS)
 CONFIG, MODEL_HEADER, MODEL = "spinfilter_config.h", "spinfilter_model.h", "spinfilter_model.c"
 INCLUDE = re.compile(r'^#include "(\w+\.h)".*$', re.MULTILINE)

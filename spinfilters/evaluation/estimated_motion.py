@@ -217,6 +217,19 @@ def write_trajectory_tum(path: Path, trajectory: Trajectory) -> None:
     write_poses(path, trajectory.time[held], trajectory.position[held], trajectory.q_ig[held])
 
 
+def write_frame_tum(path: Path, history: EstimateHistory) -> None:
+    """Write the pose of frame g in i of a history whose state has one, `time, origin of g, q_ig`, as TUM, atomically.
+
+    This is what `poses.tum` of a data set holds, so a comparison with that file has no lever arm from g to the centre of mass.
+    Epochs that are not finite are left out.
+    """
+    layout = history.layout
+    position = history.mean[:, layout.mean_slice("t")]
+    attitude = history.mean[:, layout.mean_slice("a")]
+    held = np.isfinite(position).all(axis=1) & np.isfinite(attitude).all(axis=1)
+    write_poses(path, history.time[held], position[held], normalised(attitude[held]))
+
+
 def write_map_ply(path: Path, points: Float[np.ndarray, "k 3"]) -> None:
     """Write points (m, frame g) as a binary little-endian PLY of doubles x, y, z. Atomic.
 

@@ -13,6 +13,7 @@ import numpy as np
 from spinfilters.core.errors import InputError
 from spinfilters.evaluation.estimated_motion import (
     read_map_ply,
+    write_frame_tum,
     write_map_ply,
     write_trajectory_csv,
     write_trajectory_tum,
@@ -28,6 +29,7 @@ from spinfilters.io.input_file import path_text, read_toml, value_text
 from spinfilters.io.measurement_log import MeasurementStream
 from spinfilters.io.output_files import make_folder, write_json, write_toml
 from spinfilters.io.sensor_tables import write_tum
+from spinfilters.models.state_layout import Gaussian
 from spinfilters.models.status import Verdict
 from spinfilters.plots.figures import FigureData, picture_files
 from spinfilters.run.array_files import read_history, write_history
@@ -41,7 +43,7 @@ from spinfilters.run.run_summary import SUMMARY_FILE, not_whole, read_summary, s
 from spinfilters.settings.run_settings import Settings, estimator_names
 
 CONFIG_FILE, DATASET_FOLDER, TRUTH_FILE = "config.toml", "dataset", "truth.tum"
-HISTORY_FILE, MAP_FILE = "history.npz", "map.ply"
+HISTORY_FILE, MAP_FILE, FRAME_FILE = "history.npz", "map.ply", "trajectory_g.tum"
 REPORT_FILE = "report.html"
 PREDICTION_PICTURE, CONVERGENCE_PICTURE = "prediction.png", "convergence.png"
 EXPLANATIONS_FILE, REFERENCE_FILE = "explanations.json", "reference.json"
@@ -51,7 +53,7 @@ PREDICTION_TABLE, PREDICTION_ARRAYS, CONVERGENCE_ARRAYS, REFERENCE_TABLE = (
 )
 """Files that a run has where they were asked for (`spinfilters.run.optional_outputs`); all but pictures by estimator."""
 ESTIMATOR_FILES = (
-    *("trajectory.csv", "trajectory.tum", MAP_FILE, HISTORY_FILE),
+    *("trajectory.csv", "trajectory.tum", FRAME_FILE, MAP_FILE, HISTORY_FILE),
     *(PREDICTION_TABLE, PREDICTION_ARRAYS, CONVERGENCE_ARRAYS, REFERENCE_TABLE),
 )
 """Everything that a run writes into the folder of an estimator, besides its checkpoint."""
@@ -156,6 +158,8 @@ def write_run(folder: Path, comparison: Comparison, settings: Settings) -> dict[
         make_folder(part)
         write_trajectory_csv(part / "trajectory.csv", evaluation.trajectory)
         write_trajectory_tum(part / "trajectory.tum", evaluation.trajectory)
+        if evaluation.history.layout.translates:
+            write_frame_tum(part / FRAME_FILE, evaluation.history)
         write_history(part / HISTORY_FILE, evaluation.history)
         if evaluation.name in comparison.maps:
             write_map_ply(part / MAP_FILE, comparison.maps[evaluation.name])
@@ -182,6 +186,27 @@ def read_histories(folder: Path, names: Sequence[str]) -> list[EstimateHistory]:
                 f"{path_text(path)}: is of {value_text(history.name)}, not of {name}; make the run again"
             )
     return histories
+
+
+def last_belief(folder: Path) -> tuple[str, Gaussian]:
+    """Where it is from, and a belief after the last epoch: of a run's first estimator, or of the estimator whose folder it is.
+
+    Raises
+    ------
+    InputError
+        No run, or a damaged one.
+    """
+    run = folder.resolve()
+    if (run / HISTORY_FILE).exists():
+        run, name = run.parent, run.name
+    else:
+        document = read_summary(folder)
+        try:
+            name = str(next(iter(document["estimators"])))
+        except (KeyError, StopIteration, TypeError) as error:
+            raise not_whole(folder, error) from None
+    (history,) = read_histories(run, [name])
+    return f"the last state of {name} in {run.name}", history.belief(len(history.time) - 1)
 
 
 def figure_data_of(comparison: Comparison) -> FigureData:

@@ -100,7 +100,7 @@ def test_settings_may_be_an_object_a_mapping_or_a_file(gyro: spinfilters.Dataset
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        ({"data": 3}, "data is 3; give a path or a data set"),
+        ({"data": 3}, "data is 3; give a path, a data set, a DataFrame"),
         ({"data": "nowhere.csv"}, "nowhere.csv: no such file"),
         ({"data": "mine", "segment": "every"}, "'every' is no segment; give a number, times START:END"),
         ({"segment": 2}, "segment 2 is of a recording's folder"),

@@ -14,24 +14,46 @@ class EmbedArguments:
     """Arguments of ``embed``: the filter, and where its C goes."""
 
     output: Annotated[str, Argument("folder of the library", short="-o", metavar="DIR")]
+    from_run: Annotated[
+        str | None,
+        Argument(
+            "run whose last state the filter begins from: a run folder, of which the first estimator, or its estimator's folder",
+            metavar="RUN",
+        ),
+    ] = None
     chosen: Annotated[EmbedOptions, ArgumentGroup()] = field(default_factory=EmbedOptions)
 
 
 def embed(options: EmbedArguments) -> int:
     """Write the C library."""
     from spinfilters.cli.console import wide_console
-    from spinfilters.embedded.folder import write_library
+    from spinfilters.embedded.first_program import operation_counts, start_from_belief
+    from spinfilters.embedded.folder import memory_sizes, write_library
     from spinfilters.io.output_files import output_folder, refuse_foreign
+    from spinfilters.run.run_folder import last_belief
 
     folder = Path(options.output)
     chosen = options.chosen
     refuse_foreign(folder, COMMAND.name)
+    start = None
+    if options.from_run is not None:
+        source, belief = last_belief(Path(options.from_run))
+        start = start_from_belief(belief, chosen.layout, source)
     with output_folder(folder, COMMAND.name) as place:
-        files = write_library(chosen, place)
+        files = write_library(chosen, place, start)
     size = sum(len((folder / file.name).read_bytes()) for file in files)
     wide_console().print(
         f"{len(files)} files, {size / 1024:.0f} KiB of C for {chosen.sensor} in {chosen.real}: {folder}; "
-        f"try `make -C {folder} test`",
+        f"try `make -C {folder} run`",
+        highlight=False,
+        soft_wrap=True,
+    )
+    memory = ", ".join(f"{what.strip('`')} {count} bytes" for what, count in memory_sizes(chosen).items())
+    counts = operation_counts(chosen)
+    prediction = counts["substep"] * chosen.substeps + counts["inertia"] + counts["transition"]
+    wide_console().print(
+        f"memory: {memory}; arithmetic operations of the generated models: {prediction} a prediction, "
+        f"{counts['correction']} a correction; `make -C {folder} emulate` counts instructions and stack",
         highlight=False,
         soft_wrap=True,
     )

@@ -1,0 +1,96 @@
+/* A first program: it filters a recording on this machine and prints the state after each epoch as CSV.
+ *
+ *   ./spinfilter_main             the short recording of recording.h
+ *   ./spinfilter_main - < FILE    rows from standard input: time_s, then wx, wy, wz (rad/s, axes g) of a gyro,
+ *                                 or x, y, z, qx, qy, qz, qw (m, q_ig) of poses; commas or blanks; a header is skipped
+ *
+ * On a microcontroller, keep what stands in `take` and bring the values from your sensor.
+ */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "spinfilter.h"
+#include "spinfilter_moments.h"
+#include "start_state.h"
+#include "recording.h"
+
+#ifdef SF_HAS_POSE
+#define VALUES 7
+#define UPDATE sf_update_pose
+#else
+#define VALUES 3
+#define UPDATE sf_update_gyro
+#endif
+
+static sf_filter filter;
+static double last_time;
+static unsigned long epochs, not_used;
+
+/* One epoch: predict to its time, then update. The first epoch is the time of the start state. 0 where the filter goes on. */
+static int take(double time, const sf_real *values)
+{
+  int ahead = SF_OK;
+  if (epochs > 0) ahead = sf_predict(&filter, (sf_real)(time - last_time));
+  if (ahead != SF_OK && ahead != SF_FAST) return ahead;
+  const int status = UPDATE(&filter, values, start_parameters);
+  last_time = time;
+  ++epochs;
+  not_used += status != SF_OK;
+
+  sf_real moments[3];
+  sf_principal_moments(filter.x + SF_X_S, moments);
+  printf("%.9g", time);
+  for (int k = 0; k < SF_NX; ++k) printf(",%.9g", (double)filter.x[k]);
+  for (int k = 0; k < 3; ++k) printf(",%.9g", (double)moments[k]);
+  printf(",%d\n", status != SF_OK ? status : ahead);
+  return 0;
+}
+
+static int refuse(unsigned long line, const char *why)
+{
+  fprintf(stderr, "line %lu: %s\n", line, why);
+  return 2;
+}
+
+/* Rows of standard input. 0, or 2 at the first line that is of no use. */
+static int filter_input(void)
+{
+  char text[512];
+  for (unsigned long line = 1; fgets(text, sizeof text, stdin) != NULL; ++line) {
+    double row[1 + VALUES];
+    sf_real values[VALUES];
+    int count = 0;
+    char *at = text;
+    if (strlen(text) + 1 == sizeof text) return refuse(line, "is longer than 510 characters");
+    at += strspn(at, " \t\r\n");
+    if (*at == '\0' || *at == '#') continue;
+    for (char *end; count < 1 + VALUES; ++count, at = end + strspn(end, ", \t\r\n")) {
+      row[count] = strtod(at, &end);
+      if (end == at) break;
+    }
+    if (count == 0 && epochs == 0) continue; /* a header */
+    if (count < 1 + VALUES || *at != '\0') return refuse(line, VALUES == 7 ? "needs 8 numbers: time and pose" : "needs 4 numbers: time and rates");
+    if (epochs > 0 && !(row[0] > last_time)) return refuse(line, "its time does not lie behind that of the line before");
+    for (int k = 0; k < VALUES; ++k) values[k] = (sf_real)row[1 + k];
+    if (take(row[0], values) != 0) return refuse(line, "the filter cannot go on to this time");
+  }
+  return epochs > 0 ? 0 : refuse(1, "no row in the input");
+}
+
+int main(int count, char **arguments)
+{
+  if (count > 2 || (count == 2 && strcmp(arguments[1], "-") != 0)) {
+    fprintf(stderr, "usage: %s [-]   (with - rows come from standard input)\n", arguments[0]);
+    return 2;
+  }
+  if (sf_begin(&filter, start_x, start_covariance, start_psd[0], start_psd[1]) != SF_OK) return refuse(0, "the start state is none");
+  printf("time_s," START_COLUMNS ",moment_1,moment_2,moment_3,status\n");
+  int status = 0;
+  if (count == 2)
+    status = filter_input();
+  else
+    for (int k = 0; k < RECORDING_EPOCHS && status == 0; ++k) status = take(RECORDING_INTERVAL * k, recording + VALUES * k);
+  fprintf(stderr, "%lu epochs, %lu of them not used; the filter takes %lu bytes\n", epochs, not_used, (unsigned long)sizeof filter);
+  return status;
+}

@@ -1,0 +1,135 @@
+"""The program that the embedded filter comes with: it compiles, runs, and reads rows from standard input."""
+
+import csv
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spinfilters.cli.main import main
+from spinfilters.core.mass_distribution import inertia_matrix
+from spinfilters.embedded.embedded_estimator import real_type
+from spinfilters.embedded.embedded_options import EmbedOptions, Real
+from spinfilters.embedded.folder import folder_texts
+from spinfilters.embedded.library import load_filter
+
+needs_compiler = pytest.mark.skipif(
+    shutil.which("make") is None or shutil.which("cc") is None, reason="no make or no C compiler"
+)
+
+
+def built(folder: Path, *options: str) -> str:
+    """The path of the compiled program of a folder that ``embed`` writes."""
+    assert main(["embed", "-o", str(folder), *options]) == 0
+    done = subprocess.run(["make", "-s", "spinfilter_main"], cwd=folder, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert "warning" not in done.stderr
+    return str(folder / "spinfilter_main")
+
+
+def rows_of(program: str, text: str | None = None) -> list[dict[str, float]]:
+    """What a program prints, as numbers by column; with a text that is its standard input."""
+    command = [program] if text is None else [program, "-"]
+    done = subprocess.run(command, input=text or "", capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return [
+        {name: float(value) for name, value in row.items()}
+        for row in csv.DictReader(done.stdout.splitlines())
+    ]
+
+
+@needs_compiler
+@pytest.mark.parametrize("sensor", ["gyro", "pose", "stereo"])
+def test_the_program_filters_its_built_in_recording(tmp_path: Path, sensor: str) -> None:
+    rows = rows_of(built(tmp_path / "filter", "--sensor", sensor))
+    assert len(rows) == 60
+    assert sum(row["status"] != 0 for row in rows) <= 3
+    assert all(row["moment_1"] <= row["moment_2"] <= row["moment_3"] == 1 for row in rows)
+
+
+@needs_compiler
+def test_rates_from_standard_input_give_a_filter_that_follows_them(tmp_path: Path) -> None:
+    program = built(tmp_path / "filter", "--sensor", "gyro")
+    lines = [f"{0.1 * k:.3f}, 0.1, 1.05, 0.05" for k in range(5)]
+    rows = rows_of(program, "time_s,wx,wy,wz\n" + "\n".join(lines) + "\n")
+    assert [row["time_s"] for row in rows] == pytest.approx([0, 0.1, 0.2, 0.3, 0.4])
+    assert rows[-1]["wy"] == pytest.approx(1.05, abs=0.02)
+
+
+@needs_compiler
+@pytest.mark.parametrize("second", ["0.0,0.1,1,0.05", "0.1,0.1,1", "0.1,0.1,1,x", "-1,0.1,1,0"])
+def test_a_row_of_no_use_is_named_by_its_line(tmp_path: Path, second: str) -> None:
+    program = built(tmp_path / "filter", "--sensor", "gyro")
+    done = subprocess.run(
+        [program, "-"], input=f"t,x,y,z\n0,0.1,1,0.05\n{second}\n", capture_output=True, text=True
+    )
+    assert done.returncode == 2
+    assert done.stderr.startswith("line 3: ")
+
+
+@pytest.mark.parametrize(("real", "tolerance"), [("double", 1e-12), ("float", 2e-6)])
+@pytest.mark.parametrize(
+    "s",
+    [
+        (0, 0, 0, 0, 0),
+        (0.3, -0.1, 0.2, -0.4, 0.1),
+        (1, 1, 0, 0, 0),
+        (-2, 1.5, 0.7, 1, -2),
+        (0, 0, 1e-9, 0, 0),
+    ],
+)
+def test_principal_moments_in_c_are_those_of_python(
+    real: Real, tolerance: float, s: tuple[float, ...]
+) -> None:
+    options = EmbedOptions("gyro", real=real)
+    library = load_filter(options)
+    if library is None:
+        pytest.skip("no C compiler")
+    number = real_type(options)
+    found = (number * 3)()
+    library.sf_principal_moments((number * 5)(*s), found)
+    moments = np.linalg.eigvalsh(inertia_matrix(np.array(s)))
+    np.testing.assert_allclose(list(found), moments / moments[-1], rtol=tolerance)
+
+
+def test_every_file_states_its_licence() -> None:
+    for name, text in folder_texts(EmbedOptions("gyro")).items():
+        head = text if name in ("README.md", "library.json") else text.splitlines()[0]
+        assert "MIT" in head, name
+
+
+@needs_compiler
+def test_a_filter_begins_from_the_last_state_of_a_run(tmp_path: Path) -> None:
+    data, run = str(tmp_path / "data"), tmp_path / "run"
+    assert (
+        main(["simulate", "-o", data, "--kind", "gyro", "--rate-rpm", "4", "9", "3", "--frames", "70"]) == 0
+    )
+    assert main(["compare", data, "-o", str(run), "--estimators", "mekf", "--no-figures"]) == 0
+    first = rows_of(built(tmp_path / "filter", "--sensor", "gyro", "--from-run", str(run)))[0]
+    last = list(csv.DictReader((run / "mekf" / "trajectory.csv").read_text().splitlines()))[-1]
+    speed = np.linalg.norm([float(last[name]) for name in ("wx", "wy", "wz")])
+    assert np.linalg.norm([first[name] for name in ("wx", "wy", "wz")]) == pytest.approx(speed, rel=0.1)
+    assert main(["embed", "-o", str(tmp_path / "other"), "--sensor", "pose", "--from-run", str(run)]) == 2
+    assert (
+        main(["embed", "-o", str(tmp_path / "same"), "--sensor", "gyro", "--from-run", str(run / "mekf")])
+        == 0
+    )
+    begun = [(tmp_path / name / "start_state.h").read_text() for name in ("filter", "same")]
+    assert begun[0] == begun[1]
+    assert "the last state of mekf in run" in begun[0]
+
+
+@pytest.mark.skipif(shutil.which("cmake") is None, reason="cmake is not installed")
+@needs_compiler
+def test_cmake_builds_the_library_and_passes_its_tests(tmp_path: Path) -> None:
+    folder = tmp_path / "filter"
+    assert main(["embed", "-o", str(folder), "--sensor", "gyro"]) == 0
+    for command in (
+        ["cmake", "-B", "build"],
+        ["cmake", "--build", "build"],
+        ["ctest", "--test-dir", "build"],
+    ):
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True)
+        assert done.returncode == 0, done.stdout + done.stderr
