@@ -428,6 +428,8 @@ AnySettings = Settings | Mapping[str, Any] | str | os.PathLike[str]
         one_of(Settings, Mapping, path_of="a settings file", cure="Settings, a mapping of tables, or a path")
     ),
     output=optional(path("a folder")),
+    reference=optional(path("a file of poses or rates")),
+    reference_inspector=optional(path("a file of poses")),
     progress=called,
 )
 @on_one_blas_thread
@@ -444,6 +446,9 @@ def compare(
     predict: float | None = None,
     convergence: bool = False,
     explain: bool = False,
+    reference: str | os.PathLike[str] | None = None,
+    reference_shares: Sequence[str] = (),
+    reference_inspector: str | os.PathLike[str] | None = None,
     no_figures: bool = False,
     verdict: str | None = None,
     belief: Mapping[str, Any] | None = None,
@@ -472,11 +477,18 @@ def compare(
     resume : bool
         Whether to go on from what an interrupted run has left in ``output``; a finished run is read from there.
     predict : float or None
-        s to go on after the last epoch; a file of ``output``, as those of the next two.
+        s to go on after the last epoch; a file of ``output``, as those of the next three.
     convergence : bool
         Whether to show how the smoother settles.
     explain : bool
         Whether to run again with the errors of the models that are found.
+    reference : str, os.PathLike or None
+        File of another instrument's poses or rates of the body, on its own clock and in its own axes, to compare with.
+    reference_shares : sequence of str
+        What of ``reference`` need not be fitted: "frame", its inertial frame is that of the data set; "origin", it is the centre of
+        mass.
+    reference_inspector : str, os.PathLike or None
+        File of the inspector's poses from the same instrument as ``reference``, which is then seen from the inspector.
     no_figures : bool
         Whether to write the numbers alone into ``output``, without pictures and page.
     verdict : str or None
@@ -504,10 +516,20 @@ def compare(
     """
     chosen = _beginning(_settings(settings, estimators, verdict), belief, from_truth)
     dataset = _dataset(data, segment, kind, units)
-    how = RunArguments(resume=resume, predict=predict, convergence=convergence, explain=explain)
+    how = RunArguments(
+        resume=resume,
+        predict=predict,
+        convergence=convergence,
+        explain=explain,
+        reference=None if reference is None else os.fspath(reference),
+        reference_shares=tuple(reference_shares),
+        reference_inspector=None if reference_inspector is None else os.fspath(reference_inspector),
+    )
     if output is None:
         if resume or how.optional_outputs is not None:
-            raise InputError("resume, predict, convergence and explain work in a run folder; give output")
+            raise InputError(
+                "resume, predict, convergence, explain and reference work in a run folder; give output"
+            )
         comparison = _whole(compare_dataset(dataset, chosen, progress), None)
         return Run.from_comparison(comparison, chosen, summary(comparison))
     folder = Path(output)
