@@ -261,7 +261,9 @@ class Evaluation:
     def body(self) -> BodyEstimate:
         """The body after the last epoch; its moments are means over samples of their posterior where that was sampled."""
         body, mass = body_estimate(self.history.belief(-1)), self.history.mass
-        return body if mass is None else mass.body(body)
+        # An estimate that ended without numbers has no mass distribution, whatever was sampled before.
+        has_numbers = bool(np.isfinite(body.principal_moments_std).all())
+        return body if mass is None or not has_numbers else mass.body(body)
 
     @property
     def moment_texts(self) -> list[str]:
