@@ -204,9 +204,7 @@ def is_told(runner: Runner, index: int, fault: str) -> bool:
         models = runner.compared(runner.study.run(index), with_bound=False).models
     except SpinfiltersError:
         return True
-    return bool(models.trouble) or any(
-        models.is_beyond_chance(each) for each in models.tests if each.error.name == fault
-    )
+    return bool(models.trouble) or any(each.error.name == fault for each in models.beyond_chance)
 
 
 def lines_of(study: SensorStudy) -> Iterator[str]:

@@ -187,7 +187,8 @@ def attitude_alignment(
     """The constant rotation x from the estimate's g to the truth's for which q is nearest to q_true (x) x."""
     starts = range(0, len(q), STRETCH)
     stretches = (slice(start, start + STRETCH) for start in starts)
-    return mean_quaternion(np.concatenate([multiply(inverse(q_true[rows]), q[rows]) for rows in stretches]))
+    turns = [np.empty((0, 4)), *(multiply(inverse(q_true[rows]), q[rows]) for rows in stretches)]
+    return mean_quaternion(np.concatenate(turns))
 
 
 def body_errors(body: BodyEstimate, truth: Truth, frame: Float[np.ndarray, "4"] | None = None) -> BodyErrors:

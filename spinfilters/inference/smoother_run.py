@@ -191,9 +191,8 @@ def smooth_and_sample(setup: Setup, settings: Settings, on_epoch: OnEpoch) -> Es
 
     Its moments are then the mean of the marginal posterior. Where the Gaussian belief is no proposal for that, the status says so.
     """
-    begin = working_seconds()
     smoothed = _smoothed_at_once(setup, settings, on_epoch)
-    history = smoothed.history
+    history, begin = smoothed.history, working_seconds()
     try:
         mass = sampled_mass(smoothed.problem, smoothed.found)
     except NUMERICAL_ERRORS:
@@ -203,8 +202,7 @@ def smooth_and_sample(setup: Setup, settings: Settings, on_epoch: OnEpoch) -> Es
     status = history.status
     if not mass.gaussian_shape < LARGEST_SHAPE:
         status = status.doubted(_not_gaussian(mass.gaussian_shape))
-    runtime = np.full(len(history.time), (working_seconds() - begin) / len(history.time))
-    runtime[: len(setup.initial.mean)] += setup.initial_runtime[: len(runtime)]
+    runtime = history.runtime + (working_seconds() - begin) / len(history.time)
     return replace(history, mass=mass, status=status, runtime=runtime)
 
 

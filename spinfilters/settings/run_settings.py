@@ -102,8 +102,8 @@ class _OptionsOfEveryState:
     speed_std: Annotated[float, PRIOR_STD] = VELOCITY.prior_std
     drag_std: Annotated[float, PRIOR_STD] = DRAG.prior_std
     linear_drag_std: Annotated[float, PRIOR_STD] = LINEAR_DRAG.prior_std
-    mean: dict[str, Any] = field(default_factory=dict)
-    std: dict[str, Any] = field(default_factory=dict)
+    mean: dict[str, Any] = field(default_factory=dict, hash=False)
+    std: dict[str, Any] = field(default_factory=dict, hash=False)
     covariance: tuple[tuple[float, ...], ...] = ()
     from_truth: Annotated[bool, TruthValue()] = False
     draw: Annotated[int, NumberRange(0, 2**63 - 1, whole=True)] = 0

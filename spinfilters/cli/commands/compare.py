@@ -170,7 +170,7 @@ def settings_of(options: CompareArguments) -> "Settings":
         settings = replace(settings, estimators=names_in(options.estimators))
     elif options.known_map and not config:
         entries = estimator_entries().values()
-        baselines = (entry.name for entry in entries if entry.is_baseline)
+        baselines = (entry.name for entry in entries if entry.is_baseline and not entry.holds_landmarks)
         settings = replace(settings, estimators=(*DEFAULT_ESTIMATORS, *baselines))
     if how.drag or how.drag_law:
         law = how.drag_law or settings.process.drag or True  # a law of the config file stays

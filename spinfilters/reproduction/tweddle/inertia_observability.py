@@ -27,7 +27,7 @@ def make_rank() -> ItemResult:
         "spin about one principal axis": GENERIC | {"wx": 0, "wy": 0},
     }
     ranks = {name: analyse(EULER, name=name, at=point).rank for name, point in special.items()}
-    is_scale = [str(each) for each in found.generators] == ["Jx -> e^ε Jx, Jy -> e^ε Jy, Jz -> e^ε Jz"]
+    is_scale = [str(each) for each in found.symmetries] == ["Jx -> e^ε Jx, Jy -> e^ε Jy, Jz -> e^ε Jz"]
     numbers = [
         ComparedNumber("variables", float(found.dimension), printed=6.0),
         ComparedNumber("rank of O", float(found.rank), printed=5.0),
