@@ -193,16 +193,16 @@ def smooth_and_sample(setup: Setup, settings: Settings, on_epoch: OnEpoch) -> Es
     """
     smoothed = _smoothed_at_once(setup, settings, on_epoch)
     history, begin = smoothed.history, working_seconds()
-    try:
+    mass = None
+    with suppress(*NUMERICAL_ERRORS):
         mass = sampled_mass(smoothed.problem, smoothed.found)
-    except NUMERICAL_ERRORS:
-        return history
+    seconds = working_seconds() - begin
     if mass is None:
         return history
     status = history.status
     if not mass.gaussian_shape < LARGEST_SHAPE:
         status = status.doubted(_not_gaussian(mass.gaussian_shape))
-    runtime = history.runtime + (working_seconds() - begin) / len(history.time)
+    runtime = history.runtime + seconds / len(history.time)
     return replace(history, mass=mass, status=status, runtime=runtime)
 
 
