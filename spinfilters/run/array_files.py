@@ -172,6 +172,7 @@ def read_history(path: Path, cure: str = "make the run again") -> EstimateHistor
         observations=observations,
         noise=(),
         calibration=calibration,
+        mass=None,
         **numbers,
     )
 
