@@ -211,7 +211,7 @@ class ModelBound:
 
     @property
     def final(self) -> dict[str, float]:
-        """Those at the last time, by name."""
+        """Smallest possible standard deviations at the last time, by name of the unknown."""
         return dict(zip(self.names, self.std[-1].tolist(), strict=True))
 
     @cached_property
@@ -345,7 +345,7 @@ def information_roots(experiment: Experiment, priors: Mapping[str, float]) -> Fl
 def gain_table(
     found: ModelBound, manoeuvres: Mapping[str, Mapping[str, Course]] | None = None
 ) -> dict[str, dict[str, float]]:
-    """What each sensor and manoeuvre adds: standard deviations at the last time without over with it, by unknown.
+    """Gain of each sensor and manoeuvre: standard deviations at the last time without over with it, by unknown.
 
     Parameters
     ----------

@@ -93,7 +93,7 @@ def _component(
 def _independent(
     model: Model, found: Iterable[Generator], unknowns: tuple[str, ...] | None = None
 ) -> list[Generator]:
-    """Those of the fields that are independent of the ones before at the model's point, in some unknowns."""
+    """Fields that are independent of the ones before at the model's point, in some unknowns."""
     field, random = PrimeField(), np.random.default_rng(3)
     symbols = (*model.states, *model.parameters, *model.known_constants)
     values = {

@@ -40,7 +40,7 @@ class Command(Generic[R]):
 
     @property
     def parts(self) -> "tuple[tuple[str, Command[Any]], ...]":
-        """What can be run under its name, with the words that call it: itself."""
+        """The command alone, with the word that calls it."""
         return ((self.name, self),)
 
     def fill(self, parser: Any) -> None:
@@ -78,7 +78,7 @@ class CommandGroup:
 
     @property
     def parts(self) -> tuple[tuple[str, Command[Any]], ...]:
-        """What can be run under its name, with the words that call it: its actions."""
+        """The actions of the group, each with the words that call it."""
         return tuple((f"{self.name} {action.name}", action) for action in self.actions)
 
     def fill(self, parser: Any) -> None:

@@ -160,7 +160,7 @@ class ReferenceComparison:
 
     @property
     def sentences(self) -> list[str]:
-        """What was fitted, in words."""
+        """Sentences on the fitted clock offset, axes, origin and frame."""
         fit, found = self.fit, []
         found += [f"rows left out: {', '.join(self.reference.left_out)}"] if self.reference.left_out else []
         found += [f"the reference fits only if {fit.form}"] if fit.form else []

@@ -42,7 +42,7 @@ def _is_frame(value: object) -> bool:
 
 
 def reading_options(units: str | Mapping[str, str] | None, rate: float | None = None) -> ReadingOptions:
-    """What the units of a table in memory state.
+    """Reading options that state the units of a table in memory.
 
     Parameters
     ----------

@@ -73,7 +73,8 @@ def dataset(kind: str) -> Dataset:
 def main(kind: str) -> None:
     """Run, then print."""
     left_out = {"smoother-latest"}  # of tracks without a map alone
-    # The rate of a short window wanders: how many steps an interval is integrated in is known on the way alone.
+    # A window's rate moves as it is solved again, and with it how many steps an interval is integrated in: a function for another
+    # number of steps is built then, while the working time stands still.
     left_out |= {name for name in estimator_names() if name.startswith("smoother-lag-")}
     if c_library.compiler() is None:
         left_out |= {name for name in estimator_names() if name.startswith("embedded")}  # they are C
