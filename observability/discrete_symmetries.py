@@ -16,7 +16,7 @@ from observability.exact_numbers import PrimeField
 from observability.function_values import Residues, function_values
 from observability.generators import Generator
 from observability.model_rank import ReachedModel
-from observability.tape import PIECEWISE, TRANSCENDENTAL
+from observability.null_fields import is_rational
 
 MOST_MAPS = 6_000
 """Maps tried."""
@@ -84,10 +84,7 @@ def discrete_symmetries(part: ReachedModel, generators: Sequence[Generator]) -> 
     Functions other than roots of 1 cannot be tried at points where they have no value: there nothing is tried.
     """
     names = [*part.states, *[name for name in part.constants if name in part.unknowns]]
-    model = part.model
-    if model.point or model.known_initial_values or model.unknown_inputs or not names:
-        return DiscreteSearch((), complete=False)
-    if not (TRANSCENDENTAL | PIECEWISE | {"sqrt"}).isdisjoint(part.tape.operations):
+    if not names or not is_rational(part):
         return DiscreteSearch((), complete=False)
     connected = _signs_of_scalings(generators, names)
     group = {_signed_permutation(np.arange(len(names)), np.ones(len(names), dtype=int))}

@@ -13,10 +13,12 @@ from typing import Any, Final
 
 import casadi as ca
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy.linalg import qr
 
+from observability.cramer_rao import WIDENING, prior_share
 from observability.model import Model, model_of
+from observability.prior_dependence import PRIOR_ONLY
 from spinfilters.core.compiled import Compiled
 from spinfilters.core.errors import InputError
 
@@ -24,10 +26,6 @@ STEPS: Final = 4
 """Runge-Kutta steps between two times."""
 SINGULAR: Final = 1e-9
 """Singular values of the scaled root below this share of the largest are 0."""
-WIDENING: Final = 10.0
-"""Priors times this show what rests on them."""
-PRIOR_ONLY: Final = 0.9
-"""Share of a prior's deviation from which a direction is prior only."""
 
 Course = Callable[[float], float] | Sequence[float] | Float[np.ndarray, " t"] | float
 """A known input: a function of time, its values at the times (linear in between), or a constant."""
@@ -435,10 +433,7 @@ def _triangle(stacked: Float[np.ndarray, "k n"], size: int) -> Float[np.ndarray,
 
 def _covariance(root: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
     """(R' R)^-1, infinite in what the null directions of R move."""
-    scale = np.linalg.norm(root, axis=0)
-    scale[scale == 0] = 1.0
-    _, sizes, axes = np.linalg.svd(root / scale)
-    null = sizes <= SINGULAR * max(sizes[0], 1e-300)
+    scale, sizes, axes, null = _scaled_singular_values(root)
     regular = (axes[~null] / sizes[~null, np.newaxis]).T / scale[:, np.newaxis]
     covariance = regular @ regular.T
     lost = (np.abs(axes[null]) > 1e-6).any(axis=0)
@@ -448,11 +443,20 @@ def _covariance(root: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
 
 def _null_shares(root: Float[np.ndarray, "n n"]) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n n"]]:
     """Right singular vectors, with share 1 where there is no information."""
+    scale, _, axes, null = _scaled_singular_values(root)
+    return null.astype(float), axes.T / scale[:, np.newaxis]
+
+
+def _scaled_singular_values(
+    root: Float[np.ndarray, "n n"],
+) -> tuple[
+    Float[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, "n n"], Bool[np.ndarray, " n"]
+]:
+    """Lengths of a root's columns; singular values of the root over them, right singular vectors, and which values are zero."""
     scale = np.linalg.norm(root, axis=0)
     scale[scale == 0] = 1.0
     _, sizes, axes = np.linalg.svd(root / scale)
-    null = sizes <= SINGULAR * max(sizes[0], 1e-300)
-    return null.astype(float), axes.T / scale[:, np.newaxis]
+    return scale, sizes, axes, sizes <= SINGULAR * max(sizes[0], 1e-300)
 
 
 def _growth(
@@ -460,7 +464,7 @@ def _growth(
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n n"]]:
     """Shares of the priors that remain, and directions: eigenvectors of the wide covariance relative to the narrow one.
 
-    A variance 1 / (p + d) grows by (p + d) / (p / 100 + d); solved for p / (p + d), whose root is the share.
+    The share of what a variance grows by is `observability.cramer_rao.prior_share`.
     """
     covariance = _covariance(narrow)
     other = _covariance(wide)
@@ -469,5 +473,4 @@ def _growth(
     lower = np.linalg.cholesky(covariance)
     middle = np.linalg.solve(lower, np.linalg.solve(lower, other).T)
     growths, axes = np.linalg.eigh((middle + middle.T) / 2)
-    part = (1 - 1 / growths.clip(1.0)) / (1 - 1 / WIDENING**2)
-    return np.sqrt(part.clip(0.0, 1.0)), lower @ axes
+    return prior_share(growths.clip(1.0)), lower @ axes

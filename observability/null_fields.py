@@ -12,7 +12,7 @@ from observability.exact_numbers import PrimeField
 from observability.function_values import BranchDecisions, Residues, function_values
 from observability.model_rank import DrawnPoint, ReachedModel, output_rows
 from observability.power_series import Series
-from observability.residue_matrices import reduce_columns
+from observability.residue_matrices import null_vectors, reduce_columns
 from observability.tape import PIECEWISE, TRANSCENDENTAL
 
 BATCH_NUMBERS = 4_000_000
@@ -92,10 +92,7 @@ class NullFields:
         full = reduced.rank == len(part.unknowns) - self.dimension
         spaces = np.zeros((len(rows), self.dimension, len(part.unknowns)), dtype=np.uint64)
         for item in np.flatnonzero(full).tolist():
-            pivots = reduced.pivots[item]
-            free, bound = np.flatnonzero(pivots < 0), np.flatnonzero(pivots >= 0)
-            spaces[item, np.arange(len(free)), free] = 1
-            spaces[item][:, bound] = field.negative(reduced.rows[item][pivots[bound]][:, free]).T
+            spaces[item] = null_vectors(reduced, len(part.unknowns), field, item).T
         result[good] = spaces
         return result
 

@@ -153,10 +153,10 @@ def _multipliers(
             names = [each for each in relevant if each in constants] if name in constants else relevant
             for monomial in combinations_with_replacement(names, degree):
                 groups[_weight(monomial, (name,), weights, field.prime)].append((k, monomial))
+    moving = [k for k, name in enumerate(choice.free) if name not in constants]
     for terms in sorted(groups.values(), key=len):
         if len(terms) > MOST_COEFFICIENTS:
             continue
-        moving = [k for k, name in enumerate(choice.free) if name not in constants]
         values = fields.draw(-(-(len(terms) + SPARE) // len(moving)) + 2)
         basis, good = fields.normalised(fields.at(values), free)
         rates = fields.rates(values)
@@ -264,13 +264,11 @@ class _Interpolation:
             size = _polynomial_value(self._denominator, values, field)
             bounds.append(_degrees(steps, field.product(vectors[:, component], size), field))
         names, (above, below) = self._variables, zip(*bounds, strict=True)
-        groups: dict[tuple[int, ...], tuple[list[Monomial], list[Monomial]]] = {}
-        groups = defaultdict(lambda: ([], []))
+        groups: dict[tuple[int, ...], tuple[list[Monomial], list[Monomial]]] = defaultdict(lambda: ([], []))
+        moved, shift = (self._fields.part.unknowns[component],), self._shift(field.prime)
         for monomial in _monomials(names, above[:-1], above[-1]):
-            moved = (self._fields.part.unknowns[component],)
             groups[_weight(monomial, moved, self._weights, field.prime)][0].append(monomial)
         for monomial in _monomials(names, below[:-1], below[-1]):
-            shift = self._shift(field.prime)
             weight = _weight(monomial, (), self._weights, field.prime)
             groups[tuple((a + b) % field.prime for a, b in zip(weight, shift, strict=True))][1].append(
                 monomial

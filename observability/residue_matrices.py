@@ -62,13 +62,15 @@ def reduce_columns(matrices: Num[np.ndarray, "b r c"], columns: int, field: Prim
     return Reduced(rows, pivots)
 
 
-def null_vectors(reduced: Reduced, columns: int, field: PrimeField = FIELD) -> Num[np.ndarray, "c d"]:
-    """Basis of the null space of the first (only) matrix: one vector for each column without a pivot."""
-    pivots = reduced.pivots[0]
+def null_vectors(
+    reduced: Reduced, columns: int, field: PrimeField = FIELD, item: int = 0
+) -> Num[np.ndarray, "c d"]:
+    """Basis of the null space of one matrix, by default the first: one vector for each column without a pivot."""
+    pivots = reduced.pivots[item]
     free, bound = np.flatnonzero(pivots < 0), np.flatnonzero(pivots >= 0)
     space = np.zeros((columns, len(free)), dtype=np.uint64)
     space[free, np.arange(len(free))] = 1
-    space[bound] = field.negative(reduced.rows[0][pivots[bound]][:, free])
+    space[bound] = field.negative(reduced.rows[item][pivots[bound]][:, free])
     return space
 
 

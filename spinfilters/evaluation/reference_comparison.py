@@ -19,7 +19,7 @@ from spinfilters.core.attitude_conversions import (
     multiply,
     quaternion_from_matrix,
     rotate,
-    rotation_vector_from_quaternion,
+    rotation_vector_from_matrix,
 )
 from spinfilters.core.camera_trajectory import CameraTrajectory
 from spinfilters.core.errors import InputError
@@ -243,7 +243,7 @@ def compare_with_reference(history: EstimateHistory, reference: ReferenceMotion)
         R, q = matrix_from_quaternion(own.q_ig), reference.attitude[inside]
         B = matrix_from_quaternion(q)
         left = np.swapaxes(B, 1, 2) @ fit.frame @ R @ fit.axes
-        attitude = rotation_vector_from_quaternion(quaternion_from_matrix(left))
+        attitude = rotation_vector_from_matrix(left)
         before = _attitude_course(time, q, own.q_ig, uncorrected, anchored=True)
         frame = quaternion_from_matrix(fit.frame)
         after = _attitude_course(
@@ -280,7 +280,6 @@ def _attitude_course(
     estimate, reference = _since_first(own), _since_first(q_lm)
     pair = (estimate, reference) if anchored else (own, q_lm)
     _, angle = axis_angle_from_quaternion(multiply(inverse(pair[1]), pair[0]))
-    angle = np.minimum(np.abs(angle), 2 * np.pi - np.abs(angle))
     return AttitudeCourse(time, continuous_quaternions(estimate), continuous_quaternions(reference), angle)
 
 

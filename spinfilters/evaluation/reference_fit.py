@@ -23,11 +23,12 @@ from spinfilters.core.absolute_orientation import nearest_rotation
 from spinfilters.core.attitude_conversions import (
     axis_angle_from_quaternion,
     continuous_quaternions,
+    cross_matrix,
     inverse,
     matrix_from_quaternion,
+    matrix_from_rotation_vector,
     quaternion_from_matrix,
-    quaternion_from_rotation_vector,
-    rotation_vector_from_quaternion,
+    rotation_vector_from_matrix,
 )
 from spinfilters.core.errors import InputError
 from spinfilters.evaluation.continuous_motion import ContinuousMotion
@@ -170,11 +171,9 @@ def reference_rates(
     span : float
         Least time, s, between two differenced attitudes; differences over gaps are left out.
     """
-    if reference.attitude is None:
-        assert reference.rate is not None
-        return reference.time, reference.rate
     if reference.rate is not None:
         return reference.time, reference.rate
+    assert reference.attitude is not None  # a reference has one of the two
     time, q = reference.time, reference.attitude
     stride = int(np.clip(np.ceil(span / reference.step - 1e-9), 1, max(len(time) // 4, 1)))
     turned = quaternion_pairs(q, stride)
@@ -187,7 +186,7 @@ def quaternion_pairs(q: Float[np.ndarray, "n 4"], stride: int) -> Float[np.ndarr
     """Rotation vectors from every attitude to the one so many rows later, rad, body axes."""
     R = matrix_from_quaternion(q)
     turn = np.swapaxes(R[:-stride], 1, 2) @ R[stride:]
-    return rotation_vector_from_quaternion(quaternion_from_matrix(turn))
+    return rotation_vector_from_matrix(turn)
 
 
 def _fitted(motion: ContinuousMotion, reference: ReferenceMotion) -> ReferenceFit:
@@ -337,7 +336,7 @@ class _Problem:
             assert reference.attitude is not None
             B = matrix_from_quaternion(reference.attitude[inside])
             left = np.swapaxes(B, 1, 2) @ self.X @ R @ self.Y
-            e[:, 0] = rotation_vector_from_quaternion(quaternion_from_matrix(left))
+            e[:, 0] = rotation_vector_from_matrix(left)
             if blocks["frame"].stop > blocks["frame"].start:
                 J[:, 0, :, blocks["frame"]] = np.swapaxes(self.X @ R @ self.Y, 1, 2)
             J[:, 0, :, blocks["axes"]] = np.eye(3)
@@ -346,7 +345,7 @@ class _Problem:
         else:
             assert reference.rate is not None
             e[:, 0] = reference.rate[inside] - w
-            J[:, 0, :, blocks["axes"]] = -_cross(w)
+            J[:, 0, :, blocks["axes"]] = -cross_matrix(w)
             if self.clock_is_free:
                 J[:, 0, :, 0] = own.acceleration @ self.Y
         deviations = [own.std_attitude if self.turns else 0.0 * own.std_attitude]
@@ -356,7 +355,7 @@ class _Problem:
             at = (own.position + arm) @ self.X.T
             e[:, 1] = reference.position[inside] - at - self.s
             if blocks["frame"].stop > blocks["frame"].start:
-                J[:, 1, :, blocks["frame"]] = _cross(at)
+                J[:, 1, :, blocks["frame"]] = cross_matrix(at)
             if blocks["origin"].stop > blocks["origin"].start:
                 J[:, 1, :, blocks["origin"]] = -self.X @ R
             if blocks["shift"].stop > blocks["shift"].start:
@@ -381,10 +380,9 @@ class _Problem:
         other, blocks = self.on(self.reference), self.blocks
         if self.clock_is_free:
             other.offset = self.offset + float(step[0])
-        turn = lambda v: matrix_from_quaternion(quaternion_from_rotation_vector(v))  # noqa: E731
         if step[blocks["frame"]].size:
-            other.X = turn(step[blocks["frame"]]) @ self.X
-        other.Y = self.Y @ turn(step[blocks["axes"]])
+            other.X = matrix_from_rotation_vector(step[blocks["frame"]]) @ self.X
+        other.Y = self.Y @ matrix_from_rotation_vector(step[blocks["axes"]])
         if step[blocks["origin"]].size:
             other.o = self.o + step[blocks["origin"]]
         if step[blocks["shift"]].size:
@@ -431,31 +429,27 @@ class _Problem:
             x, variance = x + variance / S * y, variance * noise / S
         return found
 
-    def mean_square(self) -> float:
-        """Cost per row, so that offsets of other overlaps compare."""
-        if np.count_nonzero(self.inside) < 4:
-            return np.inf
-        e, _ = self.whitened()
-        return float(np.mean(e**2))
-
     def solved(self) -> "_Problem":
-        """Levenberg-Marquardt."""
+        """Levenberg-Marquardt; the cost is that of a row, so that offsets of other overlaps compare."""
         here, damping = self, 1e-4
-        cost = here.mean_square()
+        if np.count_nonzero(here.inside) < 4:
+            return here
+        e, J = here.whitened()
+        cost = float(np.mean(e**2))
         if not np.isfinite(cost):
             return here
         for _ in range(ITERATIONS):
-            e, J = here.whitened()
             A = np.einsum("kip,kiq->pq", J, J)
             b = np.einsum("kip,ki->p", J, e)
             scale = np.sqrt(np.maximum(np.diag(A), 1e-300))
             A = A / scale[:, None] / scale
             step = -np.linalg.solve(A + damping * np.eye(len(A)), b / scale) / scale
             there = here.moved(step)
-            after = there.mean_square()
+            there_e, there_J = there.whitened()
+            after = float(np.mean(there_e**2))
             if after < cost:
                 done = cost - after < 1e-8 * cost
-                here, cost, damping = there, after, max(damping / 10, 1e-12)
+                here, e, J, cost, damping = there, there_e, there_J, after, max(damping / 10, 1e-12)
                 if done:
                     break
             else:
@@ -536,13 +530,6 @@ def _solved_from(motion: ContinuousMotion, reference: ReferenceMotion, offset: f
     problem = _Problem(motion, reference, offset)
     problem.guess()
     return problem.solved()
-
-
-def _cross(v: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "k 3 3"]:
-    """Cross product matrices."""
-    found = np.zeros((len(v), 3, 3))
-    found[:, 0, 1], found[:, 0, 2], found[:, 1, 2] = -v[:, 2], v[:, 1], -v[:, 0]
-    return found - np.swapaxes(found, 1, 2)
 
 
 def _running_median(values: Float[np.ndarray, "k c"]) -> Float[np.ndarray, "k c"]:

@@ -25,7 +25,20 @@ from spinfilters.filters.outlier_rejection import RobustOptions, SensorOutlierRe
 from spinfilters.filters.shared_modes import LandmarkOptions
 
 
-class MultiplicativeEkf(MultiplicativeFilter):
+class FirstOrderFilter(MultiplicativeFilter):
+    """A filter that linearises process and measurements by their exact derivatives at the mean."""
+
+    def linearise_process(self, dt: float) -> LinearisedProcess:
+        """f, its derivative F with respect to the error, and the noise factor G, all at the mean."""
+        mean, transition, noise = self.process.linearise(self.mean, dt)
+        return LinearisedProcess(mean, transition, noise)
+
+    def predict_measurement(self, measurement: Measurement) -> LinearisedRows:
+        """Innovations y - h(x) and Jacobians H at the mean, whitened by the noise there."""
+        return linear_rows(measurement, self.mean)
+
+
+class MultiplicativeEkf(FirstOrderFilter):
     """First-order filter: the error's transition and the sensors' Jacobians are exact derivatives at the mean.
 
     Where the measurement is not linear over the step of an update, the update is iterated: linearised again about its own result
@@ -57,15 +70,6 @@ class MultiplicativeEkf(MultiplicativeFilter):
     ) -> None:
         super().__init__(process, robust, adaptation, landmarks)
         self._iteration = iteration or IterationOptions()
-
-    def linearise_process(self, dt: float) -> LinearisedProcess:
-        """f, its derivative F with respect to the error, and the noise factor G, all at the mean."""
-        mean, transition, noise = self.process.linearise(self.mean, dt)
-        return LinearisedProcess(mean, transition, noise)
-
-    def predict_measurement(self, measurement: Measurement) -> LinearisedRows:
-        """Innovations y - h(x) and Jacobians H at the mean, whitened by the noise there."""
-        return linear_rows(measurement, self.mean)
 
     def correct(
         self, measurement: Measurement, outliers: SensorOutlierRejection, scale: float

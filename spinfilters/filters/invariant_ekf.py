@@ -1,16 +1,16 @@
 """The invariant extended Kalman filter: the MEKF with the error coordinates of a group of rigid motions."""
 
 from spinfilters.filters.compiled_steps import Update
+from spinfilters.filters.ekf import FirstOrderFilter
 from spinfilters.filters.error_coordinates import ErrorCoordinates, InvariantOptions
-from spinfilters.filters.estimator import Measurement, ProcessModel
-from spinfilters.filters.filter import LinearisedProcess, MultiplicativeFilter, PredictedMeasurement
-from spinfilters.filters.measurement_prediction import LinearisedRows, linear_rows
+from spinfilters.filters.estimator import ProcessModel
+from spinfilters.filters.filter import PredictedMeasurement
 from spinfilters.filters.noise_levels import AdaptationOptions
 from spinfilters.filters.outlier_rejection import RobustOptions
 from spinfilters.filters.square_root import square_root_update
 
 
-class InvariantEkf(MultiplicativeFilter):
+class InvariantEkf(FirstOrderFilter):
     """First-order filter whose error coordinates couple attitude, position and velocity, by default as SE_2(3).
 
     Predictions are those of the MEKF, because a covariance about the mean is the same in all coordinates to first order. An update
@@ -37,15 +37,6 @@ class InvariantEkf(MultiplicativeFilter):
     ) -> None:
         super().__init__(process, robust, adaptation)
         self._coordinates = ErrorCoordinates(self.layout, (options or InvariantOptions()).coordinates)
-
-    def linearise_process(self, dt: float) -> LinearisedProcess:
-        """f, its derivative F with respect to the error, and the noise factor G, all at the mean."""
-        mean, transition, noise = self.process.linearise(self.mean, dt)
-        return LinearisedProcess(mean, transition, noise)
-
-    def predict_measurement(self, measurement: Measurement) -> LinearisedRows:
-        """Innovations y - h(x) and Jacobians H at the mean, whitened by the noise there."""
-        return linear_rows(measurement, self.mean)
 
     def correct_linearly(self, predicted: PredictedMeasurement) -> Update:
         """The correction by values that are linear in the error, folded into the mean along the group."""

@@ -23,8 +23,8 @@ from spinfilters.filters.estimator import (
     Snapshot,
     UpdateReport,
 )
-from spinfilters.filters.measurement_prediction import usable
-from spinfilters.filters.outlier_rejection import RobustOptions
+from spinfilters.filters.measurement_prediction import linear_rows, usable
+from spinfilters.filters.outlier_rejection import RobustOptions, gate
 from spinfilters.filters.square_root import LOG_2_PI
 from spinfilters.models.measurement import LandmarkSensor
 from spinfilters.models.state_layout import Gaussian
@@ -164,10 +164,10 @@ class JointEkf(Estimator):
         self._last, self._now = snapshot["last"].copy(), int(snapshot["now"])
 
     def _rows_of_state(self, m: Measurement) -> _JointRows:
-        innovation, jacobian, valid, log_noise = m.model.linearise(self.mean, m.parameters, m.values)
-        H = np.zeros((*innovation.shape, len(self.covariance)))
-        H[..., m.model.columns] = jacobian
-        return _JointRows(innovation, H, log_noise).only(usable(innovation, valid))
+        rows = linear_rows(m, self.mean)
+        H = np.zeros((*rows.innovation.shape, len(self.covariance)))
+        H[..., rows.columns] = rows.jacobian
+        return _JointRows(rows.innovation, H, rows.log_noise)
 
     def _rows_of_landmarks(
         self, sensor: LandmarkSensor, m: Measurement, at: Int[np.ndarray, " k"], known: Bool[np.ndarray, " k"]
@@ -207,8 +207,6 @@ class JointEkf(Estimator):
 
     def _within_gate(self, rows: _JointRows) -> Bool[np.ndarray, " k"]:
         """Whether each observation by itself is within its gate."""
-        from scipy.special import chdtri  # slow to import
-
         count, d = rows.innovation.shape
         if not count or self._gate_probability >= 1:
             return np.ones(count, dtype=bool)
@@ -216,7 +214,7 @@ class JointEkf(Estimator):
         square = np.einsum(
             "kd,kd->k", rows.innovation, np.linalg.solve(S, rows.innovation[..., None])[..., 0]
         )
-        return square <= chdtri(d, 1 - self._gate_probability)
+        return square <= gate(self._gate_probability, d)
 
     def _add(
         self, sensor: LandmarkSensor, m: Measurement, new: Bool[np.ndarray, " k"]

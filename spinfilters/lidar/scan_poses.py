@@ -452,12 +452,14 @@ def _has_faces(clouds: Sequence[Float[np.ndarray, "n 3"]], noise: PointNoise, se
     found = [extract_planes(points, noise, generator) for points in looked_at]
     if np.median([share for _, share in found]) < PLANE_SHARE:
         return False
-    flat = np.median([_reduced_chi_square(planes) for planes, _ in found]) < MOST_EXCESS
+    if not np.median([_reduced_chi_square(planes) for planes, _ in found]) < MOST_EXCESS:
+        return False
+    if np.median([len(points) for points in looked_at]) < FEWEST_REGISTERED:
+        return True
     before = [
         _share_in_front(points, planes, noise) for points, (planes, _) in zip(looked_at, found, strict=True)
     ]
-    is_coarse = np.median([len(points) for points in looked_at]) < FEWEST_REGISTERED
-    return bool(flat and (is_coarse or np.median(before) <= MOST_IN_FRONT))
+    return bool(np.median(before) <= MOST_IN_FRONT)
 
 
 def _share_in_front(

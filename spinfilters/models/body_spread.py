@@ -46,7 +46,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.core.attitude_conversions import quaternion_from_matrix, rotation_vector_from_quaternion
+from spinfilters.core.attitude_conversions import rotation_vector_from_matrix
 from spinfilters.core.compiled import Compiled
 from spinfilters.core.mass_distribution import DIMENSION, inertia, retract_mass
 from spinfilters.core.working_time import building
@@ -123,7 +123,7 @@ def axis_turns(
     turned = np.swapaxes(axes, 1, 2)[:, np.newaxis] @ vectors
     traces = np.einsum("npkk,jk->npj", turned, TURNS)
     chosen = TURNS[np.argmax(traces, axis=2)]
-    return rotation_vector_from_quaternion(quaternion_from_matrix(turned * chosen[:, :, np.newaxis]))
+    return rotation_vector_from_matrix(turned * chosen[:, :, np.newaxis])
 
 
 @cache

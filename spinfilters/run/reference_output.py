@@ -13,7 +13,7 @@ import numpy as np
 from spinfilters.core.errors import NUMERICAL_ERRORS, InputError, numerical
 from spinfilters.core.linear_algebra import at_times
 from spinfilters.evaluation.reference_comparison import ReferenceComparison, compare_with_reference
-from spinfilters.evaluation.trajectory_errors import TIME_TOLERANCE
+from spinfilters.evaluation.trajectory_errors import common_stamps
 from spinfilters.filters.history import EstimateHistory
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.input_file import reason
@@ -25,8 +25,6 @@ from spinfilters.io.reference_motion import (
     relative_reference,
 )
 from spinfilters.io.text_table import write_csv
-from spinfilters.plots.reference_figures import reference_differences_figure, reference_values_figure
-from spinfilters.plots.style import draw_figure
 from spinfilters.run.array_files import finite_document
 from spinfilters.run.run_folder import REFERENCE_FILE, REFERENCE_TABLE, reference_pictures
 
@@ -46,10 +44,11 @@ def without_late_truth(dataset: Dataset) -> tuple[Dataset, ReferenceMotion | Non
     truth = dataset.truth
     if truth is None:
         return dataset, None
-    times = np.unique(np.concatenate([stream.time for stream in dataset.log.streams]))
-    after = np.clip(np.searchsorted(times, truth.time), 1, len(times) - 1)
-    nearest = np.minimum(np.abs(times[after] - truth.time), np.abs(times[after - 1] - truth.time))
-    if nearest.min() <= TIME_TOLERANCE:
+    try:
+        common_stamps(truth.time, dataset.log.times)
+    except InputError:  # none in common
+        pass
+    else:
         return dataset, None
     try:
         reference = reference_of_truth(truth, "truth.csv")
@@ -76,6 +75,10 @@ def write_reference(
     InputError
         A file cannot be written.
     """
+    # Matplotlib is slow to import: a run without a reference does not wait for it.
+    from spinfilters.plots.reference_figures import reference_differences_figure, reference_values_figure
+    from spinfilters.plots.style import draw_figure
+
     document: dict[str, Any] = {"schema": SCHEMA, "reference": reference.name, "estimators": {}}
     drawn: list[str] = []
     for history in histories:

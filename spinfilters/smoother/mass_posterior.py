@@ -237,12 +237,9 @@ class MassSampler:
         share: Float[np.ndarray, " c"],
     ) -> Float[np.ndarray, " n"]:
         """Log density of the mixture of t distributions, in errors about each node."""
-        states = np.tile(nodes[0].trajectory[0], (len(points), 1))
-        states[:, self._at] = points
         terms = []
         for node, root, part in zip(nodes, roots, share, strict=True):
-            origin = states.copy()
-            origin[:] = node.trajectory[0]
+            origin = np.tile(node.trajectory[0], (len(points), 1))
             moved = origin.copy()
             moved[:, self._at] = points
             error = self.layout.local(origin, moved)[:, self._s]

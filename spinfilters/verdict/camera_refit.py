@@ -17,8 +17,7 @@ from spinfilters.core.chi_square import chi_square_tail
 from spinfilters.core.errors import NUMERICAL_ERRORS, InputError
 from spinfilters.filters.timeline import build_timeline, times_of
 from spinfilters.inference.setup import Setup, camera_view
-from spinfilters.smoother.landmark_factors import OBSERVATIONS_NEEDED, seen_ids
-from spinfilters.smoother.problem import Problem, problem_of
+from spinfilters.smoother.problem import Problem
 from spinfilters.verdict.flywheel_refit import at_own_levels
 from spinfilters.verdict.model_errors.camera_alternatives import (
     HIGHEST_DEGREE,
@@ -129,5 +128,4 @@ def _problem_before(setup: Setup, time: Float[np.ndarray, " k"], poses: Float[np
     assert view is not None
     view = replace(view, inspector=CameraTrajectory(time, poses))
     epochs = build_timeline(setup.log.slice(time[0], time[-1]), setup.process.layout, setup.noise, view)
-    ids = np.unique(seen_ids(epochs)) if setup.initial.has_landmarks else np.zeros(0, dtype=int)
-    return problem_of(setup.process, epochs, ids, setup.initial.prior, OBSERVATIONS_NEEDED)
+    return linear_problem(setup, epochs)

@@ -12,6 +12,7 @@ from typing import Final
 
 import numpy as np
 from jaxtyping import Float, Int
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
@@ -445,7 +446,7 @@ def _mesh_figure(meshes: Sequence[TriangleMesh], colours: Sequence[str], title: 
     for mesh, colour in zip(meshes, colours, strict=True):
         few = slice(None, None, max(1, len(mesh.triangles) // DRAWN // 4 + 1))
         shade = 0.55 + 0.45 * np.clip(mesh.normals[few] @ light, -0.6, 1.0)
-        rgb = np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)]) / 255.0
+        rgb = np.array(to_rgb(colour))
         faces = Poly3DCollection(
             mesh.corners[few].tolist(),
             facecolors=np.clip(shade[:, None] * rgb, 0.0, 1.0).tolist(),
