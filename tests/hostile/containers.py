@@ -55,7 +55,7 @@ def _file(name: str, data: Data) -> Change:
 # Arrays of NumPy
 
 
-def _npz(packing: int = zipfile.ZIP_STORED, **members: bytes) -> bytes:
+def _npz(members: Mapping[str, bytes], packing: int = zipfile.ZIP_STORED) -> bytes:
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w", packing) as archive:
         for name, data in members.items():
@@ -85,43 +85,43 @@ class _Shell:
 
 def _npzs() -> dict[str, Data]:
     table = {name: _npy(column) for name, column in COLUMNS.items()}
-    packed = bytearray(_npz(zipfile.ZIP_DEFLATED, **table))
+    packed = bytearray(_npz(table, zipfile.ZIP_DEFLATED))
     place = packed.index(b"time_s.npy") + 40
     packed[place : place + 20] = bytes(255 - byte for byte in packed[place : place + 20])
     objects = io.BytesIO()
     np.save(objects, np.array([_Shell()] * 20, dtype=object), allow_pickle=True)
     return {
-        "an array of objects": _npz(**table | {"wz": objects.getvalue()}),
+        "an array of objects": _npz(table | {"wz": objects.getvalue()}),
         "a pickle": pickle.dumps(_Shell()),
         "an array alone": _npy(TIME),
-        "truncated": _npz(**table)[:-100],
+        "truncated": _npz(table)[:-100],
         "corrupt deflate": bytes(packed),
-        "an array of 1e15 numbers": _npz(**table | {"wx": _npy_stating("(1000000000000000,)")}),
-        "an array of -20 numbers": _npz(**table | {"wx": _npy_stating("(-20,)")}),
-        "an array of 2^70 numbers": _npz(**table | {"wx": _npy_stating(f"({2**70},)")}),
-        "an array of a shape of code": _npz(**table | {"wx": _npy_stating("(__import__('os').getpid(),)")}),
-        "an array of a shape nested without end": _npz(**table | {"wx": _npy_stating("(" * 5000)}),
-        "an array of a kind that is none": _npz(**table | {"wx": _npy_stating("(20,)", "'<q99'")}),
-        "an array of records": _npz(**table | {"wx": _npy_stating("(20,)", "[('a', '<f8')]")}),
-        "an array of texts": _npz(**table | {"wx": _npy(np.array(["x"] * 20))}),
-        "an array of complex numbers": _npz(**table | {"wx": _npy(RATES[:, 0] + 1j)}),
-        "an array without axes": _npz(**table | {"wx": _npy(np.float64(3.0))}),
-        "an array of eight axes": _npz(**table | {"wx": _npy(np.ones((20,) + (1,) * 7))}),
-        "an empty array": _npz(**table | {"wx": _npy(np.empty(0))}),
+        "an array of 1e15 numbers": _npz(table | {"wx": _npy_stating("(1000000000000000,)")}),
+        "an array of -20 numbers": _npz(table | {"wx": _npy_stating("(-20,)")}),
+        "an array of 2^70 numbers": _npz(table | {"wx": _npy_stating(f"({2**70},)")}),
+        "an array of a shape of code": _npz(table | {"wx": _npy_stating("(__import__('os').getpid(),)")}),
+        "an array of a shape nested without end": _npz(table | {"wx": _npy_stating("(" * 5000)}),
+        "an array of a kind that is none": _npz(table | {"wx": _npy_stating("(20,)", "'<q99'")}),
+        "an array of records": _npz(table | {"wx": _npy_stating("(20,)", "[('a', '<f8')]")}),
+        "an array of texts": _npz(table | {"wx": _npy(np.array(["x"] * 20))}),
+        "an array of complex numbers": _npz(table | {"wx": _npy(RATES[:, 0] + 1j)}),
+        "an array without axes": _npz(table | {"wx": _npy(np.array(3.0))}),
+        "an array of eight axes": _npz(table | {"wx": _npy(np.ones((20,) + (1,) * 7))}),
+        "an empty array": _npz(table | {"wx": _npy(np.empty(0))}),
         "a bomb of 1.9 GB": lambda: _npz(
-            zipfile.ZIP_DEFLATED, **table | {"other": _npy_stating("(237500000,)", body=bytes(1_900_000_000))}
+            table | {"other": _npy_stating("(237500000,)", body=bytes(1_900_000_000))}, zipfile.ZIP_DEFLATED
         ),
-        "NaN in the clock": _npz(**table | {"time_s": _npy(np.where(TIME == TIME[5], np.nan, TIME))}),
-        "infinite rates": _npz(**table | {"wy": _npy(np.full(20, np.inf))}),
-        "rates of 1e308": _npz(**table | {"wy": _npy(np.full(20, 1e308))}),
-        "a clock that stands": _npz(**table | {"time_s": _npy(np.zeros(20))}),
-        "a clock of 2^63": _npz(**table | {"time_s": _npy(np.arange(20, dtype=np.int64) + 2**62)}),
-        "dates that are none": _npz(**table | {"time_s": _npy(np.full(20, "NaT", dtype="M8[ns]"))}),
-        "dates of the year 1e9": _npz(**table | {"time_s": _npy(np.arange(20).astype("M8[Y]") + 10**9)}),
-        "a member with ..": _npz(**table | {"../../x": _npy(TIME)}),
-        "a member with an escape": _npz(**table | {"\x1b[2J": _npy(TIME)}),
-        "10000 members": _npz(**{f"a{k}": b"" for k in range(10_000)}),
-        "encrypted": _npz(**table).replace(b"\x14\0\0\0\0\0", b"\x14\0\x01\0\0\0"),
+        "NaN in the clock": _npz(table | {"time_s": _npy(np.where(TIME[5] == TIME, np.nan, TIME))}),
+        "infinite rates": _npz(table | {"wy": _npy(np.full(20, np.inf))}),
+        "rates of 1e308": _npz(table | {"wy": _npy(np.full(20, 1e308))}),
+        "a clock that stands": _npz(table | {"time_s": _npy(np.zeros(20))}),
+        "a clock of 2^63": _npz(table | {"time_s": _npy(np.arange(20, dtype=np.int64) + 2**62)}),
+        "dates that are none": _npz(table | {"time_s": _npy(np.full(20, "NaT", dtype="M8[ns]"))}),
+        "dates of the year 1e9": _npz(table | {"time_s": _npy(np.arange(20).astype("M8[Y]") + 10**9)}),
+        "a member with ..": _npz(table | {"../../x": _npy(TIME)}),
+        "a member with an escape": _npz(table | {"\x1b[2J": _npy(TIME)}),
+        "10000 members": _npz({f"a{k}": b"" for k in range(10_000)}),
+        "encrypted": _npz(table).replace(b"\x14\0\0\0\0\0", b"\x14\0\x01\0\0\0"),
     }
 
 
@@ -368,7 +368,8 @@ def _references() -> Iterator[Case]:
         "zeros": "\0" * 400,
         "Motive alone": "Format Version,1.23\n",
         "Motive without a body": "Format Version,1.23,Length Units,Meters\n\n,Type\n,Name\n,ID\n,,\nFrame,Time\n0,0\n",
-        "Motive of other units": "Format Version,1.23,Length Units,Parsecs\n\n,Type,Rigid Body\n,Name,a\n,ID,1\n,,Rotation\nFrame,Time,X\n0,0,0\n",
+        "Motive of other units": "Format Version,1.23,Length Units,Parsecs\n\n,Type,Rigid Body\n"
+        ",Name,a\n,ID,1\n,,Rotation\nFrame,Time,X\n0,0,0\n",
         "TUM with words": "\n".join(["0 0 0 0 0 0 0 1"] * 10 + ["x"]),
     }
     for what, text in texts.items():
@@ -540,7 +541,9 @@ def _small_commands() -> Iterator[Case]:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Try them all; exit code 1 where one did what it must not."""
     assert __doc__ is not None
-    return campaign("tests.hostile.containers", list(container_cases()), parser(__doc__).parse_args(arguments))
+    return campaign(
+        "tests.hostile.containers", list(container_cases()), parser(__doc__).parse_args(arguments)
+    )
 
 
 if __name__ == "__main__":

@@ -5,10 +5,10 @@ python -m tests.hostile.equations --verbose
 
 from collections.abc import Iterator, Sequence
 
+from .attacks import no_files
 from .campaign import campaign, parser
 from .case import Case
 from .changes import content, instead
-from .attacks import no_files
 
 OBSERVE = ("observe", "{in}/m.toml", "-o", "{out}/made")
 MODEL = """states = ["x1", "x2"]

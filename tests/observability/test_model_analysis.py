@@ -118,7 +118,7 @@ def test_the_command_writes_what_it_prints(
     ("name", "text", "words"),
     [
         ("model.py", "x = 1", "write it as model.toml"),
-        ("model.toml", "states = [", "is no TOML file"),
+        ("model.toml", "states = [", "is not TOML"),
         ("model.toml", SPRING.replace('x = "v"', ""), "the state 'x' has no equation"),
     ],
 )
