@@ -23,7 +23,6 @@ from spinfilters.io.truth import Truth
 from spinfilters.models.body import body_estimate
 from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.models.status import EstimatorStatus, Verdict
-from spinfilters.plots.convergence import convergence_figure
 from spinfilters.plots.style import draw_figure
 from spinfilters.plots.time_courses import PAST, PredictionCurves, prediction_figure
 from spinfilters.run import smoother_convergence
@@ -456,8 +455,4 @@ def _draw_prediction(folder: Path, histories: Sequence[EstimateHistory]) -> list
 
 
 def _draw_convergence(folder: Path, truth: Truth | None) -> list[str]:
-    settled = smoother_convergence.read_convergence(folder, truth)
-    if settled is None:
-        return []
-    draw_figure(lambda: convergence_figure(settled), folder / CONVERGENCE_PICTURE)
-    return [CONVERGENCE_PICTURE]
+    return [CONVERGENCE_PICTURE] if smoother_convergence.redraw_convergence(folder, truth) else []

@@ -54,6 +54,30 @@ def disparity_map(
     return found
 
 
+LOCAL_BLOCK: Final = 15
+"""Side of a block of local matching, px."""
+
+
+def local_disparity_map(
+    left: UInt8[np.ndarray, "h w"], right: UInt8[np.ndarray, "h w"], largest: int
+) -> Float[np.ndarray, "h w"]:
+    """Disparity by local matching of blocks (sums of absolute differences), px; NaN where none is found.
+
+    Parameters
+    ----------
+    left, right : ndarray of uint8, shape (h, w)
+        Rectified pair.
+    largest : int
+        Disparity up to which is looked, px; widened to a multiple of 16.
+    """
+    count = -(-(largest + 1) // 16) * 16
+    matcher = cv2.StereoBM.create(numDisparities=count, blockSize=LOCAL_BLOCK)
+    padded = [cv2.copyMakeBorder(image, 0, 0, count, 0, cv2.BORDER_REPLICATE) for image in (left, right)]
+    found = matcher.compute(*padded)[:, count:].astype(float) / 16
+    found[found < 0] = np.nan
+    return found
+
+
 WINDOW: Final = 7
 """Rows and columns of the window, px."""
 ITERATIONS: Final = 3
