@@ -78,6 +78,25 @@ def local_disparity_map(
     return found
 
 
+LEAST_CONTRAST: Final = 4.0
+"""Standard deviation of the grey values around a pixel from which it has texture; below are noise and what is evenly lit."""
+
+
+def textured_pixels(image: UInt8[np.ndarray, "h w"], window: int = LOCAL_BLOCK) -> Bool[np.ndarray, "h w"]:
+    """Pixels around which grey values differ by more than `LEAST_CONTRAST`: elsewhere a disparity is a guess.
+
+    Parameters
+    ----------
+    image : ndarray of uint8, shape (h, w)
+        Grey values.
+    window : int
+        Side of the window, px.
+    """
+    grey = image.astype(float)
+    mean, square = (cv2.blur(each, (window, window)) for each in (grey, grey * grey))
+    return np.asarray(square - mean * mean > LEAST_CONTRAST**2)
+
+
 WINDOW: Final = 7
 """Rows and columns of the window, px."""
 ITERATIONS: Final = 3

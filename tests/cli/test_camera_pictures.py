@@ -31,7 +31,7 @@ def rig_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_stored_calibration_is_checked_and_compared(
     rig_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    board = ["--images", str(rig_folder / "boards"), "--corners", "7x5", "--square", "0.03"]
+    board = ["--images", str(rig_folder / "boards"), "--corners", "7x5", "--window", "4", "--square", "0.03"]
     out = tmp_path / "out"
     assert main(["checkout", str(rig_folder), *board, "--difference", str(rig_folder), "-o", str(out)]) == 0
     for name in ("checkout.png", "difference.png"):

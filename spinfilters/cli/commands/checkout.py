@@ -8,6 +8,7 @@ from spinfilters.cli.command import Command
 from spinfilters.core.errors import InputError
 from spinfilters.io.input_file import path_text
 from spinfilters.io.stated_values import Argument, NumberRange
+from spinfilters.vision.calibration_arguments import CalibrateArguments
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,6 +25,14 @@ class CheckoutArguments:
     square: Annotated[float, NumberRange(1e-4, 10, "m"), Argument("side of a square", metavar="METRES")] = (
         0.0254
     )
+    charuco: Annotated[bool, Argument("the board has markers (DICT_5X5_250, 3/4 of a square)")] = False
+    window: Annotated[
+        int,
+        NumberRange(2, 50, "px", whole=True),
+        Argument(
+            "half width in which a corner is refined; smaller where corners are close together", metavar="PX"
+        ),
+    ] = CalibrateArguments.window
     difference: Annotated[
         str | None, Argument("folder of another calibration, to list what differs", metavar="OTHER")
     ] = None
@@ -64,7 +73,7 @@ def _check(options: CheckoutArguments, place: Path) -> tuple[bool, list[str]]:
     from spinfilters.vision.rectification import Rectification, read_raw_rig
 
     rig, source, losses = read_raw_rig(Path(options.stored)), Path(str(options.images)), LossCount()
-    board = Board.of(options.corners, options.square)
+    board = Board.of(options.corners, options.square, options.charuco, options.window)
     pairs = image_pairs(source)
     views, size = board_views(pairs, board, losses)
     if size != rig.size:

@@ -37,7 +37,7 @@ def depth(options: DepthArguments) -> int:
     from spinfilters.plots.measurement_figures import disparities_figure
     from spinfilters.plots.style import save_figure
     from spinfilters.run.array_files import write_arrays
-    from spinfilters.vision.depth_map import disparity_map, local_disparity_map
+    from spinfilters.vision.depth_map import disparity_map, local_disparity_map, textured_pixels
     from spinfilters.vision.image_folder import read_image
     from spinfilters.vision.rectification import Rectification, read_raw_rig
 
@@ -64,9 +64,10 @@ def depth(options: DepthArguments) -> int:
             )
         left, right = rectification.images(left, right)
         scale = rectification.stereo.left.fx * rectification.stereo.baseline_m
+    textured = textured_pixels(left)
     maps = {
-        "local": local_disparity_map(left, right, options.largest),
-        "global": disparity_map(left, right, options.largest),
+        name: np.where(textured, match(left, right, options.largest), np.nan)
+        for name, match in (("local", local_disparity_map), ("global", disparity_map))
     }
     with output_folder(folder, COMMAND.name) as place:
         arrays = {f"disparity_{name}_px": values for name, values in maps.items()}
@@ -91,6 +92,6 @@ COMMAND = Command(
     DepthArguments,
     depth,
     "Local matching compares blocks (OpenCV's sums of absolute differences), global matching makes neighbours agree (semi-global "
-    "matching, Hirschmueller 2008), as section 2.10 of Tweddle (2013) sets side by side. depth.npz has a map each; with --rig also "
-    "the depth in metres.",
+    "matching, Hirschmueller 2008), as section 2.10 of Tweddle (2013) sets side by side. Pixels without texture are left "
+    "out. depth.npz has a map each; with --rig also the depth in metres.",
 )

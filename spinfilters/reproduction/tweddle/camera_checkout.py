@@ -33,7 +33,7 @@ from spinfilters.vision.rectification import RawCamera, RawRig, Rectification
 from spinfilters.vision.stereo_calibration import StereoCalibration, calibrate_stereo
 
 INCH: Final = 0.0254
-BOARD: Final = Board(9, 5, INCH)
+BOARD: Final = Board(9, 5, INCH, window=5)
 """Inner corners are not printed: 9 inches by 15.5 inches of one-inch squares, less a rim."""
 SIZE: Final = (640, 480)
 PIXEL: Final = 6e-6

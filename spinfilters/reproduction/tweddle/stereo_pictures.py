@@ -20,7 +20,7 @@ from spinfilters.simulation.board_images import board_images, projected
 from spinfilters.simulation.image_recordings import ImageScenario, render
 from spinfilters.simulation.image_sequence import Imaging
 from spinfilters.simulation.scenario import Scenario
-from spinfilters.vision.depth_map import disparity_map, local_disparity_map
+from spinfilters.vision.depth_map import disparity_map, local_disparity_map, textured_pixels
 from spinfilters.vision.rectification import Rectification
 from spinfilters.vision.track_images import track_images
 from spinfilters.vision.tracked_pairs import TrackedPair, tracked_pairs
@@ -46,7 +46,7 @@ def followed() -> list[TrackedPair]:
 def make_undistortion() -> ItemResult:
     """Figure 2-13: a pair before and after undistortion and rectification."""
     rig, _ = rigs()
-    pose = np.eye(3), np.array([-0.10, -0.05, 0.30])
+    pose = np.eye(3), np.array([-0.055, -0.05, 0.36])
     left, right = projected(rig, BOARD.points, pose)
     generator = np.random.default_rng(13)
     raw = [images[0] for images in board_images([pose], rig, BOARD, generator)]
@@ -124,11 +124,11 @@ def make_matches() -> ItemResult:
 def make_depth() -> ItemResult:
     """Figure 2-17: image and depth map, by local and by global matching."""
     pair = followed()[-1]
+    body = textured_pixels(pair.left)
     maps = {
-        "global": disparity_map(pair.left, pair.right, LARGEST),
-        "local": local_disparity_map(pair.left, pair.right, LARGEST),
+        name: np.where(body, match(pair.left, pair.right, LARGEST), np.nan)
+        for name, match in (("global", disparity_map), ("local", local_disparity_map))
     }
-    body = pair.left > np.quantile(pair.left, 0.5) + 20
     at = np.rint(pair.values[:, :2]).astype(int)
     sparse = pair.values[:, 0] - pair.values[:, 2]
     rows = []
