@@ -30,7 +30,7 @@ from observability.cramer_rao import (
 )
 from observability.exact_numbers import as_floats
 from observability.prior_dependence import QuantityBound, quantity_bounds
-from observability.reference_trajectory import KnownInput, RecordedInput, ReferenceTrajectory
+from observability.reference_trajectory import ReferenceTrajectory
 from observability.system import analysed, with_noise_options
 from spinfilters.core.working_time import building
 from spinfilters.io.sensor_format import noise_options
