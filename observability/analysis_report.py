@@ -186,16 +186,7 @@ def assumptions(case: Case) -> list[str]:
         + (f", {process.force_psd:g} (m/s^2)^2/Hz" if case.has_place else ""),
         f"priors: {_priors(case)}",
     ]
-    return [*lines, *[_input(each) for each in case.acting]]
-
-
-def _input(given: KnownInput | RecordedInput) -> str:
-    """A known input over time."""
-    unit = "N m" if given.axis.is_torque else "m/s^2"
-    if isinstance(given, KnownInput):
-        return f"{given.axis.value}: {given.size:g} {unit} cos(2 pi t / {given.period:.3g} s)"
-    low, high = np.min(given.values), np.max(given.values)
-    return f"{given.axis.value}: {len(given.time)} rows from {given.time[0]:g} to {given.time[-1]:g} s, {low:g} to {high:g} {unit}"
+    return [*lines, *[f"{each.axis.value}: {each.words}" for each in case.acting]]
 
 
 def _noise(case: Case, sensor: str) -> str:

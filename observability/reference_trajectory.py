@@ -57,6 +57,11 @@ class KnownInput:
                 "positive finite period"
             )
 
+    @property
+    def words(self) -> str:
+        """It over time, in words."""
+        return f"{self.size:g} {self.axis.unit} cos(2 pi t / {self.period:.3g} s)"
+
     def at(self, time: float) -> float:
         """Its value."""
         return float(self.size * np.cos(2 * np.pi * time / self.period))
@@ -90,6 +95,13 @@ class RecordedInput:
     def period(self) -> float:
         """Of the substeps that follow it, s: each is no longer than the rows are apart."""
         return SUBSTEPS_OF_A_PERIOD * float(np.median(np.diff(self.time)))
+
+    @property
+    def words(self) -> str:
+        """It over time, in words."""
+        low, high = np.min(self.values), np.max(self.values)
+        when = f"{len(self.time)} rows from {self.time[0]:g} to {self.time[-1]:g} s"
+        return f"{when}, {low:g} to {high:g} {self.axis.unit}"
 
     @property
     def is_constant(self) -> bool:

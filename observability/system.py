@@ -49,6 +49,11 @@ class Input(StrEnum):
         return self.value.startswith("torque")
 
     @property
+    def unit(self) -> str:
+        """Its unit."""
+        return "N m" if self.is_torque else "m/s^2"
+
+    @property
     def axis(self) -> int:
         """0, 1 or 2."""
         return "xyz".index(self.value[-1])
