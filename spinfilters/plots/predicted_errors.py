@@ -30,22 +30,22 @@ _PANELS: Final[Mapping[str, tuple[str, float, str]]] = {
 """Label, scale and axes of every quantity."""
 
 
-def prediction_errors_figure(predicted: Sequence[tuple[str, PredictionErrors]]) -> Figure:
+def prediction_errors_figure(predicted: Mapping[str, PredictionErrors]) -> Figure:
     """Errors of every axis with their bands of 3 sigma, and below them the NEES with its band of 95 %.
 
     Parameters
     ----------
-    predicted : sequence of tuple
-        Name of an estimator and the errors of its prediction, at least one.
+    predicted : mapping of str to PredictionErrors
+        By the name of the estimator, at least one.
 
     Returns
     -------
     Figure
         Not yet saved or shown.
     """
-    names = [name for name in _PANELS if any(name in errors.courses for _, errors in predicted)]
-    lines = estimator_lines([name for name, _ in predicted])
-    has_nees = any(errors.nees is not None for _, errors in predicted)
+    names = [name for name in _PANELS if any(name in errors.courses for errors in predicted.values())]
+    lines = estimator_lines(list(predicted))
+    has_nees = any(errors.nees is not None for errors in predicted.values())
     count = len(names) + has_nees
     figure = Figure(figsize=(11.0, 1.0 + 1.95 * count), layout="constrained")
     grid = figure.add_gridspec(count, 3)
@@ -61,7 +61,7 @@ def prediction_errors_figure(predicted: Sequence[tuple[str, PredictionErrors]]) 
         _nees_panel(figure.add_subplot(grid[count - 1, :]), predicted, lines)
     for axes in figure.axes[-1 if has_nees else -3 :]:
         axes.set_xlabel("time ahead [s]")
-    judges = " and ".join(dict.fromkeys(errors.judge for _, errors in predicted))
+    judges = " and ".join(dict.fromkeys(errors.judge for errors in predicted.values()))
     figure.suptitle(f"Prediction minus {judges}, ±{SIGMAS:g} σ as predicted", fontsize="large")
     band = Patch(color=GREY, alpha=0.3, label=f"±{SIGMAS:g} σ")
     limit = (
@@ -78,11 +78,11 @@ def _error_panel(
     name: str,
     axis: int,
     scale: float,
-    predicted: Sequence[tuple[str, PredictionErrors]],
+    predicted: Mapping[str, PredictionErrors],
     lines: Sequence[EstimatorLine],
 ) -> None:
     values, bands = [np.zeros(1)], [np.zeros(1)]
-    for (_, errors), line in zip(predicted, lines, strict=True):
+    for errors, line in zip(predicted.values(), lines, strict=True):
         if name not in errors.courses:
             continue
         course = errors.courses[name]
@@ -98,10 +98,10 @@ def _error_panel(
 
 
 def _nees_panel(
-    axes: Axes, predicted: Sequence[tuple[str, PredictionErrors]], lines: Sequence[EstimatorLine]
+    axes: Axes, predicted: Mapping[str, PredictionErrors], lines: Sequence[EstimatorLine]
 ) -> None:
     limits = []
-    for (_, errors), line in zip(predicted, lines, strict=True):
+    for errors, line in zip(predicted.values(), lines, strict=True):
         ratio = errors.ratio
         if ratio is not None:
             line.draw(axes, errors.ahead, ratio)

@@ -148,11 +148,10 @@ def _draw(
 ) -> list[str]:
     """Draw the predictions, and their errors where there are any; a picture of an earlier prediction goes."""
     motions = _predicted_motion([each.history for each in good], predicted)
-    pairs = list(judged.items())
     drawn = []
     for name, draw, what in (
         (PREDICTION_PICTURE, lambda: prediction_figure(motions), motions),
-        (PREDICTION_ERRORS_PICTURE, lambda: prediction_errors_figure(pairs), pairs),
+        (PREDICTION_ERRORS_PICTURE, lambda: prediction_errors_figure(judged), judged),
     ):
         if what:
             draw_figure(draw, folder / name)
