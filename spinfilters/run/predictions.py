@@ -64,7 +64,7 @@ def times_ahead(time: Float[np.ndarray, " n"], seconds: float) -> Float[np.ndarr
 
 
 def stamps_ahead(
-    time: Float[np.ndarray, " n"], seconds: float, judged: Float[np.ndarray, " m"]
+    time: Float[np.ndarray, " n"], seconds: float, compared: Float[np.ndarray, " m"]
 ) -> Float[np.ndarray, " k"]:
     """Times ahead of the last epoch, s: those of `times_ahead`, and the stamps (s) at which a truth tells the motion.
 
@@ -77,7 +77,7 @@ def stamps_ahead(
     """
     steps = times_ahead(time, seconds)
     interval, now = float(steps[0]), float(time[-1])
-    told = judged - now
+    told = compared - now
     told = told[(told > CLOSE * interval) & (told <= steps[-1] + CLOSE * interval)]
     told = told[:: max(1, -(-len(told) // MOST_STEPS))]
     if not len(told):
@@ -118,9 +118,9 @@ def write_predictions(
             write_trajectory_csv(folder / each.name / TABLE, trajectory_of(_cut(each, slice(1, None))))
         else:
             (folder / each.name / TABLE).unlink(missing_ok=True)
-    judged = _judged(good, predicted)
-    _write_errors(folder, seconds, good, judged)
-    return _draw(folder, good, predicted, judged)
+    compared = _compared_with_truth(good, predicted)
+    _write_errors(folder, seconds, good, compared)
+    return _draw(folder, good, predicted, compared)
 
 
 def draw_predictions(folder: Path, evaluations: Sequence[Evaluation]) -> list[str]:
@@ -137,21 +137,21 @@ def draw_predictions(folder: Path, evaluations: Sequence[Evaluation]) -> list[st
     if not good or not any(path.exists() for path in told):
         return []
     predicted = [_read(path, each.history) for path, each in zip(paths, good, strict=True)]
-    return _draw(folder, good, predicted, _judged(good, predicted))
+    return _draw(folder, good, predicted, _compared_with_truth(good, predicted))
 
 
 def _draw(
     folder: Path,
     good: Sequence[Evaluation],
     predicted: Sequence[EstimateHistory],
-    judged: Mapping[str, PredictionErrors],
+    compared: Mapping[str, PredictionErrors],
 ) -> list[str]:
     """Draw the predictions, and their errors where there are any; a picture of an earlier prediction goes."""
     motions = _predicted_motion([each.history for each in good], predicted)
     drawn = []
     for name, draw, what in (
         (PREDICTION_PICTURE, lambda: prediction_figure(motions), motions),
-        (PREDICTION_ERRORS_PICTURE, lambda: prediction_errors_figure(judged), judged),
+        (PREDICTION_ERRORS_PICTURE, lambda: prediction_errors_figure(compared), compared),
     ):
         if what:
             draw_figure(draw, folder / name)
@@ -161,7 +161,9 @@ def _draw(
     return drawn
 
 
-def _judged(good: Sequence[Evaluation], predicted: Sequence[EstimateHistory]) -> dict[str, PredictionErrors]:
+def _compared_with_truth(
+    good: Sequence[Evaluation], predicted: Sequence[EstimateHistory]
+) -> dict[str, PredictionErrors]:
     """Errors of every prediction that the truth can judge, by estimator: a truth that cannot ends no run."""
     found = {}
     for evaluation, ahead in zip(good, predicted, strict=True):
@@ -176,15 +178,15 @@ def _judged(good: Sequence[Evaluation], predicted: Sequence[EstimateHistory]) ->
 
 
 def _write_errors(
-    folder: Path, seconds: float, good: Sequence[Evaluation], judged: Mapping[str, PredictionErrors]
+    folder: Path, seconds: float, good: Sequence[Evaluation], compared: Mapping[str, PredictionErrors]
 ) -> None:
     for each in good:
         path = folder / each.name / PREDICTION_ERRORS_TABLE
-        if each.name in judged:
-            _write_table(path, judged[each.name])
+        if each.name in compared:
+            _write_table(path, compared[each.name])
         else:
             path.unlink(missing_ok=True)
-    estimators = {name: errors.document for name, errors in judged.items()}
+    estimators = {name: errors.document for name, errors in compared.items()}
     document = {"schema": SCHEMA, "asked_s": seconds, "estimators": estimators}
     write_json(folder / PREDICTION_FILE, finite_document(document))
 
