@@ -48,10 +48,9 @@ def draw_again(options: PlotArguments) -> int:
         return _print_figures(figure_data, options, Path(options.output))
     if options.panels or options.width is not None or options.figures is not None:
         raise InputError("--panels, --width and --figures are of printed figures; give a folder with -o")
-    histories = [evaluation.history for evaluation in figure_data.evaluations]
     with locked_run(folder), progress_bars() as report:
         drawn = draw_run(figure_data, folder, lambda done, total: report("figures", done, total))
-        drawn += draw_optional_outputs(folder, histories, figure_data.dataset.truth)
+        drawn += draw_optional_outputs(folder, figure_data.evaluations, figure_data.dataset.truth)
         write_run_report(figure_data, folder)
     wide_console().print(f"{len(drawn)} figures and the report in {folder}", highlight=False, soft_wrap=True)
     return 0
