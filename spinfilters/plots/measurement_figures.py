@@ -12,7 +12,7 @@ from mpl_toolkits.mplot3d import Axes3D
 from spinfilters.lidar.scan import Scan
 from spinfilters.plots.scene import equal_scales
 from spinfilters.plots.style import BLUE, GREEN, GREY, ORANGE, RED, legend_below, tidy
-from spinfilters.vision.checkout import Checkout, ParameterChange
+from spinfilters.vision.calibration_checkout import Checkout, ParameterChange
 from spinfilters.vision.tracked_pairs import TrackedPair
 
 ROWS = 12
@@ -72,7 +72,8 @@ def calibration_figure(
 
 def checkout_figure(
     found: Checkout,
-    images: tuple[UInt8[np.ndarray, "h w"], UInt8[np.ndarray, "h w"]],
+    left_image: UInt8[np.ndarray, "h w"],
+    right_image: UInt8[np.ndarray, "h w"],
     disparity: Float[np.ndarray, "h w"],
 ) -> Figure:
     """Screens of a checkout: values in their ranges, lines between corners, and the disparity of a pair.
@@ -81,7 +82,7 @@ def checkout_figure(
     ----------
     found : Checkout
         Results and corners.
-    images : pair of ndarray of uint8, shape (h, w)
+    left_image, right_image : ndarray of uint8, shape (h, w)
         Rectified images of the view that the corners are of.
     disparity : ndarray of float, shape (h, w)
         px, not finite where there is none.
@@ -92,12 +93,13 @@ def checkout_figure(
         Not yet saved or shown.
     """
     figure = Figure(figsize=(13.0, 9.0), layout="constrained")
-    values, depth = figure.add_subplot(2, 2, 1), figure.add_subplot(2, 2, 2)
-    lines = figure.add_subplot(2, 1, 2)
+    grid = figure.add_gridspec(2, 2, height_ratios=(1.15, 1.0), width_ratios=(1.2, 1.0))
+    values, depth = figure.add_subplot(grid[0, 0]), figure.add_subplot(grid[0, 1])
+    lines = figure.add_subplot(grid[1, :])
     values.set_axis_off()
     values.set_title("calibration values", loc="left", fontsize="medium")
     for row, result in enumerate(found.results):
-        place = 1.0 - (row + 0.5) / len(found.results)
+        place = 0.96 - 0.86 * row / len(found.results)
         colour = GREEN if result.passed else ORANGE
         values.plot([0.02], [place], "o", color=colour, markersize=9, transform=values.transAxes)
         text = f"{result.name}: {result.value}   ({result.allowed})"
@@ -106,7 +108,7 @@ def checkout_figure(
     figure.colorbar(shown, ax=depth, label="px", shrink=0.8)
     depth.set_title("disparity: light is near", loc="left", fontsize="medium")
     depth.set_axis_off()
-    pair, width = np.hstack(images), images[0].shape[1]
+    pair, width = np.hstack([left_image, right_image]), left_image.shape[1]
     lines.imshow(pair, cmap="gray", vmin=0, vmax=255)
     for row in np.linspace(0, len(pair) - 1, 5)[1:-1]:
         lines.axhline(row, color=GREEN, linewidth=1.0)

@@ -9,13 +9,13 @@ from spinfilters.reproduction.decoust.simulated_scans import SIMULATED_SCANS, ST
 from spinfilters.reproduction.decoust.snapshots import SNAPSHOTS
 from spinfilters.reproduction.item import Item
 from spinfilters.reproduction.tweddle.camera_checkout import CAMERA_CHECKOUT
-from spinfilters.reproduction.tweddle.convergence import CONVERGENCE
 from spinfilters.reproduction.tweddle.final_deviations import FINAL_DEVIATIONS
 from spinfilters.reproduction.tweddle.inertia_observability import INERTIA_OBSERVABILITY
 from spinfilters.reproduction.tweddle.metrology_comparison import METROLOGY_COMPARISON
 from spinfilters.reproduction.tweddle.noise_and_charts import NOISE_AND_CHARTS
 from spinfilters.reproduction.tweddle.polhodes import POLHODES
 from spinfilters.reproduction.tweddle.reference_inertia import REFERENCE_INERTIA
+from spinfilters.reproduction.tweddle.settling_estimates import CONVERGENCE
 from spinfilters.reproduction.tweddle.spin_thresholds import SPIN_THRESHOLDS
 from spinfilters.reproduction.tweddle.stereo_pictures import STEREO_PICTURES
 from spinfilters.reproduction.tweddle.stereo_rig import STEREO_RIG

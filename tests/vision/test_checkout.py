@@ -10,14 +10,14 @@ from spinfilters.core.attitude_conversions import matrix_from_rotation_vector
 from spinfilters.core.errors import InputError
 from spinfilters.simulation.board_images import drawn_poses, projected
 from spinfilters.simulation.image_recordings import example_rig
-from spinfilters.vision.calibration_images import Board, BoardView
-from spinfilters.vision.checkout import (
+from spinfilters.vision.calibration_checkout import (
     CalibrationDeviations,
     calibration_changes,
     check_stored,
     read_deviations,
     rotation_change,
 )
+from spinfilters.vision.calibration_images import Board, BoardView
 from spinfilters.vision.rectification import RawRig
 
 BOARD = Board(9, 6, 0.025)
@@ -67,7 +67,7 @@ def test_changes_are_differences_with_the_deviations_of_both() -> None:
     stated = CalibrationDeviations(np.full((2, 4), 0.3), 1e-4, 1e-3)
     same = calibration_changes(rig, rig)
     assert all(each.difference == 0.0 and each.std is None for each in same)
-    changes = calibration_changes(rig, turned(rig, TURN), (stated, stated))
+    changes = calibration_changes(rig, turned(rig, TURN), stated, stated)
     by_name = {each.name: each for each in changes}
     found = [by_name[f"rotation change about {axis}"].second for axis in "xyz"]
     np.testing.assert_allclose(found, np.rad2deg(TURN), atol=1e-9)

@@ -63,12 +63,14 @@ def checkout(options: CheckoutArguments) -> int:
 
 def _check(options: CheckoutArguments, place: Path) -> tuple[bool, list[str]]:
     """Checkout on new images: its files, verdict and lines."""
+    import numpy as np
+
     from spinfilters.io.output_files import write_json
     from spinfilters.plots.measurement_figures import checkout_figure
     from spinfilters.plots.style import save_figure
+    from spinfilters.vision.calibration_checkout import check_stored
     from spinfilters.vision.calibration_images import Board, board_views, image_pairs
-    from spinfilters.vision.checkout import check_stored
-    from spinfilters.vision.depth_map import disparity_map
+    from spinfilters.vision.depth_map import disparity_map, textured_pixels
     from spinfilters.vision.image_folder import LossCount, read_image
     from spinfilters.vision.rectification import Rectification, read_raw_rig
 
@@ -88,7 +90,8 @@ def _check(options: CheckoutArguments, place: Path) -> tuple[bool, list[str]]:
     assert right is not None
     images = Rectification(rig).images(left, right)
     disparity = disparity_map(*images, largest=rig.left.width // 4)
-    save_figure(checkout_figure(found, images, disparity), place / "checkout.png")
+    disparity[~textured_pixels(images[0])] = np.nan
+    save_figure(checkout_figure(found, *images, disparity), place / "checkout.png")
     document = {"passed": found.passed, "checks": [vars(result) for result in found.results]}
     write_json(place / "checkout.json", document)
     lines = losses.sentences()
@@ -106,12 +109,12 @@ def _differ(options: CheckoutArguments, place: Path) -> list[str]:
     from spinfilters.io.output_files import write_text
     from spinfilters.plots.measurement_figures import calibration_changes_figure
     from spinfilters.plots.style import save_figure
-    from spinfilters.vision.checkout import calibration_changes, read_deviations, rotation_change
+    from spinfilters.vision.calibration_checkout import calibration_changes, read_deviations, rotation_change
     from spinfilters.vision.rectification import read_raw_rig
 
     first, second = Path(options.stored), Path(str(options.difference))
     rigs = read_raw_rig(first), read_raw_rig(second)
-    changes = calibration_changes(*rigs, (read_deviations(first), read_deviations(second)))
+    changes = calibration_changes(*rigs, read_deviations(first), read_deviations(second))
     save_figure(calibration_changes_figure(changes), place / "difference.png")
     head = "parameter,unit,first,second,difference,std"
     rows = [

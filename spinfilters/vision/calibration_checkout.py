@@ -200,7 +200,8 @@ def read_deviations(folder: Path) -> CalibrationDeviations | None:
 def calibration_changes(
     first: RawRig,
     second: RawRig,
-    deviations: tuple[CalibrationDeviations | None, CalibrationDeviations | None] = (None, None),
+    first_std: CalibrationDeviations | None = None,
+    second_std: CalibrationDeviations | None = None,
 ) -> list[ParameterChange]:
     """What differs between two calibrations of one rig (Tweddle 2013, Table 5.5).
 
@@ -208,37 +209,39 @@ def calibration_changes(
     ----------
     first, second : RawRig
         Before and after.
-    deviations : pair of CalibrationDeviations
-        Those that the calibrations state; None for a calibration without them.
+    first_std, second_std : CalibrationDeviations or None
+        Those that the calibrations state.
 
     Returns
     -------
     list of ParameterChange
         Focal lengths and centres, px; place of the left camera in the right one, mm; and the rotation from the first relative
-        attitude to the second, as an angle about each axis of the right camera, deg. Deviations of the directions across the
-        baseline are those of the rotation times the baseline.
+        attitude to the second, as an angle about each axis of the right camera, deg. Across the baseline no deviation of the
+        place is stated.
     """
+    known = [each for each in (first_std, second_std) if each is not None]
+    joined = (
+        CalibrationDeviations(
+            np.sqrt(np.sum([each.intrinsics**2 for each in known], axis=0)),
+            float(np.sqrt(sum(each.baseline**2 for each in known))),
+            float(np.sqrt(sum(each.rotation**2 for each in known))),
+        )
+        if known
+        else None
+    )
     changes = []
-    for number, (name, before, after) in enumerate(
-        (("left", first.left, second.left), ("right", first.right, second.right))
-    ):
-        std = _joined([None if d is None else d.intrinsics[number] for d in deviations], 4)
+    cameras = (("left", first.left, second.left), ("right", first.right, second.right))
+    for number, (name, before, after) in enumerate(cameras):
         for k, word in enumerate(("focal length fx", "focal length fy", "centre cx", "centre cy")):
             values = float(before.intrinsics[k]), float(after.intrinsics[k])
-            changes.append(
-                ParameterChange(f"{name} {word}", "px", *values, None if std is None else float(std[k]))
-            )
-    baseline = float(np.linalg.norm(first.relative_position))
-    along = _joined([None if d is None else np.array([d.baseline]) for d in deviations], 1)
-    turned = _joined([None if d is None else np.array([d.rotation]) for d in deviations], 1)
+            std = None if joined is None else float(joined.intrinsics[number, k])
+            changes.append(ParameterChange(f"{name} {word}", "px", *values, std))
     for k, axis in enumerate("xyz"):
-        std = None if along is None or turned is None else float(along[0] if k == 0 else baseline * turned[0])
         values = 1e3 * float(first.relative_position[k]), 1e3 * float(second.relative_position[k])
-        changes.append(
-            ParameterChange(f"translation {axis}", "mm", *values, None if std is None else 1e3 * std)
-        )
+        std = None if joined is None or k else 1e3 * joined.baseline
+        changes.append(ParameterChange(f"translation {axis}", "mm", *values, std))
     turn = np.rad2deg(rotation_vector(second.relative_rotation @ first.relative_rotation.T))
-    std = None if turned is None else float(np.rad2deg(turned[0]))
+    std = None if joined is None else float(np.rad2deg(joined.rotation))
     changes += [
         ParameterChange(f"rotation change about {axis}", "deg", 0.0, float(turn[k]), std)
         for k, axis in enumerate("xyz")
@@ -251,9 +254,3 @@ def rotation_change(first: RawRig, second: RawRig) -> tuple[float, Float[np.ndar
     turn = rotation_vector(second.relative_rotation @ first.relative_rotation.T)
     angle = float(np.linalg.norm(turn))
     return angle, turn / angle if angle > 0 else np.array([1.0, 0.0, 0.0])
-
-
-def _joined(stated: list[Float[np.ndarray, " k"] | None], size: int) -> Float[np.ndarray, " k"] | None:
-    """Standard deviations of differences of two independent calibrations; None where neither states any."""
-    known = [each for each in stated if each is not None]
-    return np.sqrt(np.sum(np.square(known), axis=0)).reshape(size) if known else None
