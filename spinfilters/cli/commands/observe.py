@@ -22,7 +22,7 @@ CAMERA_AXES: Final = (
     "x, y, z of the camera's axes at the first epoch (x right, y down, z forward); in every chart"
 )
 
-MODEL_OPTIONS: Final = ("model", "output")
+MODEL_OPTIONS: Final = ("model", "output", "symbols")
 """Options that a model's file goes with; all others are of a tumbling body."""
 
 
@@ -39,6 +39,10 @@ class ObserveCommandArguments(ObserveArguments):
         ),
     ] = None
     output: Annotated[str, Argument("text, JSON and pictures", short="-o", metavar="FOLDER")] = "runs/observe"
+    symbols: Annotated[
+        bool,
+        Argument("of your own equations: also Lie derivatives, their gradients and null vectors as formulas"),
+    ] = False
     torque: Annotated[
         tuple[Literal["x", "y", "z"], ...], Argument(f"known torques about {BODY_AXES}", metavar="AXIS")
     ] = ()
@@ -83,7 +87,7 @@ def observe(options: ObserveCommandArguments) -> int:
 
 
 def _observe_model(options: ObserveCommandArguments, model: str) -> int:
-    """Analyse a model's file, write text and JSON, print the text."""
+    """Analyse a model's file, write text, HTML and JSON, print the text."""
     from observability import analyse_file
     from spinfilters.cli.console import wide_console
     from spinfilters.io.output_files import output_folder, refuse_foreign, write_json, write_text
@@ -100,10 +104,15 @@ def _observe_model(options: ObserveCommandArguments, model: str) -> int:
     folder = Path(options.output)
     refuse_foreign(folder, COMMAND.name)
     found = analyse_file(model)
+    words, document = str(found), found.document()
+    if options.symbols:
+        words = f"{words}\n{found.symbols_in_words()}"
+        document |= {"observability_matrix": found.observability_matrix().document()}
     with output_folder(folder, COMMAND.name) as place:
-        write_text(place / "observe.txt", f"{found}\n")
-        write_json(place / "observability.json", found.document())
-    wide_console().print(f"{found}\nwritten to {folder}", highlight=False, markup=False, soft_wrap=True)
+        write_text(place / "observe.txt", f"{words}\n")
+        write_text(place / "observe.html", found.page(words))
+        write_json(place / "observability.json", document)
+    wide_console().print(f"{words}\nwritten to {folder}", highlight=False, markup=False, soft_wrap=True)
     return 0
 
 
