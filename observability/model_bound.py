@@ -9,14 +9,14 @@ what the measurements do not determine.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import casadi as ca
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.linalg import qr
 
-from observability.cramer_rao import WIDENING, prior_share
+from observability.cramer_rao import WIDENING, predicted_root, prior_share
 from observability.model import Model, model_of
 from observability.prior_dependence import PRIOR_ONLY
 from spinfilters.core.compiled import Compiled
@@ -29,6 +29,24 @@ SINGULAR: Final = 1e-9
 
 Course = Callable[[float], float] | Sequence[float] | Float[np.ndarray, " t"] | float
 """A known input: a function of time, its values at the times (linear in between), or a constant."""
+
+
+class LinearisedTime(NamedTuple):
+    """Motion to a time and measurements at it, linear about the true trajectory.
+
+    Attributes
+    ----------
+    transition : ndarray of shape (n, n)
+        From the time before.
+    entry : ndarray of shape (n, q)
+        By which process noise of unit variance enters on the way, q independent ones.
+    rows : ndarray of shape (m, n)
+        Slopes of the outputs that are measured then, each in its standard deviation.
+    """
+
+    transition: Float[np.ndarray, "n n"]
+    entry: Float[np.ndarray, "n q"]
+    rows: Float[np.ndarray, "m n"]
 
 
 @dataclass(frozen=True)
@@ -171,6 +189,36 @@ class Experiment:
         c = np.array([float(self.values[name]) for name in self.model.known_constants])
         values, slopes = self.sensing(z, self.input_values(time), c)
         return values, slopes
+
+    @cached_property
+    def linearised(self) -> tuple[LinearisedTime, ...]:
+        """Motion and measurements at every time about the true trajectory, which is integrated once for all priors.
+
+        Raises
+        ------
+        InputError
+            The trajectory, or a slope along it, is not finite.
+        """
+        z, size, found = self.start(), len(self.names), []
+        transition, noise = np.eye(size), np.zeros((size, size))
+        for k, time in enumerate(self.times.tolist()):
+            if k:
+                z, transition, noise = self.step(z, float(self.times[k - 1]), time)
+            _, slopes = self.sensed(z, time)
+            rows = [
+                slopes[index] / self.noise[name]
+                for index, name in enumerate(self.model.outputs)
+                if name in self.noise and k % self.every.get(name, 1) == 0
+            ]
+            if not all(np.isfinite(each).all() for each in (transition, noise, *rows)):
+                raise InputError(
+                    f"{self.model.name}: the trajectory leaves the numbers at t = {time:g} s; check values and times"
+                )
+            sizes, axes = np.linalg.eigh(noise)
+            kept = sizes > 1e-14 * max(sizes[-1], 0.0)
+            entry = axes[:, kept] * np.sqrt(sizes[kept])
+            found.append(LinearisedTime(transition, entry, np.array(rows).reshape(-1, size)))
+        return tuple(found)
 
     def start(self) -> Float[np.ndarray, " n"]:
         """True unknowns at the first time."""
@@ -318,24 +366,12 @@ def bound_of(experiment: Experiment) -> ModelBound:
 
 def information_roots(experiment: Experiment, priors: Mapping[str, float]) -> Float[np.ndarray, "t n n"]:
     """Square roots of the information at every time, with the measurements of that time."""
-    names, z = experiment.names, experiment.start()
-    root = np.diag([1 / priors[name] if name in priors else 0.0 for name in names])
+    root = np.diag([1 / priors[name] if name in priors else 0.0 for name in experiment.names])
     found = []
-    for k, time in enumerate(experiment.times):
+    for k, (transition, entry, rows) in enumerate(experiment.linearised):
         if k:
-            z, transition, noise = experiment.step(z, float(experiment.times[k - 1]), float(time))
-            root = _predicted_root(root, transition, noise)
-        _, slopes = experiment.sensed(z, float(time))
-        rows = [
-            slopes[index] / experiment.noise[name]
-            for index, name in enumerate(experiment.model.outputs)
-            if name in experiment.noise and k % experiment.every.get(name, 1) == 0
-        ]
-        root = _triangle(np.vstack([root, *rows]), len(names))
-        if not np.isfinite(root).all():
-            raise InputError(
-                f"{experiment.model.name}: the trajectory leaves the numbers at t = {time:g} s; check values and times"
-            )
+            root = predicted_root(transition, entry, root)
+        root = _triangle(np.vstack([root, rows]), len(root))
         found.append(root)
     return np.stack(found)
 
@@ -408,22 +444,6 @@ def _simulated(own: Experiment, z: Float[np.ndarray, " n"]) -> Float[np.ndarray,
             if name in own.noise and k % own.every.get(name, 1) == 0
         ]
     return np.array(found)
-
-
-def _predicted_root(
-    root: Float[np.ndarray, "n n"], transition: Float[np.ndarray, "n n"], noise: Float[np.ndarray, "n n"]
-) -> Float[np.ndarray, "n n"]:
-    """Information root of z' = Phi z + G n with n standard normal, which is marginalised by QR."""
-    sizes, axes = np.linalg.eigh(noise)
-    kept = sizes > 1e-14 * max(sizes[-1], 0.0)
-    entry = axes[:, kept] * np.sqrt(sizes[kept])
-    back = np.linalg.solve(transition.T, root.T).T
-    if not entry.shape[1]:
-        return _triangle(back, len(root))
-    count = entry.shape[1]
-    # [ n | z' ]: I n = 0 and R Phi^-1 (z' - G n) = 0; the rows below those of n hold the marginal.
-    stacked = np.block([[np.eye(count), np.zeros((count, len(root)))], [-back @ entry, back]])
-    return _triangle(stacked, count + len(root))[count:, count:]
 
 
 def _triangle(stacked: Float[np.ndarray, "k n"], size: int) -> Float[np.ndarray, "n n"]:
