@@ -9,12 +9,13 @@ from html import escape
 from pathlib import Path
 from typing import Any, Final
 
+from observability.discrete_rank import outputs_rank
 from observability.discrete_symmetries import DiscreteSearch, discrete_symmetries
 from observability.generators import Generator
 from observability.input_inversion import InvertedModel, invert
 from observability.invariant_manifold import known_numbers, restricted, staying
 from observability.model import Model, model_of
-from observability.model_rank import ExactRank, exact_rank, reached
+from observability.model_rank import ExactRank, reached
 from observability.named_directions import named_directions
 from spinfilters.core.errors import InputError
 
@@ -32,6 +33,7 @@ class ModelProof(StrEnum):
     INVERSION = (
         "with the unknown inputs solved for, the first order of derivatives that adds nothing is the last"
     )
+    STEPS = "at a generic point of an invertible step the first step that adds nothing is the last"
     OPEN = "open"
 
 
@@ -92,7 +94,7 @@ class ModelAnalysis:
         """Rank at generic points, where a special one was asked for."""
         if not self.model.point:
             return None
-        return exact_rank(reached(replace(self.model, point={}))).rank
+        return outputs_rank(reached(replace(self.model, point={}))).rank
 
     @property
     def unidentifiable(self) -> set[str]:
@@ -102,7 +104,12 @@ class ModelAnalysis:
     @cached_property
     def inverted(self) -> InvertedModel | None:
         """The model with its unknown inputs solved for, where there are some and this is possible."""
-        if not self.core.unknown_inputs or self.core.known_initial_values or self.core.point:
+        if (
+            self.core.discrete
+            or not self.core.unknown_inputs
+            or self.core.known_initial_values
+            or self.core.point
+        ):
             return None
         return invert(self.core)
 
@@ -117,11 +124,15 @@ class ModelAnalysis:
 
         At a special point these are the generic ones, and those of the states that stay at their values.
         """
-        return tuple(named_directions(self.core)) if self.null_dimension else ()
+        if not self.null_dimension or self.core.discrete:
+            return ()
+        return tuple(named_directions(self.core))
 
     @cached_property
     def other_solutions(self) -> DiscreteSearch:
         """Isolated other solutions: unknowns mirrored or exchanged."""
+        if self.core.discrete:
+            return DiscreteSearch((), False)
         return discrete_symmetries(reached(self.core), self.symmetries)
 
     @cached_property
@@ -130,6 +141,8 @@ class ModelAnalysis:
         if self.null_dimension == 0:
             return ModelProof.FULL
         if self.exact.complete:
+            if self.core.discrete:
+                return ModelProof.STEPS
             return ModelProof.GENERIC if self.core.is_generic else ModelProof.MANIFOLD
         if self.inverted is not None and self.inverted.rank == self.rank:
             return ModelProof.INVERSION
@@ -145,9 +158,12 @@ class ModelAnalysis:
     def sentences(self) -> list[str]:
         """The whole text."""
         verb = "have" if self.certified else "have at least"
+        order = (
+            f"by step {self.order}" if self.model.discrete else f"with derivatives up to order {self.order}"
+        )
         lines = [
             f"{self.model.name}: of {self.dimension} unknowns the outputs {verb} rank {self.rank}"
-            + (f", reached with derivatives up to order {self.order}." if self.order else ".")
+            + (f", reached {order}." if self.order else ".")
         ]
         seen = [name for name, each in self.observable.items() if each]
         lines.append(f"Observable: {', '.join(seen) or 'none'}.")
@@ -188,6 +204,11 @@ class ModelAnalysis:
             ("unknown inputs", self.model.unknown_inputs),
         ]
         words = " and ".join(name for name, given in reasons if given)
+        if self.core.discrete:
+            return (
+                "open: the exact rank is a lower bound; in discrete time"
+                f"{f' with {words}' if words else ', where a step forgets what was before,'} no step is known to be the last"
+            )
         return (
             f"open: the exact rank is a lower bound; with {words} no order of derivatives is known to be the last "
             f"({len(self.exact.names) + 2 + len(self.model.states)} were taken)"
@@ -261,11 +282,11 @@ def analyse(f: Any, h: Any = None, x: Any = None, **roles: Any) -> ModelAnalysis
 
 def analysis_of(model: Model) -> ModelAnalysis:
     """The analysis of a model."""
-    still = staying(model, known_numbers(model))
+    still = {} if model.discrete else staying(model, known_numbers(model))
     core = restricted(model, still) if still else model
     part = reached(core)
     unreached = tuple(name for name in model.unknowns if name not in part.unknowns)
-    return ModelAnalysis(model, core, exact_rank(part), unreached)
+    return ModelAnalysis(model, core, outputs_rank(part), unreached)
 
 
 def analyse_file(path: str | Path) -> ModelAnalysis:
@@ -284,7 +305,7 @@ def read_model(path: Path) -> Mapping[str, Any]:
     if path.suffix != ".toml":
         raise InputError(
             f"{path}: a model is read from a TOML file, in which nothing is executed; write it as {path.stem}.toml, "
-            "or call observability.analyse in Python"
+            "run a Python program of yours with --execute, or call observability.analyse in Python"
         )
     try:
         if path.stat().st_size > LARGEST_FILE:

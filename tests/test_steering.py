@@ -37,6 +37,7 @@ VALIDATED = {
     "spinfilters/vision/rectification.py": "a file",
     "spinfilters/vision/association.py": "arrays among attributes",
     "observability/exact_numbers.py": "numbers of a user",
+    "observability/bound_section.py": "tables of a user's file",
     "observability/model.py": "a user's model",
     "observability/model_text.py": "numbers of a user's model",
 }
