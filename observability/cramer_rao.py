@@ -238,6 +238,7 @@ BLOCK_NAMES = {
     "v": ("velocity", "m/s"),
     "w": ("body rate", "rad/s"),
     "c": ("centre of mass in g", "m"),
+    "b": ("gyro bias", "rad/s"),
 }
 WEAK_NAMES = {name: words for name, (words, _) in BLOCK_NAMES.items()} | {"s": "mass distribution"}
 PLACE, MOMENTS = ("place of the centre of mass", "m"), ("inertia ratios", "1")
@@ -246,7 +247,7 @@ EACH_MOMENT = ("each moment, relative", "1")
 Quantity = tuple[str, str]
 """A name and a unit."""
 COMPONENTS = {
-    **{block: tuple(f"{block}_{axis}" for axis in "xyz") for block in "tavwc"},
+    **{block: tuple(f"{block}_{axis}" for axis in "xyz") for block in "tavwcb"},
     "s": ("s_xx", "s_yy", "s_xy", "s_xz", "s_yz"),
     "d": ("d",),
 }

@@ -11,12 +11,11 @@ from typing import Any, Final
 
 from observability.discrete_rank import outputs_rank
 from observability.discrete_symmetries import DiscreteSearch, discrete_symmetries
-from observability.generators import Generator
+from observability.generators import Generator, named_directions
 from observability.input_inversion import InvertedModel, invert
 from observability.invariant_manifold import known_numbers, restricted, staying
 from observability.model import Model, model_of
 from observability.model_rank import ExactRank, reached
-from observability.named_directions import named_directions
 from spinfilters.core.errors import InputError
 
 LARGEST_FILE: Final = 1_000_000

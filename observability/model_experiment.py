@@ -306,7 +306,8 @@ class Experiment:
         self, z: Float[np.ndarray, " n"], time: float
     ) -> tuple[Float[np.ndarray, " o"], Float[np.ndarray, "o n"]]:
         """Outputs and their Jacobian."""
-        return self.sensing(z, self.input_values(time), self.constants)
+        values, slopes = self.sensing(z, self.input_values(time), self.constants)
+        return values, slopes
 
     def measured(self, k: int) -> list[tuple[int, float]]:
         """Indices of the outputs that are measured at a time, with their standard deviations."""

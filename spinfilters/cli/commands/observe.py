@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from observability.bound_section import StatedBound
     from observability.model_analysis import ModelAnalysis
     from spinfilters.api.analysis import ObservabilityResult
+    from spinfilters.settings.run_settings import Settings
 
 BODY_AXES: Final = (
     "x, y, z of the body's principal axes, fixed in the body and known in frame g; in every chart"
@@ -70,6 +71,29 @@ class ObserveCommandArguments(ObserveArguments):
         NumberRange(1e-6, 1e6, "s"),
         Argument("period of the first of them, s; each further one is faster", metavar="X"),
     ] = 20.0
+    inputs: Annotated[
+        str | None,
+        Argument(
+            "known inputs over time in place of cosines: a CSV with time_s, torque_x, torque_y, torque_z (N m) and acceleration_x, "
+            "acceleration_y, acceleration_z (m/s^2), or some of them",
+            metavar="FILE",
+        ),
+    ] = None
+    config: Annotated[
+        str | None,
+        Argument(
+            "TOML file with settings, as compare takes it: noise of [sensors], disturbances of [process], priors and gyro_bias_std "
+            "of [initialisation]",
+            metavar="FILE",
+        ),
+    ] = None
+    set: Annotated[
+        tuple[tuple[str], ...],
+        Argument(
+            "one such setting by its key, such as sensors.pixel_std=0.3; once for each",
+            metavar="KEY=VALUE",
+        ),
+    ] = ()
     study: Annotated[bool, Argument("maps of the bound against motion, duration, epochs, landmarks")] = False
 
 
@@ -190,8 +214,19 @@ def _observed(options: ObserveCommandArguments) -> "ObservabilityResult":
         known_map=options.known_map,
         chart=options.chart,
         unknowns=options.unknowns,
-        known=KnownInputs(options.torque, options.manoeuvre, sizes),
+        known=KnownInputs(options.torque, options.manoeuvre, sizes, options.inputs),
+        settings=_settings(options),
     )
+
+
+def _settings(options: ObserveCommandArguments) -> "Settings | None":
+    """Settings of the file and the keys; None where neither is given."""
+    if options.config is None and not options.set:
+        return None
+    from spinfilters.settings.run_settings import Settings, read_settings, with_keys
+
+    settings = Settings() if options.config is None else read_settings(Path(options.config))
+    return with_keys(settings, [text for (text,) in options.set])
 
 
 def _write_study(report: "Report", options: ObserveCommandArguments, folder: Path) -> None:

@@ -26,10 +26,9 @@ def draw_again(options: PlotArguments) -> int:
 
     folder = Path(options.run)
     figure_data = read_figure_data(folder)
-    histories = [evaluation.history for evaluation in figure_data.evaluations]
     with locked_run(folder), progress_bars() as report:
         drawn = draw_run(figure_data, folder, lambda done, total: report("figures", done, total))
-        drawn += draw_optional_outputs(folder, histories, figure_data.dataset.truth)
+        drawn += draw_optional_outputs(folder, figure_data.evaluations, figure_data.dataset.truth)
         write_run_report(figure_data, folder)
     wide_console().print(f"{len(drawn)} figures and the report in {folder}", highlight=False, soft_wrap=True)
     return 0
