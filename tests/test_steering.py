@@ -44,7 +44,7 @@ VALIDATED = {
 """Other files that do, and what of."""
 
 
-HANDED_IN = {"Dataset", "InputError", "Sensor", "Settings"}
+HANDED_IN = {"Dataset", "InputError", "Model", "Sensor", "Settings"}
 """Classes of ours that are asked for there: what a user may hand in, and what was raised."""
 
 
