@@ -204,10 +204,8 @@ class ModelAnalysis:
         ]
         words = " and ".join(name for name, given in reasons if given)
         if self.core.discrete:
-            return (
-                "open: the exact rank is a lower bound; in discrete time"
-                f"{f' with {words}' if words else ', where a step forgets what was before,'} no step is known to be the last"
-            )
+            where = f" with {words}" if words else ", where a step forgets what was before,"
+            return f"open: the exact rank is a lower bound; in discrete time{where} no step is known to be the last"
         return (
             f"open: the exact rank is a lower bound; with {words} no order of derivatives is known to be the last "
             f"({len(self.exact.names) + 2 + len(self.model.states)} were taken)"
