@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.linalg import qr
 
-from observability.cramer_rao import WIDENING, prior_share
+from observability.cramer_rao import WIDENING, predicted_root, prior_share
 from observability.model import model_of
 from observability.model_experiment import Course, Experiment
 from observability.prior_dependence import PRIOR_ONLY
@@ -273,7 +273,7 @@ def information_roots(experiment: Experiment, widening: float = 1.0) -> Float[np
     found = []
     for k in range(len(experiment.times)):
         if k:
-            root = _predicted_root(root, course.transitions[k - 1], course.process_noise[k - 1])
+            root = predicted_root(course.transitions[k - 1], course.entries[k - 1], root)
         rows = [course.slopes[k, index] / deviation for index, deviation in experiment.measured(k)]
         root = _triangle(np.vstack([root, *rows]), size)
         found.append(root)
@@ -371,22 +371,6 @@ def empirical_information(found: ModelBound, share: float = 1e-4) -> Float[np.nd
     there, back = (own.simulated(base + sign * np.diag(sizes)) for sign in (1, -1))
     slopes = (there - back) / (2 * sizes[:, np.newaxis])
     return slopes @ slopes.T
-
-
-def _predicted_root(
-    root: Float[np.ndarray, "n n"], transition: Float[np.ndarray, "n n"], noise: Float[np.ndarray, "n n"]
-) -> Float[np.ndarray, "n n"]:
-    """Information root of z' = Phi z + G n with n standard normal, which is marginalised by QR."""
-    sizes, axes = np.linalg.eigh(noise)
-    kept = sizes > 1e-14 * max(sizes[-1], 0.0)
-    entry = axes[:, kept] * np.sqrt(sizes[kept])
-    back = np.linalg.solve(transition.T, root.T).T
-    if not entry.shape[1]:
-        return _triangle(back, len(root))
-    count = entry.shape[1]
-    # [ n | z' ]: I n = 0 and R Phi^-1 (z' - G n) = 0; the rows below those of n hold the marginal.
-    stacked = np.block([[np.eye(count), np.zeros((count, len(root)))], [-back @ entry, back]])
-    return _triangle(stacked, count + len(root))[count:, count:]
 
 
 def _triangle(stacked: Float[np.ndarray, "k n"], size: int) -> Float[np.ndarray, "n n"]:

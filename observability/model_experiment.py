@@ -20,6 +20,8 @@ MOST_STEPS: Final = 5000
 STEP_SIZE: Final = 0.5
 """Of a Runge-Kutta step, over the largest eigenvalue of the motion."""
 
+LARGEST_CONDITION: Final = 1e150
+"""Of a transition that can be undone."""
 EXACTNESS: Final = 1e-6
 """Of known initial values, relative."""
 SMALLEST_VALUE: Final = 1e-3
@@ -37,15 +39,17 @@ class LinearisedCourse:
     ----------
     values : ndarray of shape (t, n)
         Unknowns at the times.
-    transitions, process_noise : ndarray of shape (t - 1, n, n)
-        To the next time: derivative of the unknowns there by those here, and the covariance that joins on the way.
+    transitions : ndarray of shape (t - 1, n, n)
+        Derivatives of the unknowns at the next time by those here.
+    entries : sequence of ndarrays of shape (n, q)
+        By which process noise of unit variance enters on the way, q independent ones.
     slopes : ndarray of shape (t, o, n)
         Derivatives of the outputs by the unknowns of their time.
     """
 
     values: Float[np.ndarray, "t n"]
     transitions: Float[np.ndarray, "s n n"]
-    process_noise: Float[np.ndarray, "s n n"]
+    entries: Sequence[Float[np.ndarray, "n q"]]
     slopes: Float[np.ndarray, "t o n"]
 
 
@@ -146,24 +150,28 @@ class Experiment:
         InputError
             Where the trajectory leaves the numbers.
         """
-        z, values, steps, slopes = self.start(), [], [], []
-        for k, time in enumerate(self.times):
+        z, values, transitions, entries, slopes = self.start(), [], [], [], []
+        for k, time in enumerate(self.times.tolist()):
             if k:
-                z, *step = self.step(z, float(self.times[k - 1]), float(time))
-                steps.append(step)
-            z = self._recorded(z, float(time))
+                z, transition, noise = self.step(z, float(self.times[k - 1]), time)
+                if np.isfinite(noise).all() and np.isfinite(transition).all():
+                    sizes, axes = np.linalg.eigh(noise)
+                    kept = sizes > 1e-14 * max(sizes[-1], 0.0)
+                    entries.append(axes[:, kept] * np.sqrt(sizes[kept]))
+                    transitions.append(transition)
+            z = self._recorded(z, time)
             values.append(z)
-            slopes.append(self.sensed(z, float(time))[1])
-            if not (np.isfinite(z).all() and np.isfinite(slopes[-1]).all()):
+            slopes.append(self.sensed(z, time)[1])
+            if len(transitions) < k or not (np.isfinite(z).all() and np.isfinite(slopes[-1]).all()):
                 raise InputError(
                     f"{self.model.name}: the trajectory leaves the numbers at t = {time:g} s; check values and times"
                 )
-        return LinearisedCourse(
-            np.stack(values),
-            np.stack([each[0] for each in steps]),
-            np.stack([each[1] for each in steps]),
-            np.stack(slopes),
-        )
+            if k and np.linalg.cond(transitions[-1]) > LARGEST_CONDITION:
+                raise InputError(
+                    f"{self.model.name}: the step to t = {time:g} forgets what was before; move values or times, or leave the "
+                    "state out that it forgets"
+                )
+        return LinearisedCourse(np.stack(values), np.stack(transitions), entries, np.stack(slopes))
 
     @cached_property
     def advance(self) -> Compiled:
