@@ -134,8 +134,7 @@ def invariants(
     ]
     factors = {name for each in generators for term in each.terms for name in term.factors}
     others = sorted(factors - set(moved))
-    search = _InvariantSearch(generators, moved, others)
-    return search.result()
+    return _InvariantSearch(generators, moved, others).result() if moved else InvariantSet((), not generators)
 
 
 class _InvariantSearch:

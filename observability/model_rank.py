@@ -231,7 +231,7 @@ def _tried(part: ReachedModel, field: PrimeField, batch: int, generator: np.rand
     piecewise = not PIECEWISE.isdisjoint(part.tape.operations)
     floats = [_floats(part, group, batch, generator) for group in part.groups] if piecewise else []
     given = [
-        _drawn(part, group, field, batch, generator, floats[k] if piecewise else None)
+        drawn_values(part, group, field, batch, generator, floats[k] if piecewise else None)
         for k, group in enumerate(part.groups)
     ]
     start = function_values(part.start, field, given, {})
@@ -267,7 +267,7 @@ def _floats(
     return drawn
 
 
-def _drawn(
+def drawn_values(
     part: ReachedModel,
     names: Sequence[str],
     field: PrimeField,
@@ -401,7 +401,7 @@ def start_values(part: ReachedModel, point: DrawnPoint, width: int) -> Num[np.nd
     """States at time 0 with their tangents by the unknowns."""
     series = Series(part.start, point.start_decisions, point.field, (1, point.count, width))
     for index, (group, values) in enumerate(zip(part.groups, point.values, strict=True)):
-        series.put(index, 0, _with_tangents(part, group, values.p, width))
+        series.put(index, 0, with_tangents(part, group, values.p, width))
     return series.advance(0)
 
 
@@ -411,7 +411,7 @@ def _given(
     """Coefficients of constants, known inputs and unknown inputs of an order."""
     if order == 0:
         for index in (1, 2, 3):
-            yield index, _with_tangents(part, part.groups[index], point.values[index].p, width)
+            yield index, with_tangents(part, part.groups[index], point.values[index].p, width)
         return
     for index in (2, 3):
         count = len(part.groups[index])
@@ -423,7 +423,7 @@ def _given(
         yield index, values
 
 
-def _with_tangents(
+def with_tangents(
     part: ReachedModel, names: Sequence[str], p: Num[np.ndarray, "n b"], width: int
 ) -> Num[np.ndarray, "n b m"]:
     values = np.zeros((*p.shape, width), dtype=np.uint64)
