@@ -147,7 +147,7 @@ def _scale_all(figure: Figure, factor: float) -> None:
     figure.set_size_inches(*(factor * side for side in figure.get_size_inches()))
     for text in figure.findobj(Text):
         assert isinstance(text, Text)
-        text.set_fontsize(factor * text.get_fontsize())
+        text.set_fontsize(factor * float(text.get_fontsize()))
     for line in figure.findobj(Line2D):
         assert isinstance(line, Line2D)
         line.set_linewidth(factor * line.get_linewidth())

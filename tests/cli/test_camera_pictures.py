@@ -53,7 +53,7 @@ def test_a_checkout_with_nothing_is_refused(
 
 def test_depth_of_a_pair_is_its_shift(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     texture = cv2.GaussianBlur(np.random.default_rng(1).uniform(0, 255, (120, 240)), (0, 0), 1.0)
-    texture = cv2.normalize(texture, None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8)
+    texture = (255 * (texture - texture.min()) / np.ptp(texture)).astype(np.uint8)
     names = [str(tmp_path / f"{side}.png") for side in ("left", "right")]
     cv2.imwrite(names[0], texture)
     cv2.imwrite(names[1], np.roll(texture, -12, axis=1))
