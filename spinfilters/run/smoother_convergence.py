@@ -382,7 +382,7 @@ def settling_of(found: ConvergenceRecord, layout: StateLayout, truth: Truth | No
         values, std = found.values[name], quantity.scale * found.values[deviations_of(name)]
         own = true.get(name)
         if name == ATTITUDE:  # q and -q are one attitude: the signs are those of the last solve
-            last = _newest_attitudes(values)
+            last = _latest_attitudes(values)
             values = values * _signs(values, last)
             own = None if own is None else own * _signs(own, last)
             quantities[name] = SettlingQuantity(
@@ -398,13 +398,13 @@ def settling_of(found: ConvergenceRecord, layout: StateLayout, truth: Truth | No
     return Settling(quantities, _settling_constants(body_history(latest), known), SolveCosts(*found.costs.T))
 
 
-def _newest_attitudes(attitudes: Float[np.ndarray, "f f 4"]) -> Float[np.ndarray, "f 4"]:
+def _latest_attitudes(attitudes: Float[np.ndarray, "f f 4"]) -> Float[np.ndarray, "f 4"]:
     """What the last solve that told of each epoch said, with continuous signs; the unit quaternion where none did."""
     held = np.asarray(np.isfinite(attitudes).all(axis=2))
     last = len(held) - 1 - np.argmax(held[::-1], axis=0)
-    newest = attitudes[last, np.arange(held.shape[1])]
-    newest[~held.any(axis=0)] = (0.0, 0.0, 0.0, 1.0)
-    return continuous_quaternions(newest)
+    latest = attitudes[last, np.arange(held.shape[1])]
+    latest[~held.any(axis=0)] = (0.0, 0.0, 0.0, 1.0)
+    return continuous_quaternions(latest)
 
 
 def _signs(values: np.ndarray, last: np.ndarray) -> np.ndarray:

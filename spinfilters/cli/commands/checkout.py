@@ -117,11 +117,10 @@ def _differ(options: CheckoutArguments, place: Path) -> list[str]:
     changes = calibration_changes(*rigs, read_deviations(first), read_deviations(second))
     save_figure(calibration_changes_figure(changes), place / "difference.png")
     head = "parameter,unit,first,second,difference,std"
-    rows = [
-        f"{each.name},{each.unit},{each.first:.9g},{each.second:.9g},{each.difference:.9g},"
-        f"{'' if each.std is None else format(each.std, '.4g')}"
-        for each in changes
-    ]
+    rows = []
+    for each in changes:
+        numbers = (each.first, each.second, each.difference, float("nan") if each.std is None else each.std)
+        rows.append(",".join([each.name, each.unit, *(f"{number:.9g}" for number in numbers)]))
     write_text(place / "difference.csv", "\n".join([head, *rows]) + "\n")
     angle, axis = rotation_change(*rigs)
     lines = [
