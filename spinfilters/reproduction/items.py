@@ -10,6 +10,7 @@ from spinfilters.reproduction.decoust.snapshots import SNAPSHOTS
 from spinfilters.reproduction.item import Item
 from spinfilters.reproduction.tweddle.inertia_observability import INERTIA_OBSERVABILITY
 from spinfilters.reproduction.tweddle.metrology_comparison import METROLOGY_COMPARISON
+from spinfilters.reproduction.tweddle.metrology_courses import METROLOGY_COURSES
 from spinfilters.reproduction.tweddle.polhodes import POLHODES
 from spinfilters.reproduction.tweddle.reference_inertia import REFERENCE_INERTIA
 from spinfilters.reproduction.tweddle.spin_thresholds import SPIN_THRESHOLDS
@@ -22,6 +23,7 @@ ITEMS: Final[tuple[Item, ...]] = (
     INERTIA_OBSERVABILITY,
     *CONDITIONING,
     STEREO_RIG,
+    *METROLOGY_COURSES,
     *REFERENCE_INERTIA,
     *METROLOGY_COMPARISON,
     *SIMULATED_SCANS,
