@@ -21,10 +21,8 @@ from observability.certificate import (
 from observability.cramer_rao import (
     BLOCK_NAMES,
     EACH_MOMENT,
-    LANDMARK_STD,
     MOMENTS,
     PLACE,
-    PRIOR_STD,
     Bound,
     Quantity,
     bounded_quantities,
@@ -33,9 +31,9 @@ from observability.cramer_rao import (
 from observability.exact_numbers import as_floats
 from observability.prior_dependence import QuantityBound, quantity_bounds
 from observability.reference_trajectory import ReferenceTrajectory
-from observability.system import analysed
+from observability.system import analysed, with_noise_options
 from spinfilters.core.working_time import building
-from spinfilters.models.process import THESIS_NOISE
+from spinfilters.io.sensor_format import noise_options
 
 GAIN_WORTH_SAYING = 0.9
 """Part of a bound that inputs must bring it below, to be told."""
@@ -92,7 +90,7 @@ def input_gain(
     """
     if not case.inputs:
         return None
-    without = replace(case, inputs=())
+    without = replace(case, inputs=(), recorded=())
     proved, reference = without.certificate(), without.reference(frames, interval)
     quantities = bounded_quantities(without.bound(reference), reference)
     pairs = {name: (float(values[-1]), final[name]) for name, values in quantities.items()}
@@ -135,6 +133,7 @@ def scope(case: Case) -> Scope:
         "where the principal axes lie in the body": in_axes and case.has_attitude,
         "centre of mass": case.has_place,
         "the map of landmarks": case.maps,
+        "the bias of the gyro": case.has_bias,
     }
     left_out = {
         "attitude": not case.holds_attitude,
@@ -148,7 +147,8 @@ def scope(case: Case) -> Scope:
         and not case.has_attitude,
         "the map": case.known_map and case.sees_points,
     }
-    known |= {words: True for each in case.sensors if (words := analysed(each).assumption)}
+    told = [analysed(each) for each in case.sensors]
+    known |= {each.assumption: True for each in told if each.assumption and not (each.bias and case.has_bias)}
     return Scope(
         *[tuple(words for words, holds in each.items() if holds) for each in (answers, left_out, known)]
     )
@@ -179,38 +179,48 @@ def axes_in_words(case: Case) -> str:
 
 def assumptions(case: Case) -> list[str]:
     """Noise, priors and inputs that the bound is computed with."""
-    process = THESIS_NOISE
+    process = case.levels.process
     lines = [
-        f"noise: {'; '.join(analysed(each).noise for each in case.sensors)}",
+        f"noise: {'; '.join(_noise(case, each) for each in case.sensors)}",
         f"process noise: {process.torque_psd:g} (rad/s^2)^2/Hz"
         + (f", {process.force_psd:g} (m/s^2)^2/Hz" if case.has_place else ""),
         f"priors: {_priors(case)}",
     ]
-    lines += [
-        f"{each.axis.value}: {each.size:g} {'N m' if each.axis.is_torque else 'm/s^2'} cos(2 pi t / {each.period:.3g} s)"
-        for each in case.acting
+    return [*lines, *[f"{each.axis.value}: {each.words}" for each in case.acting]]
+
+
+def _noise(case: Case, sensor: str) -> str:
+    """A sensor with its standard deviations and their units."""
+    told, options = analysed(sensor), noise_options()
+    parameters = with_noise_options(told, case.levels.noise)
+    levels = {option: parameters[places[0]] for option, places in told.noise.items()}
+    words = [
+        f"{std:g} {options[option].allowed.unit or 'of the rate'}" for option, std in levels.items() if std
     ]
-    return lines
+    return f"{sensor} {', '.join(words)}"
 
 
 def _priors(case: Case) -> str:
-    prior = PRIOR_STD
+    prior = case.prior_std
     words = [f"mass distribution {prior['s']:g}", f"body rate {prior['w']:g} rad/s"]
     if case.has_torque:
         words.append(f"logarithm of the inertia's scale {prior['n']:g}")
     if case.has_place:
         words += [f"velocity {prior['v']:g} m/s", f"centre of mass {prior['c']:g} m"]
     if case.maps:
-        words.append(f"landmarks {LANDMARK_STD:g} m")
+        words.append(f"landmarks {case.levels.landmark_std:g} m")
+    if case.has_bias:
+        words.append(f"bias of the gyro {prior['b']:g} rad/s")
     known, free = [], case.free_rotations
     if case.has_place and case.place_is_defined:
         known.append("first position of g")
     elif case.has_place:
-        words.append(f"first position of g {WIDE_POSE_STD['t']:g} m")
+        words.append(f"first position of g {prior['t']:g} m")
     if len(free) == 3:
         known.append("first attitude of g")
     else:
-        words.append(f"first attitude of g {WIDE_POSE_STD['a']:g} rad")
+        wide = {**WIDE_POSE_STD, **case.levels.prior_std}["a"]
+        words.append(f"first attitude of g {wide:g} rad")
         known += [f"first rotation of g about {'xyz'[axis]}" for axis in free]
     return ", ".join(words) + (f"; by definition: {', '.join(known)}" if known else "")
 

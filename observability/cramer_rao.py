@@ -133,7 +133,7 @@ def cramer_rao_bound(
     for frame, x in enumerate(reference.states):
         if frame:
             step = reference.linearise(frame)
-            roots = [_predicted(*step, root) for root in roots]
+            roots = [predicted_root(*step, root) for root in roots]
         rows = [
             rows_at(schedule, frame, x, start, total)
             for schedule, start in zip(schedules, starts, strict=True)
@@ -194,7 +194,7 @@ def _widening(layout: StateLayout, total: int, defined: Sequence[int] | None) ->
     return factors
 
 
-def _predicted(
+def predicted_root(
     transition: Float[np.ndarray, "e k"], entry: Float[np.ndarray, "e q"], root: Float[np.ndarray, "n n"]
 ) -> Float[np.ndarray, "n n"]:
     """Information root of the next state, its noise marginalised by QR.
@@ -238,6 +238,7 @@ BLOCK_NAMES = {
     "v": ("velocity", "m/s"),
     "w": ("body rate", "rad/s"),
     "c": ("centre of mass in g", "m"),
+    "b": ("gyro bias", "rad/s"),
 }
 WEAK_NAMES = {name: words for name, (words, _) in BLOCK_NAMES.items()} | {"s": "mass distribution"}
 PLACE, MOMENTS = ("place of the centre of mass", "m"), ("inertia ratios", "1")
@@ -246,7 +247,7 @@ EACH_MOMENT = ("each moment, relative", "1")
 Quantity = tuple[str, str]
 """A name and a unit."""
 COMPONENTS = {
-    **{block: tuple(f"{block}_{axis}" for axis in "xyz") for block in "tavwc"},
+    **{block: tuple(f"{block}_{axis}" for axis in "xyz") for block in "tavwcb"},
     "s": ("s_xx", "s_yy", "s_xy", "s_xz", "s_yz"),
     "d": ("d",),
 }

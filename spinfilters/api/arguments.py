@@ -151,8 +151,9 @@ class ObserveArguments:
     sensors: Annotated[
         tuple[str, ...],
         Argument(
-            "one or several together: stereo, monocular, lidar (range, azimuth and elevation of points of the body), pose (of a "
-            "lidar's scan match or a tracker), attitude, gyro, magnetometer",
+            "one or several together, as kinds of data sets are called: stereo-tracks (or stereo), mono-tracks (or monocular), "
+            "lidar-points (range, azimuth and elevation of points of the body; or lidar), lidar-poses (of registered scans), pose, "
+            "attitude, gyro, magnetometer",
             flag="--sensor",
             metavar="NAME",
             cure='names of sensors such as "stereo,gyro", or a list of at least one',

@@ -18,6 +18,7 @@ from rich.console import Console, RenderableType
 
 from spinfilters.api.arguments import RunArguments
 from spinfilters.api.blas_threads import on_one_blas_thread
+from spinfilters.api.given_settings import SETTINGS_GIVEN, AnySettings, chosen_settings
 from spinfilters.api.labelled_arrays import labelled_arrays, write_netcdf
 from spinfilters.api.recordings import load
 from spinfilters.core.errors import InputError
@@ -52,7 +53,7 @@ from spinfilters.run.comparison_run import RunOutput, compare_dataset, compare_i
 from spinfilters.run.estimation import Comparison, Progress
 from spinfilters.run.run_folder import CONFIG_FILE, MAP_FILE, SEGMENTS_FOLDER, read_figure_data
 from spinfilters.run.run_summary import SUMMARY_FILE, read_summary, summary
-from spinfilters.settings.run_settings import Settings, names_in, read_settings, settings_from
+from spinfilters.settings.run_settings import Settings, names_in, read_settings
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -415,18 +416,12 @@ def _html_lines(lines: list[str] | tuple[str, ...]) -> str:
     return "<br>".join(map(escape, lines))
 
 
-AnySettings = Settings | Mapping[str, Any] | str | os.PathLike[str]
-"""Settings, the tables of a settings file, or the path of one."""
-
-
 @checked_arguments(
     RunArguments,
     kind=optional(text(KIND)),
     segment=optional(one_of(int, str, cure='a number, times such as "6.55:7.4", or "auto"')),
     belief=optional(one_of(Mapping, cure='{"mean": {"rate": (0, 0, 1), ...}, "std": {...}}')),
-    settings=optional(
-        one_of(Settings, Mapping, path_of="a settings file", cure="Settings, a mapping of tables, or a path")
-    ),
+    settings=optional(SETTINGS_GIVEN),
     output=optional(path("a folder")),
     reference=optional(path("a file of poses or rates")),
     reference_inspector=optional(path("a file of poses")),
@@ -588,14 +583,7 @@ def _whole(comparison: Comparison, folder: Path | None) -> Comparison:
 def _settings(
     settings: AnySettings | None, estimators: Sequence[str] | str | None, verdict: str | None
 ) -> Settings:
-    if settings is None:
-        chosen = Settings()
-    elif isinstance(settings, Settings):
-        chosen = settings
-    elif isinstance(settings, Mapping):
-        chosen = settings_from(settings, "settings")
-    else:
-        chosen = read_settings(Path(settings))
+    chosen = Settings() if settings is None else chosen_settings(settings)
     if verdict is not None:
         chosen = replace(chosen, verdict=verdict)
     return chosen if estimators is None else replace(chosen, estimators=_names(estimators))

@@ -16,8 +16,6 @@ from spinfilters.io.input_file import read_settings_text
 from spinfilters.io.output_files import write_text
 from spinfilters.io.reference_motion import ReferenceMotion
 from spinfilters.io.truth import Truth
-from spinfilters.plots.convergence import convergence_figure
-from spinfilters.plots.style import draw_figure
 from spinfilters.run import smoother_convergence
 from spinfilters.run.array_files import finite_document
 from spinfilters.run.estimation import Comparison, compare_estimators
@@ -228,7 +226,12 @@ class OptionalOutputs:
         require_inertias(self.race, settings.estimators)
 
     def write(
-        self, folder: Path, comparison: Comparison, settings: Settings, on_epoch: Callable[[int, int], None]
+        self,
+        folder: Path,
+        comparison: Comparison,
+        settings: Settings,
+        on_epoch: Callable[[int, int], None],
+        with_figures: bool = True,
     ) -> None:
         """Write into the folder of a written run; `lacking` tells what could not be made. Raises InputError."""
         if self.predict_s is not None:
@@ -240,10 +243,16 @@ class OptionalOutputs:
         if self.explain:
             write_explanations(folder, comparison, settings)
         if self.reference is not None:
-            write_reference(folder, [each.history for each in comparison.evaluations], self.reference)
+            histories = [each.history for each in comparison.evaluations]
+            write_reference(folder, histories, self.reference, with_figures)
 
     def complete(
-        self, folder: Path, dataset: Dataset, settings: Settings, on_epoch: Callable[[int, int], None]
+        self,
+        folder: Path,
+        dataset: Dataset,
+        settings: Settings,
+        on_epoch: Callable[[int, int], None],
+        with_figures: bool = True,
     ) -> list[str]:
         """For a finished run (`finished_run`), no estimator running again; returns the names of the pictures made.
 
@@ -273,7 +282,8 @@ class OptionalOutputs:
             if self.race:
                 made += write_race(folder, self.race, evaluations, self.predict_s)
         if self.reference is not None:
-            made += write_reference(folder, read_histories(folder, settings.estimators), self.reference)
+            histories = read_histories(folder, settings.estimators)
+            made += write_reference(folder, histories, self.reference, with_figures)
         return made
 
     def sentences(self, folder: Path) -> Sequence[str]:
@@ -313,8 +323,4 @@ def draw_optional_outputs(folder: Path, evaluations: Sequence[Evaluation], truth
 
 
 def _draw_convergence(folder: Path, truth: Truth | None) -> list[str]:
-    settled = smoother_convergence.read_convergence(folder, truth)
-    if settled is None:
-        return []
-    draw_figure(lambda: convergence_figure(settled), folder / CONVERGENCE_PICTURE)
-    return [CONVERGENCE_PICTURE]
+    return [CONVERGENCE_PICTURE] if smoother_convergence.redraw_convergence(folder, truth) else []
