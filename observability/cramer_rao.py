@@ -134,7 +134,7 @@ def cramer_rao_bound(
     for frame, x in enumerate(reference.states):
         if frame:
             step = reference.linearise(frame)
-            roots = [_predicted(*step, root) for root in roots]
+            roots = [predicted_root(*step, root) for root in roots]
         rows = [
             rows_at(schedule, frame, x, start, total)
             for schedule, start in zip(schedules, starts, strict=True)
@@ -195,7 +195,7 @@ def _widening(layout: StateLayout, total: int, defined: Sequence[int] | None) ->
     return factors
 
 
-def _predicted(
+def predicted_root(
     transition: Float[np.ndarray, "e k"], entry: Float[np.ndarray, "e q"], root: Float[np.ndarray, "n n"]
 ) -> Float[np.ndarray, "n n"]:
     """Information root of the next state, its noise marginalised by QR.

@@ -225,8 +225,9 @@ def _mapping_schedule(
 ) -> SensorSchedule:
     """A camera with unknown landmarks: each is an item, seen in some epochs."""
     measurement = each.measurement
-    rows = np.flatnonzero(np.isin(measurement.ids, ids))
-    item = np.searchsorted(ids, measurement.ids[rows])  # pyright: ignore[reportOptionalSubscript]
+    measured = np.asarray(measurement.ids)
+    rows = np.flatnonzero(np.isin(measured, ids))
+    item = np.searchsorted(ids, measured[rows])
     seen = np.zeros((epochs, len(ids)), dtype=bool)
     seen[each.epoch[rows], item] = True
     parameters, poses = measurement.parameters[rows], None

@@ -218,7 +218,12 @@ class OptionalOutputs:
             smoother_convergence.require_convergence(setup, settings)
 
     def write(
-        self, folder: Path, comparison: Comparison, settings: Settings, on_epoch: Callable[[int, int], None]
+        self,
+        folder: Path,
+        comparison: Comparison,
+        settings: Settings,
+        on_epoch: Callable[[int, int], None],
+        with_figures: bool = True,
     ) -> None:
         """Write into the folder of a written run; `lacking` tells what could not be made. Raises InputError."""
         if self.predict_s is not None:
@@ -228,10 +233,16 @@ class OptionalOutputs:
         if self.explain:
             write_explanations(folder, comparison, settings)
         if self.reference is not None:
-            write_reference(folder, [each.history for each in comparison.evaluations], self.reference)
+            histories = [each.history for each in comparison.evaluations]
+            write_reference(folder, histories, self.reference, with_figures)
 
     def complete(
-        self, folder: Path, dataset: Dataset, settings: Settings, on_epoch: Callable[[int, int], None]
+        self,
+        folder: Path,
+        dataset: Dataset,
+        settings: Settings,
+        on_epoch: Callable[[int, int], None],
+        with_figures: bool = True,
     ) -> list[str]:
         """For a finished run (`finished_run`), no estimator running again; returns the names of the pictures made.
 
@@ -258,7 +269,8 @@ class OptionalOutputs:
             evaluations = read_figure_data(folder).evaluations
             made += write_predictions(folder, process, evaluations, self.predict_s)
         if self.reference is not None:
-            made += write_reference(folder, read_histories(folder, settings.estimators), self.reference)
+            histories = read_histories(folder, settings.estimators)
+            made += write_reference(folder, histories, self.reference, with_figures)
         return made
 
     def sentences(self, folder: Path) -> Sequence[str]:
