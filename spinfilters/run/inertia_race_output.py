@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from spinfilters.core.attitude_conversions import inverse, rotate
 from spinfilters.core.errors import InputError
@@ -20,7 +20,7 @@ from spinfilters.io.output_files import write_json
 from spinfilters.io.text_table import write_csv
 from spinfilters.io.truth import Truth
 from spinfilters.models.status import Verdict
-from spinfilters.plots.inertia_race import inertia_race_figure
+from spinfilters.plots.race_figure import inertia_race_figure
 from spinfilters.plots.style import draw_figure
 from spinfilters.run.predictions import stamps_ahead
 from spinfilters.run.run_folder import RACE_FILE, RACE_PICTURE, RACE_TABLE
@@ -63,11 +63,17 @@ def write_race(
     inertias = _inertias(names, good, truth)
     if not inertias:  # of estimators that failed
         return []
+    true = None if truth is None else _true_rows(truth, now + time)
+    if true is not None and truth is not None:
+        time = truth.time[true] - now
     found = propagate_inertias(inertias, attitude, rate, time)
-    told = None if truth is None else _true_motion(truth, now + time)
-    judge, rows, reference = _judge(found, told, time)
-    _write(folder, judge, time[rows], _at(found, rows), reference, first.name)
-    draw_figure(lambda: inertia_race_figure(time[rows], _at(found, rows), reference), folder / RACE_PICTURE)
+    reference, compared_with = found[0], found[0].name
+    if true is not None and truth is not None:
+        q = truth.q_ig[true]
+        reference = PropagatedInertia(TRUTH, q, rotate(inverse(q), truth.rate_i[true]))
+        compared_with = "the true motion"
+    _write(folder, compared_with, time, found, reference, first.name)
+    draw_figure(lambda: inertia_race_figure(time, found, reference), folder / RACE_PICTURE)
     return [RACE_PICTURE]
 
 
@@ -126,36 +132,18 @@ def _read_inertia(name: str, axes: Float[np.ndarray, "3 3"]) -> NamedInertia:
         raise InputError(f"{path_text(path)}: {error}") from None
 
 
-def _true_motion(truth: Truth, time: Float[np.ndarray, " k"]) -> tuple[np.ndarray, PropagatedInertia] | None:
-    """Rows of the times that the truth tells, and its motion there; None where it tells fewer than two."""
+def _true_rows(truth: Truth, time: Float[np.ndarray, " k"]) -> Int[np.ndarray, " m"] | None:
+    """Rows of the truth at the times, s; None where it has fewer than two of them."""
     try:
-        rows, true_rows = common_stamps(time, truth.time)
+        _, rows = common_stamps(time, truth.time)
     except InputError:
         return None
-    if len(rows) < 2:
-        return None
-    q = truth.q_ig[true_rows]
-    return rows, PropagatedInertia(TRUTH, q, rotate(inverse(q), truth.rate_i[true_rows]))
-
-
-def _judge(
-    found: Sequence[PropagatedInertia],
-    told: tuple[np.ndarray, PropagatedInertia] | None,
-    time: Float[np.ndarray, " k"],
-) -> tuple[str, np.ndarray, PropagatedInertia]:
-    """With what is compared, at which rows."""
-    if told is not None:
-        return "the true motion", told[0], told[1]
-    return found[0].name, np.arange(len(time)), found[0]
-
-
-def _at(found: Sequence[PropagatedInertia], rows: np.ndarray) -> list[PropagatedInertia]:
-    return [PropagatedInertia(each.name, each.attitude[rows], each.rate[rows]) for each in found]
+    return rows if len(rows) >= 2 else None
 
 
 def _write(
     folder: Path,
-    judge: str,
+    compared_with: str,
     time: Float[np.ndarray, " k"],
     found: Sequence[PropagatedInertia],
     reference: PropagatedInertia,
@@ -178,7 +166,7 @@ def _write(
         {
             "schema": SCHEMA,
             "state": state,
-            "compared_with": judge,
+            "compared_with": compared_with,
             "seconds": float(time[-1]),
             "inertias": document,
         },
