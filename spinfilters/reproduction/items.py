@@ -9,6 +9,7 @@ from spinfilters.reproduction.decoust.simulated_scans import SIMULATED_SCANS, ST
 from spinfilters.reproduction.decoust.snapshots import SNAPSHOTS
 from spinfilters.reproduction.item import Item
 from spinfilters.reproduction.tweddle.camera_checkout import CAMERA_CHECKOUT
+from spinfilters.reproduction.tweddle.comparative_studies import COMPARATIVE_STUDIES
 from spinfilters.reproduction.tweddle.final_deviations import FINAL_DEVIATIONS
 from spinfilters.reproduction.tweddle.inertia_observability import INERTIA_OBSERVABILITY
 from spinfilters.reproduction.tweddle.metrology_comparison import METROLOGY_COMPARISON
@@ -36,6 +37,7 @@ ITEMS: Final[tuple[Item, ...]] = (
     *METROLOGY_COMPARISON,
     *CONVERGENCE,
     FINAL_DEVIATIONS,
+    *COMPARATIVE_STUDIES,
     *SIMULATED_SCANS,
     *PARAMETER_INFLUENCE,
     *PROCESSED_CLOUDS,
