@@ -510,7 +510,7 @@ def compare(
         Ctrl-C; what was estimated is in ``output``, if given, for ``resume`` to go on from.
     """
     chosen = _beginning(_settings(settings, estimators, verdict), belief, from_truth)
-    dataset = _dataset(data, segment, kind, units)
+    dataset = given_dataset(data, segment, kind, units)
     how = RunArguments(
         resume=resume,
         predict=predict,
@@ -619,10 +619,16 @@ def _names(estimators: Sequence[str] | str) -> tuple[str, ...]:
     return names_in(estimators) if isinstance(estimators, str) else tuple(estimators)
 
 
-def _dataset(
+def given_dataset(
     data: Any, segment: int | str | None, kind: str | None, units: str | Mapping[str, str] | None
 ) -> Dataset:
-    """The data set, or that of a path or of a table in memory. InputError: what is of no use for a data set."""
+    """The data set, or that of a path or of a table in memory, see `compare`.
+
+    Raises
+    ------
+    InputError
+        What is of no use for a data set.
+    """
     if not isinstance(data, Dataset):
         if not is_path(data) and not is_table(data):
             refuse("data", data, WHAT_TO_GIVE)

@@ -16,8 +16,6 @@ from spinfilters.io.input_file import read_settings_text
 from spinfilters.io.output_files import write_text
 from spinfilters.io.reference_motion import ReferenceMotion
 from spinfilters.io.truth import Truth
-from spinfilters.plots.convergence import convergence_figure
-from spinfilters.plots.style import draw_figure
 from spinfilters.run import smoother_convergence
 from spinfilters.run.array_files import finite_document
 from spinfilters.run.estimation import Comparison, compare_estimators
@@ -310,8 +308,4 @@ def draw_optional_outputs(folder: Path, evaluations: Sequence[Evaluation], truth
 
 
 def _draw_convergence(folder: Path, truth: Truth | None) -> list[str]:
-    settled = smoother_convergence.read_convergence(folder, truth)
-    if settled is None:
-        return []
-    draw_figure(lambda: convergence_figure(settled), folder / CONVERGENCE_PICTURE)
-    return [CONVERGENCE_PICTURE]
+    return [CONVERGENCE_PICTURE] if smoother_convergence.redraw_convergence(folder, truth) else []

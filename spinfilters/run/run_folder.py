@@ -54,9 +54,17 @@ PREDICTION_TABLE, PREDICTION_ARRAYS, CONVERGENCE_ARRAYS, REFERENCE_TABLE = (
     *("convergence.npz", "reference.csv"),
 )
 """Files that a run has where they were asked for (`spinfilters.run.optional_outputs`); all but pictures by estimator."""
+SURFACE_PICTURES = {
+    name: f"convergence-{name.replace('_', '-')}.png"
+    for name in ("position", "attitude", "velocity", "body_rate")
+}
+SETTLING_ANIMATIONS = {"velocity": "convergence-velocity.gif", "body_rate": "convergence-body-rate.gif"}
+CONSTANTS_PICTURE, COSTS_PICTURE = "convergence-constants.png", "convergence-costs.png"
+"""Pictures of how each quantity settles, beside the arrays."""
 ESTIMATOR_FILES = (
     *("trajectory.csv", "trajectory.tum", FRAME_FILE, MAP_FILE, HISTORY_FILE),
     *(PREDICTION_TABLE, PREDICTION_ARRAYS, CONVERGENCE_ARRAYS, REFERENCE_TABLE, PREDICTION_ERRORS_TABLE),
+    *(*SURFACE_PICTURES.values(), *SETTLING_ANIMATIONS.values(), CONSTANTS_PICTURE, COSTS_PICTURE),
 )
 """Everything that a run writes into the folder of an estimator, besides its checkpoint."""
 RECONSTRUCTION_FOLDER, MODEL_FILE = "reconstruction", "model.ply"

@@ -28,6 +28,8 @@ CAMERA_AXES: Final = (
 
 MODEL_OPTIONS: Final = ("model", "output", "execute", "symbols", "solutions")
 """Options that a model's file goes with; all others are of a tumbling body."""
+RECORDING_OPTIONS: Final = ("recording", "segment", "config", "set", "output")
+"""Options that a recording goes with; all others are of a motion that is asked for."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,6 +43,17 @@ class ObserveCommandArguments(ObserveArguments):
             positional=True,
             metavar="MODEL.toml",
         ),
+    ] = None
+    recording: Annotated[
+        str | None,
+        Argument(
+            "a data set in place of a motion: what its measurements can determine, at the smoother's estimate of it",
+            metavar="DATASET",
+        ),
+    ] = None
+    segment: Annotated[
+        str | None,
+        Argument("of --recording: a segment by its number or by its times, s", metavar="N|START:END"),
     ] = None
     output: Annotated[str, Argument("text, JSON and pictures", short="-o", metavar="FOLDER")] = "runs/observe"
     symbols: Annotated[
@@ -120,7 +133,11 @@ def observe(options: ObserveCommandArguments) -> int:
 
     folder = Path(options.output)
     refuse_foreign(folder, COMMAND.name)
-    found = _observed(options)
+    if options.segment is not None and options.recording is None:
+        raise InputError("--segment is of a recording; give --recording DATASET")
+    found = (
+        _observed(options) if options.recording is None else _observed_recording(options, options.recording)
+    )
     with output_folder(folder, COMMAND.name) as place:
         found.write(place)
         if options.study:
@@ -136,15 +153,11 @@ def _observe_model(options: ObserveCommandArguments, model: str) -> int:
     from spinfilters.cli.console import wide_console
     from spinfilters.io.output_files import output_folder, refuse_foreign
 
-    useless = [
-        field.flag
-        for field in given_fields(ObserveCommandArguments)
-        if field.path[0] not in MODEL_OPTIONS and reduce(getattr, field.path, options) != field.default
-    ]
-    if useless:
-        raise InputError(
-            f"{useless[0]} is of a tumbling body; leave it out, a model's file holds all of its equations and outputs"
-        )
+    _refuse_others(
+        options,
+        MODEL_OPTIONS,
+        "is of a tumbling body; leave it out, a model's file holds all of its equations and outputs",
+    )
     folder, path = Path(options.output), Path(model)
     refuse_foreign(folder, COMMAND.name)
     document = _program(path) if options.execute else _document(path)
@@ -154,6 +167,24 @@ def _observe_model(options: ObserveCommandArguments, model: str) -> int:
         text = _write_model(found, stated, options, place)
     wide_console().print(f"{text}\nwritten to {folder}", highlight=False, markup=False, soft_wrap=True)
     return 0
+
+
+def _refuse_others(options: ObserveCommandArguments, known: tuple[str, ...], why: str) -> None:
+    """InputError: an option that is given and not among those known."""
+    for field in given_fields(ObserveCommandArguments):
+        if field.path[0] not in known and reduce(getattr, field.path, options) != field.default:
+            raise InputError(f"{field.flag} {why}")
+
+
+def _observed_recording(options: ObserveCommandArguments, recording: str) -> "ObservabilityResult":
+    from spinfilters.api.recorded_observability import observe_recording
+    from spinfilters.cli.console import progress_bars
+
+    _refuse_others(
+        options, RECORDING_OPTIONS, "is of a motion that is asked for; leave it out with --recording"
+    )
+    with progress_bars() as show:
+        return observe_recording(recording, _settings(options), options.segment, progress=show)
 
 
 def _document(path: Path) -> Mapping[str, Any]:
