@@ -1,6 +1,6 @@
 """Case of the analyser: sensors, motion and known inputs."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Final
@@ -13,12 +13,13 @@ from observability.canonical_motions import CanonicalMotion, landmarks, point_of
 from observability.certificate import Certificate, certify
 from observability.codistribution import InputSeries
 from observability.coordinates import MOMENTS, RATIOS, Chart, FilterChart, PrincipalChart, TensorChart
-from observability.cramer_rao import PRIOR_STD, Bound, Deviations, cramer_rao_bound
+from observability.cramer_rao import LANDMARK_STD, PRIOR_STD, Bound, Deviations, cramer_rao_bound
 from observability.exact_numbers import Rationals, as_floats, rationals
 from observability.reference_trajectory import (
     DrivenMotion,
     InputSizes,
     KnownInput,
+    RecordedInput,
     ReferenceTrajectory,
     SensorSchedule,
     driven_reference,
@@ -29,8 +30,10 @@ from spinfilters.core.attitude_conversions import matrix_from_quaternion
 from spinfilters.core.errors import InputError
 from spinfilters.core.mass_distribution import inertia_matrix
 from spinfilters.core.working_time import built_property
+from spinfilters.io.sensor_format import sensor_called
 from spinfilters.models.process import THESIS_NOISE, ProcessNoise, TorqueFreeProcess
 from spinfilters.models.sensor import model_over
+from spinfilters.models.state_blocks import GYRO_BIAS
 from spinfilters.models.state_layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
 
 CHARTS: Final = ("principal", "tensor", "filter")
@@ -40,12 +43,39 @@ ACTING: Final[tuple[Rationals, ...]] = tuple(
     rationals(each) for each in ((0.1, 0.03, -0.02), (-0.05, 0.02, 0.04), (0.02, -0.06, 0.01))
 )
 """Taylor coefficients of known inputs, one after the other: something that varies, in N m or m/s^2."""
+NOTHING: Final = rationals((0.0, 0.0))
+"""Taylor coefficients behind the first of an input that does not vary."""
 WIDE_POSE_STD: Final = {"t": 1.0, "a": 1.0}
 """Prior of the first pose of g where it is no definition, m and rad."""
 LONGEST_DRIFT: Final = 0.25
 """Way in m that the body drifts in a flight: in a long one its velocity is less, so that it stays in view."""
 NEAREST_LANDMARK: Final = 0.05
 """Depth in m that a manoeuvre must leave every landmark."""
+
+
+@dataclass(frozen=True)
+class Levels:
+    """Noise, disturbances and priors that a bound is computed with.
+
+    Attributes
+    ----------
+    noise : Mapping[str, float]
+        Standard deviations of the sensors by noise option, such as pixel_std; the analyser's own where none is given.
+    process : ProcessNoise
+        Densities of the disturbances; by default those of the bundled example.
+    prior_std : Mapping[str, float]
+        Standard deviations of the first state by block, in place of those of `PRIOR_STD` and `WIDE_POSE_STD`.
+    landmark_std : float
+        Of the prior of an unknown landmark's coordinates, m.
+    gyro_bias_std : float
+        Of the prior of a gyro's bias, rad/s; 0 for no bias.
+    """
+
+    noise: Mapping[str, float] = field(default_factory=dict)
+    process: ProcessNoise = THESIS_NOISE
+    prior_std: Mapping[str, float] = field(default_factory=dict)
+    landmark_std: float = LANDMARK_STD
+    gyro_bias_std: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -70,6 +100,10 @@ class Case:
         What acts and is known; with a torque the inertia has a scale.
     sizes : InputSizes
         Of the inputs.
+    levels : Levels
+        Of noise, disturbances and priors in the bound.
+    recorded : Sequence[RecordedInput]
+        The inputs over time, in their order, where a table tells them; without any they are cosines of those sizes.
     """
 
     sensors: tuple[str, ...] = ("stereo",)
@@ -80,8 +114,11 @@ class Case:
     motion: CanonicalMotion = MOTIONS[0]
     inputs: Sequence[Input] = field(default_factory=tuple)
     sizes: InputSizes = field(default_factory=InputSizes)
+    levels: Levels = field(default_factory=Levels)
+    recorded: Sequence[RecordedInput] = field(default_factory=tuple)
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "sensors", tuple(sensor_called(each) for each in self.sensors))
         named = [("sensor", each, tuple(analysed_sensors())) for each in self.sensors]
         for name, value, known in (
             *named,
@@ -98,6 +135,13 @@ class Case:
             raise InputError(
                 "a known torque tells the scale of the inertia, which the filters' state does not hold; use another chart"
             )
+        if self.has_bias and (
+            self.chart != "filter" or not any(analysed(each).bias for each in self.sensors)
+        ):
+            raise InputError(
+                "a gyro's bias is an unknown of the filters' state with a gyro; use --chart filter and the sensor gyro, or leave "
+                "out gyro_bias_std"
+            )
         if self.unknowns == "moments" and self.chart != "principal":
             raise InputError(
                 f"the three moments are unknowns of the chart principal, not of {self.chart}; leave out --unknowns or --chart"
@@ -107,6 +151,11 @@ class Case:
     def has_torque(self) -> bool:
         """Whether a torque is known."""
         return any(each.is_torque for each in self.inputs)
+
+    @property
+    def has_bias(self) -> bool:
+        """Whether a gyro's bias is one of the unknowns."""
+        return self.levels.gyro_bias_std > 0
 
     @property
     def has_place(self) -> bool:
@@ -190,12 +239,17 @@ class Case:
     @property
     def experiments(self) -> Sequence[InputSeries]:
         """Taylor series of the known inputs."""
-        return [[ACTING[k % len(ACTING)] for k in range(len(self.inputs))]] if self.inputs else []
+        if not self.inputs:
+            return []
+        constant = [each.is_constant for each in self.recorded] or [False] * len(self.inputs)
+        series = [ACTING[k % len(ACTING)] for k in range(len(self.inputs))]
+        return [[(row[0], *NOTHING) if still else row for row, still in zip(series, constant, strict=True)]]
 
     @property
     def layout(self) -> StateLayout:
         """Layout of the filters' state."""
-        return StateLayout(FULL_BLOCKS if self.has_place else ROTATION_BLOCKS)
+        layout = StateLayout(FULL_BLOCKS if self.has_place else ROTATION_BLOCKS)
+        return layout.joined(GYRO_BIAS) if self.has_bias else layout
 
     def certificate(self) -> Certificate:
         """Certificate of this case."""
@@ -211,7 +265,7 @@ class Case:
         InputError
             No frames, or a manoeuvre that leaves a camera without the body.
         """
-        process = _process(self.layout, noise or THESIS_NOISE)
+        process = _process(self.layout, noise or self.levels.process)
         start = self._start(frames, interval)
         if not self.inputs or frames < 1:
             return free_reference(process, start, frames, interval)
@@ -221,9 +275,11 @@ class Case:
         return reference
 
     @property
-    def acting(self) -> list[KnownInput]:
-        """The known inputs as functions of time; each further one is faster, so that they differ."""
-        found = []
+    def acting(self) -> list[KnownInput | RecordedInput]:
+        """The known inputs as functions of time; each further cosine is faster, so that they differ."""
+        if self.recorded:
+            return list(self.recorded)
+        found: list[KnownInput | RecordedInput] = []
         for index, each in enumerate(self.inputs):
             size = self.sizes.torque if each.is_torque else self.sizes.manoeuvre
             found.append(KnownInput(each, size, self.sizes.period / (1 + index / 2)))
@@ -237,15 +293,16 @@ class Case:
             model = model_over(type(sensor.model), reference.process.layout)
             seen = np.ones((len(reference.time), len(items)), dtype=bool)
             schedules.append(SensorSchedule(model, items, sensor.unknown, seen))
-        return cramer_rao_bound(reference, schedules, self.prior_std, defined=self.defined)
+        return cramer_rao_bound(reference, schedules, self.prior_std, self.levels.landmark_std, self.defined)
 
     @property
     def prior_std(self) -> Deviations:
         """Prior standard deviations of every block in the first epoch."""
-        place = PRIOR_STD["t"] if self.place_is_defined else WIDE_POSE_STD["t"]
-        attitude = np.full(3, WIDE_POSE_STD["a"])
+        wide = {**PRIOR_STD, **WIDE_POSE_STD, **self.levels.prior_std, "b": self.levels.gyro_bias_std}
+        place = PRIOR_STD["t"] if self.place_is_defined else wide["t"]
+        attitude = np.full(3, wide["a"])
         attitude[list(self.free_rotations)] = PRIOR_STD["a"]
-        return {**PRIOR_STD, "t": place, "a": attitude}
+        return {**wide, "t": place, "a": attitude}
 
     @property
     def _sees_known_points(self) -> bool:
@@ -275,8 +332,9 @@ class Case:
         seeing = [each for each in self.sensors if analysed(each).sees_points]
         others = [each for each in self.sensors if each not in seeing]
         seen = [landmarks(self.landmarks, seed) for seed in range(len(seeing))]
-        found = [watching(*each, self.known_map) for each in zip(seeing, seen, strict=True)]
-        return found + [watching(each) for each in others]
+        levels = self.levels.noise
+        found = [watching(*each, self.known_map, levels) for each in zip(seeing, seen, strict=True)]
+        return found + [watching(each, noise=levels, layout=self.layout) for each in others]
 
     def _start(self, frames: int, interval: float) -> Float[np.ndarray, " m"]:
         start = as_floats(point_of(FilterChart(self.layout), self.motion))

@@ -16,6 +16,7 @@ from spinfilters.core.errors import InputError, ShapeError
 from spinfilters.core.linear_algebra import with_largest_positive
 from spinfilters.core.mass_distribution import inertia, inertia_matrix
 from spinfilters.core.working_time import building
+from spinfilters.models.state_blocks import BLOCKS
 from spinfilters.models.state_layout import POSE_BLOCKS, StateLayout
 
 PRIOR_STD: dict[str, float] = {
@@ -133,7 +134,7 @@ def cramer_rao_bound(
     for frame, x in enumerate(reference.states):
         if frame:
             step = reference.linearise(frame)
-            roots = [_predicted(*step, root) for root in roots]
+            roots = [predicted_root(*step, root) for root in roots]
         rows = [
             rows_at(schedule, frame, x, start, total)
             for schedule, start in zip(schedules, starts, strict=True)
@@ -194,7 +195,7 @@ def _widening(layout: StateLayout, total: int, defined: Sequence[int] | None) ->
     return factors
 
 
-def _predicted(
+def predicted_root(
     transition: Float[np.ndarray, "e k"], entry: Float[np.ndarray, "e q"], root: Float[np.ndarray, "n n"]
 ) -> Float[np.ndarray, "n n"]:
     """Information root of the next state, its noise marginalised by QR.
@@ -238,6 +239,7 @@ BLOCK_NAMES = {
     "v": ("velocity", "m/s"),
     "w": ("body rate", "rad/s"),
     "c": ("centre of mass in g", "m"),
+    "b": ("gyro bias", "rad/s"),
 }
 WEAK_NAMES = {name: words for name, (words, _) in BLOCK_NAMES.items()} | {"s": "mass distribution"}
 PLACE, MOMENTS = ("place of the centre of mass", "m"), ("inertia ratios", "1")
@@ -246,7 +248,7 @@ EACH_MOMENT = ("each moment, relative", "1")
 Quantity = tuple[str, str]
 """A name and a unit."""
 COMPONENTS = {
-    **{block: tuple(f"{block}_{axis}" for axis in "xyz") for block in "tavwc"},
+    **{block: tuple(f"{block}_{axis}" for axis in "xyz") for block in "tavwcb"},
     "s": ("s_xx", "s_yy", "s_xy", "s_xz", "s_yz"),
     "d": ("d",),
 }
@@ -289,16 +291,19 @@ def _by_mass(layout: StateLayout, jacobian: Float[np.ndarray, "k 5"]) -> Float[n
     return rows
 
 
-def weak_direction_in_words(bound: Bound) -> str:
-    """Main components of the least known direction, and its share of the prior."""
+def weak_direction_in_words(bound: Bound, axes: str = "") -> str:
+    """Main components of the least known direction, and its share of the prior.
+
+    ``axes`` are those of a state whose frame g is not along the principal axes.
+    """
     direction, remains = bound.weak_direction
     order = np.argsort(-np.abs(direction))
     count = int(np.searchsorted(np.cumsum(direction[order] ** 2), 0.95)) + 1
     names = _component_names(bound.layout)
     parts = " ".join(f"{direction[k]:+.2f} {names[k]}" for k in order[:count])
     blocks = dict.fromkeys(names[k][0] for k in order[:count])
-    meaning = ", ".join(f"{block}: {WEAK_NAMES[block]}" for block in blocks)
-    frame = (
+    meaning = ", ".join(f"{block}: {WEAK_NAMES.get(block) or BLOCKS[block].label}" for block in blocks)
+    frame = axes or (
         "principal axes"
         if blocks.keys() <= set("awcs")
         else "velocities in camera axes, others in principal axes"
@@ -307,7 +312,11 @@ def weak_direction_in_words(bound: Bound) -> str:
 
 
 def _component_names(layout: StateLayout) -> list[str]:
-    return [name for block in layout.blocks for name in COMPONENTS[block]]
+    return [
+        name
+        for block in layout.blocks
+        for name in COMPONENTS.get(block) or [f"{block}_{axis}" for axis in "xyz"[: BLOCKS[block].dimension]]
+    ]
 
 
 def _jacobian(

@@ -7,20 +7,33 @@ fractions, and tried again at other points. The change of an unknown input is an
 """
 
 from collections import defaultdict
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import combinations_with_replacement
-from math import isqrt
 
 import numpy as np
 from jaxtyping import Num
 
 from observability.exact_numbers import PrimeField, residue
-from observability.model_rank import ReachedModel, draw_points
+from observability.invariant_manifold import restricted, staying
+from observability.model import Model
+from observability.model_rank import ReachedModel, draw_points, exact_rank, reached, start_values
+from observability.monomials import (
+    Polynomial,
+    Values,
+    coprime_integers,
+    fraction_of,
+    monomial_rate,
+    monomial_value,
+    polynomial_value,
+    product_in_words,
+    sum_in_words,
+    weight,
+)
 from observability.null_fields import NullFields, is_rational
 from observability.power_series import Series
-from observability.rational_generators import Polynomial, rational_fields
+from observability.rational_generators import rational_fields
 from observability.residue_matrices import Echelon, reduce_columns
 
 SPARE = 6
@@ -65,8 +78,17 @@ class Generator:
         """xi of every unknown that moves, as a formula."""
         found: dict[str, list[str]] = defaultdict(list)
         for term, value in self.terms.items():
-            found[term.moved].append(_product_in_words(value, term.factors))
-        return {name: " + ".join(parts).replace("+ -", "- ") for name, parts in found.items()}
+            found[term.moved].append(product_in_words(value, term.factors))
+        return {name: sum_in_words(parts) for name, parts in found.items()}
+
+    def component(self, name: str, values: Values, field: PrimeField) -> Num[np.ndarray, " b"]:
+        """xi of one unknown at points."""
+        own = {
+            term.factors: residue(value, field.prime)
+            for term, value in self.terms.items()
+            if term.moved == name
+        }
+        return polynomial_value(own, values, field)
 
     def __str__(self) -> str:
         """Finite moves by an amount ε where they are simple: x -> e^ε x."""
@@ -79,16 +101,6 @@ class Generator:
         return ", ".join(moves)
 
 
-def _product_in_words(value: Fraction, factors: Sequence[str]) -> str:
-    powers = [(name, factors.count(name)) for name in dict.fromkeys(sorted(factors))]
-    words = "*".join(name if power == 1 else f"{name}**{power}" for name, power in powers)
-    if not words:
-        return str(value)
-    if abs(value) == 1:
-        return words if value > 0 else f"-{words}"
-    return f"{value}*{words}" if value.denominator == 1 else f"({value})*{words}"
-
-
 def _exponential(value: Fraction) -> str:
     if value.denominator == 1:
         return {1: "e^ε", -1: "e^-ε"}.get(int(value), f"e^({value}ε)")
@@ -98,6 +110,87 @@ def _exponential(value: Fraction) -> str:
 def _signed(value: Fraction) -> str:
     size = "ε" if abs(value) == 1 else f"{abs(value)} ε"
     return f"{'-' if value < 0 else '+'} {size}"
+
+
+def named_directions(model: Model) -> list[Generator]:
+    """Independent generators of a model at its point.
+
+    At a special point these are the generic ones, and those of the manifold of states that stay at their values there. With known
+    initial values of states that leave them, those that keep these values.
+    """
+    if not model.point:
+        return generic_directions(model)
+    generic = replace(model, point={})
+    found = generic_directions(generic)
+    still = staying(model, model.point)
+    if still:
+        found += generic_directions(restricted(generic, still))
+    return _independent(model, found)
+
+
+def generic_directions(model: Model) -> list[Generator]:
+    """Generators that hold everywhere."""
+    part = reached(model)
+    free = [Generator({Term(name, ()): Fraction(1)}) for name in model.unknowns if name not in part.unknowns]
+    if model.known_initial_values:
+        generic = replace(model, known_initial_values={})
+        kept = _kept_at_start(model, generic_directions(generic))
+        return _independent(generic, [*free, *kept], model.unknowns)
+    found = exact_rank(part)
+    moved = [name for name, row in zip(found.names, found.null_space, strict=True) if row.any()]
+    return free + generators(part, moved, found.null_space.shape[1], found.order + 1)
+
+
+def _kept_at_start(model: Model, found: list[Generator]) -> list[Generator]:
+    """Sums of fields that keep known initial values: xi_x = (d x0 / d p) xi_p at time 0."""
+    if not found:
+        return []
+    part, random = reached(model), np.random.default_rng(4)
+    field = PrimeField()
+    point = draw_points(part, random, field, len(found) + SPARE)
+    start = start_values(part, point, 1 + len(part.unknowns))
+    values = {
+        name: each
+        for names, group in zip(part.groups, point.values, strict=True)
+        for name, each in zip(names, group.p, strict=True)
+    }
+    rows = Echelon(len(found), field)
+    for state in model.known_initial_values:
+        moves = [each.component(state, values, field) for each in found]
+        if state in part.states:
+            for k, name in enumerate(part.unknowns):
+                slope = field.negative(start[part.states.index(state), :, 1 + k])
+                moves = [
+                    field.reduced(move + field.product(slope, each.component(name, values, field)))
+                    for move, each in zip(moves, found, strict=True)
+                ]
+        rows.add(np.stack(moves, axis=1))
+    sums = [combined(found, weights, field.prime) for weights in rows.null_space().T]
+    names = set(model.known_initial_values)
+    # What moves nothing but states that are known at time 0 is no direction of the unknowns.
+    return [each for each in sums if each is not None and not names.issuperset(each.components)]
+
+
+def _independent(
+    model: Model, found: Iterable[Generator], unknowns: tuple[str, ...] | None = None
+) -> list[Generator]:
+    """Fields that are independent of the ones before at the model's point, in some unknowns."""
+    field, random = PrimeField(), np.random.default_rng(3)
+    symbols = (*model.states, *model.parameters, *model.known_constants)
+    values = {
+        name: field.numbers([model.point[name]])
+        if name in model.point
+        else random.integers(1, field.prime, 1, dtype=np.uint64)
+        for name in symbols
+    }
+    counted = model.unknowns if unknowns is None else unknowns
+    rows, kept = Echelon(len(counted), field), []
+    for each in found:
+        before = rows.rank
+        rows.add(np.stack([each.component(name, values, field) for name in counted], axis=1))
+        if rows.rank > before:
+            kept.append(each)
+    return kept
 
 
 def generators(
@@ -172,7 +265,7 @@ class _Search:
             for degree in degrees:
                 for chosen in combinations_with_replacement(factors, degree):
                     term = Term(name, chosen)
-                    groups[self._weight(term)].append(term)
+                    groups[weight(chosen, (name,), self._weights, self._field.prime)].append(term)
         for terms in sorted(groups.values(), key=len):
             if self.missing and len(terms) <= MOST_TERMS:
                 self._solve(terms)
@@ -183,18 +276,11 @@ class _Search:
         fields = NullFields(part, orders, self._count, self._field, self._random, INTERPOLATION_SECONDS)
         still = [name for name in part.states if part.model.rates[name].is_zero()]
         for found in rational_fields(fields, frozenset((*part.constants, *still)), self._weights):
-            generator = _whole(found, self._field.prime)
+            generator = as_generator(found, self._field.prime)
             if generator is not None:
                 self._take(generator)
             if not self.missing:
                 return
-
-    def _weight(self, term: Term) -> tuple[int, ...]:
-        prime = self._field.prime
-        return tuple(
-            (sum(weights.get(name, 0) for name in term.factors) - weights.get(term.moved, 0)) % prime
-            for weights in self._weights
-        )
 
     def _solve(self, terms: list[Term]) -> None:
         matrix = self._points.equations(terms, len(terms) + SPARE)
@@ -233,7 +319,9 @@ class _Points:
         self._need(1)
         found = dict.fromkeys(names, 0)
         for term, value in generator.terms.items():
-            size = residue(value, self.field.prime) * int(self._monomial(term.factors)[0])
+            size = residue(value, self.field.prime) * int(
+                monomial_value(term.factors, self._values, self.field)[0]
+            )
             found[term.moved] = (found[term.moved] + size) % self.field.prime
         own = np.array(list(found.values()), dtype=np.uint64)
         return np.concatenate([own, self._change_of_inputs(generator)])
@@ -273,27 +361,13 @@ class _Points:
         """X f - D xi_x, then X h, of one term."""
         field, part = self.field, self._part
         gradient = self._rows[:, :points, 1 + part.unknowns.index(term.moved)]
-        entry = field.product(gradient, self._monomial(term.factors)[:points])
+        entry = field.product(gradient, monomial_value(term.factors, self._values, field)[:points])
         if term.moved in part.states:
             row = part.states.index(term.moved)
-            entry[row] = field.reduced(entry[row] + field.negative(self._rate(term.factors)[:points]))
+            motion = dict(zip(part.states, self._rows[..., 0], strict=False))
+            rate = monomial_rate(term.factors, self._values, motion, field)
+            entry[row] = field.reduced(entry[row] + field.negative(rate[:points]))
         return entry
-
-    def _monomial(self, factors: Sequence[str]) -> Num[np.ndarray, " b"]:
-        result = np.ones_like(next(iter(self._values.values())))
-        for name in factors:
-            result = self.field.product(result, self._values[name])
-        return result
-
-    def _rate(self, factors: Sequence[str]) -> Num[np.ndarray, " b"]:
-        """Derivative of a monomial along the motion."""
-        field, states = self.field, self._part.states
-        total = np.zeros_like(next(iter(self._values.values())))
-        for k, name in enumerate(factors):
-            if name in states:
-                others = self._monomial([*factors[:k], *factors[k + 1 :]])
-                total = field.reduced(total + field.product(others, self._rows[states.index(name), :, 0]))
-        return total
 
     def _need(self, count: int) -> None:
         """Draw as many points as are needed."""
@@ -317,7 +391,7 @@ class _Points:
 
 def combined(fields: Sequence[Generator], weights: Num[np.ndarray, " n"], prime: int) -> Generator | None:
     """The sum of fields with residues as weights; None where these are of no simple fractions."""
-    factors = [_fraction(int(weight), prime) for weight in weights]
+    factors = [fraction_of(int(weight), prime) for weight in weights]
     if any(factor is None for factor in factors):
         return None
     terms: dict[Term, Fraction] = defaultdict(Fraction)
@@ -327,7 +401,7 @@ def combined(fields: Sequence[Generator], weights: Num[np.ndarray, " n"], prime:
     return Generator({term: value for term, value in terms.items() if value})
 
 
-def _whole(components: dict[str, Polynomial], prime: int) -> Generator | None:
+def as_generator(components: dict[str, Polynomial], prime: int) -> Generator | None:
     """A field of residues in coprime integers."""
     pairs = [
         (Term(name, factors), value) for name, each in components.items() for factors, value in each.items()
@@ -345,26 +419,9 @@ def _whole(components: dict[str, Polynomial], prime: int) -> Generator | None:
 def _lifted(terms: Sequence[Term], column: Num[np.ndarray, " t"], prime: int) -> Generator | None:
     """A kernel vector in fractions, with coprime integers; None where its residues are of no simple fractions."""
     kept = np.flatnonzero(column)
-    values = [_fraction(int(column[k]), prime) for k in kept]
+    values = [fraction_of(int(column[k]), prime) for k in kept]
     if any(value is None for value in values):
         return None
     fractions = [value for value in values if value is not None]
-    scale = np.lcm.reduce([value.denominator for value in fractions])
-    whole = [value * int(scale) for value in fractions]
-    divisor = np.gcd.reduce([int(value) for value in whole])
-    sign = 1 if whole[0] > 0 else -1
-    return Generator(
-        {terms[k]: value / int(divisor) * sign for k, value in zip(kept.tolist(), whole, strict=True)}
-    )
-
-
-def _fraction(number: int, prime: int) -> Fraction | None:
-    """The fraction with small numerator and denominator that a residue is of, by Euclid's algorithm."""
-    bound = isqrt(prime // 2)
-    above, below = (prime, 0), (number, 1)
-    while below[0] > bound:
-        step = above[0] // below[0]
-        above, below = below, (above[0] - step * below[0], above[1] - step * below[1])
-    if not below[1] or abs(below[1]) > bound:
-        return None
-    return Fraction(below[0], below[1])
+    whole = coprime_integers(fractions)
+    return Generator({terms[k]: value for k, value in zip(kept.tolist(), whole, strict=True)})

@@ -1,7 +1,8 @@
 """A dynamic system of a user: x' = f(x, p, u, w), y = h(x, p, u, w), with what is unknown of it."""
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property
 from typing import Any, Final
@@ -12,9 +13,15 @@ from observability.model_text import FUNCTIONS, NAME, exact_number, formula
 from spinfilters.core.errors import InputError
 
 LISTS: Final = ("states", "parameters", "inputs", "unknown_inputs", "known_constants")
-TABLES: Final = ("equations", "outputs", "known_initial_values", "point")
-WORDS: Final = ("name", "source", "notes", "kinds", "answer")
-"""Of a model's file: what is read past."""
+TABLES: Final = ("equations", "outputs", "known_initial_values", "point", "courses", "every", "experiments")
+OF_EXPERIMENTS: Final = ("known_initial_values", "point", "courses", "every", "bound")
+"""What an experiment may have of its own."""
+WORDS: Final = ("name", "source", "notes", "kinds", "answer", "time", "bound")
+"""Of a model's file: what others read."""
+CLOCK: Final = "t"
+"""Time in the course of an input."""
+FROM_FILE: Final = re.compile(r"\s*from\s+(.+?)\s*")
+"""A course that a table holds."""
 MOST_NAMES: Final = 400
 
 
@@ -38,6 +45,10 @@ class Model:
         States and parameters that have exactly these values, and are unknown all the same; all others are generic.
     name : str
         For titles.
+    discrete : bool
+        Whether equations give the next value, x[k+1] = f, in place of the rate.
+    every : Mapping[str, int]
+        An output measured at every so many steps or times only.
     """
 
     states: tuple[str, ...]
@@ -51,6 +62,8 @@ class Model:
     known_initial_values: Mapping[str, ca.SX] = field(default_factory=dict)
     point: Mapping[str, Fraction] = field(default_factory=dict)
     name: str = "the system"
+    discrete: bool = False
+    every: Mapping[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not self.outputs:
@@ -60,6 +73,13 @@ class Model:
                 raise InputError(
                     f"{self.name}: the known initial value of {state!r} is of no state; states are {', '.join(self.states)}"
                 )
+        for each, count in self.every.items():
+            if each not in self.outputs:
+                raise InputError(
+                    f"{self.name}: every names {each!r}, which is no output; use {', '.join(self.outputs)}"
+                )
+            if count < 1:
+                raise InputError(f"{self.name}: every of {each} is {count}; give a whole number from 1")
         allowed = (*self.states, *self.parameters, *self.known_constants)
         for each in self.point:
             if each not in allowed:
@@ -103,6 +123,8 @@ def _names_in(expression: ca.SX) -> set[str]:
 
 def model_of(f: Any, h: Any = None, x: Any = None, **roles: Any) -> Model:
     """A model of a dictionary of formulas, or of expressions (`model_of_text`, `model_of_expressions`)."""
+    if isinstance(f, Model):
+        return f
     if not isinstance(f, Mapping):
         if h is None or x is None:
             raise InputError("expressions need f, h and x; give all three, or a dictionary of formulas")
@@ -124,7 +146,8 @@ def model_of_text(document: Mapping[str, Any], name: str = "the model") -> Model
     ----------
     document : Mapping
         Lists ``states``, ``parameters``, ``inputs``, ``unknown_inputs``, ``known_constants`` of names, and tables ``equations``,
-        ``outputs``, ``known_initial_values``, ``point`` of formulas by name, as a TOML file has them.
+        ``outputs``, ``known_initial_values``, ``point``, ``courses`` of formulas by name, as a TOML file has them; ``time``,
+        ``every`` and ``experiments``.
     name : str
         For complaints and titles.
 
@@ -135,7 +158,14 @@ def model_of_text(document: Mapping[str, Any], name: str = "the model") -> Model
     """
     for key in document:
         if key not in (*LISTS, *TABLES, *WORDS):
-            raise InputError(f"{name}: {key!r} is unknown; use {', '.join((*LISTS, *TABLES))}")
+            raise InputError(
+                f"{name}: {key!r} is unknown; use {', '.join((*LISTS, *TABLES, 'time', 'bound'))}"
+            )
+    experiments = document.get("experiments")
+    if experiments is not None:
+        return joined(experiments_of(document, name), name)
+    if document.get("time", "continuous") not in ("continuous", "discrete"):
+        raise InputError(f'{name}: time is {document["time"]!r}; use "continuous" or "discrete"')
     lists = {key: _names(document.get(key, ()), f"{name}: {key}") for key in LISTS}
     tables = {key: _table(document.get(key, {}), f"{name}: {key}") for key in TABLES}
     symbols = _symbols(lists, name)
@@ -160,7 +190,7 @@ def model_of_text(document: Mapping[str, Any], name: str = "the model") -> Model
     point = {
         each: exact_number(text, f"{name}: {each} at the point") for each, text in tables["point"].items()
     }
-    return Model(
+    model = Model(
         **lists,
         symbols=symbols,
         rates=rates,
@@ -168,6 +198,119 @@ def model_of_text(document: Mapping[str, Any], name: str = "the model") -> Model
         known_initial_values=known,
         point=point,
         name=name,
+        discrete=document.get("time") == "discrete",
+        every={each: _whole(count, f"{name}: every of {each}") for each, count in tables["every"].items()},
+    )
+    return with_courses(model, tables["courses"])
+
+
+def with_courses(model: Model, courses: Mapping[str, Any]) -> Model:
+    """The model with formulas of the time t, or numbers, for known inputs; those from a file stay generic inputs.
+
+    The clock is a state that an output shows, so that its value is a generic one.
+    """
+    name = model.name
+    foreign = [each for each in courses if each not in model.inputs]
+    if foreign:
+        raise InputError(
+            f"{name}: courses names {foreign[0]!r}, which is no input; use {', '.join(model.inputs) or 'none'}"
+        )
+    texts = {each: text for each, text in courses.items() if not FROM_FILE.fullmatch(str(text))}
+    if not texts:
+        return model
+    if CLOCK in model.symbols:
+        raise InputError(
+            f"{name}: {CLOCK!r} is the time in courses; rename the symbol {CLOCK!r} of the model"
+        )
+    clock = ca.SX.sym(CLOCK)
+    found = {
+        each: formula(text, {CLOCK: clock}, f"{name}: the course of {each}") for each, text in texts.items()
+    }
+    old, new = (ca.vertcat(*each) for each in ([model.symbols[name] for name in found], found.values()))
+    rates, outputs = (
+        {each: ca.substitute(ca.SX(value), old, new) for each, value in group.items()}
+        for group in (model.rates, model.outputs)
+    )
+    states, symbols = (
+        model.states,
+        {each: symbol for each, symbol in model.symbols.items() if each not in found},
+    )
+    if any(CLOCK in _names_in(each) for each in found.values()):
+        states = (*states, CLOCK)
+        symbols |= {CLOCK: clock}
+        rates |= {CLOCK: clock + 1 if model.discrete else ca.SX(1)}
+        outputs |= {CLOCK: clock}
+    inputs = tuple(each for each in model.inputs if each not in found)
+    return replace(model, states=states, inputs=inputs, symbols=symbols, rates=rates, outputs=outputs)
+
+
+def experiments_of(document: Mapping[str, Any], name: str) -> dict[str, dict[str, Any]]:
+    """A document for each experiment, with its own initial values, point, courses and bound over those of all."""
+    experiments = document["experiments"]
+    if not isinstance(experiments, Mapping) or not experiments:
+        raise InputError(
+            f"{name}: experiments is {experiments!r}; give a table by the name of each experiment"
+        )
+    found = {}
+    for each, own in experiments.items():
+        where = f"{name}: experiment {each!r}"
+        if not NAME.fullmatch(str(each)):
+            raise InputError(f"{where} is no name; use letters, digits and _")
+        if not isinstance(own, Mapping):
+            raise InputError(f"{where} is {own!r}; give a table")
+        for key, value in own.items():
+            if key not in OF_EXPERIMENTS:
+                raise InputError(f"{where}: {key!r} is unknown; use {', '.join(OF_EXPERIMENTS)}")
+            if not isinstance(value, Mapping):
+                raise InputError(f"{where}: {key} is {value!r}; give a table")
+        rest = {key: value for key, value in document.items() if key != "experiments"}
+        found[each] = rest | {key: _merged(rest.get(key, {}), value) for key, value in own.items()}
+    return found
+
+
+def _merged(table: Any, over: Mapping[str, Any]) -> dict[str, Any]:
+    """A table with what another says instead, in tables within it as well."""
+    below = dict(table) if isinstance(table, Mapping) else {}
+    return below | {
+        key: _merged(below.get(key, {}), value) if isinstance(value, Mapping) else value
+        for key, value in over.items()
+    }
+
+
+def joined(documents: Mapping[str, Mapping[str, Any]], name: str) -> Model:
+    """One model of several experiments: parameters and constants are the same, states and inputs are each experiment's own."""
+    models = {each: model_of_text(document, f"{name}, {each}") for each, document in documents.items()}
+    first = next(iter(models.values()))
+    shared = {each: first.symbols[each] for each in (*first.parameters, *first.known_constants)}
+    symbols = dict(shared)
+    groups: dict[str, list[str]] = {"states": [], "inputs": [], "unknown_inputs": []}
+    tables: dict[str, dict[str, Any]] = {
+        key: {} for key in ("rates", "outputs", "known_initial_values", "point", "every")
+    }
+    for experiment, model in models.items():
+        names = {key: f"{key}_{experiment}" for key in model.symbols if key not in shared}
+        own = {key: ca.SX.sym(each) for key, each in names.items()}
+        symbols |= {names[key]: symbol for key, symbol in own.items()}
+        old = ca.vertcat(*model.symbols.values())
+        every = {**shared, **own}
+        new = ca.vertcat(*[every[key] for key in model.symbols])
+        for key, group in groups.items():
+            group += [names[each] for each in getattr(model, key)]
+        for key in ("rates", "outputs", "known_initial_values"):
+            tables[key] |= {
+                f"{each}_{experiment}": ca.substitute(ca.SX(value), old, new)
+                for each, value in getattr(model, key).items()
+            }
+        tables["point"] |= {names.get(each, each): value for each, value in model.point.items()}
+        tables["every"] |= {f"{each}_{experiment}": count for each, count in model.every.items()}
+    if len(symbols) > MOST_NAMES:
+        raise InputError(
+            f"{name}: {len(symbols)} names in {len(models)} experiments; give at most {MOST_NAMES}"
+        )
+    if len(symbols) != len(shared) + sum(len(model.symbols) - len(shared) for model in models.values()):
+        raise InputError(f"{name}: names of experiments make two names alike; choose other names for them")
+    return replace(
+        first, **{key: tuple(group) for key, group in groups.items()}, **tables, symbols=symbols, name=name
     )
 
 
@@ -182,6 +325,7 @@ def model_of_expressions(
     known_initial_values: Mapping[str, Any] | None = None,
     at: Mapping[str, Any] | None = None,
     name: str = "the system",
+    time: str = "continuous",
 ) -> Model:
     """A model of CasADi expressions of scalar or vector symbols, or of functions of (x, parameters, inputs, unknown inputs).
 
@@ -190,6 +334,8 @@ def model_of_expressions(
     InputError
         One line with the name and the cure.
     """
+    if time not in ("continuous", "discrete"):
+        raise InputError(f'{name}: time is {time!r}; use "continuous" or "discrete"')
     given = dict(zip(LISTS, (x, parameters, inputs, unknown_inputs, known_constants), strict=True))
     groups = {key: _scalars(value, key) for key, value in given.items()}
     lists = {key: tuple(each.name() for each in group) for key, group in groups.items()}
@@ -212,14 +358,20 @@ def model_of_expressions(
         for each, value in (known_initial_values or {}).items()
     }
     point = {each: exact_number(value, f"{name}: {each} at the point") for each, value in (at or {}).items()}
+    states, constants, known_inputs, free_inputs, fixed = lists.values()
     return Model(
-        **lists,
+        states,
+        constants,
+        known_inputs,
+        free_inputs,
+        fixed,
         symbols=symbols,
         rates=dict(zip(lists["states"], rates, strict=True)),
         outputs={f"y{k + 1}": each for k, each in enumerate(outputs)},
         known_initial_values=known,
         point=point,
         name=name,
+        discrete=time == "discrete",
     )
 
 
@@ -250,6 +402,13 @@ def _names(value: Any, where: str) -> tuple[str, ...]:
                 f"{where}: {each!r} is no name; use letters, digits and _, and no name of a function"
             )
     return names
+
+
+def _whole(value: Any, where: str) -> int:
+    number = exact_number(value, where)
+    if number.denominator != 1:
+        raise InputError(f"{where} is {value!r}; give a whole number")
+    return int(number)
 
 
 def _table(value: Any, where: str) -> Mapping[str, Any]:

@@ -8,13 +8,17 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+from observability.discrete_rank import outputs_rank
 from observability.discrete_symmetries import DiscreteSearch, discrete_symmetries
-from observability.generators import Generator
+from observability.generators import Generator, named_directions
 from observability.input_inversion import InvertedModel, invert
 from observability.invariant_manifold import known_numbers, restricted, staying
+from observability.invariants import InvariantSet, Reparametrisation, invariants, reparametrised
+from observability.lie_derivatives import ObservabilityMatrix, observability_matrix
 from observability.model import Model, model_of
-from observability.model_rank import ExactRank, exact_rank, reached
-from observability.named_directions import named_directions
+from observability.model_rank import ExactRank, reached
+from observability.null_vectors import RationalNullSpace, rational_null_space, symbolic_null_vectors
+from observability.other_solutions import NOT_SEARCHED, OtherSolutions, other_solutions
 from spinfilters.core.errors import InputError
 from spinfilters.io.input_file import printable, read_toml
 
@@ -29,6 +33,7 @@ class ModelProof(StrEnum):
     INVERSION = (
         "with the unknown inputs solved for, the first order of derivatives that adds nothing is the last"
     )
+    STEPS = "at a generic point of an invertible step the first step that adds nothing is the last"
     OPEN = "open"
 
 
@@ -89,7 +94,7 @@ class ModelAnalysis:
         """Rank at generic points, where a special one was asked for."""
         if not self.model.point:
             return None
-        return exact_rank(reached(replace(self.model, point={}))).rank
+        return outputs_rank(reached(replace(self.model, point={}))).rank
 
     @property
     def unidentifiable(self) -> set[str]:
@@ -99,7 +104,12 @@ class ModelAnalysis:
     @cached_property
     def inverted(self) -> InvertedModel | None:
         """The model with its unknown inputs solved for, where there are some and this is possible."""
-        if not self.core.unknown_inputs or self.core.known_initial_values or self.core.point:
+        if (
+            self.core.discrete
+            or not self.core.unknown_inputs
+            or self.core.known_initial_values
+            or self.core.point
+        ):
             return None
         return invert(self.core)
 
@@ -114,12 +124,67 @@ class ModelAnalysis:
 
         At a special point these are the generic ones, and those of the states that stay at their values.
         """
-        return tuple(named_directions(self.core)) if self.null_dimension else ()
+        if not self.null_dimension or self.core.discrete:
+            return ()
+        return tuple(named_directions(self.core))
+
+    @cached_property
+    def invariants(self) -> InvariantSet:
+        """What is determined of the unknowns that are not, such as J2/J1."""
+        fixed = self.reparametrisation.fixed if self.reparametrisation else ()
+        return invariants(self.symmetries, self.model.unknowns, tuple(fixed))
+
+    @cached_property
+    def reparametrisation(self) -> Reparametrisation | None:
+        """A minimal model with the same outputs, where all directions are scalings and translations."""
+        known = len(self.symmetries) == self.null_dimension
+        return reparametrised(self.core, self.symmetries) if known else None
+
+    @cached_property
+    def null_vectors(self) -> RationalNullSpace | None:
+        """Null vectors at a point of small integers; None with functions that have no rational values there."""
+        return None if self.core.discrete else rational_null_space(reached(self.core), self.exact)
+
+    @cached_property
+    def symbolic_null_vectors(self) -> list[dict[str, str]]:
+        """Null vectors as formulas."""
+        if self.core.discrete:
+            return []
+        return symbolic_null_vectors(self.core, self.exact, self.symmetries, reached(self.core))
+
+    def observability_matrix(self, orders: int | None = None) -> ObservabilityMatrix:
+        """Lie derivatives and their gradients as formulas, of as many orders as reach the rank unless it is said.
+
+        Raises
+        ------
+        InputError
+            In discrete time, and where a formula becomes too long.
+        """
+        if self.core.discrete:
+            raise InputError(f"{self.model.name}: Lie derivatives are of models in continuous time")
+        return observability_matrix(self.core, self.order + 1 if orders is None else orders)
 
     @cached_property
     def other_solutions(self) -> DiscreteSearch:
         """Isolated other solutions: unknowns mirrored or exchanged."""
+        if self.core.discrete:
+            return DiscreteSearch((), False)
         return discrete_symmetries(reached(self.core), self.symmetries)
+
+    @cached_property
+    def isolated_solutions(self) -> OtherSolutions:
+        """Other values of the unknowns with the same outputs, searched for at a random point; takes some seconds.
+
+        Where not all unknowns are observable, they are those of the smallest model with the same outputs (`reparametrisation`).
+        """
+        if self.core.discrete:
+            return NOT_SEARCHED
+        if self.null_dimension == 0:
+            return other_solutions(reached(self.core), self.exact)
+        if self.reparametrisation is None:
+            return NOT_SEARCHED
+        part = reached(self.reparametrisation.model)
+        return other_solutions(part, outputs_rank(part))
 
     @cached_property
     def proof(self) -> ModelProof:
@@ -127,6 +192,8 @@ class ModelAnalysis:
         if self.null_dimension == 0:
             return ModelProof.FULL
         if self.exact.complete:
+            if self.core.discrete:
+                return ModelProof.STEPS
             return ModelProof.GENERIC if self.core.is_generic else ModelProof.MANIFOLD
         if self.inverted is not None and self.inverted.rank == self.rank:
             return ModelProof.INVERSION
@@ -142,9 +209,12 @@ class ModelAnalysis:
     def sentences(self) -> list[str]:
         """The whole text."""
         verb = "have" if self.certified else "have at least"
+        order = (
+            f"by step {self.order}" if self.model.discrete else f"with derivatives up to order {self.order}"
+        )
         lines = [
             f"{self.model.name}: of {self.dimension} unknowns the outputs {verb} rank {self.rank}"
-            + (f", reached with derivatives up to order {self.order}." if self.order else ".")
+            + (f", reached {order}." if self.order else ".")
         ]
         seen = [name for name, each in self.observable.items() if each]
         lines.append(f"Observable: {', '.join(seen) or 'none'}.")
@@ -156,6 +226,11 @@ class ModelAnalysis:
         if self.unreached:
             lines.append(f"No output depends on {', '.join(self.unreached)}.")
         lines += [f"No output notices {each} ({each.kind})." for each in self.symmetries]
+        if self.invariants.found:
+            others = "" if self.invariants.complete else ", among others"
+            lines.append(f"Determined of them{others}: {self.invariants}.")
+        if self.reparametrisation is not None:
+            lines.append(f"{self.reparametrisation}.")
         unnamed = self.null_dimension - len(self.symmetries)
         if unnamed:
             lines.append(f"{unnamed} direction{'s' if unnamed > 1 else ''} without a closed form.")
@@ -185,6 +260,9 @@ class ModelAnalysis:
             ("unknown inputs", self.model.unknown_inputs),
         ]
         words = " and ".join(name for name, given in reasons if given)
+        if self.core.discrete:
+            where = f" with {words}" if words else ", where a step forgets what was before,"
+            return f"open: the exact rank is a lower bound; in discrete time{where} no step is known to be the last"
         return (
             f"open: the exact rank is a lower bound; with {words} no order of derivatives is known to be the last "
             f"({len(self.exact.names) + 2 + len(self.model.states)} were taken)"
@@ -202,6 +280,21 @@ class ModelAnalysis:
         text = "".join(f"<p>{escape(line)}</p>" for line in self.sentences)
         return f"{text}<table><tr><th>unknown</th><th></th></tr>{rows}</table>"
 
+    def symbols_in_words(self) -> str:
+        """Null vectors in rationals and as formulas, then Lie derivatives with their gradients.
+
+        Raises
+        ------
+        InputError
+            Where a formula becomes too long.
+        """
+        lines = []
+        if self.null_vectors is not None and self.null_vectors.vectors:
+            lines += ["Null vectors.", str(self.null_vectors)]
+        for each in self.symbolic_null_vectors:
+            lines.append("Null vector: " + ", ".join(f"{name} {text}" for name, text in each.items()) + ".")
+        return "\n".join([*lines, "Lie derivatives of the outputs.", str(self.observability_matrix())])
+
     def document(self) -> dict[str, Any]:
         """The analysis for JSON."""
         return {
@@ -213,6 +306,11 @@ class ModelAnalysis:
             "observable": self.observable,
             "not_reached": list(self.unreached),
             "generators": [each.components for each in self.symmetries],
+            "null_vectors": self.null_vectors.document() if self.null_vectors else None,
+            "symbolic_null_vectors": self.symbolic_null_vectors,
+            "invariants": [str(each) for each in self.invariants.found],
+            "invariants_complete": self.invariants.complete,
+            "reparametrisation": self.reparametrisation.document() if self.reparametrisation else None,
             "other_solutions": [str(each) for each in self.other_solutions.found],
             "other_solutions_complete": self.other_solutions.complete,
             "generic_rank": self.generic_rank,
@@ -258,11 +356,11 @@ def analyse(f: Any, h: Any = None, x: Any = None, **roles: Any) -> ModelAnalysis
 
 def analysis_of(model: Model) -> ModelAnalysis:
     """The analysis of a model."""
-    still = staying(model, known_numbers(model))
+    still = {} if model.discrete else staying(model, known_numbers(model))
     core = restricted(model, still) if still else model
     part = reached(core)
     unreached = tuple(name for name in model.unknowns if name not in part.unknowns)
-    return ModelAnalysis(model, core, exact_rank(part), unreached)
+    return ModelAnalysis(model, core, outputs_rank(part), unreached)
 
 
 def analyse_file(path: str | Path) -> ModelAnalysis:
@@ -285,6 +383,6 @@ def read_model(path: Path) -> Mapping[str, Any]:
     if path.suffix != ".toml":
         raise InputError(
             f"{path}: a model is read from a TOML file, in which nothing is executed; write it as {path.stem}.toml, "
-            "or call observability.analyse in Python"
+            "run a Python program of yours with --execute, or call observability.analyse in Python"
         )
     return read_toml(path)

@@ -6,175 +6,30 @@ marginalised by QR (Bierman 1977, Factorization Methods, ch. VI). Without any pr
 what the measurements do not determine.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from html import escape
 from typing import Any, Final
 
-import casadi as ca
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.linalg import qr
 
-from observability.cramer_rao import WIDENING, prior_share
-from observability.model import Model, model_of
+from observability.cramer_rao import WIDENING, predicted_root, prior_share
+from observability.model import model_of
+from observability.model_experiment import Course, Experiment
 from observability.prior_dependence import PRIOR_ONLY
-from spinfilters.core.compiled import Compiled
 from spinfilters.core.errors import InputError
 
-STEPS: Final = 4
-"""Runge-Kutta steps between two times."""
 SINGULAR: Final = 1e-9
 """Singular values of the scaled root below this share of the largest are 0."""
-
-Course = Callable[[float], float] | Sequence[float] | Float[np.ndarray, " t"] | float
-"""A known input: a function of time, its values at the times (linear in between), or a constant."""
-
-
-@dataclass(frozen=True)
-class Experiment:
-    """One flight of a model with everything that its bound depends on.
-
-    Attributes
-    ----------
-    model : Model
-        The equations.
-    values : Mapping[str, float]
-        True states at the first time, parameters, known constants, unknown inputs.
-    times : ndarray of shape (t,)
-        Of the measurements, s; the first is the time of the initial state.
-    noise : Mapping[str, float]
-        Standard deviation of each output that is measured.
-    priors : Mapping[str, float]
-        Standard deviations of states at the first time, parameters and unknown inputs; without one nothing is known.
-    process_noise : Mapping[str, float]
-        Power spectral density (unit^2/s) of the noise in the rate of a state or unknown input.
-    inputs : Mapping[str, Course]
-        Known inputs.
-    every : Mapping[str, int]
-        An output measured at every so many times only.
-    """
-
-    model: Model
-    values: Mapping[str, float]
-    times: Float[np.ndarray, " t"]
-    noise: Mapping[str, float]
-    priors: Mapping[str, float]
-    process_noise: Mapping[str, float]
-    inputs: Mapping[str, Course]
-    every: Mapping[str, int]
-
-    def __post_init__(self) -> None:
-        model = self.model
-        needed = [*model.states, *model.parameters, *model.known_constants, *model.unknown_inputs]
-        for what, given, allowed, lacking in (
-            ("values", self.values, needed, needed),
-            ("inputs", self.inputs, [*model.inputs], [*model.inputs]),
-            ("noise", self.noise, [*model.outputs], []),
-            ("priors", self.priors, [*self.names], []),
-            ("process_noise", self.process_noise, [*model.states, *model.unknown_inputs], []),
-            ("every", self.every, [*model.outputs], []),
-        ):
-            foreign = [name for name in given if name not in allowed]
-            if foreign:
-                raise InputError(
-                    f"{model.name}: {what} names {foreign[0]!r}, which is not there; use {', '.join(allowed) or 'none'}"
-                )
-            missing = [name for name in lacking if name not in given]
-            if missing:
-                raise InputError(f"{model.name}: {what} has no {missing[0]!r}; give it a number")
-        for what, numbers in (("noise", self.noise), ("priors", self.priors), ("every", self.every)):
-            wrong = [name for name, each in numbers.items() if not each > 0]
-            if wrong:
-                raise InputError(
-                    f"{model.name}: {what} of {wrong[0]} is {numbers[wrong[0]]}; give a positive number"
-                )
-        if not self.noise:
-            raise InputError(f"{model.name}: nothing is measured; give noise, a standard deviation by output")
-        if len(self.times) < 2 or not (np.diff(self.times) > 0).all():
-            raise InputError(f"{model.name}: times have to increase, and be at least two")
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """States, unknown inputs, parameters: the order of all arrays."""
-        return (*self.model.states, *self.model.unknown_inputs, *self.model.parameters)
-
-    @cached_property
-    def flow(self) -> Compiled:
-        """(z, Phi, P, u, constants) -> their rates."""
-        z, u, c = self._symbols
-        size, rates = z.numel(), self._rates
-        slope = ca.jacobian(rates, z)
-        phi, cov = ca.SX.sym("phi", size, size), ca.SX.sym("cov", size, size)
-        density = ca.diag(ca.DM([self.process_noise.get(name, 0.0) for name in self.names]))
-        grown = slope @ cov
-        out = [rates, slope @ phi, grown + grown.T + density]
-        return Compiled.interpreted(ca.Function("flow", [z, phi, cov, u, c], out))
-
-    @cached_property
-    def sensing(self) -> Compiled:
-        """(z, u, constants) -> outputs and their Jacobian."""
-        z, u, c = self._symbols
-        outputs = ca.vertcat(*self.model.outputs.values())
-        return Compiled.interpreted(ca.Function("sensing", [z, u, c], [outputs, ca.jacobian(outputs, z)]))
-
-    @property
-    def _symbols(self) -> tuple[ca.SX, ca.SX, ca.SX]:
-        symbols = self.model.symbols
-        groups = (self.names, self.model.inputs, self.model.known_constants)
-        z, u, c = (ca.vertcat(ca.SX(0, 1), *[symbols[name] for name in group]) for group in groups)
-        return z, u, c
-
-    @property
-    def _rates(self) -> ca.SX:
-        still = [ca.SX(0)] * (len(self.names) - len(self.model.states))
-        return ca.vertcat(*self.model.rates.values(), *still)
-
-    def input_values(self, time: float) -> Float[np.ndarray, " u"]:
-        """Known inputs at a time."""
-        found = []
-        for name in self.model.inputs:
-            course = self.inputs[name]
-            if callable(course):
-                found.append(float(course(time)))
-            else:
-                values = np.broadcast_to(np.asarray(course, dtype=float), self.times.shape)
-                found.append(float(np.interp(time, self.times, values)))
-        return np.array(found)
-
-    def step(
-        self, z: Float[np.ndarray, " n"], first: float, last: float
-    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n n"], Float[np.ndarray, "n n"]]:
-        """z at the next time, the transition to it, and the covariance of the process noise in between."""
-        c = np.array([float(self.values[name]) for name in self.model.known_constants])
-        now = (z, np.eye(len(z)), np.zeros((len(z), len(z))))
-        width = (last - first) / STEPS
-        for k in range(STEPS):
-            t, slopes = first + k * width, []
-            for shift, weight in ((0.0, 0.0), (0.5, 0.5), (0.5, 0.5), (1.0, 1.0)):
-                at = (
-                    now
-                    if not slopes
-                    else tuple(a + weight * width * b for a, b in zip(now, slopes[-1], strict=True))
-                )
-                slopes.append(self.flow(*at, self.input_values(t + shift * width), c))
-            now = tuple(
-                a + width / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-                for a, k1, k2, k3, k4 in zip(now, *slopes, strict=True)
-            )
-        return now[0], now[1], now[2]
-
-    def sensed(
-        self, z: Float[np.ndarray, " n"], time: float
-    ) -> tuple[Float[np.ndarray, " o"], Float[np.ndarray, "o n"]]:
-        """Outputs and their Jacobian."""
-        c = np.array([float(self.values[name]) for name in self.model.known_constants])
-        values, slopes = self.sensing(z, self.input_values(time), c)
-        return values, slopes
-
-    def start(self) -> Float[np.ndarray, " n"]:
-        """True unknowns at the first time."""
-        return np.array([float(self.values[name]) for name in self.names])
+LARGEST_DIFFERENCE: Final = 1e-3
+"""Between the information of the slopes and that of finite moves, relative, that is not worth a word."""
+PARTS: Final = 16
+"""Times an interval at which outputs are looked at for aliasing."""
+MOST_INTERVALS: Final = 64
+"""Intervals that are looked at."""
 
 
 @dataclass(frozen=True)
@@ -212,6 +67,16 @@ class ModelBound:
         """Smallest possible standard deviations at the last time, by name of the unknown."""
         return dict(zip(self.names, self.std[-1].tolist(), strict=True))
 
+    @property
+    def priors(self) -> dict[str, float]:
+        """Standard deviations known beforehand, those of an earlier experiment included."""
+        own = dict(self.experiment.priors)
+        earlier = self.experiment.after
+        while earlier is not None:
+            own |= {name: each for name, each in earlier.priors.items() if name in earlier.model.parameters}
+            earlier = earlier.after
+        return own
+
     @cached_property
     def prior_only(self) -> list[dict[str, float]]:
         """Directions in deviations of the priors (1 where there is none) that the measurements hardly improve.
@@ -219,13 +84,12 @@ class ModelBound:
         A direction of information p of the prior and d of the data keeps the share sqrt(p / (p + d)); priors ten times as wide show
         the share (`WIDENING`). Without a prior, a direction of no information.
         """
-        scale = np.array([self.experiment.priors.get(name, 1.0) for name in self.names])
-        wide = {name: WIDENING * each for name, each in self.experiment.priors.items()}
+        scale = np.array([self.priors.get(name, 1.0) for name in self.names])
         narrow = self.roots[-1] * scale
-        if not wide:
+        if not self.priors:
             shares, directions = _null_shares(narrow)
         else:
-            other = information_roots(self.experiment, wide)[-1] * scale
+            other = information_roots(self.experiment, WIDENING)[-1] * scale
             shares, directions = _growth(narrow, other)
         found = [directions[:, k] for k in np.flatnonzero(shares >= PRIOR_ONLY)]
         return [
@@ -237,16 +101,83 @@ class ModelBound:
             for each in found
         ]
 
-    def __str__(self) -> str:
+    @cached_property
+    def cross_check(self) -> float | None:
+        """Largest relative difference between the information of the slopes and of finite moves; None along a recording."""
+        if self.experiment.trajectory:
+            return None
+        moved, slopes = empirical_information(self), start_information(self.experiment)
+        scale = np.sqrt(np.diagonal(slopes))
+        scale[scale == 0] = np.inf
+        return float(np.abs((moved - slopes) / np.outer(scale, scale)).max(initial=0.0))
+
+    @cached_property
+    def aliased(self) -> dict[str, float]:
+        """Outputs that move faster than half their rate, with this rate in Hz.
+
+        More than half of their power, seen `PARTS` times as often, lies above.
+        """
+        own = self.experiment
+        intervals = np.diff(own.times[: MOST_INTERVALS + 1])
+        if own.model.discrete or len(intervals) < 8:
+            return {}
+        outputs, found = own.outputs_between(len(intervals), PARTS), {}
+        window = np.hanning(len(outputs))
+        frequencies = np.fft.rfftfreq(len(outputs), float(np.median(intervals)) / PARTS)
+        for index, name in enumerate(own.model.outputs):
+            if name not in own.noise or not np.isfinite(outputs[:, index]).all():
+                continue
+            power = np.abs(np.fft.rfft((outputs[:, index] - outputs[:, index].mean()) * window)) ** 2
+            rate = 1 / (float(np.median(intervals)) * own.every.get(name, 1))
+            if (
+                power[frequencies > rate / 2].sum() > 0.5 * power.sum()
+                and np.ptp(outputs[:, index]) > own.noise[name]
+            ):
+                found[name] = rate
+        return found
+
+    @property
+    def sentences(self) -> list[str]:
+        """The whole text."""
         last = self.experiment.times[-1]
-        lines = [f"{self.experiment.model.name}: Cramer-Rao bound at t = {last:g} s, standard deviations:"]
+        unit = "" if self.experiment.model.discrete else " s"
+        lines = [
+            f"{self.experiment.model.name}: Cramer-Rao bound at t = {last:g}{unit}, standard deviations:"
+        ]
         for name, value in self.final.items():
             lines.append(f"  {name:20} {value:.4g}" if np.isfinite(value) else f"  {name:20} not determined")
-        unit = ", in deviations of the priors" if self.experiment.priors else ""
+        unit = ", in deviations of the priors" if self.priors else ""
         for each in self.prior_only:
             words = " ".join(f"{part:+.3g} {name}" for name, part in each.items())
             lines.append(f"Not determined by the measurements{unit}: {words}.")
-        return "\n".join(lines)
+        for name, rate in self.aliased.items():
+            lines.append(
+                f"Aliasing: {name} moves faster than half its rate of {rate:.4g} Hz; frequencies that differ by a multiple of this "
+                "rate give the same samples."
+            )
+        if self.cross_check is not None and self.cross_check > LARGEST_DIFFERENCE:
+            lines.append(
+                f"Finite moves disagree by {self.cross_check:.2g} of the information: the outputs bend within such a move."
+            )
+        return lines
+
+    def __str__(self) -> str:
+        """The sentences, one a line."""
+        return "\n".join(self.sentences)
+
+    def _repr_html_(self) -> str:
+        rows = "".join(
+            f"<tr><td>{escape(name)}</td><td>{self._shown(self.priors.get(name))}</td><td>{self._shown(value)}</td></tr>"
+            for name, value in self.final.items()
+        )
+        words = "".join(f"<p>{escape(line)}</p>" for line in self.sentences if not line.startswith("  "))
+        return f"{words}<table><tr><th>unknown</th><th>prior</th><th>bound</th></tr>{rows}</table>"
+
+    @staticmethod
+    def _shown(value: float | None) -> str:
+        if value is None:
+            return "-"
+        return f"{value:.4g}" if np.isfinite(value) else "not determined"
 
     def document(self) -> dict[str, Any]:
         """The bound for JSON; what is infinite is null."""
@@ -257,12 +188,15 @@ class ModelBound:
                 name: [float(each) if np.isfinite(each) else None for each in self.std[:, k]]
                 for k, name in enumerate(self.names)
             },
+            "priors": self.priors,
             "prior_only": self.prior_only,
+            "aliased": self.aliased,
+            "difference_from_finite_moves": self.cross_check,
         }
 
 
 def bound(
-    model: Mapping[str, Any],
+    model: Any,
     values: Mapping[str, float],
     noise: Mapping[str, float],
     times: Sequence[float] | Float[np.ndarray, " t"],
@@ -270,21 +204,25 @@ def bound(
     process_noise: Mapping[str, float] | None = None,
     inputs: Mapping[str, Course] | None = None,
     every: Mapping[str, int] | None = None,
+    trajectory: Mapping[str, Course] | None = None,
+    after: ModelBound | None = None,
 ) -> ModelBound:
     """How well measurements can determine a model's states and parameters along a trajectory.
 
     Parameters
     ----------
-    model : Mapping
-        A dictionary of formulas, as of `analyse`; for CasADi expressions see `bound_of`.
+    model : Mapping or Model
+        A dictionary of formulas, as of `analyse`; of CasADi expressions `observability.model.model_of_expressions` makes a model.
     values : Mapping[str, float]
         True states at the first time, parameters, known constants and unknown inputs.
     noise : Mapping[str, float]
         Standard deviation of each output that is measured; others are left out.
     times : array of shape (t,)
         Of the measurements, s, for example those of a recording.
-    priors, process_noise, inputs, every : Mapping
+    priors, process_noise, inputs, every, trajectory : Mapping
         See `Experiment`.
+    after : ModelBound
+        Of an earlier experiment with the same parameters, which are known from it.
 
     Raises
     ------
@@ -307,37 +245,72 @@ def bound(
         dict(process_noise or {}),
         dict(inputs or {}),
         dict(every or {}),
+        dict(trajectory or {}),
+        after.experiment if after is not None else None,
     )
     return bound_of(experiment)
 
 
 def bound_of(experiment: Experiment) -> ModelBound:
-    """The bound of an experiment, whose model may be of CasADi expressions."""
-    return ModelBound(experiment, information_roots(experiment, experiment.priors))
+    """The bound of an experiment.
+
+    Raises
+    ------
+    InputError
+        Where nothing is measured, or the trajectory leaves the numbers.
+    """
+    if not experiment.noise:
+        raise InputError(
+            f"{experiment.model.name}: nothing is measured; give noise, a standard deviation by output"
+        )
+    return ModelBound(experiment, information_roots(experiment))
 
 
-def information_roots(experiment: Experiment, priors: Mapping[str, float]) -> Float[np.ndarray, "t n n"]:
-    """Square roots of the information at every time, with the measurements of that time."""
-    names, z = experiment.names, experiment.start()
-    root = np.diag([1 / priors[name] if name in priors else 0.0 for name in names])
+def information_roots(experiment: Experiment, widening: float = 1.0) -> Float[np.ndarray, "t n n"]:
+    """Square roots of the information at every time, with the measurements of that time, and with priors so many times as wide."""
+    course, size = experiment.course, len(experiment.names)
+    root = _root_at_start(experiment, widening)
     found = []
-    for k, time in enumerate(experiment.times):
+    for k in range(len(experiment.times)):
         if k:
-            z, transition, noise = experiment.step(z, float(experiment.times[k - 1]), float(time))
-            root = _predicted_root(root, transition, noise)
-        _, slopes = experiment.sensed(z, float(time))
-        rows = [
-            slopes[index] / experiment.noise[name]
-            for index, name in enumerate(experiment.model.outputs)
-            if name in experiment.noise and k % experiment.every.get(name, 1) == 0
-        ]
-        root = _triangle(np.vstack([root, *rows]), len(names))
-        if not np.isfinite(root).all():
-            raise InputError(
-                f"{experiment.model.name}: the trajectory leaves the numbers at t = {time:g} s; check values and times"
-            )
+            root = predicted_root(course.transitions[k - 1], course.entries[k - 1], root)
+        rows = [course.slopes[k, index] / deviation for index, deviation in experiment.measured(k)]
+        root = _triangle(np.vstack([root, *rows]), size)
         found.append(root)
     return np.stack(found)
+
+
+def _root_at_start(experiment: Experiment, widening: float) -> Float[np.ndarray, "n n"]:
+    """Of the priors, and of the parameters from an earlier experiment."""
+    names, parameters = experiment.names, experiment.model.parameters
+    known = {
+        name: each
+        for name, each in experiment.priors.items()
+        if experiment.after is None or name not in parameters
+    }
+    root = np.diag([1 / (widening * known[name]) if name in known else 0.0 for name in names])
+    root = _triangle(np.vstack([root, experiment.known_rows()]), len(names))
+    if experiment.after is None or not parameters:
+        return root
+    # [ states | parameters ]: the lower right block of the triangle is the root of the parameters' marginal.
+    whole = information_roots(experiment.after, widening)[-1]
+    count = len(parameters)
+    shared = np.zeros((count, len(names)))
+    shared[:, -count:] = _triangle(whole, len(whole))[-count:, -count:]
+    return _triangle(np.vstack([root, shared]), len(names))
+
+
+def start_information(experiment: Experiment) -> Float[np.ndarray, "n n"]:
+    """Information of the measurements alone about the unknowns at the first time, without process noise."""
+    course, size = experiment.course, len(experiment.names)
+    carried, found = np.eye(size), np.zeros((size, size))
+    for k in range(len(experiment.times)):
+        if k:
+            carried = course.transitions[k - 1] @ carried
+        for index, deviation in experiment.measured(k):
+            row = course.slopes[k, index] @ carried / deviation
+            found += np.outer(row, row)
+    return found
 
 
 def gain_table(
@@ -358,16 +331,25 @@ def gain_table(
         By sensor or manoeuvre, then by unknown; infinity where the unknown is determined by it alone.
     """
     own, table = found.experiment, {}
-    for name in own.noise:
-        others = {key: each for key, each in own.noise.items() if key != name}
-        table[name] = _ratios(
-            bound_of(replace(own, noise=others)).final if others else dict.fromkeys(own.names, np.inf),
-            found.final,
-        )
+    sensors = dict.fromkeys(name for each in _flights(own) for name in each.noise)
+    for name in sensors:
+        other = _without_sensor(own, name)
+        table[name] = _ratios(ModelBound(other, information_roots(other)).final, found.final)
     for name, inputs in (manoeuvres or {}).items():
         moved = bound_of(replace(own, inputs={**own.inputs, **inputs}))
         table[name] = _ratios(found.final, moved.final)
     return table
+
+
+def _flights(experiment: Experiment) -> list[Experiment]:
+    """An experiment and those before it."""
+    return [experiment, *(_flights(experiment.after) if experiment.after is not None else [])]
+
+
+def _without_sensor(experiment: Experiment, name: str) -> Experiment:
+    others = {key: each for key, each in experiment.noise.items() if key != name}
+    after = _without_sensor(experiment.after, name) if experiment.after is not None else None
+    return replace(experiment, noise=others, after=after)
 
 
 def _ratios(without: Mapping[str, float], with_it: Mapping[str, float]) -> dict[str, float]:
@@ -382,48 +364,13 @@ def empirical_information(found: ModelBound, share: float = 1e-4) -> Float[np.nd
     squared and summed (Lall, Marsden and Glavaski 2002, Int. J. Robust Nonlinear Control 12). There is no process noise in it.
     """
     own = found.experiment
-    base, columns = own.start(), []
-    for k, name in enumerate(own.names):
-        size = share * own.priors.get(name, abs(base[k]) or 1.0)
-        ends = []
-        for sign in (1, -1):
-            moved = base.copy()
-            moved[k] += sign * size
-            ends.append(_simulated(own, moved))
-        columns.append((ends[0] - ends[1]) / (2 * size))
-    slopes = np.stack(columns, axis=1)
-    return slopes.T @ slopes
-
-
-def _simulated(own: Experiment, z: Float[np.ndarray, " n"]) -> Float[np.ndarray, " m"]:
-    """All measurements in their standard deviations."""
-    found = []
-    for k, time in enumerate(own.times):
-        if k:
-            z = own.step(z, float(own.times[k - 1]), float(time))[0]
-        outputs, _ = own.sensed(z, float(time))
-        found += [
-            outputs[index] / own.noise[name]
-            for index, name in enumerate(own.model.outputs)
-            if name in own.noise and k % own.every.get(name, 1) == 0
-        ]
-    return np.array(found)
-
-
-def _predicted_root(
-    root: Float[np.ndarray, "n n"], transition: Float[np.ndarray, "n n"], noise: Float[np.ndarray, "n n"]
-) -> Float[np.ndarray, "n n"]:
-    """Information root of z' = Phi z + G n with n standard normal, which is marginalised by QR."""
-    sizes, axes = np.linalg.eigh(noise)
-    kept = sizes > 1e-14 * max(sizes[-1], 0.0)
-    entry = axes[:, kept] * np.sqrt(sizes[kept])
-    back = np.linalg.solve(transition.T, root.T).T
-    if not entry.shape[1]:
-        return _triangle(back, len(root))
-    count = entry.shape[1]
-    # [ n | z' ]: I n = 0 and R Phi^-1 (z' - G n) = 0; the rows below those of n hold the marginal.
-    stacked = np.block([[np.eye(count), np.zeros((count, len(root)))], [-back @ entry, back]])
-    return _triangle(stacked, count + len(root))[count:, count:]
+    base = own.start()
+    sizes = share * np.array(
+        [found.priors.get(name, abs(each) or 1.0) for name, each in zip(own.names, base, strict=True)]
+    )
+    there, back = (own.simulated(base + sign * np.diag(sizes)) for sign in (1, -1))
+    slopes = (there - back) / (2 * sizes[:, np.newaxis])
+    return slopes @ slopes.T
 
 
 def _triangle(stacked: Float[np.ndarray, "k n"], size: int) -> Float[np.ndarray, "n n"]:

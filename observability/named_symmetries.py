@@ -162,6 +162,28 @@ class GeometricMoves:
             yield from inertial_symmetries("t" if "t" in values else None, "q")
         if "c" in values:
             yield from self._few_landmarks(spin)
+        if "b" in values:
+            yield from self._bias_for_rate()
+
+    def _bias_for_rate(self) -> Iterator[Symmetry]:
+        """Errors of a gyro's bias that look like another rate of a body that spins steadily."""
+        words = "bias of the gyro against the rate"
+        for axis in self.axes:
+            yield Symmetry(
+                words, f"{words}, with rotation of g about {axis.name}", self._turned_with_bias(axis), 0.3
+            )
+        yield Symmetry(words, f"{words} along the spin axis", _faster_with_bias, 0.1)
+
+    def _turned_with_bias(self, axis: GaugeAxis) -> Move:
+        turned = self._turned(axis)
+
+        def move(state: State, amount: ca.SX) -> State:
+            """The state moved by an amount, with the measured rate w + b as before."""
+            moved = turned(state, amount)
+            rate = state.values["w"] + state.values["b"]
+            return State(moved.values | {"b": rate - moved.values["w"]}, moved.points)
+
+        return move
 
     def _masses(self, spin: int | None) -> Iterator[Symmetry]:
         for index, (row, column) in enumerate(PAIRS):
@@ -241,6 +263,12 @@ def _centre(spin: int | None) -> Iterator[Symmetry]:
             _centre_along(None),
             0.05,
         )
+
+
+def _faster_with_bias(state: State, amount: ca.SX) -> State:
+    """A faster rate about the same axis and a bias that takes it away."""
+    change = amount * state.values["w"]
+    return state.with_values(w=state.values["w"] + change, b=state.values["b"] - change)
 
 
 def _shifted(axis: int) -> Move:

@@ -10,7 +10,7 @@ split by their weights under the scalings that are known; denominators of consta
 """
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations, combinations_with_replacement, islice, product
 
@@ -19,15 +19,19 @@ import numpy as np
 from jaxtyping import Bool, Num
 
 from observability.exact_numbers import PrimeField
+from observability.monomials import (
+    Monomial,
+    Polynomial,
+    Values,
+    Weights,
+    monomial_rate,
+    monomial_value,
+    multiplied,
+    polynomial_value,
+    weight,
+)
 from observability.null_fields import NotRationalError, NullFields
 from observability.residue_matrices import Echelon
-
-Monomial = tuple[str, ...]
-Polynomial = dict[Monomial, int]
-"""Residues of the coefficients by factors."""
-Values = Mapping[str, Num[np.ndarray, " b"]]
-Weights = Sequence[Mapping[str, int]]
-"""Of every scaling known, by unknown, as residues."""
 
 MOST_COEFFICIENTS = 520
 """Unknown coefficients solved for at once."""
@@ -152,7 +156,7 @@ def _multipliers(
         for k, name in enumerate(choice.free):
             names = [each for each in relevant if each in constants] if name in constants else relevant
             for monomial in combinations_with_replacement(names, degree):
-                groups[_weight(monomial, (name,), weights, field.prime)].append((k, monomial))
+                groups[weight(monomial, (name,), weights, field.prime)].append((k, monomial))
     moving = [k for k, name in enumerate(choice.free) if name not in constants]
     for terms in sorted(groups.values(), key=len):
         if len(terms) > MOST_COEFFICIENTS:
@@ -160,16 +164,17 @@ def _multipliers(
         values = fields.draw(-(-(len(terms) + SPARE) // len(moving)) + 2)
         basis, good = fields.normalised(fields.at(values), free)
         rates = fields.rates(values)
+        motion = dict(zip(fields.part.states, rates[..., 0], strict=True))
         rows = np.zeros((len(moving), len(good), len(terms)), dtype=np.uint64)
         for column, (k, monomial) in enumerate(terms):
-            size = _value(monomial, values, field)
+            size = monomial_value(monomial, values, field)
             for row, f in enumerate(moving):
                 # -c_k (gradient of the rate of f) . v_k, and D c_f where k = f
                 gradient = rates[fields.part.states.index(choice.free[f]), :, 1:]
                 along = field.reduced(field.product(gradient, basis[:, k]).sum(axis=1))
                 entry = field.negative(field.product(size, along))
                 if k == f:
-                    entry = field.reduced(entry + _rate(monomial, values, rates[..., 0], fields))
+                    entry = field.reduced(entry + monomial_rate(monomial, values, motion, field))
                 rows[row, :, column] = entry
         echelon = Echelon(len(terms), field)
         echelon.add(rows[:, good].reshape(-1, len(terms)))
@@ -229,7 +234,7 @@ class _Interpolation:
         total = np.zeros((len(basis), basis.shape[2]), dtype=np.uint64)
         for k, each in enumerate(self._multipliers):
             if each:
-                size = _polynomial_value(each, values, field)
+                size = polynomial_value(each, values, field)
                 total = field.reduced(total + field.product(basis[:, k], size[:, np.newaxis]))
         return total, good
 
@@ -261,18 +266,16 @@ class _Interpolation:
         """Numerator and denominator of a component times the common denominator."""
         field, bounds = self._fields.field, []
         for values, steps, vectors in self._lines:
-            size = _polynomial_value(self._denominator, values, field)
+            size = polynomial_value(self._denominator, values, field)
             bounds.append(_degrees(steps, field.product(vectors[:, component], size), field))
         names, (above, below) = self._variables, zip(*bounds, strict=True)
         groups: dict[tuple[int, ...], tuple[list[Monomial], list[Monomial]]] = defaultdict(lambda: ([], []))
         moved, shift = (self._fields.part.unknowns[component],), self._shift(field.prime)
         for monomial in _monomials(names, above[:-1], above[-1]):
-            groups[_weight(monomial, moved, self._weights, field.prime)][0].append(monomial)
+            groups[weight(monomial, moved, self._weights, field.prime)][0].append(monomial)
         for monomial in _monomials(names, below[:-1], below[-1]):
-            weight = _weight(monomial, (), self._weights, field.prime)
-            groups[tuple((a + b) % field.prime for a, b in zip(weight, shift, strict=True))][1].append(
-                monomial
-            )
+            own = weight(monomial, (), self._weights, field.prime)
+            groups[tuple((a + b) % field.prime for a, b in zip(own, shift, strict=True))][1].append(monomial)
         for numerators, denominators in sorted(groups.values(), key=lambda pair: len(pair[0]) + len(pair[1])):
             if numerators and denominators:
                 found = self._fitted(component, numerators, denominators)
@@ -286,7 +289,7 @@ class _Interpolation:
         first = next(iter(self._multipliers[k]))
         common = next(iter(self._denominator))
         moved = (self._fields.part.unknowns[self._free[k]],)
-        return _weight((*first, *common), moved, self._weights, prime)
+        return weight((*first, *common), moved, self._weights, prime)
 
     def _fitted(
         self, component: int, numerators: list[Monomial], denominators: list[Monomial]
@@ -298,11 +301,11 @@ class _Interpolation:
         self._need(count + SPARE)
         field, size = self._fields.field, count + SPARE
         values = {name: each[:size] for name, each in self._points.items()}
-        common = _polynomial_value(self._denominator, values, field)
+        common = polynomial_value(self._denominator, values, field)
         target = field.negative(field.product(self._vectors[:size, component], common))
         rows = np.stack(
-            [_value(each, values, field) for each in numerators]
-            + [field.product(target, _value(each, values, field)) for each in denominators],
+            [monomial_value(each, values, field) for each in numerators]
+            + [field.product(target, monomial_value(each, values, field)) for each in denominators],
             axis=1,
         )
         echelon = Echelon(count, field)
@@ -334,53 +337,6 @@ class _Interpolation:
                 before = self._points.get(name, np.zeros(0, dtype=np.uint64))
                 self._points[name] = np.concatenate([before, each[good]])
             self._vectors = np.concatenate([self._vectors, vectors[good]])
-
-
-def multiplied(a: Polynomial, b: Polynomial, prime: int) -> Polynomial:
-    """The product of two polynomials."""
-    found: Polynomial = defaultdict(int)
-    for left, x in a.items():
-        for right, y in b.items():
-            key = tuple(sorted((*left, *right)))
-            found[key] = (found[key] + x * y) % prime
-    return {key: value for key, value in found.items() if value}
-
-
-def _weight(factors: Monomial, moved: Monomial, weights: Weights, prime: int) -> tuple[int, ...]:
-    """Weight of a monomial less that of the unknown that moves, for every scaling."""
-    return tuple(
-        (sum(each.get(name, 0) for name in factors) - sum(each.get(name, 0) for name in moved)) % prime
-        for each in weights
-    )
-
-
-def _value(monomial: Monomial, values: Values, field: PrimeField) -> Num[np.ndarray, " b"]:
-    result = np.ones_like(next(iter(values.values())))
-    for name in monomial:
-        result = field.product(result, values[name])
-    return result
-
-
-def _polynomial_value(polynomial: Polynomial, values: Values, field: PrimeField) -> Num[np.ndarray, " b"]:
-    total = np.zeros_like(next(iter(values.values())))
-    for monomial, coefficient in polynomial.items():
-        total = field.reduced(
-            total + field.product(_value(monomial, values, field), np.array(coefficient, dtype=np.uint64))
-        )
-    return total
-
-
-def _rate(
-    monomial: Monomial, values: Values, rates: Num[np.ndarray, "s b"], fields: NullFields
-) -> Num[np.ndarray, " b"]:
-    """Derivative of a monomial along the motion."""
-    field, states = fields.field, fields.part.states
-    total = np.zeros_like(next(iter(values.values())))
-    for k, name in enumerate(monomial):
-        if name in states:
-            others = _value((*monomial[:k], *monomial[k + 1 :]), values, field)
-            total = field.reduced(total + field.product(others, rates[states.index(name)]))
-    return total
 
 
 def _degrees(

@@ -57,9 +57,60 @@ class KnownInput:
                 "positive finite period"
             )
 
+    @property
+    def words(self) -> str:
+        """It over time, in words."""
+        return f"{self.size:g} {self.axis.unit} cos(2 pi t / {self.period:.3g} s)"
+
     def at(self, time: float) -> float:
         """Its value."""
         return float(self.size * np.cos(2 * np.pi * time / self.period))
+
+
+@dataclass(frozen=True)
+class RecordedInput:
+    """Known input along one axis as a table has it, linear between its rows and 0 outside them.
+
+    Attributes
+    ----------
+    axis : Input
+        Which it is.
+    time : ndarray of shape (n,)
+        Ascending, s.
+    values : ndarray of shape (n,)
+        N m or m/s^2.
+    """
+
+    axis: Input
+    time: Float[np.ndarray, " n"]
+    values: Float[np.ndarray, " n"]
+
+    def __post_init__(self) -> None:
+        if len(self.time) < 2 or not np.all(np.diff(self.time) > 0):
+            raise InputError("a known input has at least two rows at ascending times; correct the table")
+        if not (np.isfinite(self.time).all() and np.isfinite(self.values).all()):
+            raise InputError("a known input has a number that is not finite; correct the table")
+
+    @property
+    def period(self) -> float:
+        """Of the substeps that follow it, s: each is no longer than the rows are apart."""
+        return SUBSTEPS_OF_A_PERIOD * float(np.median(np.diff(self.time)))
+
+    @property
+    def words(self) -> str:
+        """It over time, in words."""
+        low, high = np.min(self.values), np.max(self.values)
+        when = f"{len(self.time)} rows from {self.time[0]:g} to {self.time[-1]:g} s"
+        return f"{when}, {low:g} to {high:g} {self.axis.unit}"
+
+    @property
+    def is_constant(self) -> bool:
+        """Whether it has one value only."""
+        return bool(np.ptp(self.values) == 0)
+
+    def at(self, time: float) -> float:
+        """Its value."""
+        return float(np.interp(time, self.time, self.values, left=0.0, right=0.0))
 
 
 class DrivenMotion:
@@ -73,13 +124,15 @@ class DrivenMotion:
     ----------
     process : TorqueFreeProcess
         The free motion.
-    inputs : Sequence[KnownInput]
+    inputs : Sequence[KnownInput or RecordedInput]
         What acts.
     scale : float
         The inertia in kg m^2 over J(s).
     """
 
-    def __init__(self, process: TorqueFreeProcess, inputs: Sequence[KnownInput], scale: float) -> None:
+    def __init__(
+        self, process: TorqueFreeProcess, inputs: Sequence[KnownInput | RecordedInput], scale: float
+    ) -> None:
         self._process, self._inputs, self._scale = process, tuple(inputs), scale
         self.constants = int(any(each.axis.is_torque for each in inputs))
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from fractions import Fraction
 from functools import cached_property
+from types import MappingProxyType
 from typing import Final
 
 import casadi as ca
@@ -15,8 +16,9 @@ from observability.exact_numbers import Rationals, rationals
 from observability.tape import Tape, tape_of
 from spinfilters.core.errors import InputError, ShapeError
 from spinfilters.core.working_time import built_property
+from spinfilters.io.sensor_format import sensor_called
 from spinfilters.models.measurement import MeasurementModel
-from spinfilters.models.sensor import AnalysedSensor
+from spinfilters.models.sensor import AnalysedSensor, model_over
 from spinfilters.models.sensor_registry import all_sensors
 from spinfilters.models.state_layout import FULL_BLOCKS, StateLayout
 
@@ -45,6 +47,11 @@ class Input(StrEnum):
     def is_torque(self) -> bool:
         """Whether it turns the body; if not, it moves the camera."""
         return self.value.startswith("torque")
+
+    @property
+    def unit(self) -> str:
+        """Its unit."""
+        return "N m" if self.is_torque else "m/s^2"
 
     @property
     def axis(self) -> int:
@@ -208,31 +215,50 @@ LAYOUT: Final = StateLayout(FULL_BLOCKS)
 
 
 def analysed_sensors() -> Mapping[str, AnalysedSensor]:
-    """Analyser's properties of every registered sensor that can be analysed, by name."""
+    """Analyser's properties of every registered sensor that can be analysed, by its one name."""
     return {each.name: each.analysis for each in all_sensors() if each.analysis is not None}
 
 
 def analysed(name: str) -> AnalysedSensor:
     """Analyser's properties of a sensor. InputError: unknown, or cannot be analysed."""
-    found = analysed_sensors()
+    found, name = analysed_sensors(), sensor_called(name)
     if name not in found:
         raise InputError(f"sensor {name!r} is unknown; use one of {', '.join(found)}")
     return found[name]
 
 
-def watching(name: str, points: Sequence[Rationals] = (), known: bool = False) -> SystemSensor:
+def watching(
+    name: str,
+    points: Sequence[Rationals] = (),
+    known: bool = False,
+    noise: Mapping[str, float] = MappingProxyType({}),
+    layout: StateLayout = LAYOUT,
+) -> SystemSensor:
     """A sensor of the registry.
 
     Parameters
     ----------
     points : Sequence[Rationals]
         Landmarks (frame g, m) of a sensor that sees some; to be mapped, unless the map is ``known``.
+    noise : Mapping[str, float]
+        Standard deviations by option, in place of the analyser's own.
+    layout : StateLayout
+        Of the state, which decides whether a bias is one of its unknowns.
     """
     sensor = analysed(name)
-    model, rest = sensor.model(LAYOUT), rationals(sensor.parameters)
+    model, rest = model_over(sensor.model, layout), rationals(with_noise_options(sensor, noise))
     if not sensor.sees_points:
         return SystemSensor(model, (rest,))
     return SystemSensor(model, tuple((*point, *rest) for point in points), 0 if known else 3)
+
+
+def with_noise_options(sensor: AnalysedSensor, noise: Mapping[str, float]) -> tuple[float, ...]:
+    """Parameters of a sensor's measurements with these standard deviations, by option, in place of its own."""
+    parameters = list(sensor.parameters)
+    for option in sensor.noise.keys() & noise.keys():
+        for place in sensor.noise[option]:
+            parameters[place] = noise[option]
+    return tuple(parameters)
 
 
 def is_linear_in_body_axes(model: MeasurementModel) -> bool:

@@ -2,21 +2,31 @@
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
+from functools import cached_property
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from observability.analysis_report import Report, analyse, title
+import numpy as np
+
+from observability.analysis_report import Report, analyse
 from observability.canonical_motions import motion
-from observability.cases import Case, InputSizes
+from observability.cases import Case, InputSizes, Levels
+from observability.reference_trajectory import RecordedInput
 from observability.system import Input
 from spinfilters.api.arguments import ObserveArguments
 from spinfilters.api.blas_threads import on_one_blas_thread
+from spinfilters.api.given_settings import SETTINGS_GIVEN, AnySettings, chosen_settings
 from spinfilters.core.conventions import RPM
 from spinfilters.core.errors import InputError
 from spinfilters.io.argument_checks import checked_arguments, one_of, optional, path
+from spinfilters.io.input_file import path_text, value_text
 from spinfilters.io.output_files import output_folder, refuse_foreign, write_json, write_text
+from spinfilters.io.text_table import read_csv, read_header
+from spinfilters.models.process import THESIS_NOISE
+from spinfilters.settings.run_settings import AUTO, Settings
+from spinfilters.settings.stated_belief import block_named
 from spinfilters.simulation.scenario_record import Scenario
 
 if TYPE_CHECKING:
@@ -58,7 +68,7 @@ class ObservabilityResult:
         """
         from spinfilters.plots.observability_figures import observability_figure
 
-        return observability_figure(self.report, title(self.report.case))
+        return observability_figure(self.report, self.report.title)
 
     def write(self, folder: Path) -> None:
         """Text, JSON and picture into a folder that exists. InputError: they cannot be written.
@@ -120,15 +130,21 @@ class KnownInputs:
         Axes of the camera along which the inspector accelerates.
     sizes : InputSizes
         Amplitudes (N m, m/s^2) and period (s) of both.
+    table : str, os.PathLike or None
+        CSV file with both over time in their place: time_s, and some of torque_x, torque_y, torque_z (N m) and acceleration_x,
+        acceleration_y, acceleration_z (m/s^2).
     """
 
     torque: Sequence[str] = ()
     manoeuvre: Sequence[str] = ()
     sizes: InputSizes = field(default_factory=InputSizes)
+    table: str | os.PathLike[str] | None = None
 
     @property
     def inputs(self) -> tuple[Input, ...]:
         """The inputs as the analyser takes them, each once. InputError: no axis, no sizes."""
+        if self.table is not None:
+            return tuple(each.axis for each in self.recorded)
         for name, axes in (("torque", self.torque), ("manoeuvre", self.manoeuvre)):
             one_of(str, tuple, list, cure='axes such as ("x", "y")')(name, axes)
         one_of(InputSizes, cure="observability.cases.InputSizes")("sizes", self.sizes)
@@ -139,9 +155,93 @@ class KnownInputs:
         named += [f"inspector's acceleration along {axis}" for axis in self.manoeuvre]
         return tuple(Input(name) for name in dict.fromkeys(named))
 
+    @cached_property
+    def recorded(self) -> tuple[RecordedInput, ...]:
+        """The inputs of the table; none without one. InputError: a table that cannot be read, or axes beside it."""
+        if self.table is None:
+            return ()
+        if self.torque or self.manoeuvre:
+            raise InputError("known inputs are named by axis and by a table; give one of them")
+        return recorded_inputs(Path(self.table))
+
+
+INPUT_COLUMNS: Final = {
+    f"{word}_{axis}": Input(f"{phrase} {axis}")
+    for word, phrase in (("torque", "torque about"), ("acceleration", "inspector's acceleration along"))
+    for axis in "xyz"
+}
+"""Columns of a table of known inputs."""
+
+
+def recorded_inputs(path: Path) -> tuple[RecordedInput, ...]:
+    """Known inputs of a CSV file, in its order; columns of zeros are left out.
+
+    Raises
+    ------
+    InputError
+        A file that cannot be read, a column that is no input, no clock, times that do not ascend, nothing but zeros.
+    """
+    names = read_header(path)
+    known = ("time_s", *INPUT_COLUMNS)
+    for name in names:
+        if name not in known:
+            raise InputError(
+                f"{path_text(path)}: column {value_text(name)} is no known input; use {', '.join(known)}"
+            )
+    if "time_s" not in names:
+        raise InputError(f"{path_text(path)}: has no column time_s; add the times of the inputs, s")
+    columns = dict(zip(names, read_csv(path, names).values.T, strict=True))
+    time = columns.pop("time_s")
+    acting = {name: column for name, column in columns.items() if np.any(column)}
+    if not acting:
+        raise InputError(
+            f"{path_text(path)}: holds no input but zeros; give one that acts, or leave the file out"
+        )
+    try:
+        return tuple(RecordedInput(INPUT_COLUMNS[name], time, column) for name, column in acting.items())
+    except InputError as error:
+        raise InputError(f"{path_text(path)}: {error}") from None
+
+
+def levels_of(settings: Settings) -> Levels:
+    """Noise, disturbances and priors of the settings of a run, as a bound takes them.
+
+    What is "auto" is the analyser's own: noise and disturbances of the bundled example. Of ``[initialisation]`` are read the
+    standard deviations of the first state, those of ``std`` before the others, and ``gyro_bias_std``.
+
+    Parameters
+    ----------
+    settings : Settings
+        Of a run.
+
+    Returns
+    -------
+    Levels
+        For `observability.cases.Case`.
+
+    Raises
+    ------
+    InputError
+        Drag, a constant torque, a flywheel or an acceleration in the state, which the analyser does not know.
+    """
+    process, initial = settings.process, settings.initialisation
+    for name in ("drag", "body_torque", "rotor"):
+        if getattr(process, name) not in (False, AUTO):
+            raise InputError(
+                f"process.{name} is no part of this analysis, which is of free motion; leave it out"
+            )
+    priors = {"s": initial.mass_std, "c": initial.centre_std, "v": initial.speed_std}
+    for word, std in initial.std.items():
+        priors[block_named("std", word).name] = float(np.sqrt(np.mean(np.square(std))))
+    noise = {name: std for name, std in asdict(settings.sensors).items() if std != AUTO}
+    bias = priors.pop("b", initial.gyro_bias_std)
+    return Levels(noise, process.noise(THESIS_NOISE), priors, gyro_bias_std=bias)
+
 
 @checked_arguments(
-    ObserveArguments, known=optional(one_of(KnownInputs, cure="spinfilters.api.analysis.KnownInputs"))
+    ObserveArguments,
+    known=optional(one_of(KnownInputs, cure="spinfilters.api.analysis.KnownInputs")),
+    settings=optional(SETTINGS_GIVEN),
 )
 @on_one_blas_thread
 def observe(
@@ -156,6 +256,7 @@ def observe(
     chart: str = ObserveArguments.chart,
     unknowns: str = ObserveArguments.unknowns,
     known: KnownInputs | None = None,
+    settings: AnySettings | None = None,
 ) -> ObservabilityResult:
     """Observability of a motion by some sensors.
 
@@ -183,6 +284,9 @@ def observe(
         Of the inertia in the principal chart: "ratios" or "moments".
     known : KnownInputs or None
         Torques and accelerations that are known, None for none.
+    settings : Settings, Mapping, str, os.PathLike or None
+        Noise of the sensors, disturbances and priors of the bound, as `compare` takes them; see `levels_of`. A ``gyro_bias_std``
+        makes the gyro's bias one more unknown, in the filters' state. None takes noise and disturbances of the bundled example.
 
     Returns
     -------
@@ -199,15 +303,18 @@ def observe(
     acting = known or KnownInputs()
     exact = [round(rpm * RPM, 12) for rpm in rate]  # 0 rpm about an axis is exactly 0
     listed = sensors.split(",") if isinstance(sensors, str) else sensors
+    levels = Levels() if settings is None else levels_of(chosen_settings(settings))
     case = Case(
         sensors=tuple(name.strip() for name in listed),
         landmarks=landmarks,
         known_map=known_map,
-        chart=chart,
+        chart="filter" if levels.gyro_bias_std and chart == ObserveArguments.chart else chart,
         unknowns=unknowns,
         motion=motion(f"{' '.join(f'{rpm:g}' for rpm in rate)} rpm", exact, list(moments)),
         inputs=acting.inputs,
         sizes=acting.sizes,
+        levels=levels,
+        recorded=acting.recorded,
     )
     return ObservabilityResult(analyse(case, frames, interval))
 

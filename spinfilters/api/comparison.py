@@ -18,6 +18,7 @@ from rich.console import Console, RenderableType
 
 from spinfilters.api.arguments import RunArguments
 from spinfilters.api.blas_threads import on_one_blas_thread
+from spinfilters.api.given_settings import SETTINGS_GIVEN, AnySettings, chosen_settings
 from spinfilters.api.labelled_arrays import labelled_arrays, write_netcdf
 from spinfilters.api.recordings import load
 from spinfilters.core.errors import InputError
@@ -52,7 +53,7 @@ from spinfilters.run.comparison_run import RunOutput, compare_dataset, compare_i
 from spinfilters.run.estimation import Comparison, Progress
 from spinfilters.run.run_folder import CONFIG_FILE, MAP_FILE, SEGMENTS_FOLDER, read_figure_data
 from spinfilters.run.run_summary import SUMMARY_FILE, read_summary, summary
-from spinfilters.settings.run_settings import Settings, names_in, read_settings, settings_from
+from spinfilters.settings.run_settings import Settings, names_in, read_settings
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -415,18 +416,12 @@ def _html_lines(lines: list[str] | tuple[str, ...]) -> str:
     return "<br>".join(map(escape, lines))
 
 
-AnySettings = Settings | Mapping[str, Any] | str | os.PathLike[str]
-"""Settings, the tables of a settings file, or the path of one."""
-
-
 @checked_arguments(
     RunArguments,
     kind=optional(text(KIND)),
     segment=optional(one_of(int, str, cure='a number, times such as "6.55:7.4", or "auto"')),
     belief=optional(one_of(Mapping, cure='{"mean": {"rate": (0, 0, 1), ...}, "std": {...}}')),
-    settings=optional(
-        one_of(Settings, Mapping, path_of="a settings file", cure="Settings, a mapping of tables, or a path")
-    ),
+    settings=optional(SETTINGS_GIVEN),
     output=optional(path("a folder")),
     reference=optional(path("a file of poses or rates")),
     reference_inspector=optional(path("a file of poses")),
@@ -449,6 +444,7 @@ def compare(
     reference: str | os.PathLike[str] | None = None,
     reference_shares: Sequence[str] = (),
     reference_inspector: str | os.PathLike[str] | None = None,
+    race: Sequence[str] = (),
     no_figures: bool = False,
     verdict: str | None = None,
     belief: Mapping[str, Any] | None = None,
@@ -489,6 +485,8 @@ def compare(
         mass.
     reference_inspector : str, os.PathLike or None
         File of the inspector's poses from the same instrument as ``reference``, which is then seen from the inspector.
+    race : sequence of str
+        Estimators, "truth" or TOML files whose inertias are propagated from the last state, with ``predict``.
     no_figures : bool
         Whether to write the numbers alone into ``output``, without pictures and page.
     verdict : str or None
@@ -515,7 +513,7 @@ def compare(
         Ctrl-C; what was estimated is in ``output``, if given, for ``resume`` to go on from.
     """
     chosen = _beginning(_settings(settings, estimators, verdict), belief, from_truth)
-    dataset = _dataset(data, segment, kind, units)
+    dataset = given_dataset(data, segment, kind, units)
     how = RunArguments(
         resume=resume,
         predict=predict,
@@ -524,11 +522,12 @@ def compare(
         reference=None if reference is None else os.fspath(reference),
         reference_shares=tuple(reference_shares),
         reference_inspector=None if reference_inspector is None else os.fspath(reference_inspector),
+        race=tuple(race),
     )
     if output is None:
         if resume or how.optional_outputs is not None:
             raise InputError(
-                "resume, predict, convergence, explain and reference work in a run folder; give output"
+                "resume, predict, convergence, explain, reference and race work in a run folder; give output"
             )
         comparison = _whole(compare_dataset(dataset, chosen, progress), None)
         return Run.from_comparison(comparison, chosen, summary(comparison))
@@ -584,14 +583,7 @@ def _whole(comparison: Comparison, folder: Path | None) -> Comparison:
 def _settings(
     settings: AnySettings | None, estimators: Sequence[str] | str | None, verdict: str | None
 ) -> Settings:
-    if settings is None:
-        chosen = Settings()
-    elif isinstance(settings, Settings):
-        chosen = settings
-    elif isinstance(settings, Mapping):
-        chosen = settings_from(settings, "settings")
-    else:
-        chosen = read_settings(Path(settings))
+    chosen = Settings() if settings is None else chosen_settings(settings)
     if verdict is not None:
         chosen = replace(chosen, verdict=verdict)
     return chosen if estimators is None else replace(chosen, estimators=_names(estimators))
@@ -631,10 +623,16 @@ def _names(estimators: Sequence[str] | str) -> tuple[str, ...]:
     return names_in(estimators) if isinstance(estimators, str) else tuple(estimators)
 
 
-def _dataset(
+def given_dataset(
     data: Any, segment: int | str | None, kind: str | None, units: str | Mapping[str, str] | None
 ) -> Dataset:
-    """The data set, or that of a path or of a table in memory. InputError: what is of no use for a data set."""
+    """The data set, or that of a path or of a table in memory, see `compare`.
+
+    Raises
+    ------
+    InputError
+        What is of no use for a data set.
+    """
     if not isinstance(data, Dataset):
         if not is_path(data) and not is_table(data):
             refuse("data", data, WHAT_TO_GIVE)

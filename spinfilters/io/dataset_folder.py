@@ -31,7 +31,13 @@ from spinfilters.io.input_file import (
 )
 from spinfilters.io.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.io.output_files import make_folder, write_toml
-from spinfilters.io.sensor_format import SensorFormat, dataset_kinds, sensor_format, sensor_formats
+from spinfilters.io.sensor_format import (
+    SensorFormat,
+    dataset_kinds,
+    kind_called,
+    sensor_format,
+    sensor_formats,
+)
 from spinfilters.io.sensor_tables import (
     read_landmarks,
     read_sensor_file,
@@ -104,6 +110,7 @@ def _read_folder(folder: Path, front_end: Callable[[str], RawDataReader | None])
     path = folder / DATASET_FILE
     document = read_toml(path)
     kind, description = _text(path, document, "kind"), _text(path, document, "description", "")
+    kind = kind_called(kind)
     reader = None if kind in kinds else front_end(kind)
     if reader is not None:
         return _read_raw(folder, reader, description, options_from_toml(path, document))

@@ -6,6 +6,8 @@ from typing import Final
 
 _FRAMES = re.compile(r"^([wapq])_[A-Z]{1,3}(?:_[A-Z])?_([xyzw])\b(.*)$")
 """Quantities with their frames, as EuRoC writes them: w_RS_S_x, p_RS_R_x, q_RS_w."""
+_BIAS = re.compile(r"^b_[wa]_[A-Z]{1,3}")
+"""Biases that EuRoC states beside its poses: b_w_RS_S_x; they are no rates of the body."""
 _AXES: Final[tuple[tuple[tuple[str, str, str], str], ...]] = (
     (("p", "q", "r"), "gyro"),
     (("roll_rate", "pitch_rate", "yaw_rate"), "gyro"),
@@ -53,6 +55,8 @@ def understood_names(names: Sequence[str]) -> list[str]:
 
 
 def _without_frames(name: str) -> str:
+    if _BIAS.match(name.strip()):
+        return ""
     matched = _FRAMES.match(name.strip())
     return name if matched is None else f"{matched[1]}_{matched[2]}{matched[3].replace('[]', '')}"
 

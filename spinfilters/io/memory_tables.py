@@ -14,7 +14,7 @@ from spinfilters.io.motion_columns import Quantity, heading_of
 from spinfilters.io.motion_table import MotionTable, motion_of
 from spinfilters.io.named_columns import ArrayColumns
 from spinfilters.io.repeated_rows import without_repeated_rows
-from spinfilters.io.sensor_format import SensorFormat, dataset_kinds
+from spinfilters.io.sensor_format import SensorFormat, dataset_kinds, kind_called
 from spinfilters.io.sensor_tables import stream_of_table
 from spinfilters.io.stated_values import CLOCK_UNITS, LENGTH_UNITS, RATE_UNITS, ReadingOptions
 
@@ -105,6 +105,7 @@ def measured_table(table: Any, kind: str | None, options: ReadingOptions) -> Mot
         As for a file of the same numbers.
     """
     kinds = dataset_kinds()
+    kind = None if kind is None else kind_called(kind)
     if kind is not None and kind not in kinds:
         raise InputError(f"kind {value_text(kind)} is unknown; use {', '.join(kinds)}")
     columns = _columns(table, None if kind is None else kinds[kind], options)

@@ -19,6 +19,8 @@ from spinfilters.core.errors import InputError
 from spinfilters.core.linear_algebra import at_times
 from spinfilters.io.input_file import path_text, read_bytes, reason, value_text
 from spinfilters.io.measurement_log import freeze_arrays
+from spinfilters.io.motion_columns import KNOWN_UNITS, motion_columns
+from spinfilters.io.stated_values import CLOCK_UNITS, ReadingOptions
 from spinfilters.io.truth import TRUTH_COLUMNS, Truth
 
 LARGEST_FILE: Final = 1 << 28
@@ -27,18 +29,6 @@ FEWEST_ROWS: Final = 4
 UNIT: Final = 0.02
 """Largest departure of a quaternion's norm from one; what rounding to two digits leaves."""
 
-_TIMES = ("time_s", "time", "t", "timestamp", "timestamp_s", "time (seconds)", "seconds")
-_NANOSECONDS = ("#timestamp [ns]", "#timestamp", "timestamp_ns", "time_ns")
-_POSITIONS = (
-    ("rx", "ry", "rz"),
-    ("x", "y", "z"),
-    ("tx", "ty", "tz"),
-    ("px", "py", "pz"),
-    ("p_rs_r_x [m]", "p_rs_r_y [m]", "p_rs_r_z [m]"),
-)
-_ATTITUDES = (("qx", "qy", "qz", "qw"), ("q_rs_x []", "q_rs_y []", "q_rs_z []", "q_rs_w []"))
-_RATES = (("wx", "wy", "wz"), ("gyro_x", "gyro_y", "gyro_z"), ("omega_x", "omega_y", "omega_z"))
-_VELOCITIES = (("vx", "vy", "vz"),)
 _MOTIVE_UNITS: Final[Mapping[str, float]] = {"meters": 1.0, "millimeters": 1e-3, "centimeters": 1e-2}
 
 
@@ -172,7 +162,8 @@ def read_reference(path: Path, shares: Sequence[str] = ()) -> ReferenceMotion:
     ----------
     path : Path
         ``.tum`` or ``.txt`` without a header is TUM. A table has a column of the time and columns rx,ry,rz (or x,y,z; tx,ty,tz),
-        qx,qy,qz,qw, wx,wy,wz or vx,vy,vz; rates are about body axes, except those of a truth.csv, which are about axes i.
+        qx,qy,qz,qw, wx,wy,wz or vx,vy,vz, or others by which recordings of motion name them, with their units in the header
+        unless SI; rates are about body axes, except those of a truth.csv, which are about axes i.
     shares : sequence of str
         ``frame`` where its inertial frame is that of the data set, ``origin`` where its origin is the centre of mass.
 
@@ -239,7 +230,9 @@ def _reference(path: Path, columns: _Columns) -> ReferenceMotion:
 
 
 def _first_row(lines: Sequence[str]) -> str:
-    """The first line that is no comment, without exponents."""
+    """The first line that is no comment, without exponents; EuRoC's header begins as a comment does, and has commas."""
+    if lines and lines[0].startswith("#") and "," in lines[0]:
+        return lines[0]
     rows = (line for line in lines if not line.lstrip().startswith("#"))
     return next(rows, "#").lower().replace("nan", "").replace("inf", "").replace("e", "")
 
@@ -252,30 +245,26 @@ def _tum_columns(path: Path, lines: Sequence[str]) -> _Columns:
 
 def _table_columns(path: Path, lines: Sequence[str]) -> _Columns:
     delimiter = max(",;\t", key=lines[0].count)
-    names = [cell.strip().lower() for cell in lines[0].split(delimiter)]
+    names = [cell.strip() for cell in lines[0].split(delimiter)]
     values = _numbers(path, list(csv.reader(lines[1:], delimiter=delimiter)), len(names))
-
-    def found(choices: Sequence[tuple[str, ...]]) -> Float[np.ndarray, "n k"] | None:
-        """Columns of the first choice that the header has."""
-        for choice in choices:
-            if all(name in names for name in choice):
-                return values[:, [names.index(name) for name in choice]]
-        return None
-
-    time, fine = found([(name,) for name in _TIMES]), found([(name,) for name in _NANOSECONDS])
-    if time is None and fine is not None:
-        time = 1e-9 * fine
-    if time is None:
+    known = motion_columns(path, names, ReadingOptions(), bare="position")
+    if known.time is None:
         raise InputError(
-            f"{path_text(path)}: has no column of the time; name one of {', '.join(_TIMES[:3])}, in seconds"
+            f"{path_text(path)}: has no column of the time; name one time_s, time or t, in seconds"
         )
-    chosen = {
-        "position": found(_POSITIONS),
-        "q_lm": found(_ATTITUDES),
-        "velocity": found(_VELOCITIES),
-        "rate_i" if set(TRUTH_COLUMNS) <= set(names) else "rate": found(_RATES),
-    }
-    return {"time": time, **{name: block for name, block in chosen.items() if block is not None}}
+    clock, unit = known.time
+    unit = unit or ("ns" if names[clock].lower() == "#timestamp" else "s")  # EuRoC's ground truth states none
+    chosen = {"time": values[:, [clock]] * CLOCK_UNITS[unit]}
+    rate = "rate_i" if set(TRUTH_COLUMNS) <= {name.lower() for name in names} else "rate"
+    for quantity, key in (("position", "position"), ("quaternion", "q_lm"), ("rate", rate)):
+        if quantity in known.vectors:
+            vector = known.vectors[quantity]
+            chosen[key] = values[:, vector.indices] * KNOWN_UNITS[quantity].get(vector.unit, 1.0)
+    for key, letter in (("position", "r"), ("velocity", "v")):  # as a truth.csv names them
+        places = [k for axis in "xyz" for k, name in enumerate(names) if name.lower() == letter + axis]
+        if len(places) == 3:
+            chosen[key] = values[:, places]
+    return chosen
 
 
 def _motive_columns(path: Path, lines: Sequence[str]) -> _Columns:

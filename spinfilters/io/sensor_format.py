@@ -155,9 +155,12 @@ class StoredSensor:
     ----------
     format : SensorFormat | None
         None for a sensor that no data set holds.
+    former_names : tuple[str, ...]
+        Names that it had, which are still accepted.
     """
 
     format: SensorFormat | None = None
+    former_names: tuple[str, ...] = ()
 
 
 def stored_sensors() -> tuple[StoredSensor, ...]:
@@ -181,6 +184,23 @@ def sensor_format(sensor: str) -> SensorFormat:
 def dataset_kinds() -> Mapping[str, SensorFormat]:
     """Formats by kind of data set."""
     return {each.kind: each for each in sensor_formats().values()}
+
+
+def sensor_called(name: str) -> str:
+    """Name of the sensor that a name means: its own, that of its kind of data sets, or a former one.
+
+    Others come back as they are.
+    """
+    for each in stored_sensors():
+        if each.format is not None and name in (each.format.name, each.format.kind, *each.former_names):
+            return each.format.name
+    return name
+
+
+def kind_called(name: str) -> str:
+    """Kind of data sets that a name means, see `sensor_called`; others come back as they are."""
+    formats, sensor = sensor_formats(), sensor_called(name)
+    return formats[sensor].kind if sensor in formats else name
 
 
 def noise_options() -> Mapping[str, NoiseOption]:

@@ -154,27 +154,31 @@ def predicted_pose(
     return rotation, drifted_origin(recent, time, rotation, size)
 
 
-def rate_of_step(poses: Sequence[ScanPose], step: int) -> Float[np.ndarray, "3"] | None:
-    """Mean rate in L, rad/s, from scan ``step`` to the next, by a polynomial over the nearest steps whose rotation is determined.
+def rates_of_steps(poses: Sequence[ScanPose]) -> Float[np.ndarray, "n 3"] | None:
+    """Mean rate in L, rad/s, from each scan to the next, by polynomials over the nearest steps whose rotation is determined.
 
-    A rotation that one of the two scans does not determine is bridged so. Steps that do not fit have little weight (Cauchy loss).
-    None where there are too few.
+    A rotation that one of the two scans does not determine is bridged so. None where too few steps are determined.
     """
-    sure = [pose is not poses[0] and _rotation_std(pose) < SURE for pose in poses]
-    known = [k for k in range(1, len(poses) - 1) if sure[k] and sure[k + 1]]
-    if step < 0 or len(known) < RATE_STEPS:
+    sure = [k > 0 and _rotation_std(pose) < SURE for k, pose in enumerate(poses)]
+    known = np.array([k for k in range(1, len(poses) - 1) if sure[k] and sure[k + 1]], dtype=int)
+    if len(known) < RATE_STEPS:
         return None
     times = np.array([pose.time for pose in poses])
     middles = (times[1:] + times[:-1]) / 2
-    near = sorted(known, key=lambda k: abs(middles[k] - middles[step]))[:RATE_STEPS]
-    late = middles[near] - middles[step]
-    rates = np.array(
-        [
-            rotation_vector(poses[k + 1].rotation @ poses[k].rotation.T) / (times[k + 1] - times[k])
-            for k in near
-        ]
-    )
-    A, weights = np.vander(late / np.abs(late).max(), _RATE_DEGREE + 1), np.ones(len(near))
+    turned = [rotation_vector(poses[k + 1].rotation @ poses[k].rotation.T) for k in known]
+    rates, found = np.array(turned) / np.diff(times)[known, None], []
+    for middle, place in zip(middles, np.searchsorted(known, np.arange(len(middles))), strict=True):
+        # known steps are in the order of time: the nearest ones are among as many before and as many behind
+        around = np.arange(max(place - RATE_STEPS, 0), min(place + RATE_STEPS, len(known)))
+        late = middles[known[around]] - middle
+        near = np.argsort(np.abs(late), kind="stable")[:RATE_STEPS]
+        found.append(_rate_between(late[near], rates[around[near]]))
+    return np.array(found)
+
+
+def _rate_between(late: Float[np.ndarray, " s"], rates: Float[np.ndarray, "s 3"]) -> Float[np.ndarray, "3"]:
+    """Rate at the time zero by a polynomial over rates at the times ``late``; those that do not fit weigh little (Cauchy loss)."""
+    A, weights = np.vander(late / np.abs(late).max(), _RATE_DEGREE + 1), np.ones(len(late))
     found = np.zeros((_RATE_DEGREE + 1, 3))
     for _ in range(_ROUNDS):
         found = np.linalg.lstsq(A * weights[:, None], rates * weights[:, None], rcond=None)[0]

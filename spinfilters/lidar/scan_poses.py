@@ -49,7 +49,7 @@ from spinfilters.lidar.scan_pose import (
     move_placement,
     pose_covariance,
     predicted_pose,
-    rate_of_step,
+    rates_of_steps,
     rotation_vector,
 )
 
@@ -93,11 +93,11 @@ def _follow_faces(
     poses: list[ScanPose] = []
     faces: list[Face] = []
     matches: list[tuple[int, ...]] = []
+    rates = rates_of_steps(before)
     for number, (time, seen) in enumerate(zip(times, planes, strict=True)):
         R, t = predicted_pose(poses, time, size) if poses else (np.eye(3), middle)
-        rate = rate_of_step(before, number - 1)
-        if rate is not None:
-            R = matrix_from_rotation_vector((time - poses[-1].time) * rate) @ poses[-1].rotation
+        if number and rates is not None:
+            R = matrix_from_rotation_vector((time - poses[-1].time) * rates[number - 1]) @ poses[-1].rotation
             if len(poses) > 1:
                 t = drifted_origin(poses[-MOST_SCANS:], time, R, size)
         pairs: list[tuple[int, int]] = []

@@ -39,12 +39,13 @@ class KeptEpochs:
     """
 
     def __init__(self, dataset: Dataset, end_of_initialisation: float) -> None:
-        self._dataset, self._end = dataset, end_of_initialisation
+        self._dataset = dataset
         with_map = any(sensor_format(stream.sensor).has_landmarks for stream in dataset.log.streams)
         self._most = MOST_EPOCHS_WITH_MAP if with_map else MOST_EPOCHS
-        first = dataset.log.slice(dataset.log.start, end_of_initialisation)
-        self._times: list[float] = first.times.tolist()[-self._most :]
-        self._rows = [first.slice(each, each).streams for each in self._times]
+        times = dataset.log.times
+        self._times: list[float] = times[times <= end_of_initialisation].tolist()[-self._most :]
+        # None for an epoch of the initialisation: its rows stay in the data set's log until they are asked for
+        self._rows: list[tuple[MeasurementStream, ...] | None] = [None] * len(self._times)
 
     def keep(self, arrived: ArrivedEpoch) -> None:
         """Keep an epoch, in its place by time, and drop the oldest where there are too many."""
@@ -63,8 +64,8 @@ class KeptEpochs:
     def dataset(self) -> Dataset:
         """The kept epochs with all that the data set states of its sensors, without a truth."""
         by_sensor: dict[str, list[MeasurementStream]] = {}
-        for rows in self._rows:
-            for stream in rows:
+        for time, rows in zip(self._times, self._rows, strict=True):
+            for stream in self._dataset.log.slice(time, time).streams if rows is None else rows:
                 by_sensor.setdefault(stream.sensor, []).append(stream)
         return replace(self._dataset, log=MeasurementLog(tuple(map(_joined, by_sensor.values()))), truth=None)
 

@@ -187,8 +187,8 @@ class AnalysedSensor:
         Over any layout: only its expressions are used.
     parameters : tuple[float, ...]
         Of a measurement, behind the landmark's point where it sees points.
-    noise : str
-        In words.
+    noise : Mapping[str, tuple[int, ...]]
+        Where each noise option stands among them; its value there is the analyser's default.
     sees_points : bool
         Whether it sees landmarks.
     has_image : bool
@@ -202,17 +202,20 @@ class AnalysedSensor:
         bearing is not.
     assumption : str
         What is taken as known, in words.
+    bias : StateBlock or None
+        Constant error that may be one more unknown, and then is no longer taken as known.
     """
 
     model: type[MeasurementModel]
     parameters: tuple[float, ...]
-    noise: str
+    noise: Mapping[str, tuple[int, ...]]
     sees_points: bool = False
     has_image: bool = False
     words: str = ""
     tells: tuple[str, ...] = ()
     is_linear: bool = True
     assumption: str = ""
+    bias: StateBlock | None = None
 
 
 class Sensor(StoredSensor, ABC):
@@ -326,6 +329,11 @@ def row_covariance(stream: MeasurementStream, std: Float[np.ndarray, " d"]) -> F
 def diagonal_factor(*std: float) -> tuple[float, ...]:
     """Entries, row by row, of the lower Cholesky factor of a covariance with these standard deviations."""
     return tuple(value if row == col else 0.0 for row, value in enumerate(std) for col in range(row + 1))
+
+
+def diagonal_places(count: int) -> tuple[int, ...]:
+    """Places of the diagonal among the entries of `diagonal_factor`."""
+    return tuple(row * (row + 3) // 2 for row in range(count))
 
 
 @cache

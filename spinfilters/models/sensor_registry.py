@@ -6,11 +6,10 @@ from typing import Final
 from spinfilters.core.errors import InputError
 from spinfilters.core.plugins import entries_of_kind, installed_plugins
 from spinfilters.io.measurement_log import MeasurementLog
-from spinfilters.io.sensor_format import StoredSensor
+from spinfilters.io.sensor_format import StoredSensor, sensor_called
 from spinfilters.models.sensor import Sensor
 from spinfilters.models.sensors.attitude import ATTITUDE
 from spinfilters.models.sensors.gyro import GYRO
-from spinfilters.models.sensors.lidar import LIDAR
 from spinfilters.models.sensors.lidar_points import LIDAR_POINTS
 from spinfilters.models.sensors.magnetometer import MAGNETOMETER
 from spinfilters.models.sensors.monocular import MONOCULAR
@@ -21,7 +20,6 @@ from spinfilters.models.state_blocks import StateBlock
 OWN_SENSORS: Final[tuple[Sensor, ...]] = (
     ATTITUDE,
     GYRO,
-    LIDAR,
     LIDAR_POINTS,
     LIDAR_POSES,
     MAGNETOMETER,
@@ -43,8 +41,9 @@ def all_sensors() -> tuple[Sensor, ...]:
 
 
 def sensor_of(name: str) -> Sensor:
-    """The sensor of that name. InputError: an unknown one."""
+    """The sensor of that name, kind or former name. InputError: an unknown one."""
     sensors = {sensor.name: sensor for sensor in all_sensors()}
+    name = sensor_called(name)
     if name not in sensors:
         raise InputError(f"sensor {name!r} is unknown; use one of {', '.join(sensors)}")
     return sensors[name]

@@ -27,7 +27,7 @@ from spinfilters.plots.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, RE
 COLOURS: Final = dict(
     zip(
         (*BLOCK_NAMES.values(), PLACE, MOMENTS, EACH_MOMENT),
-        (BLUE, RED, GREEN, PURPLE, ORANGE, SKY, GREY),
+        (BLUE, RED, GREEN, PURPLE, BLACK, ORANGE, SKY, GREY),
         strict=True,
     )
 )

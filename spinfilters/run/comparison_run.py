@@ -155,7 +155,11 @@ def _compare_and_write(
     try:
         if optional_outputs is not None:
             optional_outputs.write(
-                folder, comparison, settings, lambda done, total: report("convergence", done, total)
+                folder,
+                comparison,
+                settings,
+                lambda done, total: report("convergence", done, total),
+                output.with_figures,
             )
     finally:  # the page stands, whatever came of these
         if figure_data is not None:
@@ -196,7 +200,11 @@ def _complete(dataset: Dataset, settings: Settings, output: RunOutput, report: P
     made = _draw_missing(output.folder, settings, report) if output.with_figures else []
     if output.optional_outputs is not None:
         made += output.optional_outputs.complete(
-            output.folder, dataset, settings, lambda done, total: report("convergence", done, total)
+            output.folder,
+            dataset,
+            settings,
+            lambda done, total: report("convergence", done, total),
+            output.with_figures,
         )
     if output.with_figures and (made or not (output.folder / REPORT_FILE).exists()):
         _write_report(output.folder, read_figure_data(output.folder))

@@ -7,28 +7,25 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from jaxtyping import Float
 
-from spinfilters.core.errors import NUMERICAL_ERRORS, InputError, numerical
-from spinfilters.evaluation.estimated_motion import estimated_rates, trajectory_of, write_trajectory_csv
+from spinfilters.core.errors import InputError
 from spinfilters.evaluation.estimator_evaluation import Evaluation
-from spinfilters.filters.history import EstimateHistory, GrowingHistory
-from spinfilters.filters.measurement_prediction import predict_ahead
 from spinfilters.inference.setup import Setup
 from spinfilters.io.dataset import Dataset
-from spinfilters.io.input_file import path_text, read_settings_text, reason
+from spinfilters.io.input_file import read_settings_text
 from spinfilters.io.output_files import write_text
 from spinfilters.io.reference_motion import ReferenceMotion
 from spinfilters.io.truth import Truth
-from spinfilters.models.body import body_estimate
-from spinfilters.models.process import TorqueFreeProcess
-from spinfilters.models.status import EstimatorStatus, Verdict
-from spinfilters.plots.convergence import convergence_figure
-from spinfilters.plots.style import draw_figure
-from spinfilters.plots.time_courses import PAST, PredictionCurves, prediction_figure
 from spinfilters.run import smoother_convergence
-from spinfilters.run.array_files import finite_document, read_history, write_history
+from spinfilters.run.array_files import finite_document
 from spinfilters.run.estimation import Comparison, compare_estimators
+from spinfilters.run.inertia_race_output import require_inertias, write_race
+from spinfilters.run.predictions import (
+    draw_predictions,
+    prediction_lines,
+    times_ahead,
+    write_predictions,
+)
 from spinfilters.run.preparation import prepare
 from spinfilters.run.reference_output import reference_lines, write_reference
 from spinfilters.run.run_folder import (
@@ -36,159 +33,14 @@ from spinfilters.run.run_folder import (
     EXPLANATIONS_FILE,
     PREDICTION_PICTURE,
     REFERENCE_FILE,
+    read_figure_data,
     read_histories,
 )
-from spinfilters.run.run_folder import PREDICTION_ARRAYS as ARRAYS
-from spinfilters.run.run_folder import PREDICTION_TABLE as TABLE
 from spinfilters.run.run_summary import read_process
 from spinfilters.settings.run_settings import Settings
 from spinfilters.verdict.check import base_name
 from spinfilters.verdict.model_errors.score_tests import Alternative, ScoreTest
 from spinfilters.verdict.tested_models import TestedModels, model_findings
-
-CURE = "run compare again with --resume --predict SECONDS"
-MOST_STEPS = 20_000
-"""Of a prediction: each keeps a covariance factor."""
-ROUNDING = 1e-6
-"""Of a step: time stamps are printed with six decimals."""
-
-
-def times_ahead(time: Float[np.ndarray, " n"], seconds: float) -> Float[np.ndarray, " k"]:
-    """Times ahead of the last epoch, s.
-
-    Steps of the median interval of a recording's frames (s) up to so many seconds.
-
-    Raises
-    ------
-    InputError
-        Less than one step, or more than `MOST_STEPS`.
-    """
-    interval = float(np.median(np.diff(time)))
-    if not interval * (1 - ROUNDING) <= seconds <= interval * MOST_STEPS:
-        raise InputError(
-            f"--predict {seconds:g} s is not between 1 and {MOST_STEPS} of the recording's frame intervals: give "
-            f"{interval:.6g} to {interval * MOST_STEPS:.6g} s"
-        )
-    return interval * np.arange(1, int(seconds / interval + ROUNDING) + 1)
-
-
-def write_predictions(
-    folder: Path, process: TorqueFreeProcess, histories: Sequence[EstimateHistory], seconds: float
-) -> bool:
-    """Write prediction.csv of each estimator and prediction.png of all.
-
-    The columns are those of trajectory.csv, and estimators that failed are left out. <estimator>/prediction.npz is the
-    history that the picture is drawn from: the last epoch, and all that is predicted from it; it is ``failed`` and holds the
-    last epoch alone where the prediction is not finite, and then there is no table.
-    Returns False, with no picture, where nothing could be predicted.
-
-    Raises
-    ------
-    InputError
-        As `times_ahead`; a file cannot be written.
-    """
-    good = _sound(histories)
-    predicted = [_predicted(process, each, times_ahead(each.time, seconds)) for each in good]
-    for each in predicted:
-        write_history(folder / each.name / ARRAYS, each)
-        if len(each.time) > 1:
-            write_trajectory_csv(folder / each.name / TABLE, trajectory_of(_cut(each, slice(1, None))))
-        else:
-            (folder / each.name / TABLE).unlink(missing_ok=True)
-    predicted_motions = _predicted_motion(good, predicted)
-    if not predicted_motions:
-        (folder / PREDICTION_PICTURE).unlink(missing_ok=True)
-        return False
-    draw_figure(lambda: prediction_figure(predicted_motions), folder / PREDICTION_PICTURE)
-    return True
-
-
-def read_predictions(folder: Path, histories: Sequence[EstimateHistory]) -> list[PredictionCurves]:
-    """Predictions of a run folder for the figure; none where not asked for.
-
-    Raises
-    ------
-    InputError
-        A prediction is missing where there are others, damaged, or of another run.
-    """
-    good = _sound(histories)
-    paths = [folder / history.name / ARRAYS for history in good]
-    told = [folder / PREDICTION_PICTURE, *paths, *(path.with_name(TABLE) for path in paths)]
-    if not good or not any(path.exists() for path in told):
-        return []
-    return _predicted_motion(good, [_read(path, history) for path, history in zip(paths, good, strict=True)])
-
-
-def _sound(histories: Sequence[EstimateHistory]) -> list[EstimateHistory]:
-    """Evaluations that did not fail."""
-    return [history for history in histories if history.status.verdict is not Verdict.FAILED]
-
-
-def _predicted(
-    process: TorqueFreeProcess, history: EstimateHistory, ahead: Float[np.ndarray, " k"]
-) -> EstimateHistory:
-    """The last epoch, and all that is predicted from it if that is finite."""
-    last, now = history.belief(-1), float(history.time[-1])
-    rows = GrowingHistory(last.layout, now)
-    rows.append(now, last, [], 0.0)
-    try:
-        prediction = predict_ahead(process, last, ahead)
-        if not (np.isfinite(prediction.mean).all() and np.isfinite(prediction.factor).all()):
-            return rows.ended(history.name, EstimatorStatus().failed("the prediction is not finite"))
-    except NUMERICAL_ERRORS as error:
-        return rows.ended(
-            history.name, EstimatorStatus().failed(f"no prediction ({reason(numerical(error))})")
-        )
-    for k, seconds in enumerate(prediction.times):
-        rows.append(now + float(seconds), prediction.belief(k), [], 0.0)
-    return rows.ended(history.name, EstimatorStatus())
-
-
-def _read(path: Path, history: EstimateHistory) -> EstimateHistory:
-    """The prediction that goes on from a history."""
-    predicted = read_history(path, CURE)
-    time, mean = predicted.time, predicted.mean
-    alike = (predicted.name, predicted.layout) == (history.name, history.layout)
-    whole = len(time) > 1 or (len(time) == 1 and predicted.status.verdict is Verdict.FAILED)
-    sound = alike and whole and np.isfinite(mean).all() and np.isfinite(predicted.factor).all()
-    if not (sound and time[0] == history.time[-1] and np.array_equal(mean[0], history.mean[-1])):
-        raise InputError(f"{path_text(path)}: does not go on from the last epoch of this run; {CURE}")
-    return predicted
-
-
-def _predicted_motion(
-    histories: Sequence[EstimateHistory], predicted: Sequence[EstimateHistory]
-) -> list[PredictionCurves]:
-    """Predicted motion with a share of the past in front.
-
-    Rates about the principal axes of the first estimator.
-    Those that predict nothing are left out.
-    """
-    pairs = [pair for pair in zip(histories, predicted, strict=True) if len(pair[1].time) > 1]
-    found = []
-    for known, ahead in pairs:
-        axes = body_estimate(pairs[0][0].belief(-1)).principal_axes_g
-        past = PAST * float(ahead.time[-1] - ahead.time[0])
-        begin = max(int(np.searchsorted(known.time, known.time[-1] - past)), known.initialisation)
-        before = _cut(known, slice(min(begin, len(known.time) - 1), None))
-        found.append(
-            PredictionCurves(
-                trajectory_of(before),
-                trajectory_of(ahead),
-                estimated_rates(before).in_axes(axes),
-                estimated_rates(ahead).in_axes(axes),
-            )
-        )
-    return found
-
-
-def _cut(history: EstimateHistory, rows: slice) -> EstimateHistory:
-    """A history cut to some epochs."""
-    beliefs = GrowingHistory(history.layout, float(history.time[0]))
-    for k in range(*rows.indices(len(history.time))):
-        beliefs.append(float(history.time[k]), history.belief(k), [], 0.0)
-    return beliefs.ended(history.name, history.status)
-
 
 SCHEMA: Final = 1
 
@@ -340,47 +192,67 @@ def _test_document(test: ScoreTest) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class OptionalOutputs:
-    """Optional outputs: seconds to predict, convergence, model errors, comparison with a reference.
+    """Optional outputs: seconds to predict, convergence, model errors, comparison with a reference, inertias to race.
 
-    None for no prediction; whether to show convergence; whether to refit with named model errors; None for no reference.
+    None for no prediction; whether to show convergence; whether to refit with named model errors; None for no reference;
+    estimators, ``truth`` or files whose inertias are propagated from one state.
     """
 
     predict_s: float | None = None
     convergence: bool = False
     explain: bool = False
     reference: ReferenceMotion | None = None
+    race: tuple[str, ...] = ()
 
     def require_one_run(self) -> None:
         """Refuse what a run of many segments does not make."""
         if self != OptionalOutputs():
             raise InputError(
-                "--predict, --convergence, --explain and --reference are for one recording; choose a segment with --segment N"
+                "--predict, --convergence, --explain, --reference and --race are for one recording; choose a segment with "
+                "--segment N"
             )
 
     def check(self, setup: Setup, settings: Settings) -> None:
         """Refuse what cannot be made, before the estimators run. Raises InputError."""
         if self.predict_s is not None:
             times_ahead(np.array([epoch.time for epoch in setup.timeline]), self.predict_s)
+        self._check_race(settings)
         if self.convergence:
             smoother_convergence.require_convergence(setup, settings)
 
+    def _check_race(self, settings: Settings) -> None:
+        if self.race and self.predict_s is None:
+            raise InputError("--race needs the time of the race; give --predict SECONDS")
+        require_inertias(self.race, settings.estimators)
+
     def write(
-        self, folder: Path, comparison: Comparison, settings: Settings, on_epoch: Callable[[int, int], None]
+        self,
+        folder: Path,
+        comparison: Comparison,
+        settings: Settings,
+        on_epoch: Callable[[int, int], None],
+        with_figures: bool = True,
     ) -> None:
         """Write into the folder of a written run; `lacking` tells what could not be made. Raises InputError."""
         if self.predict_s is not None:
-            histories = [evaluation.history for evaluation in comparison.evaluations]
-            process = comparison.setup.process
-            write_predictions(folder, process, histories, self.predict_s)
+            write_predictions(folder, comparison.setup.process, comparison.evaluations, self.predict_s)
+            if self.race:
+                write_race(folder, self.race, comparison.evaluations, self.predict_s)
         if self.convergence:
             smoother_convergence.write_convergence(folder, comparison.setup, settings, on_epoch)
         if self.explain:
             write_explanations(folder, comparison, settings)
         if self.reference is not None:
-            write_reference(folder, [each.history for each in comparison.evaluations], self.reference)
+            histories = [each.history for each in comparison.evaluations]
+            write_reference(folder, histories, self.reference, with_figures)
 
     def complete(
-        self, folder: Path, dataset: Dataset, settings: Settings, on_epoch: Callable[[int, int], None]
+        self,
+        folder: Path,
+        dataset: Dataset,
+        settings: Settings,
+        on_epoch: Callable[[int, int], None],
+        with_figures: bool = True,
     ) -> list[str]:
         """For a finished run (`finished_run`), no estimator running again; returns the names of the pictures made.
 
@@ -393,6 +265,7 @@ class OptionalOutputs:
             As `check`; a file of the run is damaged.
         """
         made = []
+        self._check_race(settings)
         if self.convergence and not smoother_convergence.is_whole(folder):
             setup = prepare(dataset, settings)
             self.check(setup, settings)
@@ -403,17 +276,21 @@ class OptionalOutputs:
             write_explanations(folder, own, settings)
             made.append(EXPLANATIONS_FILE)
         if self.predict_s is not None:
-            histories = read_histories(folder, settings.estimators)
             process = read_process(folder, settings.process.tolerance)
-            if write_predictions(folder, process, histories, self.predict_s):
-                made.append(PREDICTION_PICTURE)
+            evaluations = read_figure_data(folder).evaluations
+            made += write_predictions(folder, process, evaluations, self.predict_s)
+            if self.race:
+                made += write_race(folder, self.race, evaluations, self.predict_s)
         if self.reference is not None:
-            made += write_reference(folder, read_histories(folder, settings.estimators), self.reference)
+            histories = read_histories(folder, settings.estimators)
+            made += write_reference(folder, histories, self.reference, with_figures)
         return made
 
     def sentences(self, folder: Path) -> Sequence[str]:
-        """Sentences of a run's explanations and of its reference; none where they were not asked for."""
+        """Sentences of a run's explanations, predictions and reference; none where they were not asked for."""
         told = list(read_sentences(folder)) if self.explain else []
+        if self.predict_s is not None:
+            told += prediction_lines(folder)
         if self.reference is not None:
             told += reference_lines(json.loads(read_settings_text(folder / REFERENCE_FILE)))
         return told
@@ -425,9 +302,7 @@ class OptionalOutputs:
         return "no prediction was made: every estimator failed, or what follows from its last epoch is not finite"
 
 
-def draw_optional_outputs(
-    folder: Path, histories: Sequence[EstimateHistory], truth: Truth | None
-) -> list[str]:
+def draw_optional_outputs(folder: Path, evaluations: Sequence[Evaluation], truth: Truth | None) -> list[str]:
     """Draw the additions of a run folder again; returns the names of the pictures.
 
     Raises
@@ -437,7 +312,7 @@ def draw_optional_outputs(
     """
     drawn: list[str] = []
     faults: list[InputError] = []
-    for draw in (lambda: _draw_prediction(folder, histories), lambda: _draw_convergence(folder, truth)):
+    for draw in (lambda: draw_predictions(folder, evaluations), lambda: _draw_convergence(folder, truth)):
         try:
             drawn += draw()
         except InputError as error:
@@ -447,17 +322,5 @@ def draw_optional_outputs(
     return drawn
 
 
-def _draw_prediction(folder: Path, histories: Sequence[EstimateHistory]) -> list[str]:
-    predicted_motions = read_predictions(folder, histories)
-    if not predicted_motions:
-        return []
-    draw_figure(lambda: prediction_figure(predicted_motions), folder / PREDICTION_PICTURE)
-    return [PREDICTION_PICTURE]
-
-
 def _draw_convergence(folder: Path, truth: Truth | None) -> list[str]:
-    settled = smoother_convergence.read_convergence(folder, truth)
-    if settled is None:
-        return []
-    draw_figure(lambda: convergence_figure(settled), folder / CONVERGENCE_PICTURE)
-    return [CONVERGENCE_PICTURE]
+    return [CONVERGENCE_PICTURE] if smoother_convergence.redraw_convergence(folder, truth) else []

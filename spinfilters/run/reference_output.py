@@ -66,19 +66,15 @@ def chosen_reference(path: str, inspector: str | None, shares: Sequence[str]) ->
 
 
 def write_reference(
-    folder: Path, histories: Sequence[EstimateHistory], reference: ReferenceMotion
+    folder: Path, histories: Sequence[EstimateHistory], reference: ReferenceMotion, with_figures: bool = True
 ) -> list[str]:
-    """Write `REFERENCE_FILE`, and a table and two pictures of each estimator; returns the names of the pictures.
+    """Write `REFERENCE_FILE`, a table of each estimator, and two pictures if wanted; returns the names of the pictures.
 
     Raises
     ------
     InputError
         A file cannot be written.
     """
-    # Matplotlib is slow to import: a run without a reference does not wait for it.
-    from spinfilters.plots.reference_figures import reference_differences_figure, reference_values_figure
-    from spinfilters.plots.style import draw_figure
-
     document: dict[str, Any] = {"schema": SCHEMA, "reference": reference.name, "estimators": {}}
     drawn: list[str] = []
     for history in histories:
@@ -93,12 +89,22 @@ def write_reference(
             continue
         document["estimators"][history.name] = finite_document(found.document)
         _write_table(folder / history.name / REFERENCE_TABLE, found)
-        values, differences = reference_pictures(history.name)
-        draw_figure(lambda found=found: reference_values_figure(found), folder / values)
-        draw_figure(lambda found=found: reference_differences_figure(found), folder / differences)
-        drawn += [values, differences]
+        if with_figures:
+            drawn += _draw(folder, history.name, found)
     write_json(folder / REFERENCE_FILE, document)
     return drawn
+
+
+def _draw(folder: Path, estimator: str, found: ReferenceComparison) -> tuple[str, str]:
+    """Both pictures of an estimator's comparison; their names."""
+    # Matplotlib is slow to import: a run without a reference does not wait for it.
+    from spinfilters.plots.reference_figures import reference_differences_figure, reference_values_figure
+    from spinfilters.plots.style import draw_figure
+
+    values, differences = reference_pictures(estimator)
+    draw_figure(lambda: reference_values_figure(found), folder / values)
+    draw_figure(lambda: reference_differences_figure(found), folder / differences)
+    return values, differences
 
 
 def reference_lines(document: Mapping[str, Any]) -> list[str]:

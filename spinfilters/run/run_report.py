@@ -38,7 +38,9 @@ from spinfilters.run.run_folder import (
     CONFIG_FILE,
     CONVERGENCE_PICTURE,
     MODEL_FILE,
+    PREDICTION_ERRORS_PICTURE,
     PREDICTION_PICTURE,
+    RACE_PICTURE,
     RECONSTRUCTION_FILE,
     RECONSTRUCTION_FOLDER,
     REPORT_FILE,
@@ -185,7 +187,12 @@ def _pictures(figure_data: FigureData, folder: Path) -> Iterator[str]:
     """Every picture of the folder with its caption."""
     names = [evaluation.name for evaluation in figure_data.evaluations]
     captions = {f"{name}.png": entry.caption for entry in figure_entries() for name in entry.names(names)}
-    captions |= {PREDICTION_PICTURE: "Predicted motion.", CONVERGENCE_PICTURE: "How estimates settle."}
+    captions |= {
+        PREDICTION_PICTURE: "Predicted motion.",
+        PREDICTION_ERRORS_PICTURE: "Predicted minus true motion.",
+    }
+    captions |= {RACE_PICTURE: "Several inertias from the last state."}
+    captions |= {CONVERGENCE_PICTURE: "How estimates settle."}
     for name in names:
         values, differences = reference_pictures(name)
         captions[values] = f"{name} and the reference, in the same axes."

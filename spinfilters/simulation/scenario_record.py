@@ -124,8 +124,8 @@ class Scenario:
         str,
         StudyKey("sensor"),
         Argument(
-            "stereo-tracks, mono-tracks, pose, attitude, gyro, magnetometer, lidar-points, lidar-poses, or stereo-images, which "
-            "are rendered",
+            "stereo-tracks (or stereo), mono-tracks (or monocular), pose, attitude, gyro, magnetometer, lidar-points, lidar-poses, "
+            "or stereo-images, which are rendered",
             cure='the name of a kind of data set, such as "gyro"',
         ),
     ] = "stereo-tracks"
@@ -204,8 +204,10 @@ class Scenario:
     seed: Annotated[int, SEED, Argument("of everything random")] = 0
 
     def __post_init__(self) -> None:
-        from spinfilters.io.sensor_format import SensorNoise
+        from spinfilters.io.sensor_format import SensorNoise, kind_called
 
+        object.__setattr__(self, "kind", kind_called(self.kind))
+        object.__setattr__(self, "beside", tuple((kind_called(kind), step) for kind, step in self.beside))
         self._require_kinds()
         if self.epochs < 2 or not self.interval > 0:
             raise InputError(

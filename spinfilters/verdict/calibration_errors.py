@@ -27,7 +27,7 @@ from spinfilters.smoother.motion_factors import STRETCH
 from spinfilters.smoother.problem import problem_of
 from spinfilters.verdict.model_errors.alternatives import table
 from spinfilters.verdict.model_errors.hypotheses import solved_near
-from spinfilters.verdict.model_errors.linear_rows import Columns, Sensitivity
+from spinfilters.verdict.model_errors.linear_rows import Columns, LinearRows, Sensitivity
 from spinfilters.verdict.model_errors.score_tests import ScoreTest
 from spinfilters.verdict.model_errors.sensor_alternatives import ClockDrift
 from spinfilters.verdict.model_errors.smoothed_motion import KnownCamera, SmoothedMotion, displaced_camera
@@ -372,7 +372,7 @@ LARGEST_DRIFT: Final = 0.05
 
 
 def possible_clock_drift(
-    setup: Setup, trajectory: Float[np.ndarray, "k m"], tests: Iterable[ScoreTest]
+    setup: Setup, solved: LinearRows, tests: Iterable[ScoreTest]
 ) -> Float[np.ndarray, "k n"] | None:
     """Error of the states by one deviation of a clock's drift, where rates alone are measured and nobody states the clock.
 
@@ -382,10 +382,10 @@ def possible_clock_drift(
 
     Parameters
     ----------
-    trajectory : (k, m) float array
-        That was tested.
+    solved : LinearRows
+        The rows that were tested.
     tests : iterable of ScoreTest
-        About it.
+        Of them.
 
     Returns
     -------
@@ -395,14 +395,8 @@ def possible_clock_drift(
     clock = next((each for each in setup.calibration if each.parameter.of_clock), None)
     if clock is None or clock.source != PRIOR or setup.process.layout.translates:
         return None
-    epochs = setup.timeline[: len(trajectory)]
-    try:
-        with np.errstate(all="ignore"):
-            solved = solved_near(linear_problem(setup, epochs), trajectory, np.zeros((0, 3)))
-    except NUMERICAL_ERRORS:
-        return None
-    motion = None if solved is None else SmoothedMotion(times_of(epochs), solved)
-    if motion is None or not all(each.model.reads_rate for each in motion.measured):
+    motion = SmoothedMotion(times_of(setup.timeline[: len(solved.here.trajectory)]), solved)
+    if not all(each.model.reads_rate for each in motion.measured):
         return None
     error = ClockDrift()
     columns = error.columns(motion)

@@ -18,7 +18,7 @@ from spinfilters.core.errors import NUMERICAL_ERRORS, InputError
 from spinfilters.filters.timeline import build_timeline, times_of
 from spinfilters.inference.setup import Setup, camera_view
 from spinfilters.smoother.problem import Problem
-from spinfilters.verdict.flywheel_refit import at_own_levels
+from spinfilters.verdict.flywheel_refit import DoubtedMotion, at_own_levels
 from spinfilters.verdict.model_errors.camera_alternatives import (
     HIGHEST_DEGREE,
     InspectorMissing,
@@ -34,20 +34,12 @@ STEPS: Final = 3
 """Improvements of the path: the first takes three quarters of what there is, a fourth one 2 % more."""
 
 
-def with_camera_refit(
-    models: TestedModels, setup: Setup, trajectory: Float[np.ndarray, "k m"]
-) -> TestedModels:
-    """Score tests with that of a moving camera from a fit, where it explains more than its score promises.
-
-    Parameters
-    ----------
-    trajectory : (k, m) float array
-        That was tested.
-    """
+def with_camera_refit(models: TestedModels, motion: DoubtedMotion) -> TestedModels:
+    """Score tests with that of a moving camera from a fit, where it explains more than its score promises."""
     test = next((each for each in models.tests if each.error.name == InspectorMissing.name), None)
     if test is None or not (models.contradicted or test.p_value < TELLING) or models.tests[0] is test:
         return models
-    gain, dof, farthest, std = fitted_camera(setup, trajectory)
+    gain, dof, farthest, std = fitted_camera(motion)
     if not gain - 2 * dof > test.merit:
         return models
     p_value = min(test.p_value, float(chi_square_tail(gain, dof)))
@@ -76,18 +68,18 @@ class FittedCamera(NamedTuple):
     std: float = np.inf
 
 
-def fitted_camera(setup: Setup, trajectory: Float[np.ndarray, "k m"]) -> FittedCamera:
+def fitted_camera(doubted: DoubtedMotion) -> FittedCamera:
     """Fit a smooth path of the camera beside the motion of the body near a trajectory."""
     try:
         with np.errstate(all="ignore"):
-            return _fitted(setup, trajectory)
+            return _fitted(doubted)
     except (InputError, *NUMERICAL_ERRORS):
         return FittedCamera()
 
 
-def _fitted(setup: Setup, trajectory: Float[np.ndarray, "k m"]) -> FittedCamera:
-    time = times_of(setup.timeline[: len(trajectory)])
-    rows = at_own_levels(setup, linear_problem(setup, setup.timeline[: len(trajectory)]), trajectory)
+def _fitted(doubted: DoubtedMotion) -> FittedCamera:
+    setup, rows = doubted.setup, doubted.rows
+    time = times_of(setup.timeline[: len(doubted.trajectory)])
     if rows is None:
         return FittedCamera()
     at_rest = least = minus_twice_log_likelihood(rows)

@@ -28,7 +28,7 @@ from spinfilters.verdict.calibration_errors import enlargements, possible_clock_
 from spinfilters.verdict.camera_refit import with_camera_refit
 from spinfilters.verdict.check import LARGEST_MOMENT_STD, LEFT_OUT, Evidence, rejected_share
 from spinfilters.verdict.checks import MOST_MOMENTUM, finding
-from spinfilters.verdict.flywheel_refit import with_flywheel_refit
+from spinfilters.verdict.flywheel_refit import DoubtedMotion, with_flywheel_refit
 from spinfilters.verdict.judge import judge
 from spinfilters.verdict.model_tests import tested_epochs, tested_history, tested_models
 from spinfilters.verdict.noise_diagnostics import filter_noise_diagnostics, stated_level_diagnostics
@@ -191,14 +191,15 @@ def _explained(setup: Setup, settings: Settings, best: EstimateHistory | None) -
     if setup.dataset.doubts:
         return models_of_recording(setup)
     models = tested_models(setup, best)
-    if best is not None and len(best.time) <= tested_epochs(setup):
-        models = replace(models, clock_drift=possible_clock_drift(setup, best.mean, models.tests))
+    rows, models = models.solved, replace(models, solved=None)  # large, and not needed beyond
+    if best is not None and rows is not None and len(best.time) <= tested_epochs(setup):
+        models = replace(models, clock_drift=possible_clock_drift(setup, rows, models.tests))
     is_suspect = models.is_suspect or best is None or best.status.verdict is not Verdict.OK
     models = replace(models, slips=front_end_slips(setup, with_fits=is_suspect))
     if best is None or not is_suspect or models.slips:
         return models
-    tested = best.mean[: tested_epochs(setup)]
-    return with_camera_refit(with_flywheel_refit(models, setup, settings, tested), setup, tested)
+    motion = DoubtedMotion(setup, best.mean[: tested_epochs(setup)])
+    return with_camera_refit(with_flywheel_refit(models, settings, motion), motion)
 
 
 def measurement_findings(

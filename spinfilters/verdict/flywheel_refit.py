@@ -1,6 +1,7 @@
 """A flywheel inside the body, fitted where a recording is doubted."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -51,24 +52,39 @@ ENOUGH: Final = 10.0
 """Of -2 ln likelihood that a flywheel takes off, from which it is a cause worth a name."""
 
 
-def with_flywheel_refit(
-    models: TestedModels, setup: Setup, settings: Settings, trajectory: Float[np.ndarray, "k m"]
-) -> TestedModels:
+@dataclass(frozen=True)
+class DoubtedMotion:
+    """A motion whose models are doubted, to be compared with fits of other models.
+
+    Attributes
+    ----------
+    setup : Setup
+        Of the recording.
+    trajectory : (k, m) float array
+        States of the first epochs, about which the models were tested.
+    """
+
+    setup: Setup
+    trajectory: Float[np.ndarray, "k m"]
+
+    @cached_property
+    def rows(self) -> LinearRows | None:
+        """The models as they are, solved at the noise levels that they identify: once for all fits; None where it is not solved."""
+        problem = linear_problem(self.setup, self.setup.timeline[: len(self.trajectory)])
+        return at_own_levels(self.setup, problem, self.trajectory)
+
+
+def with_flywheel_refit(models: TestedModels, settings: Settings, motion: DoubtedMotion) -> TestedModels:
     """Score tests with that of a flywheel from a fit, where it explains more.
 
     None of a spin about one axis, which does not tell a flywheel from other moments, nor from slow torques.
-
-    Parameters
-    ----------
-    trajectory : (k, m) float array
-        That was tested.
     """
-    layout = setup.process.layout
-    if layout.has(ROTOR) or is_steady(trajectory[:, layout.mean_slice(RATE.name)]):
+    setup, layout = motion.setup, motion.setup.process.layout
+    if layout.has(ROTOR) or is_steady(motion.trajectory[:, layout.mean_slice(RATE.name)]):
         return models
     try:
         with np.errstate(all="ignore"):
-            test = _fitted(setup, trajectory, _samples_as_one(setup, settings))
+            test = _fitted(motion, _samples_as_one(setup, settings))
     except (InputError, *NUMERICAL_ERRORS):
         return models
     linear = next((each for each in models.tests if each.error.name == Rotor.name), None)
@@ -93,9 +109,9 @@ def _samples_as_one(setup: Setup, settings: Settings) -> float:
     return 1.0 if beside is None else max(beside.correlation_time, 1.0)
 
 
-def _fitted(setup: Setup, trajectory: Float[np.ndarray, "k m"], samples_as_one: float) -> ScoreTest | None:
+def _fitted(motion: DoubtedMotion, samples_as_one: float) -> ScoreTest | None:
     """The test of a flywheel; None where a fit leads nowhere or explains nothing."""
-    without = at_own_levels(setup, linear_problem(setup, setup.timeline[: len(trajectory)]), trajectory)
+    setup, trajectory, without = motion.setup, motion.trajectory, motion.rows
     problem = _problem_with_flywheel(setup, len(trajectory))
     begun = trajectory if without is None else without.here.trajectory
     wide = _with_momentum(setup.process.layout, problem.layout, begun)

@@ -124,9 +124,7 @@ def tested_models(setup: Setup, best: EstimateHistory | None) -> TestedModels:
     found = tested_about(setup, best.mean[:most], table().values(), jumps)
     correlated = possible_correlation(setup, found.solved, stated_levels(setup))
     has_inspector = setup.dataset.inspector is not None
-    return replace(
-        found, units=units, std=std, correlated=correlated, solved=None, has_inspector=has_inspector
-    )
+    return replace(found, units=units, std=std, correlated=correlated, has_inspector=has_inspector)
 
 
 def tested_about(

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from spinfilters.evaluation import recording_bound
-from spinfilters.run import optional_outputs, smoother_convergence
-from spinfilters.run import optional_outputs as predictions
+from spinfilters.run import optional_outputs, predictions, smoother_convergence
 from spinfilters.smoother import recursive_smoother as convergence_record
 from tests.cli.failures import compared, of_casadi, singular
 

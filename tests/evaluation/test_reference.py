@@ -139,6 +139,43 @@ def test_files_of_others_are_read_with_gaps(tmp_path: Path) -> None:
     assert np.allclose(read.position[:, 0], [0, 1, 3, 4, 5])
 
 
+@pytest.mark.parametrize(
+    ("header", "row", "rate"),
+    [
+        ("time_s,wx,wy,wz", "{s},0.1,0,0", 0.1),
+        ("timestamp_ns,omega_x,omega_y,omega_z", "{ns},0.1,0,0", 0.1),
+        ("time (ms),gyro_x (deg/s),gyro_y (deg/s),gyro_z (deg/s)", "{ms},10,0,0", np.deg2rad(10)),
+    ],
+)
+def test_rates_of_a_table_are_read_in_the_units_of_its_header(
+    tmp_path: Path, header: str, row: str, rate: float
+) -> None:
+    path = tmp_path / "rates.csv"
+    rows = [row.format(s=k, ms=1000 * k, ns=1_000_000_000 * k) for k in range(6)]
+    path.write_text("\n".join([header, *rows]))
+    read = read_reference(path)
+    assert read.rate is not None
+    np.testing.assert_allclose(read.time, np.arange(6))
+    np.testing.assert_allclose(read.rate[:, 0], rate)
+
+
+def test_biases_beside_poses_are_no_rates(tmp_path: Path) -> None:
+    """As the ground truth of EuRoC holds them; its clock is in nanoseconds and does not say so."""
+    path = tmp_path / "truth.csv"
+    groups = [("p_RS_R", "xyz", "m"), ("q_RS", "wxyz", ""), ("v_RS_R", "xyz", "m s^-1")]
+    groups += [("b_w_RS_S", "xyz", "rad s^-1"), ("b_a_RS_S", "xyz", "m s^-2")]
+    names = [f" {stem}_{axis} [{unit}]" for stem, axes, unit in groups for axis in axes]
+    rows = [f"{10**9 * k},{k},0,0,1,0,0,0,0,0,0,9,9,9,8,8,8" for k in range(6)]
+    path.write_text("\n".join([",".join(["#timestamp", *names]), *rows]))
+    read = read_reference(path)
+    assert read.rate is None
+    assert read.position is not None
+    np.testing.assert_allclose(read.time, np.arange(6))
+    np.testing.assert_allclose(read.position[:, 0], np.arange(6))
+    assert read.attitude is not None
+    np.testing.assert_allclose(np.abs(read.attitude), np.tile([0, 0, 0, 1.0], (6, 1)))
+
+
 def test_a_table_without_a_time_is_refused_with_the_cure(tmp_path: Path) -> None:
     path = tmp_path / "poses.csv"
     path.write_text("qx,qy,qz,qw\n" + "0,0,0,1\n" * 6)

@@ -10,6 +10,7 @@ from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
 from spinfilters.verdict import model_tests
 from spinfilters.verdict.camera_refit import fitted_camera
+from spinfilters.verdict.flywheel_refit import DoubtedMotion
 from spinfilters.verdict.model_errors.alternatives import table
 from spinfilters.verdict.model_errors.motion_alternatives import jumps
 
@@ -27,7 +28,7 @@ def test_a_camera_that_sways_explains_far_more_than_its_score_promises() -> None
     setup = prepare(without_map(simulate(scenario)), SETTINGS)
     models = model_tests.tested_about(setup, setup.initial.mean, table().values(), jumps)
     score = next(each for each in models.tests if each.error.name == "inspector-missing")
-    found = fitted_camera(setup, setup.initial.mean)
+    found = fitted_camera(DoubtedMotion(setup, setup.initial.mean))
     assert found.gain - 2 * found.numbers > 2 * max(score.merit, 30.0)
     assert found.farthest < 0.1 + 4 * found.std
 
@@ -35,5 +36,5 @@ def test_a_camera_that_sways_explains_far_more_than_its_score_promises() -> None
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_camera_at_rest_has_no_path(seed: int) -> None:
     setup = prepare(without_map(simulate(replace(AT_REST, seed=seed))), SETTINGS)
-    found = fitted_camera(setup, setup.initial.mean)
+    found = fitted_camera(DoubtedMotion(setup, setup.initial.mean))
     assert found.gain - 2 * found.numbers < 0

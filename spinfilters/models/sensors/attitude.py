@@ -18,6 +18,7 @@ from spinfilters.models.sensor import (
     Sensor,
     SimulatedStream,
     diagonal_factor,
+    diagonal_places,
     model_over,
     row_covariance,
 )
@@ -84,7 +85,9 @@ class AttitudeSensor(Sensor):
         quaternion=0,
     )
     tells_frames = True
-    analysis = AnalysedSensor(Attitude, diagonal_factor(0.01, 0.01, 0.01), "attitude 0.01 rad", tells=("a",))
+    analysis = AnalysedSensor(
+        Attitude, diagonal_factor(0.01, 0.01, 0.01), {"attitude_std": diagonal_places(3)}, tells=("a",)
+    )
 
     def bind(
         self, stream: MeasurementStream, layout: StateLayout, noise: SensorNoise, view: CameraView | None

@@ -126,7 +126,12 @@ class GyroSensor(Sensor):
     identified_option = "gyro_scale_std"
     error_blocks = (GYRO_BIAS, GYRO_SCALE)
     analysis = AnalysedSensor(
-        Gyro, (0.002, 0.0), "gyro 0.002 rad/s", tells=("w",), assumption="the gyro has no bias"
+        Gyro,
+        (0.002, 0.0),
+        {"gyro_noise_std": (0,), "gyro_scale_std": (1,)},
+        tells=("w",),
+        assumption="the gyro has no bias",
+        bias=GYRO_BIAS,
     )
 
     def bind(

@@ -3,12 +3,7 @@
 import casadi as ca
 
 from spinfilters.core.attitude_expressions import Expression, rotate
-from spinfilters.core.errors import InputError
-from spinfilters.io.measurement_log import MeasurementStream
-from spinfilters.io.sensor_format import SensorNoise
 from spinfilters.models.measurement import MeasurementModel
-from spinfilters.models.sensor import AnalysedSensor, BoundStream, CameraView, Sensor
-from spinfilters.models.state_layout import StateLayout
 
 NEAREST_RANGE = 1e-3
 """Range in m below which a point counts as at the lidar itself."""
@@ -47,26 +42,3 @@ class LidarLandmark(MeasurementModel):
         """Positive beyond the nearest range."""
         p = self.symbolic(state, parameters)
         return ca.dot(p, p) - NEAREST_RANGE**2
-
-
-class LidarSensor(Sensor):
-    """Sensor of the model `spinfilters.models.sensors.lidar.LidarLandmark`."""
-
-    name = "lidar"
-    sees_place = True
-    analysis = AnalysedSensor(
-        LidarLandmark,
-        (0.01, 0.002),
-        "lidar 0.01 m in range, 0.002 rad in azimuth and elevation",
-        sees_points=True,
-        words="a lidar",
-    )
-
-    def bind(
-        self, stream: MeasurementStream, layout: StateLayout, noise: SensorNoise, view: CameraView | None
-    ) -> BoundStream:
-        """InputError: points of a lidar serve the analyser alone."""
-        raise InputError("points of a lidar are not read by this version; give the poses of registered scans")
-
-
-LIDAR = LidarSensor()

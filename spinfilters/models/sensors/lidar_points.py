@@ -18,6 +18,7 @@ from spinfilters.io.stated_values import NumberRange
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.process import body_acceleration
 from spinfilters.models.sensor import (
+    AnalysedSensor,
     BoundStream,
     CameraView,
     MotionSamples,
@@ -28,6 +29,7 @@ from spinfilters.models.sensor import (
     row_covariance,
 )
 from spinfilters.models.sensor_noise import factor_of, parameters_of
+from spinfilters.models.sensors.lidar import LidarLandmark
 from spinfilters.models.state_blocks import DRAG, LINEAR_DRAG, ROTOR
 from spinfilters.models.state_layout import StateLayout
 
@@ -177,6 +179,14 @@ class LidarPointsSensor(Sensor):
     )
     sees_place = True
     tells_frames = True
+    former_names = ("lidar",)
+    analysis = AnalysedSensor(
+        LidarLandmark,
+        (0.01, 0.002),
+        {"lidar_range_std": (0,), "lidar_angle_std": (1,)},
+        sees_points=True,
+        words="a lidar",
+    )
 
     def bind(
         self, stream: MeasurementStream, layout: StateLayout, noise: SensorNoise, view: CameraView | None

@@ -88,7 +88,7 @@ class MagnetometerSensor(Sensor):
     analysis = AnalysedSensor(
         Magnetometer,
         (1e-7, 0.0, 0.0, 5e-5),
-        "magnetometer 1e-7 T",
+        {"magnetometer_std": (0,)},
         words="a magnetometer",
         assumption="the magnetic field in frame i is known, z of that frame along it",
     )

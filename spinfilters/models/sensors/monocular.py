@@ -65,7 +65,7 @@ class MonocularSensor(Sensor):
     analysis = AnalysedSensor(
         MonocularLandmark,
         (*CALIBRATION, 1.0),
-        "monocular 1 px",
+        {"pixel_std": (len(CALIBRATION),)},
         sees_points=True,
         has_image=True,
         words="one camera",

@@ -24,6 +24,7 @@ from spinfilters.models.sensor import (
     Sensor,
     SimulatedStream,
     diagonal_factor,
+    diagonal_places,
     model_over,
     pose_samples,
     row_covariance,
@@ -144,7 +145,7 @@ class PoseSensor(Sensor):
     analysis = AnalysedSensor(
         Pose,
         diagonal_factor(*(0.005,) * 3, *(0.01,) * 3),
-        "pose 0.005 m, 0.01 rad",
+        {"pose_position_std": diagonal_places(6)[:3], "pose_rotation_std": diagonal_places(6)[3:]},
         tells=("t", "a"),
     )
 
@@ -210,7 +211,12 @@ class LidarPosesSensor(PoseSensor):
     name = "lidar-poses"
     format = pose_format(name, "lidar_poses.tum", "lidar")
     model = LidarPose
-    analysis = None
+    analysis = AnalysedSensor(
+        Pose,
+        diagonal_factor(*(0.005,) * 3, *(0.01,) * 3),
+        {"lidar_position_std": diagonal_places(6)[:3], "lidar_rotation_std": diagonal_places(6)[3:]},
+        tells=("t", "a"),
+    )
 
     def initial_motion(
         self, stream: MeasurementStream, noise: SensorNoise, view: CameraView | None

@@ -79,7 +79,7 @@ class StereoSensor(Sensor):
     analysis = AnalysedSensor(
         StereoLandmark,
         (*CALIBRATION, 0.09, 1.0),
-        "stereo 1 px",
+        {"pixel_std": (len(CALIBRATION) + 1,)},
         sees_points=True,
         has_image=True,
         words="a stereo pair",

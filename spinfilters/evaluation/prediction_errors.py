@@ -1,0 +1,186 @@
+"""Errors of a prediction where the truth goes on behind the measurements, with what the prediction states of them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.core.errors import InputError
+from spinfilters.evaluation.consistency import chi_square_band, normalised_errors, rotation_nees
+from spinfilters.evaluation.estimated_motion import trajectory_of
+from spinfilters.evaluation.estimator_evaluation import Evaluation
+from spinfilters.evaluation.trajectory_errors import Alignment, TruthErrors, truth_errors
+from spinfilters.filters.history import EstimateHistory
+from spinfilters.io.truth import Truth, truth_in_moved_frame
+
+UNITS: Final[Mapping[str, str]] = {
+    "position": "m",
+    "attitude": "rad",
+    "velocity": "m/s",
+    "rate": "rad/s",
+}
+"""Of the quantities that have errors."""
+
+
+@dataclass(frozen=True)
+class ErrorCourse:
+    """Errors of one quantity with their stated standard deviations.
+
+    Attributes
+    ----------
+    error, std : (k, 3) float array
+        In the unit that `UNITS` names.
+    """
+
+    error: Float[np.ndarray, "k 3"]
+    std: Float[np.ndarray, "k 3"]
+
+    @property
+    def length(self) -> Float[np.ndarray, " k"]:
+        """Length of the error."""
+        return np.linalg.norm(self.error, axis=1)
+
+    @property
+    def stated(self) -> Float[np.ndarray, " k"]:
+        """Root of the sum of the axes' stated variances, which is the root mean square of the length."""
+        return np.linalg.norm(self.std, axis=1)
+
+
+@dataclass(frozen=True)
+class PredictionErrors:
+    """Prediction minus truth or reference at the stamps of that.
+
+    Attributes
+    ----------
+    judge : str
+        "truth", or the name of the reference.
+    ahead : (k,) float array
+        Time behind the last measurement, s.
+    courses : mapping of str to ErrorCourse
+        By the names of `UNITS`; those that the judge knows.
+    nees : (k,) float array or None
+        Of the whole error; None where the judge does not tell the state, with ``why`` in words.
+    dof : int
+        Dimension of the error in ``nees``.
+    why : str
+        Why there is no NEES; empty where there is one.
+    """
+
+    judge: str
+    ahead: Float[np.ndarray, " k"]
+    courses: Mapping[str, ErrorCourse]
+    nees: Float[np.ndarray, " k"] | None
+    dof: int
+    why: str = ""
+
+    @property
+    def band(self) -> tuple[float, float]:
+        """Interval that holds the NEES per degree of freedom of one prediction at one time with 95 %."""
+        low, high = chi_square_band(self.dof, 1)
+        return float(low) / self.dof, float(high) / self.dof
+
+    @property
+    def ratio(self) -> Float[np.ndarray, " k"] | None:
+        """NEES per degree of freedom, 1 for a consistent prediction."""
+        return None if self.nees is None else self.nees / self.dof
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The errors as prediction.json holds them: at the end, and the largest."""
+        ratio = self.ratio
+        quantities = {
+            name: {
+                "unit": UNITS[name],
+                "end": float(course.length[-1]),
+                "end_std": float(course.stated[-1]),
+                "largest": float(course.length.max()),
+            }
+            for name, course in self.courses.items()
+        }
+        return {
+            "judge": self.judge,
+            "rows": len(self.ahead),
+            "seconds": float(self.ahead[-1]),
+            "errors": quantities,
+            "nees_per_dof_end": None if ratio is None else float(ratio[-1]),
+            "nees_per_dof_mean": None if ratio is None else float(np.mean(ratio)),
+            "nees_dof": None if ratio is None else self.dof,
+            "nees_band_95": None if ratio is None else list(self.band),
+            "nees_missing": self.why or None,
+        }
+
+
+def errors_ahead(predicted: EstimateHistory, evaluation: Evaluation) -> PredictionErrors | None:
+    """Errors of a prediction against the truth of the run that it goes on from.
+
+    The truth is related to the estimate as it was over the measurements: nothing is fitted to what was predicted.
+
+    Parameters
+    ----------
+    predicted : EstimateHistory
+        The last epoch of the run, and what is predicted from it.
+    evaluation : Evaluation
+        Of the run.
+
+    Returns
+    -------
+    PredictionErrors or None
+        None without a truth, or where it has no row at a time that was predicted.
+    """
+    truth = truth_in_frames_of(evaluation)
+    if truth is None or len(predicted.time) < 2 or not (truth.time > predicted.time[0]).any():
+        return None
+    trajectory, now = trajectory_of(predicted), float(predicted.time[0])
+    try:
+        errors = _behind(truth_errors(trajectory, truth), now)
+    except InputError:  # no stamp in common
+        return None
+    if errors is None:
+        return None
+    std = {name: getattr(trajectory, f"std_{name}")[errors.rows] for name in UNITS}
+    courses = {
+        name: ErrorCourse(error, std[name]) for name in UNITS if (error := getattr(errors, name)) is not None
+    }
+    nees, dof = _nees(predicted, truth, evaluation, errors)
+    why = (
+        ""
+        if nees is not None
+        else "the truth does not tell every block of the state in the estimate's frames"
+    )
+    return PredictionErrors("truth", errors.time - now, courses, nees, dof, why)
+
+
+def truth_in_frames_of(evaluation: Evaluation) -> Truth | None:
+    """The truth in the estimate's frames; where a fit relates the frames g, turned as the fit says."""
+    truth, errors = evaluation.truth, evaluation.errors
+    if truth is None or evaluation.alignment is not Alignment.BODY_FRAME:
+        return evaluation.truth_in_own_frames
+    if errors is None or errors.frame is None:
+        return None
+    return truth_in_moved_frame(truth, errors.frame, np.zeros(3))
+
+
+def _behind(errors: TruthErrors, now: float) -> TruthErrors | None:
+    """Errors after the last measurement."""
+    later = errors.time[errors.time > now]
+    return errors.within(float(later[0]), np.inf) if later.size else None
+
+
+def _nees(
+    predicted: EstimateHistory, truth: Truth, evaluation: Evaluation, errors: TruthErrors
+) -> tuple[Float[np.ndarray, " k"] | None, int]:
+    """NEES at the times of the errors, of the state or of rate and mass distribution, as the run itself has it."""
+    if evaluation.nees is not None:
+        found = normalised_errors(predicted, truth)
+    elif evaluation.rotation_nees is not None:
+        found = rotation_nees(predicted, truth)
+    else:
+        found = None
+    if found is None:
+        return None, 0
+    part = found.within(float(errors.time[0]), np.inf)
+    if part is None or len(part.time) != len(errors.time):
+        return None, 0
+    return part.total, part.dof

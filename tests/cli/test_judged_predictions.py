@@ -1,0 +1,65 @@
+"""``compare --predict`` where the truth goes on behind the measurements: errors, deviations and NEES."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from spinfilters.cli.main import main
+from spinfilters.io.text_table import read_csv
+from spinfilters.io.truth import TRUTH_COLUMNS
+from spinfilters.run.predictions import stamps_ahead
+
+pytestmark = pytest.mark.usefixtures("few_figures")
+
+
+def compared(dataset: Path, run: Path, *more: str) -> dict[str, object]:
+    """The estimators of a run on the first ten seconds, and the errors of what it predicts."""
+    asked = ["--estimators", "mekf", "--segment", "0:10", "--predict", "4", "-o", str(run), *more]
+    assert main(["compare", str(dataset), *asked]) == 0
+    return json.loads((run / "prediction.json").read_text())["estimators"]
+
+
+def test_errors_of_a_prediction_are_its_motion_minus_the_truth(recordings: Path, tmp_path: Path) -> None:
+    found = compared(recordings / "stereo-tracks", tmp_path / "run")["mekf"]
+    assert isinstance(found, dict)
+    assert found["rows"] == 8
+    assert found["seconds"] == pytest.approx(4.0)
+    predicted = np.loadtxt(tmp_path / "run" / "mekf" / "prediction.csv", delimiter=",", skiprows=1)
+    truth = read_csv(recordings / "stereo-tracks" / "truth.csv", TRUTH_COLUMNS).values
+    row = np.argmin(np.abs(truth[:, 0] - 14.0))
+    off = np.linalg.norm(predicted[-1, 1:4] - truth[row, 1:4])
+    assert found["errors"]["position"]["end"] == pytest.approx(off, rel=1e-6)
+    assert found["nees_dof"] == 20
+    low, high = found["nees_band_95"]
+    assert 0.5 * low < found["nees_per_dof_end"] < 2.0 * high
+    assert (tmp_path / "run" / "prediction-errors.png").stat().st_size > 10_000
+
+
+def test_a_finished_run_gets_the_errors_of_another_prediction(recordings: Path, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    first = compared(recordings / "unmapped", run)
+    assert compared(recordings / "unmapped", run, "--resume") == first
+
+
+def test_a_gyro_is_judged_by_rate_and_mass_distribution(recordings: Path, tmp_path: Path) -> None:
+    found = compared(recordings / "gyro", tmp_path / "run")["mekf"]
+    assert isinstance(found, dict)
+    assert set(found["errors"]) == {"attitude", "rate"}
+    assert found["nees_dof"] == 8
+
+
+def test_without_a_truth_behind_the_measurements_nothing_is_judged(recordings: Path, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    asked = ["--estimators", "mekf", "--predict", "4", "-o", str(run)]
+    assert main(["compare", str(recordings / "gyro"), *asked]) == 0
+    assert json.loads((run / "prediction.json").read_text())["estimators"] == {}
+    assert not (run / "prediction-errors.png").exists()
+    assert not (run / "mekf" / "prediction_errors.csv").exists()
+
+
+def test_a_prediction_stops_at_every_stamp_of_the_truth_once() -> None:
+    time = np.arange(0.0, 5.1, 0.5)
+    truth = np.r_[time, 5.5 + 1e-7, 5.7, 6.0 - 1e-7, 9.0]
+    np.testing.assert_allclose(stamps_ahead(time, 1.5, truth), [0.5, 0.7, 1.0, 1.5], atol=1e-6)
