@@ -95,12 +95,16 @@ def _panel_files(figure: Figure, name: str, style: PrintStyle) -> Iterator[tuple
     figure.suptitle("")
     for axes in panels:
         _show_own_labels(axes)
+    if style.width_mm is not None and panels:
+        for _ in range(PASSES):
+            figure.canvas.draw()
+            factor = style.width_mm / INCH_MM / max(_box(figure, axes).width for axes in panels)
+            figure.set_size_inches(*(factor * side for side in figure.get_size_inches()))
+    figure.canvas.draw()
+    figure.set_layout_engine(
+        "none"
+    )  # panels stay where they are: a layout anew for each would take most of the time
     for number, axes in enumerate(panels, start=1):
-        if style.width_mm is not None:
-            for _ in range(PASSES):
-                width = _box(figure, axes).width
-                factor = style.width_mm / INCH_MM / width
-                figure.set_size_inches(*(factor * side for side in figure.get_size_inches()))
         box = _box(figure, axes)
         if style.width_mm is not None:  # letters keep their size: what is left over is margin
             missing = style.width_mm / INCH_MM - box.width
@@ -114,7 +118,6 @@ def _panel_files(figure: Figure, name: str, style: PrintStyle) -> Iterator[tuple
 
 def _box(figure: Figure, axes: Axes) -> Bbox:
     """Box of a panel with its letters and colour bars, inches, in the present layout."""
-    figure.canvas.draw()
     boxes = [each.get_tightbbox() for each in (axes, *_colour_bars(axes))]
     return Bbox.union([_inches(figure, box) for box in boxes if box is not None]).padded(MARGIN_INCHES)
 

@@ -9,9 +9,11 @@ from spinfilters.reproduction.decoust.simulated_scans import SIMULATED_SCANS, ST
 from spinfilters.reproduction.decoust.snapshots import SNAPSHOTS
 from spinfilters.reproduction.item import Item
 from spinfilters.reproduction.tweddle.camera_checkout import CAMERA_CHECKOUT
+from spinfilters.reproduction.tweddle.comparative_studies import COMPARATIVE_STUDIES
 from spinfilters.reproduction.tweddle.final_deviations import FINAL_DEVIATIONS
 from spinfilters.reproduction.tweddle.inertia_observability import INERTIA_OBSERVABILITY
 from spinfilters.reproduction.tweddle.metrology_comparison import METROLOGY_COMPARISON
+from spinfilters.reproduction.tweddle.metrology_courses import METROLOGY_COURSES
 from spinfilters.reproduction.tweddle.noise_and_charts import NOISE_AND_CHARTS
 from spinfilters.reproduction.tweddle.polhodes import POLHODES
 from spinfilters.reproduction.tweddle.reference_inertia import REFERENCE_INERTIA
@@ -30,10 +32,12 @@ ITEMS: Final[tuple[Item, ...]] = (
     *CONDITIONING,
     STEREO_RIG,
     *CAMERA_CHECKOUT,
+    *METROLOGY_COURSES,
     *REFERENCE_INERTIA,
     *METROLOGY_COMPARISON,
     *CONVERGENCE,
     FINAL_DEVIATIONS,
+    *COMPARATIVE_STUDIES,
     *SIMULATED_SCANS,
     *PARAMETER_INFLUENCE,
     *PROCESSED_CLOUDS,

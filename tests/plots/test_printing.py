@@ -7,9 +7,12 @@ import pytest
 from matplotlib.figure import Figure
 
 from spinfilters.core.errors import InputError
+from spinfilters.plots.figures import FigureData, drawn_figure, figure_names
 from spinfilters.plots.printing import INCH_MM, PrintStyle, figure_panels, printed_figure
 from spinfilters.plots.style import AXIS_COLOURS, estimator_lines
 from spinfilters.settings.run_settings import estimator_names
+from spinfilters.simulation.scenario import Scenario, simulate
+from tests.plots.run_samples import full_runs
 
 
 def drawn() -> Figure:
@@ -60,3 +63,12 @@ def test_a_width_that_is_none_is_refused(width: float) -> None:
 def test_axes_and_estimators_never_share_a_colour() -> None:
     names = estimator_names()
     assert not {line.color for line in estimator_lines(names)} & set(AXIS_COLOURS)
+
+
+def test_no_two_panels_of_a_figure_share_a_title() -> None:
+    runs = full_runs()
+    shown = FigureData(simulate(Scenario.simplified(kind="pose", epochs=20)), runs.with_truth, None)
+    for name in figure_names(shown):
+        figure = drawn_figure(shown, name)
+        titles = [axes.get_title(loc="left") or axes.get_title() for axes in figure_panels(figure)]
+        assert len(set(titles)) == len(titles), name
