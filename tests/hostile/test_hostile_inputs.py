@@ -1,4 +1,4 @@
-"""A seeded sample of the hostile inputs; all are ``python -m tests.hostile.malformed``, ``.attacks``, ``.fuzz``, ``.containers``."""
+"""A seeded sample of the hostile inputs; whole lists: ``python -m tests.hostile.malformed``, ``.attacks``, ``.containers`` and so on."""
 
 from pathlib import Path
 
