@@ -276,7 +276,7 @@ class _Search:
         fields = NullFields(part, orders, self._count, self._field, self._random, INTERPOLATION_SECONDS)
         still = [name for name in part.states if part.model.rates[name].is_zero()]
         for found in rational_fields(fields, frozenset((*part.constants, *still)), self._weights):
-            generator = _whole(found, self._field.prime)
+            generator = as_generator(found, self._field.prime)
             if generator is not None:
                 self._take(generator)
             if not self.missing:
@@ -401,7 +401,7 @@ def combined(fields: Sequence[Generator], weights: Num[np.ndarray, " n"], prime:
     return Generator({term: value for term, value in terms.items() if value})
 
 
-def _whole(components: dict[str, Polynomial], prime: int) -> Generator | None:
+def as_generator(components: dict[str, Polynomial], prime: int) -> Generator | None:
     """A field of residues in coprime integers."""
     pairs = [
         (Term(name, factors), value) for name, each in components.items() for factors, value in each.items()

@@ -11,6 +11,7 @@ from typing import Final
 import casadi as ca
 
 from observability.invariant_manifold import vanishes
+from observability.lie_derivatives import derivative_along
 from observability.model import Model
 from observability.model_rank import exact_rank, reached
 
@@ -140,19 +141,16 @@ class _Inversion:
 
     def _derivative(self, expression: ca.SX) -> ca.SX:
         """D of an expression; derivatives of known inputs are further known inputs."""
-        total = ca.SX(0)
+        rates = {}
         for symbol in ca.symvar(expression):
             name = symbol.name()
             if name in self._model.states:
-                rate = self._without(self._model.rates[name])
+                rates[name] = self._without(self._model.rates[name])
             elif name in self._inputs:
                 if name not in self._derivatives:
                     self._derivatives[name] = self._new_input(f"d_{name}")
-                rate = self._derivatives[name]
-            else:
-                continue
-            total += ca.jacobian(expression, symbol) * rate
-        return total
+                rates[name] = self._derivatives[name]
+        return derivative_along(expression, rates)
 
     def _new_input(self, name: str) -> ca.SX:
         while name in self._model.symbols or name in self._inputs:

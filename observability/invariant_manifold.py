@@ -20,7 +20,7 @@ def staying(model: Model, values: Mapping[str, Fraction]) -> dict[str, Fraction]
     """The largest set of states at these values whose rates are 0 there, whatever all other symbols are."""
     found = {name: value for name, value in values.items() if name in model.states}
     while found:
-        rates = [_at(model.rates[name], model, found) for name in found]
+        rates = [at_values(model.rates[name], model, found) for name in found]
         moves = [name for name, rate in zip(found, rates, strict=True) if not vanishes(rate)]
         if not moves:
             break
@@ -34,8 +34,8 @@ def restricted(model: Model, values: Mapping[str, Fraction]) -> Model:
     return replace(
         model,
         states=states,
-        rates={name: _at(model.rates[name], model, values) for name in states},
-        outputs={name: _at(each, model, values) for name, each in model.outputs.items()},
+        rates={name: at_values(model.rates[name], model, values) for name in states},
+        outputs={name: at_values(each, model, values) for name, each in model.outputs.items()},
         known_initial_values={
             name: each for name, each in model.known_initial_values.items() if name not in values
         },
@@ -50,7 +50,7 @@ def known_numbers(model: Model) -> dict[str, Fraction]:
     }
 
 
-def _at(expression: ca.SX, model: Model, values: Mapping[str, Fraction]) -> ca.SX:
+def at_values(expression: ca.SX, model: Model, values: Mapping[str, Fraction]) -> ca.SX:
     """An expression with numbers for states."""
     names = list(values)
     symbols = ca.vertcat(*[model.symbols[name] for name in names])

@@ -14,8 +14,12 @@ from observability.discrete_symmetries import DiscreteSearch, discrete_symmetrie
 from observability.generators import Generator, named_directions
 from observability.input_inversion import InvertedModel, invert
 from observability.invariant_manifold import known_numbers, restricted, staying
+from observability.invariants import InvariantSet, Reparametrisation, invariants, reparametrised
+from observability.lie_derivatives import ObservabilityMatrix, observability_matrix
 from observability.model import Model, model_of
 from observability.model_rank import ExactRank, reached
+from observability.null_vectors import RationalNullSpace, rational_null_space, symbolic_null_vectors
+from observability.other_solutions import NOT_SEARCHED, OtherSolutions, other_solutions
 from spinfilters.core.errors import InputError
 
 LARGEST_FILE: Final = 1_000_000
@@ -128,11 +132,62 @@ class ModelAnalysis:
         return tuple(named_directions(self.core))
 
     @cached_property
+    def invariants(self) -> InvariantSet:
+        """What is determined of the unknowns that are not, such as J2/J1."""
+        fixed = self.reparametrisation.fixed if self.reparametrisation else ()
+        return invariants(self.symmetries, self.model.unknowns, tuple(fixed))
+
+    @cached_property
+    def reparametrisation(self) -> Reparametrisation | None:
+        """A minimal model with the same outputs, where all directions are scalings and translations."""
+        known = len(self.symmetries) == self.null_dimension
+        return reparametrised(self.core, self.symmetries) if known else None
+
+    @cached_property
+    def null_vectors(self) -> RationalNullSpace | None:
+        """Null vectors at a point of small integers; None with functions that have no rational values there."""
+        return None if self.core.discrete else rational_null_space(reached(self.core), self.exact)
+
+    @cached_property
+    def symbolic_null_vectors(self) -> list[dict[str, str]]:
+        """Null vectors as formulas."""
+        if self.core.discrete:
+            return []
+        return symbolic_null_vectors(self.core, self.exact, self.symmetries, reached(self.core))
+
+    def observability_matrix(self, orders: int | None = None) -> ObservabilityMatrix:
+        """Lie derivatives and their gradients as formulas, of as many orders as reach the rank unless it is said.
+
+        Raises
+        ------
+        InputError
+            In discrete time, and where a formula becomes too long.
+        """
+        if self.core.discrete:
+            raise InputError(f"{self.model.name}: Lie derivatives are of models in continuous time")
+        return observability_matrix(self.core, self.order + 1 if orders is None else orders)
+
+    @cached_property
     def other_solutions(self) -> DiscreteSearch:
         """Isolated other solutions: unknowns mirrored or exchanged."""
         if self.core.discrete:
             return DiscreteSearch((), False)
         return discrete_symmetries(reached(self.core), self.symmetries)
+
+    @cached_property
+    def isolated_solutions(self) -> OtherSolutions:
+        """Other values of the unknowns with the same outputs, searched for at a random point; takes some seconds.
+
+        Where not all unknowns are observable, they are those of the smallest model with the same outputs (`reparametrisation`).
+        """
+        if self.core.discrete:
+            return NOT_SEARCHED
+        if self.null_dimension == 0:
+            return other_solutions(reached(self.core), self.exact)
+        if self.reparametrisation is None:
+            return NOT_SEARCHED
+        part = reached(self.reparametrisation.model)
+        return other_solutions(part, outputs_rank(part))
 
     @cached_property
     def proof(self) -> ModelProof:
@@ -174,6 +229,11 @@ class ModelAnalysis:
         if self.unreached:
             lines.append(f"No output depends on {', '.join(self.unreached)}.")
         lines += [f"No output notices {each} ({each.kind})." for each in self.symmetries]
+        if self.invariants.found:
+            others = "" if self.invariants.complete else ", among others"
+            lines.append(f"Determined of them{others}: {self.invariants}.")
+        if self.reparametrisation is not None:
+            lines.append(f"{self.reparametrisation}.")
         unnamed = self.null_dimension - len(self.symmetries)
         if unnamed:
             lines.append(f"{unnamed} direction{'s' if unnamed > 1 else ''} without a closed form.")
@@ -223,6 +283,21 @@ class ModelAnalysis:
         text = "".join(f"<p>{escape(line)}</p>" for line in self.sentences)
         return f"{text}<table><tr><th>unknown</th><th></th></tr>{rows}</table>"
 
+    def symbols_in_words(self) -> str:
+        """Null vectors in rationals and as formulas, then Lie derivatives with their gradients.
+
+        Raises
+        ------
+        InputError
+            Where a formula becomes too long.
+        """
+        lines = []
+        if self.null_vectors is not None and self.null_vectors.vectors:
+            lines += ["Null vectors.", str(self.null_vectors)]
+        for each in self.symbolic_null_vectors:
+            lines.append("Null vector: " + ", ".join(f"{name} {text}" for name, text in each.items()) + ".")
+        return "\n".join([*lines, "Lie derivatives of the outputs.", str(self.observability_matrix())])
+
     def document(self) -> dict[str, Any]:
         """The analysis for JSON."""
         return {
@@ -234,6 +309,11 @@ class ModelAnalysis:
             "observable": self.observable,
             "not_reached": list(self.unreached),
             "generators": [each.components for each in self.symmetries],
+            "null_vectors": self.null_vectors.document() if self.null_vectors else None,
+            "symbolic_null_vectors": self.symbolic_null_vectors,
+            "invariants": [str(each) for each in self.invariants.found],
+            "invariants_complete": self.invariants.complete,
+            "reparametrisation": self.reparametrisation.document() if self.reparametrisation else None,
             "other_solutions": [str(each) for each in self.other_solutions.found],
             "other_solutions_complete": self.other_solutions.complete,
             "generic_rank": self.generic_rank,

@@ -89,14 +89,15 @@ class ModelBound:
 
     @cached_property
     def prior_only(self) -> list[dict[str, float]]:
-        """Directions of the unknowns at the first time, in deviations of the priors (1 where there is none), hardly improved.
+        """Directions of the unknowns at the first time, in deviations of the priors (without one, of the value), hardly improved.
 
         A direction of information p of the prior and d of the data keeps the share sqrt(p / (p + d)); priors ten times as wide show
         the share (`WIDENING`). Without a prior, a direction of no information.
         """
         free = self.experiment.free
         names = [self.names[k] for k in free]
-        scale = np.array([self.priors.get(name, 1.0) for name in names])
+        values = dict(zip(self.names, self.experiment.start().tolist(), strict=True))
+        scale = np.array([self.priors.get(name, abs(values[name]) or 1.0) for name in names])
         narrow, wide = (
             root[:, free] * scale
             for root in (
@@ -161,8 +162,10 @@ class ModelBound:
         ]
         for name, value in self.final.items():
             lines.append(f"  {name:20} {value:.4g}" if np.isfinite(value) else f"  {name:20} not determined")
-        unit = ", in deviations of the priors" if self.priors else ""
         for each in self.prior_only:
+            stated = [name in self.priors for name in each]
+            unit = ", relative to the values" if not any(stated) else ", in deviations of the priors"
+            unit += "" if all(stated) or not any(stated) else " or else of the values"
             words = " ".join(f"{part:+.3g} {name}" for name, part in each.items())
             lines.append(f"Not determined by the measurements{unit}: {words}.")
         for name, rate in self.aliased.items():

@@ -270,11 +270,17 @@ class Experiment:
             z, transition, noise = self.advance(z, transition, noise, *given)
         return z, transition, noise
 
-    def following(self, z: Float[np.ndarray, "*b n"], first: float, last: float) -> Float[np.ndarray, "*b n"]:
-        """z at the next time, of one start or of several at once."""
+    def following(
+        self,
+        z: Float[np.ndarray, "*b n"],
+        first: float,
+        last: float,
+        about: Float[np.ndarray, " n"] | None = None,
+    ) -> Float[np.ndarray, "*b n"]:
+        """z at the next time, of one start or of several at once, in the steps that a state needs (by default the first)."""
         if self.model.discrete:
             return self.rates(z, self.input_values(first), self.constants)[0]
-        for given in self._given(z.reshape(-1, z.shape[-1])[0], first, last):
+        for given in self._given(z.reshape(-1, z.shape[-1])[0] if about is None else about, first, last):
             (z,) = self.moved(z, *given)
         return z
 
@@ -326,7 +332,7 @@ class Experiment:
             z[:, known] = self.known_start(z, self.constants)[0]
         for k, time in enumerate(self.times.tolist()):
             if k:
-                z = self.following(z, float(self.times[k - 1]), time)
+                z = self.following(z, float(self.times[k - 1]), time, self.course.values[k - 1])
             outputs, _ = self.sensing(z, self.input_values(time), self.constants)
             found += [outputs[:, index] / deviation for index, deviation in self.measured(k)]
         return np.stack(found, axis=1)

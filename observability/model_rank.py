@@ -30,6 +30,8 @@ MOST_PRIMES = 400
 """Primes tried for values that are given and cannot be drawn."""
 MOST_POINTS = 20_000
 """Points drawn at once, at most."""
+LARGEST_INPUT = 1 << 30
+"""Of the integers drawn as derivatives of inputs: below all primes, so that they are the same modulo each."""
 SIEVED = 1 << 18
 """Numbers q below 2^29 among which primes are looked for."""
 
@@ -374,6 +376,14 @@ def output_rows(
     part: ReachedModel, point: DrawnPoint, orders: int, generator: np.random.Generator
 ) -> Iterator[Num[np.ndarray, "r b n"]]:
     """Gradients of the outputs' Taylor coefficients at every point, order by order, by unknowns, then jets of unknown inputs."""
+    for found in output_coefficients(part, point, orders, generator):
+        yield found[..., 1:]
+
+
+def output_coefficients(
+    part: ReachedModel, point: DrawnPoint, orders: int, generator: np.random.Generator
+) -> Iterator[Num[np.ndarray, "r b n"]]:
+    """The outputs' Taylor coefficients at every point, order by order, each value before its gradient."""
     field, states, unknown = point.field, len(part.states), len(part.unknown_inputs)
     width = 1 + len(part.unknowns) + unknown * (orders - 1)
     series = Series(part.tape, point.decisions, field, (orders, point.count, width))
@@ -383,7 +393,7 @@ def output_rows(
         for index, given in _given(part, point, order, width, generator):
             series.put(index, order, given)
         found = series.advance(order)
-        yield found[states:, :, 1:]
+        yield found[states:]
         state = field.product(found[:states], field.numbers([Fraction(1, order + 1)]))
 
 
@@ -406,7 +416,7 @@ def _given(
     for index in (2, 3):
         count = len(part.groups[index])
         values = np.zeros((count, point.count, width), dtype=np.uint64)
-        values[..., 0] = generator.integers(0, point.field.prime, (count, point.count), dtype=np.uint64)
+        values[..., 0] = generator.integers(0, LARGEST_INPUT, (count, point.count), dtype=np.uint64)
         if index == 3:
             jets = 1 + len(part.unknowns) + (order - 1) * count + np.arange(count)
             values[np.arange(count), :, jets] = 1

@@ -1,6 +1,6 @@
 """Null vectors of a model at any points of a prime field, many at once, normalised at some unknowns."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from dataclasses import field as dataclass_field
 from time import monotonic
@@ -11,6 +11,7 @@ from jaxtyping import Bool, Num
 from observability.exact_numbers import PrimeField
 from observability.function_values import BranchDecisions, Residues, function_values
 from observability.model_rank import DrawnPoint, ReachedModel, output_rows
+from observability.monomials import Values
 from observability.power_series import Series
 from observability.residue_matrices import null_vectors, reduce_columns
 from observability.tape import PIECEWISE, TRANSCENDENTAL
@@ -55,7 +56,7 @@ class NullFields:
             name: self.random.integers(1, self.field.prime, count, dtype=np.uint64) for name in self.names
         }
 
-    def at(self, values: Mapping[str, Num[np.ndarray, " b"]]) -> Num[np.ndarray, "b d n"]:
+    def at(self, values: Values) -> Num[np.ndarray, "b d n"]:
         """Bases of the null spaces, a row each; 0 where the point is singular or special.
 
         Raises
@@ -73,20 +74,12 @@ class NullFields:
             found[first : first + step] = self._chunk(chunk)
         return found
 
-    def _chunk(self, values: Mapping[str, Num[np.ndarray, " b"]]) -> Num[np.ndarray, "b d n"]:
-        part, field = self.part, self.field
-        count = len(next(iter(values.values())))
-        groups = []
-        for names in part.groups:
-            rows = np.array([values[name] for name in names], dtype=np.uint64).reshape(len(names), count)
-            groups.append(Residues(rows, np.ones_like(rows)))
-        good = function_values(part.tape, field, groups, {}).regular
+    def _chunk(self, values: Values) -> Num[np.ndarray, "b d n"]:
+        part, field, count = self.part, self.field, len(next(iter(values.values())))
         result = np.zeros((count, self.dimension, len(part.unknowns)), dtype=np.uint64)
+        point, good = point_at(part, values, field)
         if not good.any():
             return result
-        kept = tuple(Residues(each.p[:, good], each.q[:, good]) for each in groups)
-        nothing = BranchDecisions({}, {})
-        point = DrawnPoint(field, kept, nothing, nothing)
         rows = np.concatenate(list(output_rows(part, point, self.orders, self.random))).transpose(1, 0, 2)
         reduced = reduce_columns(rows, len(part.unknowns), field)
         full = reduced.rank == len(part.unknowns) - self.dimension
@@ -111,7 +104,7 @@ class NullFields:
         result[items] = rows[:, :, np.argsort(ordered)]
         return result, good
 
-    def rates(self, values: Mapping[str, Num[np.ndarray, " b"]]) -> Num[np.ndarray, "r b m"]:
+    def rates(self, values: Values) -> Num[np.ndarray, "r b m"]:
         """Rates of all states, value first, then their gradient by the unknowns."""
         part = self.part
         count, width = len(next(iter(values.values()))), 1 + len(part.unknowns)
@@ -124,6 +117,21 @@ class NullFields:
                     given[k, :, 1 + part.unknowns.index(name)] = 1
             series.put(index, 0, given)
         return series.advance(0)[: len(part.states)]
+
+
+def point_at(
+    part: ReachedModel, values: Values, field: PrimeField
+) -> tuple[DrawnPoint, Bool[np.ndarray, " b"]]:
+    """Given values of all symbols as points of a model without functions other than roots of 1, and which of them are regular."""
+    count = len(next(iter(values.values())))
+    groups = []
+    for names in part.groups:
+        rows = np.array([values[name] for name in names], dtype=np.uint64).reshape(len(names), count)
+        groups.append(Residues(rows, np.ones_like(rows)))
+    good = function_values(part.tape, field, groups, {}).regular
+    kept = tuple(Residues(each.p[:, good], each.q[:, good]) for each in groups)
+    nothing = BranchDecisions({}, {})
+    return DrawnPoint(field, kept, nothing, nothing), good
 
 
 def is_rational(part: ReachedModel) -> bool:

@@ -40,6 +40,7 @@ from spinfilters.run.run_folder import (
     MODEL_FILE,
     PREDICTION_ERRORS_PICTURE,
     PREDICTION_PICTURE,
+    RACE_PICTURE,
     RECONSTRUCTION_FILE,
     RECONSTRUCTION_FOLDER,
     REPORT_FILE,
@@ -190,6 +191,7 @@ def _pictures(figure_data: FigureData, folder: Path) -> Iterator[str]:
         PREDICTION_PICTURE: "Predicted motion.",
         PREDICTION_ERRORS_PICTURE: "Predicted minus true motion.",
     }
+    captions |= {RACE_PICTURE: "Several inertias from the last state."}
     captions |= {CONVERGENCE_PICTURE: "How estimates settle."}
     for name in names:
         values, differences = reference_pictures(name)

@@ -13,12 +13,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from vision.board_images import drawn_poses, write_board_images
 
 from spinfilters.cli.main import main, parser
 from spinfilters.io.dataset_folder import write_dataset
 from spinfilters.lidar.mesh import TriangleMesh, box
 from spinfilters.plots import style
+from spinfilters.simulation.board_images import drawn_poses, write_board_images
 from spinfilters.simulation.image_recordings import ImageScenario, example_rig, render
 from spinfilters.simulation.image_sequence import Imaging
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate

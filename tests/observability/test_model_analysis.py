@@ -114,6 +114,31 @@ def test_the_command_writes_what_it_prints(
     assert json.loads((folder / "observability.json").read_text())["rank"] == 4
 
 
+def test_the_command_prints_formulas_on_demand(
+    spring: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "found"
+    assert main(["observe", str(spring), "--symbols", "-o", str(folder)]) == 0
+    assert "L2 y = -(d*v + k*x)/m" in capsys.readouterr().out
+    document = json.loads((folder / "observability.json").read_text())
+    assert document["observability_matrix"]["rows"][1]["gradient"] == {"v": "1"}
+    assert document["symbolic_null_vectors"] == [{"k": "k/d", "m": "m/d", "d": "1"}]
+    assert document["reparametrisation"]["equations"]["v"] == "-d*v - k*x"
+    assert main(["observe", "--symbols", "-o", str(tmp_path / "body")]) == 2
+    assert "give a model's file" in capsys.readouterr().err
+
+
+def test_the_command_searches_other_solutions_on_demand(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "decay.toml"
+    path.write_text('states = ["x"]\nparameters = ["k"]\n[equations]\nx = "-k**2*x"\n[outputs]\ny = "x"\n')
+    assert main(["observe", str(path), "--solutions", "-o", str(tmp_path / "found")]) == 0
+    assert "Another solution: where k = " in capsys.readouterr().out
+    document = json.loads((tmp_path / "found" / "observability.json").read_text())
+    assert document["isolated_solutions"]["ambiguous"] == ["k"]
+
+
 @pytest.mark.parametrize(
     ("name", "text", "words"),
     [
