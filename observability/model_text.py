@@ -141,7 +141,7 @@ class _Formula:
             other = self._signed()
             if sign == "/" and other.is_zero():
                 raise self._wrong("something is divided by 0")
-            result = self._finite(result * other if sign == "*" else result / other)
+            result = self._finite(result * other if sign == "*" else result / other, "a product")
         return result
 
     def _signed(self) -> ca.SX:
@@ -159,7 +159,7 @@ class _Formula:
                 raise self._wrong(f"more than {DEEPEST} powers lie within one another")
             exponent = self._signed()
             self._depth -= 1
-            return self._finite(base**exponent)
+            return self._finite(base**exponent, "a power")
         return base
 
     def _atom(self) -> ca.SX:
@@ -203,13 +203,12 @@ class _Formula:
             raise self._wrong(
                 f"{word} takes {count} argument{'s' if count > 1 else ''}, got {len(arguments)}"
             )
-        return self._finite(function(*arguments))
+        return self._finite(function(*arguments), word)
 
-    def _finite(self, result: ca.SX) -> ca.SX:
-        """The result unless it is a number that is not finite."""
-        if result.is_constant() and not math.isfinite(float(result)):
-            raise self._wrong(f"a part of it is {float(result)}; give an expression whose numbers are finite")
-        return result
+    def _finite(self, value: ca.SX, what: str) -> ca.SX:
+        if value.is_constant() and not math.isfinite(float(value)):
+            raise self._wrong(f"{what} has no finite value here; change its argument")
+        return value
 
     def _close(self) -> None:
         if not self._take(")"):

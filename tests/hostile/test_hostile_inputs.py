@@ -1,4 +1,4 @@
-"""A seeded sample of the hostile inputs; whole lists: ``python -m tests.hostile.malformed``, ``.attacks``, ``.containers`` and so on."""
+"""A seeded sample of the hostile inputs; whole lists: ``python -m tests.hostile.malformed``, ``.attacks``, ``.containers``."""
 
 from pathlib import Path
 
