@@ -444,6 +444,7 @@ def compare(
     reference: str | os.PathLike[str] | None = None,
     reference_shares: Sequence[str] = (),
     reference_inspector: str | os.PathLike[str] | None = None,
+    race: Sequence[str] = (),
     no_figures: bool = False,
     verdict: str | None = None,
     belief: Mapping[str, Any] | None = None,
@@ -484,6 +485,8 @@ def compare(
         mass.
     reference_inspector : str, os.PathLike or None
         File of the inspector's poses from the same instrument as ``reference``, which is then seen from the inspector.
+    race : sequence of str
+        Estimators, "truth" or TOML files whose inertias are propagated from the last state, with ``predict``.
     no_figures : bool
         Whether to write the numbers alone into ``output``, without pictures and page.
     verdict : str or None
@@ -519,11 +522,12 @@ def compare(
         reference=None if reference is None else os.fspath(reference),
         reference_shares=tuple(reference_shares),
         reference_inspector=None if reference_inspector is None else os.fspath(reference_inspector),
+        race=tuple(race),
     )
     if output is None:
         if resume or how.optional_outputs is not None:
             raise InputError(
-                "resume, predict, convergence, explain and reference work in a run folder; give output"
+                "resume, predict, convergence, explain, reference and race work in a run folder; give output"
             )
         comparison = _whole(compare_dataset(dataset, chosen, progress), None)
         return Run.from_comparison(comparison, chosen, summary(comparison))

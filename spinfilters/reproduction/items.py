@@ -15,6 +15,7 @@ from spinfilters.reproduction.tweddle.final_deviations import FINAL_DEVIATIONS
 from spinfilters.reproduction.tweddle.inertia_observability import INERTIA_OBSERVABILITY
 from spinfilters.reproduction.tweddle.mapped_body import MAPPED_BODY
 from spinfilters.reproduction.tweddle.metrology_comparison import METROLOGY_COMPARISON
+from spinfilters.reproduction.tweddle.metrology_courses import METROLOGY_COURSES
 from spinfilters.reproduction.tweddle.noise_and_charts import NOISE_AND_CHARTS
 from spinfilters.reproduction.tweddle.polhodes import POLHODES
 from spinfilters.reproduction.tweddle.reference_inertia import REFERENCE_INERTIA
@@ -33,6 +34,7 @@ ITEMS: Final[tuple[Item, ...]] = (
     *CONDITIONING,
     STEREO_RIG,
     *CAMERA_CHECKOUT,
+    *METROLOGY_COURSES,
     *REFERENCE_INERTIA,
     *METROLOGY_COMPARISON,
     *MAPPED_BODY,

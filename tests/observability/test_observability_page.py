@@ -15,7 +15,7 @@ def test_the_examples_of_the_page_print_what_is_shown(capsys: pytest.CaptureFixt
     pairs = re.findall(
         r"```python\n(.*?)```\n+(?:[^`\n][^\n]*\n+)*```text\n(.*?)```", PAGE.read_text(), re.DOTALL
     )
-    assert len(pairs) == 7
+    assert len(pairs) == 8
     for program, shown in pairs:
         exec(compile(program, PAGE.name, "exec"), names)
         assert capsys.readouterr().out == shown

@@ -26,7 +26,7 @@ CAMERA_AXES: Final = (
     "x, y, z of the camera's axes at the first epoch (x right, y down, z forward); in every chart"
 )
 
-MODEL_OPTIONS: Final = ("model", "output", "execute", "symbols")
+MODEL_OPTIONS: Final = ("model", "output", "execute", "symbols", "solutions")
 """Options that a model's file goes with; all others are of a tumbling body."""
 RECORDING_OPTIONS: Final = ("recording", "segment", "config", "set", "output")
 """Options that a recording goes with; all others are of a motion that is asked for."""
@@ -59,6 +59,10 @@ class ObserveCommandArguments(ObserveArguments):
     symbols: Annotated[
         bool,
         Argument("of your own equations: also Lie derivatives, their gradients and null vectors as formulas"),
+    ] = False
+    solutions: Annotated[
+        bool,
+        Argument("of your own equations: also search for other values of the unknowns with the same outputs"),
     ] = False
     execute: Annotated[
         bool,
@@ -122,8 +126,8 @@ def observe(options: ObserveCommandArguments) -> int:
         raise InputError(
             "--execute runs a model's program; give it, as in: spinfilters observe model.py --execute"
         )
-    if options.symbols:
-        raise InputError("--symbols prints formulas of your own equations; give a model's file")
+    if options.symbols or options.solutions:
+        raise InputError("--symbols and --solutions are of your own equations; give a model's file")
     from spinfilters.cli.console import wide_console
     from spinfilters.io.output_files import output_folder, refuse_foreign
 
@@ -160,7 +164,7 @@ def _observe_model(options: ObserveCommandArguments, model: str) -> int:
     found = analyse(document, name=path.name)
     stated = stated_bound(document, path.name, path.parent)
     with output_folder(folder, COMMAND.name) as place:
-        text = _write_model(found, stated, options.symbols, place)
+        text = _write_model(found, stated, options, place)
     wide_console().print(f"{text}\nwritten to {folder}", highlight=False, markup=False, soft_wrap=True)
     return 0
 
@@ -206,7 +210,9 @@ def _program(path: Path) -> Mapping[str, Any]:
     return document
 
 
-def _write_model(found: "ModelAnalysis", stated: "StatedBound | None", symbols: bool, folder: Path) -> str:
+def _write_model(
+    found: "ModelAnalysis", stated: "StatedBound | None", options: ObserveCommandArguments, folder: Path
+) -> str:
     """Everything about a model; the text."""
     from html import escape
 
@@ -220,7 +226,11 @@ def _write_model(found: "ModelAnalysis", stated: "StatedBound | None", symbols: 
         found.document(),
         {"Observability": found._repr_html_()},
     )
-    if symbols:
+    if options.solutions:
+        lines += found.isolated_solutions.sentences
+        document["isolated_solutions"] = found.isolated_solutions.document()
+        sections["Other solutions"] = f"<p>{escape(' '.join(found.isolated_solutions.sentences))}</p>"
+    if options.symbols:
         formulas = found.symbols_in_words()
         lines += ["", formulas]
         document["observability_matrix"] = found.observability_matrix().document()
