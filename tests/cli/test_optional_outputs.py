@@ -11,7 +11,7 @@ from spinfilters.evaluation.estimated_motion import TRAJECTORY_COLUMNS
 from spinfilters.filters.ekf import MultiplicativeEkf
 from spinfilters.filters.estimator import Measurement, UpdateReport
 from spinfilters.io.text_table import read_csv
-from spinfilters.run import filter_entries as mekf
+from spinfilters.run import estimators as mekf
 from spinfilters.run.array_files import read_arrays
 from tests.cli.faults import refusal
 

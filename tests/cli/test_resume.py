@@ -15,7 +15,7 @@ from spinfilters.filters.ekf import MultiplicativeEkf
 from spinfilters.inference.setup import Setup
 from spinfilters.io.dataset_folder import write_dataset
 from spinfilters.run import comparison_run
-from spinfilters.run import filter_entries as mekf
+from spinfilters.run import estimators as mekf
 from spinfilters.run.checkpoints import CHECKPOINT_FILE, CheckpointInterval, checkpoint_stores
 from spinfilters.run.estimation import Comparison, compare_estimators
 from spinfilters.settings.run_settings import Settings
