@@ -16,11 +16,10 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
-from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from experiments.command_line import run_study
-from spinfilters.core.attitude_conversions import matrix_from_quaternion
+from spinfilters.core.attitude_conversions import matrix_from_quaternion, unit_quaternion
 from spinfilters.core.conventions import RPM
 from spinfilters.evaluation.consistency import true_states
 from spinfilters.evaluation.estimator_evaluation import Evaluation
@@ -108,7 +107,7 @@ def scans_of(
     mesh: TriangleMesh, scanner: Scanner, rate: np.ndarray, seed: int, noise: ProcessNoise
 ) -> Dataset:
     """Sixty scans at 1 Hz, from an attitude of this seed, as poses."""
-    attitude = Rotation.random(rng=np.random.default_rng(seed)).as_matrix()
+    attitude = matrix_from_quaternion(unit_quaternion(np.random.default_rng(seed).standard_normal(4)))
     begin, epochs = scan_times(60, 1.0, 0.0)
     truth = truth_of(tumble_of(mesh, Initial(attitude, PLACE, rate, VELOCITY)), epochs)
     truth = disturbed(truth, noise, seed)
