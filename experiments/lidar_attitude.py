@@ -11,7 +11,7 @@ import numpy as np
 
 from experiments.command_line import run_study
 from spinfilters.core.absolute_orientation import nearest_rotation
-from spinfilters.core.attitude_conversions import matrix_from_quaternion, unit_quaternion
+from spinfilters.core.attitude_conversions import matrix_from_quaternion
 from spinfilters.lidar.mesh import box
 from spinfilters.lidar.planes import PointNoise, extract_planes
 from spinfilters.lidar.scan import LidarNoise, RayPattern, rvs_noise
@@ -116,9 +116,10 @@ def full_turn(seed: int) -> tuple[float, float]:
 
     The body is a tumbling box in 60 scans; frames g are brought together.
     """
+    q = np.random.default_rng(seed).standard_normal(4)
     mesh, attitude = (
         box((1.0, 1.3, 0.8)),
-        matrix_from_quaternion(unit_quaternion(np.random.default_rng(seed).standard_normal(4))),
+        matrix_from_quaternion(q / np.linalg.norm(q)),
     )
     start = Initial(
         attitude, np.array([30.0, 0.0, 0.0]), np.array([0.15, 0.2, 0.12]), np.array([2e-3, 1e-3, -1e-3])

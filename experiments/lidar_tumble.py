@@ -19,7 +19,7 @@ from matplotlib.figure import Figure
 from scipy.stats import chi2
 
 from experiments.command_line import run_study
-from spinfilters.core.attitude_conversions import matrix_from_quaternion, unit_quaternion
+from spinfilters.core.attitude_conversions import matrix_from_quaternion
 from spinfilters.core.conventions import RPM
 from spinfilters.evaluation.consistency import true_states
 from spinfilters.evaluation.estimator_evaluation import Evaluation
@@ -107,7 +107,8 @@ def scans_of(
     mesh: TriangleMesh, scanner: Scanner, rate: np.ndarray, seed: int, noise: ProcessNoise
 ) -> Dataset:
     """Sixty scans at 1 Hz, from an attitude of this seed, as poses."""
-    attitude = matrix_from_quaternion(unit_quaternion(np.random.default_rng(seed).standard_normal(4)))
+    q = np.random.default_rng(seed).standard_normal(4)
+    attitude = matrix_from_quaternion(q / np.linalg.norm(q))
     begin, epochs = scan_times(60, 1.0, 0.0)
     truth = truth_of(tumble_of(mesh, Initial(attitude, PLACE, rate, VELOCITY)), epochs)
     truth = disturbed(truth, noise, seed)
