@@ -11,7 +11,6 @@ import numpy as np
 from jaxtyping import Float
 
 from experiments.benchmarks.smoother_workload import MOTIONS, Workload, simulated_workload
-from experiments.smoother_marginals import actual_errors, marginal_std
 from spinfilters.core.linear_algebra import normalised_square
 from spinfilters.core.robust_losses import LeastSquares
 from spinfilters.evaluation.consistency import true_states
@@ -24,6 +23,7 @@ from spinfilters.io.dataset import Dataset
 from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.models.state_layout import Gaussian
 from spinfilters.models.status import EstimatorStatus
+from spinfilters.reproduction.tweddle.marginal_deviations import actual_errors, marginal_std
 from spinfilters.simulation.scenario import Scenario, simulate
 from spinfilters.smoother.batch_smoother import GATE, AnnealedSchedule
 from spinfilters.smoother.landmark_factors import OBSERVATIONS_NEEDED
@@ -147,7 +147,7 @@ def _history(
 def _figures(history: EstimateHistory, bound: EstimateHistory, dataset: Dataset) -> Arrays:
     """Of all n frames: `_error_figures`, with position_bound and velocity_bound (n, 3), moments_bound (3,) standard deviations.
 
-    std, std_bound, square (7, 3): of the quantities of `smoother_marginals`, standard deviations and squared errors.
+    std, std_bound, square (7, 3): of the quantities of `marginal_deviations`, standard deviations and squared errors.
     """
     assert dataset.truth is not None
     evaluation = evaluate(history, dataset.truth, Alignment.FIRST_FRAME)

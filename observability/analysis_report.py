@@ -111,6 +111,8 @@ INERTIA_WORDS = {
 }
 CAMERA_AXES = "the camera's axes at the first frame (x right, y down, z forward)"
 PRINCIPAL_AXES = "the body's principal axes x, y, z"
+ESTIMATE_I, ESTIMATE_G = "frame i of the estimate", "frame g of the estimate"
+"""Frames of a bound about a recording."""
 
 
 @dataclass(frozen=True)
@@ -274,6 +276,8 @@ class Report:
         Of every quantity after the last frame.
     gain : InputGain or None
         Of the known inputs, None without any.
+    recording : str
+        What was recorded, in words, of a bound at the estimate of a recording; "" of one at a motion that is asked for.
     """
 
     case: Case
@@ -283,6 +287,24 @@ class Report:
     quantities: dict[Quantity, Float[np.ndarray, " frames"]]
     verdicts: dict[Quantity, QuantityBound]
     gain: InputGain | None = None
+    recording: str = ""
+
+    @property
+    def last_rate(self) -> Float[np.ndarray, "3"]:
+        """Body rate at the last epoch, rad/s, axes g."""
+        return self.reference.states[-1][self.reference.process.layout.mean_slice("w")]
+
+    @property
+    def title(self) -> str:
+        """The recording, where there is one, and the case."""
+        return f"{self.recording}; {title(self.case)}" if self.recording else title(self.case)
+
+    @property
+    def axes(self) -> str:
+        """The frames that options and results are in."""
+        if self.recording:
+            return f"moments and rates of the title about principal axes; other results in {ESTIMATE_I} and {ESTIMATE_G}"
+        return axes_in_words(self.case)
 
     @cached_property
     def rank_sentences(self) -> list[str]:
@@ -297,12 +319,14 @@ class Report:
         interval = float(self.reference.time[-1]) / max(1, len(self.reference.time) - 1)
         frames = len(self.reference.time)
         when = f"{frames} frame{'s' if frames > 1 else ''}" + (f" at {interval:g} s" if frames > 1 else "")
-        lines = [title(self.case), *self.rank_sentences, *scope_sentences(self.case)]
-        lines.append(f"Axes: {axes_in_words(self.case)}.")
+        lines = [self.title, *self.rank_sentences, *scope_sentences(self.case)]
+        lines.append(f"Axes: {self.axes}.")
         lines += _summary_of(self.verdicts)
         lines.append(f"Cramer-Rao bound after {when}, standard deviation of each component:")
         lines += [f"  {name:<28} {verdict_in_words(self, (name, unit))}" for name, unit in self.verdicts]
-        lines.append(f"Least known: {weak_direction_in_words(self.bound)}.")
+        lines.append(
+            f"Least known: {weak_direction_in_words(self.bound, ESTIMATE_G if self.recording else '')}."
+        )
         if self.gain is not None:
             lines.append(str(self.gain))
         return [*lines, "Assumed:", *[f"  {words}" for words in assumptions(self.case)]]
@@ -316,13 +340,13 @@ class Report:
         """For JSON."""
         asked = scope(self.case)
         return {
-            "case": title(self.case),
+            "case": self.title,
             **document(self.certificate),
             "text": self.rank_sentences,
             "asked": list(asked.asked),
             "not_asked": list(asked.not_asked),
             "taken_as_known": list(asked.taken_as_known),
-            "axes": axes_in_words(self.case),
+            "axes": self.axes,
             "assumed": assumptions(self.case),
             "bound": {_key(name): value for name, value in self.final.items()},
             "gain_of_inputs": None if self.gain is None else self.gain.document(),
@@ -336,7 +360,7 @@ class Report:
             "text": verdict_in_words(self, name),
             "std": each.std,
             "prior_only_directions": each.prior_directions.tolist(),
-            "axes_of_directions": _axes(name),
+            "axes_of_directions": _axes(self, name),
             "std_along_them": each.std_along if len(each.prior_directions) else None,
             "std_across_them": each.std_across if len(each.prior_directions) < each.dimension else None,
             "share_of_prior_that_remains_across": each.remains,
@@ -379,7 +403,7 @@ def verdict_in_words(report: Report, name: Quantity) -> str:
     if count == each.dimension:
         return f"prior only ({each.std:.3g}{unit}): {_reason(each)}"
     directions = " and ".join(_direction(report, name, row) for row in each.prior_directions)
-    frame = f" of {_axes(name)}" if name in (MOMENTS, EACH_MOMENT) else ""
+    frame = f" of {_axes(report, name)}" if name in (MOMENTS, EACH_MOMENT) else ""
     return (
         f"{each.std_across:.3g}{unit}, but prior only ({each.std_along:.3g}{unit}) along {directions}{frame}: "
         f"{_reason(each)}"
@@ -408,12 +432,17 @@ def _direction(report: Report, name: Quantity, row: Float[np.ndarray, " d"]) -> 
     words = _vector(row)
     if name in (MOMENTS, EACH_MOMENT):
         return words
-    told = ["frame i" if _axes(name) == CAMERA_AXES else "frame g"]
+    axes = _axes(report, name)
+    told = ["frame i" if axes in (CAMERA_AXES, ESTIMATE_I) else "frame g"]
     if name in MOVING:
         told.append("at the last epoch")
-    rate = as_floats(report.case.motion.rate)
+    rate = report.last_rate if report.recording else as_floats(report.case.motion.rate)
     speed = float(np.linalg.norm(rate))
-    if _axes(name) == PRINCIPAL_AXES and speed and np.linalg.norm(np.cross(row, rate)) < ALONG_SPIN * speed:
+    if (
+        axes in (PRINCIPAL_AXES, ESTIMATE_G)
+        and speed
+        and np.linalg.norm(np.cross(row, rate)) < ALONG_SPIN * speed
+    ):
         told.append("the spin axis")
     return f"{words} ({', '.join(told)})"
 
@@ -422,12 +451,15 @@ def _vector(values: Float[np.ndarray, " d"]) -> str:
     return "(" + ", ".join(f"{value + 0.0:.2g}" for value in np.round(values, 3)) + ")"
 
 
-def _axes(name: Quantity) -> str:
+def _axes(report: Report, name: Quantity) -> str:
     if name == MOMENTS:
         return "(J_min/J_max, J_mid/J_max)"
     if name == EACH_MOMENT:
         return "(J_xx, J_yy, J_zz)"
-    return CAMERA_AXES if name in (PLACE, BLOCK_NAMES["v"]) else PRINCIPAL_AXES
+    in_i = name in (PLACE, BLOCK_NAMES["v"])
+    if report.recording:
+        return ESTIMATE_I if in_i else ESTIMATE_G
+    return CAMERA_AXES if in_i else PRINCIPAL_AXES
 
 
 def _key(name: Quantity) -> str:

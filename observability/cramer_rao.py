@@ -16,6 +16,7 @@ from spinfilters.core.errors import InputError, ShapeError
 from spinfilters.core.linear_algebra import with_largest_positive
 from spinfilters.core.mass_distribution import inertia, inertia_matrix
 from spinfilters.core.working_time import building
+from spinfilters.models.state_blocks import BLOCKS
 from spinfilters.models.state_layout import POSE_BLOCKS, StateLayout
 
 PRIOR_STD: dict[str, float] = {
@@ -290,16 +291,19 @@ def _by_mass(layout: StateLayout, jacobian: Float[np.ndarray, "k 5"]) -> Float[n
     return rows
 
 
-def weak_direction_in_words(bound: Bound) -> str:
-    """Main components of the least known direction, and its share of the prior."""
+def weak_direction_in_words(bound: Bound, axes: str = "") -> str:
+    """Main components of the least known direction, and its share of the prior.
+
+    ``axes`` are those of a state whose frame g is not along the principal axes.
+    """
     direction, remains = bound.weak_direction
     order = np.argsort(-np.abs(direction))
     count = int(np.searchsorted(np.cumsum(direction[order] ** 2), 0.95)) + 1
     names = _component_names(bound.layout)
     parts = " ".join(f"{direction[k]:+.2f} {names[k]}" for k in order[:count])
     blocks = dict.fromkeys(names[k][0] for k in order[:count])
-    meaning = ", ".join(f"{block}: {WEAK_NAMES[block]}" for block in blocks)
-    frame = (
+    meaning = ", ".join(f"{block}: {WEAK_NAMES.get(block) or BLOCKS[block].label}" for block in blocks)
+    frame = axes or (
         "principal axes"
         if blocks.keys() <= set("awcs")
         else "velocities in camera axes, others in principal axes"
@@ -308,7 +312,11 @@ def weak_direction_in_words(bound: Bound) -> str:
 
 
 def _component_names(layout: StateLayout) -> list[str]:
-    return [name for block in layout.blocks for name in COMPONENTS[block]]
+    return [
+        name
+        for block in layout.blocks
+        for name in COMPONENTS.get(block) or [f"{block}_{axis}" for axis in "xyz"[: BLOCKS[block].dimension]]
+    ]
 
 
 def _jacobian(

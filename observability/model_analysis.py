@@ -19,6 +19,7 @@ from observability.lie_derivatives import ObservabilityMatrix, observability_mat
 from observability.model import Model, model_of
 from observability.model_rank import ExactRank, reached
 from observability.null_vectors import RationalNullSpace, rational_null_space, symbolic_null_vectors
+from observability.other_solutions import NOT_SEARCHED, OtherSolutions, other_solutions
 from spinfilters.core.errors import InputError
 
 LARGEST_FILE: Final = 1_000_000
@@ -172,6 +173,21 @@ class ModelAnalysis:
         if self.core.discrete:
             return DiscreteSearch((), False)
         return discrete_symmetries(reached(self.core), self.symmetries)
+
+    @cached_property
+    def isolated_solutions(self) -> OtherSolutions:
+        """Other values of the unknowns with the same outputs, searched for at a random point; takes some seconds.
+
+        Where not all unknowns are observable, they are those of the smallest model with the same outputs (`reparametrisation`).
+        """
+        if self.core.discrete:
+            return NOT_SEARCHED
+        if self.null_dimension == 0:
+            return other_solutions(reached(self.core), self.exact)
+        if self.reparametrisation is None:
+            return NOT_SEARCHED
+        part = reached(self.reparametrisation.model)
+        return other_solutions(part, outputs_rank(part))
 
     @cached_property
     def proof(self) -> ModelProof:

@@ -1,5 +1,6 @@
 """Formulas of a model as text: a small grammar, read without evaluating anything as code."""
 
+import math
 import re
 from collections.abc import Callable, Mapping
 from fractions import Fraction
@@ -146,7 +147,7 @@ class _Formula:
                 raise self._wrong(f"more than {DEEPEST} powers lie within one another")
             exponent = self._signed()
             self._depth -= 1
-            return base**exponent
+            return self._finite(base**exponent, "a power")
         return base
 
     def _atom(self) -> ca.SX:
@@ -190,7 +191,12 @@ class _Formula:
             raise self._wrong(
                 f"{word} takes {count} argument{'s' if count > 1 else ''}, got {len(arguments)}"
             )
-        return function(*arguments)
+        return self._finite(function(*arguments), word)
+
+    def _finite(self, value: ca.SX, what: str) -> ca.SX:
+        if value.is_constant() and not math.isfinite(float(value)):
+            raise self._wrong(f"{what} has no finite value here; change its argument")
+        return value
 
     def _close(self) -> None:
         if not self._take(")"):

@@ -15,6 +15,7 @@ from jaxtyping import Num
 
 from observability.exact_numbers import NotRegularError, PrimeField, residue
 from observability.generators import INTERPOLATION_SECONDS, Generator, as_generator
+from observability.invariant_manifold import at_values
 from observability.model import Model
 from observability.model_rank import ExactRank, ReachedModel, other_primes, output_rows
 from observability.monomials import fraction_of
@@ -190,4 +191,5 @@ def _normalised(generator: Generator, model: Model) -> dict[str, str]:
     ordered = [name for name in model.unknowns if name in expressions]
     single = [name for name in ordered if count[name] == 1]
     divisor = expressions[single[-1]] if single else ca.SX(1)
-    return {name: written(expressions[name] / divisor) for name in ordered}
+    found = {name: written(at_values(expressions[name] / divisor, model, model.point)) for name in ordered}
+    return {name: text for name, text in found.items() if text != "0"}

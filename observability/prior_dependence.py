@@ -87,19 +87,19 @@ class QuantityBound:
 
 
 def quantity_bounds(
-    case: Case, reference: ReferenceTrajectory, bound: Bound
+    case: Case, reference: ReferenceTrajectory, bound: Bound, *, longer: bool = True
 ) -> dict[Quantity, QuantityBound]:
     """Bounds of every quantity after the last frame.
 
-    A longer flight is tried where a quantity is determined in principle only.
+    Where a quantity is determined in principle only, a longer flight is tried if ``longer``.
     """
     counts = undetermined_directions(case)
     found = _taken_apart(bound, reference, len(reference.time) - 1, counts)
     waiting = [name for name, each in found.items() if each.in_principle_only]
-    if not waiting:
+    if not waiting or not longer:
         return found
-    longer = _times_longer(case, reference, bound, counts)
-    return {name: _with_factor(each, name, *longer) for name, each in found.items()}
+    factors = _times_longer(case, reference, bound, counts)
+    return {name: _with_factor(each, name, *factors) for name, each in found.items()}
 
 
 def undetermined_directions(case: Case) -> dict[Quantity, int]:

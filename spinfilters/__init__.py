@@ -7,8 +7,8 @@ A first look, from a file of gyro rates to a picture::
 
 Everything public is here, and is loaded when it is first asked for: `load` and `simulate` give data sets, `compare` runs estimators
 on one and gives a `Run`, which `load_run` reads from its folder again, `campaign` runs a study of thousands, `observe` says what a
-sensor can determine; `read_mesh` and `mass_properties` are for bodies of known shape. What cannot be used raises `InputError`,
-whose text is one line that names the value and the cure.
+sensor can determine and `observe_recording` what a recording can; `read_mesh` and `mass_properties` are for bodies of known shape.
+What cannot be used raises `InputError`, whose text is one line that names the value and the cure.
 """
 
 from importlib import import_module
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from spinfilters.api.analysis import ObservabilityResult, observe
     from spinfilters.api.campaign_frames import campaign
     from spinfilters.api.comparison import EstimatorResult, Run, compare, load_run
+    from spinfilters.api.recorded_observability import observe_recording
     from spinfilters.api.recordings import load, simulate
     from spinfilters.io.dataset import Dataset
     from spinfilters.lidar.mesh import mass_properties, read_mesh
@@ -51,6 +52,7 @@ __all__ = [
     "load_run",
     "mass_properties",
     "observe",
+    "observe_recording",
     "read_mesh",
     "simulate",
 ]
@@ -67,6 +69,7 @@ _MODULES = {
     "load_run": "spinfilters.api.comparison",
     "mass_properties": "spinfilters.lidar.mesh",
     "observe": "spinfilters.api.analysis",
+    "observe_recording": "spinfilters.api.recorded_observability",
     "read_mesh": "spinfilters.lidar.mesh",
     "simulate": "spinfilters.api.recordings",
 }

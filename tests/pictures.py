@@ -2,12 +2,21 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from io import BytesIO
 
 import pytest
 from matplotlib.figure import Figure
+from PIL import Image
 
-EMPTY_PICTURE = b"\x89PNG\r\n\x1a\n"
-"""What every PNG begins with."""
+
+def _one_pixel() -> bytes:
+    stream = BytesIO()
+    Image.new("L", (1, 1)).save(stream, "PNG")
+    return stream.getvalue()
+
+
+EMPTY_PICTURE = _one_pixel()
+"""A PNG of one pixel, which frames of an animation can be made of."""
 
 
 @contextmanager

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from observability.analysis_report import Report, analyse, title
+from observability.analysis_report import Report, analyse
 from observability.canonical_motions import motion
 from observability.cases import Case, InputSizes, Levels
 from observability.reference_trajectory import RecordedInput
@@ -68,7 +68,7 @@ class ObservabilityResult:
         """
         from spinfilters.plots.observability_figures import observability_figure
 
-        return observability_figure(self.report, title(self.report.case))
+        return observability_figure(self.report, self.report.title)
 
     def write(self, folder: Path) -> None:
         """Text, JSON and picture into a folder that exists. InputError: they cannot be written.

@@ -75,6 +75,16 @@ class RunArguments:
         ),
     ] = None
 
+    race: Annotated[
+        tuple[str, ...],
+        Argument(
+            "with --predict: several inertias from the last state, of estimators, of the truth or of TOML files "
+            "(principal_moments and principal_axes_g, or inertia_g): race.json, race.csv, race.png",
+            metavar="NAME,FILE",
+            cure='names of estimators, "truth" or files, such as "smoother,cad.toml"',
+        ),
+    ] = ()
+
     verdict: Annotated[
         Literal["full", "filter"] | None,
         Argument(
@@ -96,11 +106,13 @@ class RunArguments:
     @property
     def optional_outputs(self) -> "OptionalOutputs | None":
         """Optional outputs that are asked for, or None."""
-        if self.predict is None and not self.convergence and not self.explain and self.reference is None:
+        asked = self.convergence or self.explain or bool(self.race)
+        if self.predict is None and not asked and self.reference is None:
             return None
         from spinfilters.run.optional_outputs import OptionalOutputs
 
-        return OptionalOutputs(self.predict, self.convergence, self.explain, self._chosen_reference)
+        race = tuple(name.strip() for text in self.race for name in text.split(",") if name.strip())
+        return OptionalOutputs(self.predict, self.convergence, self.explain, self._chosen_reference, race)
 
     @property
     def _chosen_reference(self) -> "ReferenceMotion | None":

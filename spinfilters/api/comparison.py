@@ -444,6 +444,7 @@ def compare(
     reference: str | os.PathLike[str] | None = None,
     reference_shares: Sequence[str] = (),
     reference_inspector: str | os.PathLike[str] | None = None,
+    race: Sequence[str] = (),
     no_figures: bool = False,
     verdict: str | None = None,
     belief: Mapping[str, Any] | None = None,
@@ -484,6 +485,8 @@ def compare(
         mass.
     reference_inspector : str, os.PathLike or None
         File of the inspector's poses from the same instrument as ``reference``, which is then seen from the inspector.
+    race : sequence of str
+        Estimators, "truth" or TOML files whose inertias are propagated from the last state, with ``predict``.
     no_figures : bool
         Whether to write the numbers alone into ``output``, without pictures and page.
     verdict : str or None
@@ -510,7 +513,7 @@ def compare(
         Ctrl-C; what was estimated is in ``output``, if given, for ``resume`` to go on from.
     """
     chosen = _beginning(_settings(settings, estimators, verdict), belief, from_truth)
-    dataset = _dataset(data, segment, kind, units)
+    dataset = given_dataset(data, segment, kind, units)
     how = RunArguments(
         resume=resume,
         predict=predict,
@@ -519,11 +522,12 @@ def compare(
         reference=None if reference is None else os.fspath(reference),
         reference_shares=tuple(reference_shares),
         reference_inspector=None if reference_inspector is None else os.fspath(reference_inspector),
+        race=tuple(race),
     )
     if output is None:
         if resume or how.optional_outputs is not None:
             raise InputError(
-                "resume, predict, convergence, explain and reference work in a run folder; give output"
+                "resume, predict, convergence, explain, reference and race work in a run folder; give output"
             )
         comparison = _whole(compare_dataset(dataset, chosen, progress), None)
         return Run.from_comparison(comparison, chosen, summary(comparison))
@@ -619,10 +623,16 @@ def _names(estimators: Sequence[str] | str) -> tuple[str, ...]:
     return names_in(estimators) if isinstance(estimators, str) else tuple(estimators)
 
 
-def _dataset(
+def given_dataset(
     data: Any, segment: int | str | None, kind: str | None, units: str | Mapping[str, str] | None
 ) -> Dataset:
-    """The data set, or that of a path or of a table in memory. InputError: what is of no use for a data set."""
+    """The data set, or that of a path or of a table in memory, see `compare`.
+
+    Raises
+    ------
+    InputError
+        What is of no use for a data set.
+    """
     if not isinstance(data, Dataset):
         if not is_path(data) and not is_table(data):
             refuse("data", data, WHAT_TO_GIVE)

@@ -129,7 +129,7 @@ def errors_ahead(predicted: EstimateHistory, evaluation: Evaluation) -> Predicti
     PredictionErrors or None
         None without a truth, or where it has no row at a time that was predicted.
     """
-    truth = _truth_in_frames_of(evaluation)
+    truth = truth_in_frames_of(evaluation)
     if truth is None or len(predicted.time) < 2 or not (truth.time > predicted.time[0]).any():
         return None
     trajectory, now = trajectory_of(predicted), float(predicted.time[0])
@@ -152,7 +152,7 @@ def errors_ahead(predicted: EstimateHistory, evaluation: Evaluation) -> Predicti
     return PredictionErrors("truth", errors.time - now, courses, nees, dof, why)
 
 
-def _truth_in_frames_of(evaluation: Evaluation) -> Truth | None:
+def truth_in_frames_of(evaluation: Evaluation) -> Truth | None:
     """The truth in the estimate's frames; where a fit relates the frames g, turned as the fit says."""
     truth, errors = evaluation.truth, evaluation.errors
     if truth is None or evaluation.alignment is not Alignment.BODY_FRAME:

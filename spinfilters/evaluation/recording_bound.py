@@ -135,7 +135,7 @@ def _states(setup: Setup, truth: Truth, evaluation: Evaluation) -> Float[np.ndar
 
 def _factors(setup: Setup, states: Float[np.ndarray, "k m"]) -> tuple[Float[np.ndarray, "k n n"] | None, str]:
     """Covariance factors of every epoch given all measurements, or None and why."""
-    ids, points = _landmarks(setup, states)
+    ids, points = landmarks_at(setup, states)
     problem = _problem(setup, states, ids)
     here = problem.at(states, points)
     rough = problem.normal(here, Stage(Gate(GATE, ROUGH_GATE))).eliminated if len(ids) else None
@@ -193,12 +193,12 @@ def true_disturbances(setup: Setup, states: Float[np.ndarray, "k m"]) -> Process
     )
 
 
-def _landmarks(
+def landmarks_at(
     setup: Setup, states: Float[np.ndarray, "k m"]
 ) -> tuple[Int[np.ndarray, " L"], Float[np.ndarray, "L 3"]]:
-    """Ids and first guesses of landmarks in g.
+    """Ids and first guesses of landmarks in g, at the poses of these states.
 
-    They are those of the start, or where most of a landmark's observations agree from the true poses.
+    They are those of the start, or where most of a landmark's observations agree from the poses.
     """
     if not setup.initial.has_landmarks:
         return NO_LANDMARKS, np.zeros((0, 3))

@@ -360,6 +360,17 @@ def drawn_figure(figure_data: FigureData, name: str) -> "Figure":
     return drawn(figures[name], name)
 
 
+def figure_names(figure_data: FigureData) -> list[str]:
+    """Names of the figures that a run has what it needs for.
+
+    Parameters
+    ----------
+    figure_data : FigureData
+        Data of the run.
+    """
+    return [name for name, _ in _figures(figure_data)]
+
+
 def _figures(figure_data: FigureData) -> Iterator[tuple[str, Callable[[], "Figure"]]]:
     """Every figure of the table that the run has what it needs for."""
     estimators = [evaluation.name for evaluation in figure_data.evaluations]

@@ -1,17 +1,23 @@
 """Figures of measurements: residuals of a camera calibration, and a lidar scan."""
 
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
 from jaxtyping import Float, UInt8
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from mpl_toolkits.mplot3d import Axes3D
 
 from spinfilters.lidar.scan import Scan
 from spinfilters.plots.scene import equal_scales
-from spinfilters.plots.style import BLUE, GREY, ORANGE, RED, tidy
+from spinfilters.plots.style import BLUE, GREEN, GREY, ORANGE, RED, legend_below, tidy
+from spinfilters.vision.calibration_checkout import Checkout, ParameterChange
+from spinfilters.vision.tracked_pairs import TrackedPair
 
 ROWS = 12
+STEREO_COLOUR, MOVED_COLOUR = "#00D060", "cyan"
+"""Of matches, on grey images; as in the source."""
 """Lines across the rectified images."""
 
 
@@ -61,6 +67,166 @@ def calibration_figure(
     panels[3].set_ylabel("rms [px]")
     panels[3].legend()
     tidy(panels[3])
+    return figure
+
+
+def checkout_figure(
+    found: Checkout,
+    left_image: UInt8[np.ndarray, "h w"],
+    right_image: UInt8[np.ndarray, "h w"],
+    disparity: Float[np.ndarray, "h w"],
+) -> Figure:
+    """Screens of a checkout: values in their ranges, lines between corners, and the disparity of a pair.
+
+    Parameters
+    ----------
+    found : Checkout
+        Results and corners.
+    left_image, right_image : ndarray of uint8, shape (h, w)
+        Rectified images of the view that the corners are of.
+    disparity : ndarray of float, shape (h, w)
+        px, not finite where there is none.
+
+    Returns
+    -------
+    Figure
+        Not yet saved or shown.
+    """
+    figure = Figure(figsize=(13.0, 9.0), layout="constrained")
+    grid = figure.add_gridspec(2, 2, height_ratios=(1.15, 1.0), width_ratios=(1.2, 1.0))
+    values, depth = figure.add_subplot(grid[0, 0]), figure.add_subplot(grid[0, 1])
+    lines = figure.add_subplot(grid[1, :])
+    values.set_axis_off()
+    values.set_title("calibration values", loc="left", fontsize="medium")
+    for row, result in enumerate(found.results):
+        place = 0.96 - 0.86 * row / len(found.results)
+        colour = GREEN if result.passed else ORANGE
+        values.plot([0.02], [place], "o", color=colour, markersize=9, transform=values.transAxes)
+        text = f"{result.name}: {result.value}   ({result.allowed})"
+        values.text(0.06, place, text, va="center", fontsize="small", transform=values.transAxes)
+    shown = depth.imshow(disparity, cmap="gray", interpolation="nearest")
+    figure.colorbar(shown, ax=depth, label="px", shrink=0.8)
+    depth.set_title("disparity: light is near", loc="left", fontsize="medium")
+    depth.set_axis_off()
+    pair, width = np.hstack([left_image, right_image]), left_image.shape[1]
+    lines.imshow(pair, cmap="gray", vmin=0, vmax=255)
+    for row in np.linspace(0, len(pair) - 1, 5)[1:-1]:
+        lines.axhline(row, color=GREEN, linewidth=1.0)
+    for left, right, level in zip(found.left, found.right, found.level, strict=True):
+        colour = BLUE if level else ORANGE
+        lines.plot([left[0], right[0] + width], [left[1], right[1]], color=colour, linewidth=0.8)
+    lines.set_title(
+        f"lines between corners (blue: horizontal), board at {100 * found.distance:.1f} cm",
+        loc="left",
+        fontsize="medium",
+    )
+    lines.set_axis_off()
+    verdict = "passed" if found.passed else "failed: calibrate again"
+    figure.suptitle(f"Checkout of the stored calibration: {verdict}", fontsize="large")
+    return figure
+
+
+def calibration_changes_figure(changes: Sequence[ParameterChange]) -> Figure:
+    """Differences of two calibrations with three standard deviations, a panel a unit.
+
+    Parameters
+    ----------
+    changes : sequence of ParameterChange
+        Of one rig.
+
+    Returns
+    -------
+    Figure
+        Not yet saved or shown.
+    """
+    units = list(dict.fromkeys(change.unit for change in changes))
+    figure = Figure(figsize=(11.0, 4.2), layout="constrained")
+    panels = figure.subplots(1, len(units), squeeze=False)[0]
+    for axes, unit in zip(panels, units, strict=True):
+        own = [change for change in changes if change.unit == unit]
+        places = np.arange(len(own))[::-1]
+        bands = [0.0 if change.std is None else 3 * change.std for change in own]
+        values = [change.difference for change in own]
+        axes.errorbar(values, places, xerr=bands, fmt="o", color=BLUE, capsize=3)
+        axes.axvline(0.0, color=GREY, linewidth=0.8)
+        axes.set_yticks(places, [change.name for change in own])
+        axes.set_xlabel(f"change [{unit}]")
+        axes.set_title(f"in {unit}", loc="left", fontsize="medium")
+        tidy(axes)
+    figure.suptitle("What differs between two calibrations, ±3 σ", fontsize="large")
+    return figure
+
+
+def disparities_figure(
+    image: UInt8[np.ndarray, "h w"],
+    maps: Mapping[str, Float[np.ndarray, "h w"]],
+    unit: str = "px",
+) -> Figure:
+    """An image beside disparity or depth maps of it.
+
+    Parameters
+    ----------
+    image : ndarray of uint8, shape (h, w)
+        Left image of the rectified pair.
+    maps : mapping of str to ndarray of float, shape (h, w)
+        By title; not finite where nothing was found.
+    unit : str
+        Of the maps.
+
+    Returns
+    -------
+    Figure
+        Not yet saved or shown.
+    """
+    figure = Figure(figsize=(5.2 * (1 + len(maps)), 4.6), layout="constrained")
+    first, *others = figure.subplots(1, 1 + len(maps))
+    first.imshow(image, cmap="gray", vmin=0, vmax=255)
+    first.set_title("left image", loc="left", fontsize="medium")
+    first.set_axis_off()
+    every = np.concatenate([each[np.isfinite(each)] for each in maps.values()])
+    low, high = np.quantile(every, [0.01, 0.99]).tolist() if every.size else (0.0, 1.0)
+    for axes, (title, values) in zip(others, maps.items(), strict=True):
+        shown = axes.imshow(values, cmap="viridis", vmin=low, vmax=high, interpolation="nearest")
+        axes.set_title(
+            f"{title}: {100 * np.isfinite(values).mean():.0f} % filled", loc="left", fontsize="medium"
+        )
+        axes.set_axis_off()
+        figure.colorbar(shown, ax=axes, label=unit, shrink=0.7)
+    return figure
+
+
+def matches_figure(pairs: Sequence[TrackedPair]) -> Figure:
+    """Stereo matches (green) and where features were one pair before (cyan), a row a pair.
+
+    Parameters
+    ----------
+    pairs : sequence of TrackedPair
+        In the order of time.
+
+    Returns
+    -------
+    Figure
+        Not yet saved or shown.
+    """
+    height, width = pairs[0].left.shape
+    figure = Figure(
+        figsize=(11.0, len(pairs) * (11.0 * height / (2 * width) + 0.4) + 0.4), layout="constrained"
+    )
+    for axes, pair in zip(figure.subplots(len(pairs), 1, squeeze=False)[:, 0], pairs, strict=True):
+        axes.imshow(np.hstack([pair.left, pair.right]), cmap="gray", vmin=0, vmax=255)
+        for left, row, right in pair.values:
+            axes.plot([left, right + width], [row, row], color=STEREO_COLOUR, linewidth=0.5)
+        for now_u, now_v, then_u, then_v in pair.before:
+            axes.plot([now_u, then_u], [now_v, then_v], color=MOVED_COLOUR, linewidth=1.2)
+        text = f"{pair.time:.2f} s: {len(pair.values)} stereo matches, {len(pair.before)} followed"
+        axes.set_title(text, loc="left", fontsize="medium")
+        axes.set_axis_off()
+        axes.set(xlim=(0, 2 * width), ylim=(height, 0))
+    handles = [
+        Line2D([], [], color=STEREO_COLOUR, label="left to right"),
+        Line2D([], [], color=MOVED_COLOUR, label="since the pair before"),
+    ]
+    legend_below(figure, handles)
     return figure
 
 

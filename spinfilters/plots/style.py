@@ -29,8 +29,8 @@ BLACK: Final[str] = "#222222"
 GREY: Final[str] = "#8A8A8A"
 """Colours of Okabe and Ito."""
 
-AXIS_COLOURS: Final[tuple[str, str, str]] = (BLUE, RED, GREEN)
-"""Of the first, second and third axis of a frame where one panel holds all three."""
+AXIS_COLOURS: Final[tuple[str, str, str]] = ("#332288", "#999933", "#882255")
+"""Of the first, second and third axis of a frame where one panel holds all three; none is an estimator's (Tol's muted scheme)."""
 PRINCIPAL_NAMES: Final[tuple[str, str, str]] = ("minor", "intermediate", "major")
 """Principal axes in the ascending order of their moments."""
 INITIALISATION: Final[str] = "initialisation (smoothed)"
@@ -430,14 +430,14 @@ def save_figure(figure: Figure, path: Path) -> None:
 
 
 def picture_bytes(figure: Figure, form: str, **options: Any) -> bytes:
-    """The figure as "png" or "svg", drawn while no other thread draws; ``options`` are those of `Figure.savefig`.
+    """The figure as "png", "svg" or "pdf", drawn while no other thread draws; ``options`` are those of `Figure.savefig`.
 
     Parameters
     ----------
     figure : Figure
         To be saved.
     form : str
-        "png" or "svg".
+        "png", "svg" or "pdf".
     options : Any
         Of `Figure.savefig`.
 

@@ -86,6 +86,7 @@ def inertia_figure(
             plot_truth(axes, time[[0, -1]], np.array([value, value]))
         mark_start(axes, time[0], end_of_initialisation)
         _limits(axes, histories, index)
+        axes.set_title(f"ratio {RATIO_LABELS[index]}", loc="left", fontsize="medium")
         axes.set_ylabel(f"{RATIO_LABELS[index]}  [-]")
         tidy(axes)
     panels[-1].set_xlabel("time [s]")
@@ -289,8 +290,7 @@ def _attitude_panel(axes: Axes, evaluations: Sequence[Evaluation], lines: list[E
         std = np.rad2deg(np.linalg.norm(evaluation.trajectory.std_attitude, axis=1))
         error = None if evaluation.errors is None else np.rad2deg(_length(evaluation.errors.attitude))
         curves.append(_Magnitude(std, error))
-    _magnitudes(axes, evaluations, lines, curves)
-    axes.set_ylabel("attitude [deg]")
+    _magnitudes(axes, evaluations, lines, curves, "attitude", "deg")
 
 
 def _other_panel(axes: Axes, evaluations: Sequence[Evaluation], lines: list[EstimatorLine]) -> None:
@@ -304,8 +304,8 @@ def _other_panel(axes: Axes, evaluations: Sequence[Evaluation], lines: list[Esti
         if errors is not None:
             error = _length(np.rad2deg(errors.rate) if errors.position is None else 1e3 * errors.position)
         curves.append(_Magnitude(_length(std), error))
-    _magnitudes(axes, evaluations, lines, curves)
-    axes.set_ylabel("centre of mass [mm]" if sees else "rate in i [deg/s]")
+    shown = ("centre of mass", "mm") if sees else ("rate in i", "deg/s")
+    _magnitudes(axes, evaluations, lines, curves, *shown)
 
 
 def _magnitudes(
@@ -313,6 +313,8 @@ def _magnitudes(
     evaluations: Sequence[Evaluation],
     lines: list[EstimatorLine],
     curves: list[_Magnitude],
+    quantity: str,
+    unit: str,
 ) -> None:
     """Length of the error with one standard deviation in black; without a truth the standard deviation alone."""
     for evaluation, line, (std, error) in zip(evaluations, lines, curves, strict=True):
@@ -326,7 +328,8 @@ def _magnitudes(
     top = max(finite_quantile(std if error is None else error, 0.98) for std, error in curves)
     axes.set_ylim(0.0, 1.6 * top if top > 0 else 1.0)
     title = "length of the error (black: 1 σ)" if known else "uncertainty, 1 σ"
-    axes.set_title(title, loc="left", fontsize="medium")
+    axes.set_title(f"{quantity}: {title}", loc="left", fontsize="medium")
+    axes.set_ylabel(f"{quantity} [{unit}]")
     handles = [*(line.handle for line in lines), *start_handle(initialisation_end(evaluations))]
     axes.legend(handles=handles, frameon=False, fontsize="small", ncols=2, loc="upper right")
     tidy(axes)

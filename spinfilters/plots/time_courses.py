@@ -64,9 +64,14 @@ def rates_figure(
     Figure
         Not yet saved or shown.
     """
-    figure = Figure(figsize=(10.0, 7.6), layout="constrained")
-    panels = figure.subplots(3, 1, sharex=True)
+    several = len(estimates) > 1
+    figure = Figure(figsize=(14.0 if several else 10.0, 7.6), layout="constrained")
+    columns = figure.subplots(3, 1 + several, sharex=True, squeeze=False)
+    panels = columns[:, 0]
     lines = estimator_lines([estimate.label for estimate in estimates])
+    for axis in range(3 if several else 0):
+        _rate_differences(columns[axis, 1], estimates, lines, axis, axis_names[axis])
+        mark_start(columns[axis, 1], estimates[0].time[0], end_of_initialisation)
     for axis, axes in enumerate(panels):
         if reference is not None:
             _reference(axes, reference, axis)
@@ -77,7 +82,8 @@ def rates_figure(
         axes.set_title(axis_names[axis], loc="left", fontsize="medium")
         axes.set_ylabel("rate [deg/s]")
         tidy(axes)
-    panels[-1].set_xlabel("time [s]")
+    for axes in columns[-1]:
+        axes.set_xlabel("time [s]")
     figure.suptitle(f"Body rates: {_speed(estimates[0])}", fontsize="large")
     handles = [line.handle for line in lines]
     known = []
@@ -88,6 +94,23 @@ def rates_figure(
     band = Patch(color=GREY, alpha=0.3, label=f"±{SIGMAS:g} σ")
     legend_below(figure, [*handles, band, *known, *start_handle(end_of_initialisation)])
     return figure
+
+
+def _rate_differences(
+    axes: Axes, estimates: Sequence[BodyRates], lines: Sequence[EstimatorLine], axis: int, name: str
+) -> None:
+    """What all estimates but the last differ by from the last, whose deviations are the band: curves that coincide show here."""
+    last = estimates[-1]
+    if last.std is not None:
+        half = SIGMAS * np.rad2deg(last.std[:, axis])
+        lines[-1].fill(axes, last.time, np.zeros_like(half), half)
+    for estimate, line in zip(estimates[:-1], lines, strict=False):
+        time, rows, own = np.intersect1d(estimate.time, last.time, return_indices=True)
+        line.draw(axes, time, np.rad2deg(estimate.rate[rows, axis] - last.rate[own, axis]))
+    axes.axhline(0.0, color=BLACK, linewidth=0.5)
+    axes.set_title(f"{name}, less {last.label.upper()}", loc="left", fontsize="medium")
+    axes.set_ylabel("difference [deg/s]")
+    tidy(axes)
 
 
 def _estimate(axes: Axes, rates: BodyRates, axis: int, line: EstimatorLine) -> None:
@@ -192,7 +215,8 @@ def _panel(axes: Axes, time: np.ndarray, row: _Row, axis: int, line: EstimatorLi
         axes.axhline(0.0, color="black", linewidth=0.5)
         width = half_width(value[:, np.newaxis], band[:, np.newaxis])
         axes.set_ylim(-width, width)
-    axes.set_title(row.axis_names[axis], fontsize="medium", loc="left")
+    quantity = row.label.split(" [")[0].removesuffix(" ±")
+    axes.set_title(f"{quantity}, {row.axis_names[axis]}", fontsize="medium", loc="left")
     tidy(axes)
 
 

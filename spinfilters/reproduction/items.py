@@ -8,22 +8,40 @@ from spinfilters.reproduction.decoust.processed_clouds import PROCESSED_CLOUDS
 from spinfilters.reproduction.decoust.simulated_scans import SIMULATED_SCANS, STL_READER
 from spinfilters.reproduction.decoust.snapshots import SNAPSHOTS
 from spinfilters.reproduction.item import Item
+from spinfilters.reproduction.tweddle.camera_checkout import CAMERA_CHECKOUT
+from spinfilters.reproduction.tweddle.comparative_studies import COMPARATIVE_STUDIES
+from spinfilters.reproduction.tweddle.dense_model import DENSE_MODEL
+from spinfilters.reproduction.tweddle.final_deviations import FINAL_DEVIATIONS
 from spinfilters.reproduction.tweddle.inertia_observability import INERTIA_OBSERVABILITY
+from spinfilters.reproduction.tweddle.mapped_body import MAPPED_BODY
 from spinfilters.reproduction.tweddle.metrology_comparison import METROLOGY_COMPARISON
+from spinfilters.reproduction.tweddle.metrology_courses import METROLOGY_COURSES
+from spinfilters.reproduction.tweddle.noise_and_charts import NOISE_AND_CHARTS
 from spinfilters.reproduction.tweddle.polhodes import POLHODES
 from spinfilters.reproduction.tweddle.reference_inertia import REFERENCE_INERTIA
+from spinfilters.reproduction.tweddle.settling_estimates import CONVERGENCE
 from spinfilters.reproduction.tweddle.spin_thresholds import SPIN_THRESHOLDS
+from spinfilters.reproduction.tweddle.stereo_pictures import STEREO_PICTURES
 from spinfilters.reproduction.tweddle.stereo_rig import STEREO_RIG
 from spinfilters.reproduction.tweddle.time_step_conditioning import CONDITIONING
 
 ITEMS: Final[tuple[Item, ...]] = (
     SPIN_THRESHOLDS,
     *POLHODES,
+    *STEREO_PICTURES,
     INERTIA_OBSERVABILITY,
+    *NOISE_AND_CHARTS,
     *CONDITIONING,
     STEREO_RIG,
+    *CAMERA_CHECKOUT,
+    *METROLOGY_COURSES,
     *REFERENCE_INERTIA,
     *METROLOGY_COMPARISON,
+    *MAPPED_BODY,
+    *DENSE_MODEL,
+    *CONVERGENCE,
+    FINAL_DEVIATIONS,
+    *COMPARATIVE_STUDIES,
     *SIMULATED_SCANS,
     *PARAMETER_INFLUENCE,
     *PROCESSED_CLOUDS,

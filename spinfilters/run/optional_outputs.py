@@ -16,11 +16,10 @@ from spinfilters.io.input_file import read_settings_text
 from spinfilters.io.output_files import write_text
 from spinfilters.io.reference_motion import ReferenceMotion
 from spinfilters.io.truth import Truth
-from spinfilters.plots.convergence import convergence_figure
-from spinfilters.plots.style import draw_figure
 from spinfilters.run import smoother_convergence
 from spinfilters.run.array_files import finite_document
 from spinfilters.run.estimation import Comparison, compare_estimators
+from spinfilters.run.inertia_race_output import require_inertias, write_race
 from spinfilters.run.predictions import (
     draw_predictions,
     prediction_lines,
@@ -193,29 +192,38 @@ def _test_document(test: ScoreTest) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class OptionalOutputs:
-    """Optional outputs: seconds to predict, convergence, model errors, comparison with a reference.
+    """Optional outputs: seconds to predict, convergence, model errors, comparison with a reference, inertias to race.
 
-    None for no prediction; whether to show convergence; whether to refit with named model errors; None for no reference.
+    None for no prediction; whether to show convergence; whether to refit with named model errors; None for no reference;
+    estimators, ``truth`` or files whose inertias are propagated from one state.
     """
 
     predict_s: float | None = None
     convergence: bool = False
     explain: bool = False
     reference: ReferenceMotion | None = None
+    race: tuple[str, ...] = ()
 
     def require_one_run(self) -> None:
         """Refuse what a run of many segments does not make."""
         if self != OptionalOutputs():
             raise InputError(
-                "--predict, --convergence, --explain and --reference are for one recording; choose a segment with --segment N"
+                "--predict, --convergence, --explain, --reference and --race are for one recording; choose a segment with "
+                "--segment N"
             )
 
     def check(self, setup: Setup, settings: Settings) -> None:
         """Refuse what cannot be made, before the estimators run. Raises InputError."""
         if self.predict_s is not None:
             times_ahead(np.array([epoch.time for epoch in setup.timeline]), self.predict_s)
+        self._check_race(settings)
         if self.convergence:
             smoother_convergence.require_convergence(setup, settings)
+
+    def _check_race(self, settings: Settings) -> None:
+        if self.race and self.predict_s is None:
+            raise InputError("--race needs the time of the race; give --predict SECONDS")
+        require_inertias(self.race, settings.estimators)
 
     def write(
         self,
@@ -228,6 +236,8 @@ class OptionalOutputs:
         """Write into the folder of a written run; `lacking` tells what could not be made. Raises InputError."""
         if self.predict_s is not None:
             write_predictions(folder, comparison.setup.process, comparison.evaluations, self.predict_s)
+            if self.race:
+                write_race(folder, self.race, comparison.evaluations, self.predict_s)
         if self.convergence:
             smoother_convergence.write_convergence(folder, comparison.setup, settings, on_epoch)
         if self.explain:
@@ -255,6 +265,7 @@ class OptionalOutputs:
             As `check`; a file of the run is damaged.
         """
         made = []
+        self._check_race(settings)
         if self.convergence and not smoother_convergence.is_whole(folder):
             setup = prepare(dataset, settings)
             self.check(setup, settings)
@@ -268,6 +279,8 @@ class OptionalOutputs:
             process = read_process(folder, settings.process.tolerance)
             evaluations = read_figure_data(folder).evaluations
             made += write_predictions(folder, process, evaluations, self.predict_s)
+            if self.race:
+                made += write_race(folder, self.race, evaluations, self.predict_s)
         if self.reference is not None:
             histories = read_histories(folder, settings.estimators)
             made += write_reference(folder, histories, self.reference, with_figures)
@@ -310,8 +323,4 @@ def draw_optional_outputs(folder: Path, evaluations: Sequence[Evaluation], truth
 
 
 def _draw_convergence(folder: Path, truth: Truth | None) -> list[str]:
-    settled = smoother_convergence.read_convergence(folder, truth)
-    if settled is None:
-        return []
-    draw_figure(lambda: convergence_figure(settled), folder / CONVERGENCE_PICTURE)
-    return [CONVERGENCE_PICTURE]
+    return [CONVERGENCE_PICTURE] if smoother_convergence.redraw_convergence(folder, truth) else []

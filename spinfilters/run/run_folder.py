@@ -48,15 +48,24 @@ REPORT_FILE = "report.html"
 PREDICTION_PICTURE, CONVERGENCE_PICTURE = "prediction.png", "convergence.png"
 PREDICTION_ERRORS_PICTURE = "prediction-errors.png"
 EXPLANATIONS_FILE, REFERENCE_FILE = "explanations.json", "reference.json"
+RACE_FILE, RACE_TABLE, RACE_PICTURE = "race.json", "race.csv", "race.png"
 PREDICTION_FILE, PREDICTION_ERRORS_TABLE = "prediction.json", "prediction_errors.csv"
 PREDICTION_TABLE, PREDICTION_ARRAYS, CONVERGENCE_ARRAYS, REFERENCE_TABLE = (
     *("prediction.csv", "prediction.npz"),
     *("convergence.npz", "reference.csv"),
 )
 """Files that a run has where they were asked for (`spinfilters.run.optional_outputs`); all but pictures by estimator."""
+SURFACE_PICTURES = {
+    name: f"convergence-{name.replace('_', '-')}.png"
+    for name in ("position", "attitude", "velocity", "body_rate")
+}
+SETTLING_ANIMATIONS = {"velocity": "convergence-velocity.gif", "body_rate": "convergence-body-rate.gif"}
+CONSTANTS_PICTURE, COSTS_PICTURE = "convergence-constants.png", "convergence-costs.png"
+"""Pictures of how each quantity settles, beside the arrays."""
 ESTIMATOR_FILES = (
     *("trajectory.csv", "trajectory.tum", FRAME_FILE, MAP_FILE, HISTORY_FILE),
     *(PREDICTION_TABLE, PREDICTION_ARRAYS, CONVERGENCE_ARRAYS, REFERENCE_TABLE, PREDICTION_ERRORS_TABLE),
+    *(*SURFACE_PICTURES.values(), *SETTLING_ANIMATIONS.values(), CONSTANTS_PICTURE, COSTS_PICTURE),
 )
 """Everything that a run writes into the folder of an estimator, besides its checkpoint."""
 RECONSTRUCTION_FOLDER, MODEL_FILE = "reconstruction", "model.ply"
@@ -298,9 +307,10 @@ def _is_run(folder: Path) -> bool:
 def _clear(folder: Path, source: Path | None) -> None:
     """Remove an earlier run's files except checkpoints and the data set in use."""
     pictures = [*picture_files(estimator_names()), PREDICTION_PICTURE, CONVERGENCE_PICTURE]
-    pictures.append(PREDICTION_ERRORS_PICTURE)
+    pictures += [PREDICTION_ERRORS_PICTURE, RACE_PICTURE]
     pictures += [picture for name in estimator_names() for picture in reference_pictures(name)]
     documents = (SUMMARY_FILE, REPORT_FILE, EXPLANATIONS_FILE, REFERENCE_FILE, PREDICTION_FILE)
+    documents += (RACE_FILE, RACE_TABLE)
     for name in (*documents, TRUTH_FILE, *pictures):
         (folder / name).unlink(missing_ok=True)
     if not _is_own_dataset(folder, source):

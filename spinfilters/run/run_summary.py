@@ -17,6 +17,7 @@ from spinfilters.evaluation.epoch_spans import (
 )
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.evaluation.metrics import ERRORS, Metric, metrics
+from spinfilters.evaluation.spin_regime import spin_verdict
 from spinfilters.inference.setup import Setup
 from spinfilters.io.dataset_reader import has_images
 from spinfilters.io.input_file import path_text, read_bytes, reason
@@ -141,6 +142,7 @@ def _noise(told: Sequence[StatedNoise], evaluation: Evaluation) -> dict[str, Any
 def _estimator(evaluation: Evaluation, shared: float) -> dict[str, Any]:
     """Verdict and numbers of one estimator."""
     status = evaluation.history.status
+    spin = spin_verdict(evaluation)
     checks = [{"name": each.check, "numbers": finite_numbers(each.numbers)} for each in status.findings]
     return {
         "status": str(status.verdict),
@@ -148,6 +150,7 @@ def _estimator(evaluation: Evaluation, shared: float) -> dict[str, Any]:
         "checks": checks,
         "holds": {name: str(state) for name, state in status.holds.items()},
         **estimator_numbers(evaluation, shared),
+        "spin": None if spin is None else spin.document,
         "deviation_parts": {name: part.document for name, part in evaluation.deviation_parts.items()},
     }
 

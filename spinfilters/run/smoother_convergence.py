@@ -9,7 +9,13 @@ from zipfile import ZIP_DEFLATED
 import numpy as np
 from jaxtyping import Float
 
-from spinfilters.core.attitude_conversions import inverse, multiply, rotation_vector_from_quaternion
+from spinfilters.core.attitude_conversions import (
+    continuous_quaternions,
+    inverse,
+    multiply,
+    quaternion_from_matrix,
+    rotation_vector_from_quaternion,
+)
 from spinfilters.core.errors import NUMERICAL_ERRORS, InputError
 from spinfilters.evaluation.estimated_motion import (
     BodyRates,
@@ -28,16 +34,31 @@ from spinfilters.evaluation.trajectory_errors import (
 from spinfilters.filters.history import EstimateHistory, GrowingHistory
 from spinfilters.inference.setup import Setup
 from spinfilters.inference.smoother_run import NAME
-from spinfilters.io.output_files import make_folder
+from spinfilters.io.output_files import make_folder, write_bytes
 from spinfilters.io.truth import Truth
 from spinfilters.models.body import BodyHistory
 from spinfilters.models.state_layout import FULL_BLOCKS, Gaussian, StateLayout
 from spinfilters.models.status import EstimatorStatus
 from spinfilters.plots.convergence import Convergence, ConvergingQuantity, convergence_figure
-from spinfilters.plots.style import draw_figure
+from spinfilters.plots.settling import (
+    SettlingConstant,
+    SettlingQuantity,
+    SolveCosts,
+    constants_figure,
+    costs_figure,
+    course_animation,
+    surfaces_figure,
+)
+from spinfilters.plots.style import PRINCIPAL_NAMES, draw_figure
 from spinfilters.run.array_files import DAMAGED, read_arrays, unusable, write_arrays
+from spinfilters.run.run_folder import (
+    CONSTANTS_PICTURE,
+    CONVERGENCE_PICTURE,
+    COSTS_PICTURE,
+    SETTLING_ANIMATIONS,
+    SURFACE_PICTURES,
+)
 from spinfilters.run.run_folder import CONVERGENCE_ARRAYS as ARRAYS
-from spinfilters.run.run_folder import CONVERGENCE_PICTURE
 from spinfilters.settings.run_settings import Settings
 from spinfilters.smoother.recursive_smoother import MOST_EPOCHS, ConvergenceRecord, record_convergence
 from spinfilters.smoother.sliding_smoother import MarginalizedState, SlidingSmoother
@@ -109,6 +130,8 @@ def deviations_of(name: str) -> str:
     return f"std_{name}"
 
 
+Y_AXIS = 1
+"""The axis of the animations, as Tweddle's Figures 6-40 and 6-41."""
 CURE = "run compare again with --resume --convergence"
 _SIZES = {
     **{name: quantity.size for name, quantity in QUANTITIES.items()},
@@ -127,6 +150,8 @@ def write_convergence_record(path: Path, found: ConvergenceRecord, layout: State
     arrays = {
         "time": found.time,
         "trusted": found.trusted,
+        "costs": found.costs,
+        "closure": np.array([found.closure or 0]),
         **found.values,
         **_constants(body_history(latest)),
         **states,
@@ -139,7 +164,9 @@ def empty_convergence_record(layout: StateLayout, time: Float[np.ndarray, " f"])
     n, m, e = len(time), layout.mean_dim, layout.error_dim
     latest = [MarginalizedState(float(t), np.full(m, np.nan), np.full((e, e), np.nan)) for t in time]
     values = {name: np.full((n, n, size), np.nan) for name, size in _SIZES.items()}
-    return ConvergenceRecord(time, values, tuple(latest), np.zeros(n, dtype=bool))
+    return ConvergenceRecord(
+        time, values, tuple(latest), np.zeros(n, dtype=bool), np.full((n, 3), np.nan), None
+    )
 
 
 def read_convergence_record(path: Path) -> tuple[StateLayout, ConvergenceRecord]:
@@ -193,6 +220,7 @@ def _convergence_record(arrays: dict[str, np.ndarray]) -> tuple[StateLayout, Con
         **{name: (count, count, size) for name, size in _SIZES.items()},
         "newest_mean": (count, layout.mean_dim),
         "newest_factor": (count, layout.error_dim, layout.error_dim),
+        "costs": (count, 3),
     }
     for name, shape in shapes.items():
         if arrays[name].shape != shape or arrays[name].dtype != np.dtype(float):
@@ -204,7 +232,11 @@ def _convergence_record(arrays: dict[str, np.ndarray]) -> tuple[StateLayout, Con
         raise ValueError("its time does not run forwards")
     latest = zip(time.tolist(), mean, arrays["newest_factor"], strict=True)
     values = {name: arrays[name] for name in _SIZES}
-    return layout, ConvergenceRecord(time, values, tuple(MarginalizedState(*r) for r in latest), trusted)
+    rows = tuple(MarginalizedState(*row) for row in latest)
+    closure = arrays["closure"]
+    if closure.shape != (1,) or closure.dtype != np.dtype(int):
+        raise ValueError(f"closure is {closure.dtype} of shape {closure.shape}, not int of (1,)")
+    return layout, ConvergenceRecord(time, values, rows, trusted, arrays["costs"], int(closure[0]) or None)
 
 
 def require_convergence(setup: Setup, settings: Settings) -> None:
@@ -238,20 +270,195 @@ def write_convergence(
         As `require_convergence`; a file cannot be written.
     """
     require_convergence(setup, settings)
-    start, layout = setup.initial, setup.process.layout
-    options = settings.smoother.options(len(setup.timeline))
-    smoother = SlidingSmoother(setup.process, start.prior, options, has_landmarks=True)
-    try:
-        found = record_convergence(smoother, setup.timeline, partial(_quantities, layout), on_epoch)
-    except NUMERICAL_ERRORS:
-        found = empty_convergence_record(layout, np.array([epoch.time for epoch in setup.timeline]))
+    layout, truth = setup.process.layout, setup.dataset.truth
+    found = recorded_convergence(setup, settings, on_epoch)
     make_folder(folder / NAME)
     write_convergence_record(folder / NAME / ARRAYS, found, layout)
-    truth = setup.dataset.truth
+    draw_convergence(folder, layout, found, truth)
+
+
+def draw_convergence(
+    folder: Path, layout: StateLayout, found: ConvergenceRecord, truth: Truth | None
+) -> None:
+    """All pictures of a convergence record into the folder of a run.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the run.
+    layout : StateLayout
+        Of the record's states.
+    found : ConvergenceRecord
+        What every solve said.
+    truth : Truth or None
+        In frame g of the data set; None without one.
+    """
     draw_figure(
         lambda: convergence_figure(_convergence(found, latest_epochs(layout, found), truth)),
         folder / CONVERGENCE_PICTURE,
     )
+    try:
+        settling, place = settling_of(found, layout, truth), folder / NAME
+    except NUMERICAL_ERRORS:
+        return  # the first picture says that nothing can be drawn
+    for name, quantity in settling.quantities.items():
+        draw = partial(surfaces_figure, found.time, quantity, found.closure)
+        draw_figure(draw, place / SURFACE_PICTURES[name])
+    draw_figure(partial(constants_figure, settling.constants, found.closure), place / CONSTANTS_PICTURE)
+    draw_figure(partial(costs_figure, settling.costs), place / COSTS_PICTURE)
+    for name, animated in SETTLING_ANIMATIONS.items():
+        write_bytes(place / animated, course_animation(found.time, settling.quantities[name], Y_AXIS))
+
+
+def recorded_convergence(
+    setup: Setup, settings: Settings, on_epoch: Callable[[int, int], None] = lambda *_: None
+) -> ConvergenceRecord:
+    """What a smoother that takes in epoch after epoch from the first one on says after every epoch.
+
+    Parameters
+    ----------
+    setup : Setup
+        Tracks without a known map.
+    settings : Settings
+        Of the smoother.
+    on_epoch : callable
+        Told of epochs done and of all.
+
+    Returns
+    -------
+    ConvergenceRecord
+        Not a number where the smoother's numbers led nowhere.
+    """
+    options = settings.smoother.options(len(setup.timeline))
+    smoother = SlidingSmoother(setup.process, setup.initial.prior, options, has_landmarks=True)
+    layout = setup.process.layout
+    try:
+        return record_convergence(smoother, setup.timeline, partial(_quantities, layout), on_epoch)
+    except NUMERICAL_ERRORS:
+        return empty_convergence_record(layout, np.array([epoch.time for epoch in setup.timeline]))
+
+
+@dataclass(frozen=True)
+class Settling:
+    """What every solve said, for figures axis by axis.
+
+    Attributes
+    ----------
+    quantities : dict
+        By the names of `QUANTITIES`.
+    constants : list of SettlingConstant
+        Centre of mass, principal axes, ratios of moments.
+    costs : SolveCosts
+        Of every solve.
+    """
+
+    quantities: dict[str, SettlingQuantity]
+    constants: list[SettlingConstant]
+    costs: SolveCosts
+
+
+def settling_of(found: ConvergenceRecord, layout: StateLayout, truth: Truth | None) -> Settling:
+    """Values and deviations axis by axis, with truth where there is one.
+
+    Parameters
+    ----------
+    found : ConvergenceRecord
+        What every solve said.
+    layout : StateLayout
+        Of its states.
+    truth : Truth or None
+        In frame g of the data set; None without one.
+
+    Returns
+    -------
+    Settling
+        In the units of the figures.
+    """
+    latest = latest_epochs(layout, found)
+    known = None if truth is None else _in_estimated_frame(found, latest, truth)
+    true = {} if known is None else _true_quantities(found.time, known)
+    quantities = {}
+    for name, quantity in QUANTITIES.items():
+        values, std = found.values[name], quantity.scale * found.values[deviations_of(name)]
+        own = true.get(name)
+        if name == ATTITUDE:  # q and -q are one attitude: the signs are those of the last solve
+            last = _latest_attitudes(values)
+            values = values * _signs(values, last)
+            own = None if own is None else own * _signs(own, last)
+            quantities[name] = SettlingQuantity(
+                *(quantity.label, "-", quantity.unit, ("qx", "qy", "qz")),
+                *(values[..., :3], std, None if own is None else own[:, :3]),
+            )
+        else:
+            scaled = None if own is None else quantity.scale * own
+            quantities[name] = SettlingQuantity(
+                *(quantity.label, quantity.unit, quantity.unit, ("x", "y", "z")),
+                *(quantity.scale * values, std, scaled),
+            )
+    return Settling(quantities, _settling_constants(body_history(latest), known), SolveCosts(*found.costs.T))
+
+
+def _latest_attitudes(attitudes: Float[np.ndarray, "f f 4"]) -> Float[np.ndarray, "f 4"]:
+    """What the last solve that told of each epoch said, with continuous signs; the unit quaternion where none did."""
+    held = np.asarray(np.isfinite(attitudes).all(axis=2))
+    last = len(held) - 1 - np.argmax(held[::-1], axis=0)
+    latest = attitudes[last, np.arange(held.shape[1])]
+    latest[~held.any(axis=0)] = (0.0, 0.0, 0.0, 1.0)
+    return continuous_quaternions(latest)
+
+
+def _signs(values: np.ndarray, last: np.ndarray) -> np.ndarray:
+    """Signs that bring quaternions to the side of others."""
+    return np.where((values * last).sum(axis=-1, keepdims=True) < 0, -1.0, 1.0)
+
+
+def _settling_constants(bodies: BodyHistory, truth: Truth | None) -> list[SettlingConstant]:
+    assert bodies.center_of_mass_g is not None
+    assert bodies.center_of_mass_std is not None
+    turn = _axes_turned(bodies.principal_axes_g, bodies.principal_axes_g[-1])
+    turn_std = np.sqrt(np.einsum("nii->ni", bodies.principal_axes_cov))
+    moments = axes = centre = ratios = None
+    if truth is not None:
+        moments, axes, centre = truth.principal_moments, truth.principal_axes_g, truth.center_of_mass_g
+    if moments is not None:
+        ratios = _log_ratios(moments)
+    true_turn = None
+    if axes is not None and moments is not None:
+        true_turn = _axes_turned(axes[np.argsort(moments)][np.newaxis], bodies.principal_axes_g[-1])[0]
+    degrees = float(np.rad2deg(1.0))
+    return [
+        SettlingConstant(
+            *("centre of mass in g", "mm", ("x", "y", "z")),
+            *(1e3 * bodies.center_of_mass_g, 1e3 * bodies.center_of_mass_std),
+            None if centre is None else 1e3 * centre,
+        ),
+        SettlingConstant(
+            *("principal axes, turned from their last estimate", "deg", PRINCIPAL_NAMES),
+            *(degrees * turn, degrees * turn_std),
+            None if true_turn is None else degrees * true_turn,
+        ),
+        SettlingConstant(
+            "ratios of the moments, k1 = ln(Jmax/Jmid), k2 = ln(Jmid/Jmin)",
+            *("-", ("k1", "k2"), bodies.log_ratios, bodies.log_ratios_std, ratios),
+        ),
+    ]
+
+
+def _axes_turned(
+    axes: Float[np.ndarray, "n 3 3"], reference: Float[np.ndarray, "3 3"]
+) -> Float[np.ndarray, "n 3"]:
+    """Rotation vector from reference axes to others, about the reference axes; signs of axes are chosen to make it small."""
+    turned = np.full((len(axes), 3), np.nan)
+    held = np.isfinite(axes).all(axis=(1, 2))
+    if not np.isfinite(reference).all() or not held.any():
+        return turned
+    rows = axes[held]
+    rows = rows * np.where(np.einsum("nki,ki->nk", rows, reference) < 0, -1.0, 1.0)[..., np.newaxis]
+    rows[:, 2] = np.cross(rows[:, 0], rows[:, 1])
+    turned[held] = rotation_vector_from_quaternion(
+        quaternion_from_matrix(reference @ np.swapaxes(rows, 1, 2))
+    )
+    return turned
 
 
 def is_whole(folder: Path) -> bool:
@@ -263,8 +470,8 @@ def is_whole(folder: Path) -> bool:
     return (folder / CONVERGENCE_PICTURE).exists()
 
 
-def read_convergence(folder: Path, truth: Truth | None) -> Convergence | None:
-    """Convergence of a run folder for the figure; None where not asked for.
+def redraw_convergence(folder: Path, truth: Truth | None) -> bool:
+    """Draw the convergence of a run folder again; False where it was not asked for.
 
     Raises
     ------
@@ -273,9 +480,9 @@ def read_convergence(folder: Path, truth: Truth | None) -> Convergence | None:
     """
     path = folder / NAME / ARRAYS
     if not path.exists() and not (folder / CONVERGENCE_PICTURE).exists():
-        return None
-    layout, found = read_convergence_record(path)
-    return _convergence(found, latest_epochs(layout, found), truth)
+        return False
+    draw_convergence(folder, *read_convergence_record(path), truth)
+    return True
 
 
 def _quantities(

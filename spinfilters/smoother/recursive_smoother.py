@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from spinfilters.core.errors import NUMERICAL_ERRORS, InputError
+from spinfilters.core.working_time import working_seconds
 from spinfilters.filters.estimator import Estimator, Measurement, ProcessModel, Snapshot, UpdateReport
 from spinfilters.filters.measurement_prediction import predict_ahead
 from spinfilters.filters.timeline import Epoch, OnEpoch, Timeline, times_of
@@ -344,6 +345,9 @@ def _landmark_sensor(sensors: Sequence[MeasurementModel], number: int) -> Landma
 MOST_EPOCHS = 600
 """Of a recording: a surface grows with their square."""
 
+OUT_OF_VIEW, FEWEST_BACK = 4, 6
+"""Epochs without a landmark behind which it has come back, and how many have to come back to close a loop."""
+
 SelectedQuantities = Callable[[Sequence[MarginalizedState]], Mapping[str, Float[np.ndarray, "k q"]]]
 """What is kept of the k smoothed epochs of a window, by name."""
 
@@ -362,12 +366,19 @@ class ConvergenceRecord:
         The epoch that each solve took in, as that solve saw it; it holds the constants of the solve.
     trusted : ndarray of bool, shape (f,)
         Whether the smoother vouched for its solve; before, it may sit in a wrong minimum.
+    costs : ndarray of float, shape (f, 3)
+        Seconds of every solve with the covariances of its epochs, landmarks and factors in its problem; not a number where there
+        is no solve.
+    closure : int or None
+        Number of the first epoch, from 1, that closes a loop (`first_closure`).
     """
 
     time: Float[np.ndarray, " f"]
     values: dict[str, Float[np.ndarray, "f f q"]]
     latest: tuple[MarginalizedState, ...]
     trusted: Bool[np.ndarray, " f"]
+    costs: Float[np.ndarray, "f 3"]
+    closure: int | None
 
 
 def states(window: Sequence[MarginalizedState]) -> dict[str, Float[np.ndarray, "k q"]]:
@@ -400,11 +411,13 @@ def record_convergence(
         )
     values: dict[str, np.ndarray] = {}
     latest: list[MarginalizedState] = []
-    trusted = np.zeros(count, dtype=bool)
+    trusted, costs = np.zeros(count, dtype=bool), np.full((count, 3), np.nan)
     for solve, epoch in enumerate(timeline):
+        begin = working_seconds()
         try:
             smoother.add(epoch)
             window = smoother.smoothed()
+            costs[solve] = working_seconds() - begin, len(smoother.window.ids), _factors(smoother)
             said = quantities(window)
         except NUMERICAL_ERRORS:
             if not latest:
@@ -416,7 +429,38 @@ def record_convergence(
         on_epoch(solve + 1, count)
     nothing = replace(latest[-1], mean=latest[-1].mean * np.nan, factor=latest[-1].factor * np.nan)
     latest += [replace(nothing, time=epoch.time) for epoch in timeline[len(latest) :]]
-    return ConvergenceRecord(times_of(timeline), values, tuple(latest), trusted)
+    closure = first_closure(timeline)
+    return ConvergenceRecord(times_of(timeline), values, tuple(latest), trusted, costs, closure)
+
+
+def first_closure(timeline: Timeline) -> int | None:
+    """Number of the first epoch, from 1, that closes a loop: enough landmarks for a pose come back into view.
+
+    Parameters
+    ----------
+    timeline : Timeline
+        Epochs with measurements of landmarks.
+
+    Returns
+    -------
+    int or None
+        None where nothing comes back.
+    """
+    last_seen: dict[int, int] = {}
+    for number, epoch in enumerate(timeline, start=1):
+        ids = [each for m in epoch.measurements if m.ids is not None for each in m.ids.tolist()]
+        back = sum(number - last_seen[each] > OUT_OF_VIEW for each in ids if each in last_seen)
+        if back >= FEWEST_BACK:
+            return number
+        last_seen.update(dict.fromkeys(ids, number))
+    return None
+
+
+def _factors(smoother: SlidingSmoother) -> int:
+    """Factors of a smoother's problem: observations, other measurements, motion between epochs, and a prior."""
+    window = smoother.window
+    others = sum(len(epoch.measurements) for epoch in window.epochs)
+    return len(window.seen.epoch) + others + max(len(window.epochs) - 1, 0) + 1
 
 
 def _record(

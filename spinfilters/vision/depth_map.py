@@ -54,6 +54,49 @@ def disparity_map(
     return found
 
 
+LOCAL_BLOCK: Final = 15
+"""Side of a block of local matching, px."""
+
+
+def local_disparity_map(
+    left: UInt8[np.ndarray, "h w"], right: UInt8[np.ndarray, "h w"], largest: int
+) -> Float[np.ndarray, "h w"]:
+    """Disparity by local matching of blocks (sums of absolute differences), px; NaN where none is found.
+
+    Parameters
+    ----------
+    left, right : ndarray of uint8, shape (h, w)
+        Rectified pair.
+    largest : int
+        Disparity up to which is looked, px; widened to a multiple of 16.
+    """
+    count = -(-(largest + 1) // 16) * 16
+    matcher = cv2.StereoBM.create(numDisparities=count, blockSize=LOCAL_BLOCK)
+    padded = [cv2.copyMakeBorder(image, 0, 0, count, 0, cv2.BORDER_REPLICATE) for image in (left, right)]
+    found = matcher.compute(*padded)[:, count:].astype(float) / 16
+    found[found < 0] = np.nan
+    return found
+
+
+LEAST_CONTRAST: Final = 4.0
+"""Standard deviation of the grey values around a pixel from which it has texture; below are noise and what is evenly lit."""
+
+
+def textured_pixels(image: UInt8[np.ndarray, "h w"], window: int = LOCAL_BLOCK) -> Bool[np.ndarray, "h w"]:
+    """Pixels around which grey values differ by more than `LEAST_CONTRAST`: elsewhere a disparity is a guess.
+
+    Parameters
+    ----------
+    image : ndarray of uint8, shape (h, w)
+        Grey values.
+    window : int
+        Side of the window, px.
+    """
+    grey = image.astype(float)
+    mean, square = (cv2.blur(each, (window, window)) for each in (grey, grey * grey))
+    return np.asarray(square - mean * mean > LEAST_CONTRAST**2)
+
+
 WINDOW: Final = 7
 """Rows and columns of the window, px."""
 ITERATIONS: Final = 3

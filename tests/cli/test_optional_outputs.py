@@ -13,6 +13,7 @@ from spinfilters.filters.estimator import Measurement, UpdateReport
 from spinfilters.io.text_table import read_csv
 from spinfilters.run import estimators
 from spinfilters.run.array_files import read_arrays
+from spinfilters.run.run_folder import CONSTANTS_PICTURE, COSTS_PICTURE, SETTLING_ANIMATIONS, SURFACE_PICTURES
 from tests.cli.faults import refusal
 
 FRAMES, INTERVAL = 30, 0.5
@@ -46,6 +47,9 @@ def test_the_arrays_of_convergence_end_in_the_smoothed_trajectory(unmapped: Path
     difference = np.abs(arrays["position"][-1] - smoothed[:, 1:4])
     assert (difference < arrays["std_position"][-1]).all()
     assert (unmapped / "convergence.png").stat().st_size > 10_000
+    assert (arrays["costs"] > 0).all()
+    pictures = (*SURFACE_PICTURES.values(), *SETTLING_ANIMATIONS.values(), CONSTANTS_PICTURE, COSTS_PICTURE)
+    assert all((unmapped / "smoother" / name).stat().st_size > 10_000 for name in pictures)
 
 
 def test_a_gyro_run_is_predicted_for_every_estimator(recordings: Path, tmp_path: Path) -> None:

@@ -8,10 +8,10 @@ import pytest
 
 from experiments.smoother_consistency import kept
 from experiments.smoother_figures import bound_figure, nees_figure
-from experiments.smoother_marginals import QUANTITIES, THESIS
 from experiments.smoother_report import batch_table, block_table, start_table
 from experiments.smoother_runs import Arrays, SmootherCase, run_batch
 from spinfilters.evaluation.consistency import chi_square_band
+from spinfilters.reproduction.tweddle.marginal_deviations import QUANTITIES, THESIS
 
 FRAMES = 24
 

@@ -128,6 +128,17 @@ def test_the_command_prints_formulas_on_demand(
     assert "give a model's file" in capsys.readouterr().err
 
 
+def test_the_command_searches_other_solutions_on_demand(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "decay.toml"
+    path.write_text('states = ["x"]\nparameters = ["k"]\n[equations]\nx = "-k**2*x"\n[outputs]\ny = "x"\n')
+    assert main(["observe", str(path), "--solutions", "-o", str(tmp_path / "found")]) == 0
+    assert "Another solution: where k = " in capsys.readouterr().out
+    document = json.loads((tmp_path / "found" / "observability.json").read_text())
+    assert document["isolated_solutions"]["ambiguous"] == ["k"]
+
+
 @pytest.mark.parametrize(
     ("name", "text", "words"),
     [

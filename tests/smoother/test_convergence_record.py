@@ -1,12 +1,15 @@
 """Surfaces hold what the smoother said after every epoch, at the right places and nowhere else."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from spinfilters.core.errors import InputError
 from spinfilters.core.linear_algebra import normalised_square
+from spinfilters.filters.timeline import Epoch
 from spinfilters.models.status import Verdict
-from spinfilters.smoother.recursive_smoother import record_convergence
+from spinfilters.smoother.recursive_smoother import OUT_OF_VIEW, first_closure, record_convergence
 from spinfilters.smoother.window import FixedLag, FullSmoothing
 from tests.smoother.smoothing_samples import LAYOUT, MIDDLE, SOON, run, sample, smoother
 
@@ -69,6 +72,25 @@ def test_what_is_told_of_a_window_is_chosen_by_the_caller() -> None:
     assert seen == [(1, 3), (2, 3), (3, 3)]
     nan = np.nan
     np.testing.assert_array_equal(surfaces.values["count"][..., 0], [[1, nan, nan], [2, 2, nan], [3, 3, 3]])
+
+
+def test_every_solve_has_a_time_landmarks_and_factors_from_the_first_on() -> None:
+    here = sample(MIDDLE)
+    record = record_convergence(smoother(here, FullSmoothing()), here.epochs)
+    seconds, landmarks, factors = record.costs.T
+    assert (seconds > 0).all()
+    assert (np.diff(landmarks) >= 0).all()
+    counted = [sum(len(m.ids) for m in epoch.measurements if m.ids is not None) for epoch in here.epochs]
+    np.testing.assert_array_equal(np.diff(factors), np.array(counted[1:]) + 1)
+
+
+def test_a_loop_is_closed_where_landmarks_come_back_that_were_out_of_view() -> None:
+    here = sample(MIDDLE)
+    seeing = [replace(epoch, time=float(k)) for k, epoch in enumerate([here.epochs[0]] * 3)]
+    away = [Epoch(3.0 + k, ()) for k in range(OUT_OF_VIEW)]
+    back = replace(here.epochs[0], time=3.0 + OUT_OF_VIEW)
+    assert first_closure((*seeing, *away, back)) == len(seeing) + len(away) + 1
+    assert first_closure((*seeing, *away[1:], back)) is None
 
 
 def test_no_frame_and_too_many_frames_are_refused() -> None:

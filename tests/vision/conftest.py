@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from spinfilters.simulation.image_sequence import ImageScenario, Imaging, render
+from spinfilters.simulation.image_recordings import ImageScenario, render
+from spinfilters.simulation.image_sequence import Imaging
 from spinfilters.simulation.scenario_record import Scenario
 
 

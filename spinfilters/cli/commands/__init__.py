@@ -37,9 +37,17 @@ COMMANDS: Final = (
         "calibrate", "stereo calibration from images of a board", "spinfilters.cli.commands.calibrate"
     ),
     ListedCommand(
+        "checkout",
+        "a stored calibration against new images, or against another calibration",
+        "spinfilters.cli.commands.checkout",
+    ),
+    ListedCommand(
         "rig", "how well a stereo rig can measure, before it is built", "spinfilters.cli.commands.rig"
     ),
     ListedCommand("track", "stereo images to tracks of landmarks", "spinfilters.cli.commands.track"),
+    ListedCommand(
+        "depth", "disparity and depth of one stereo pair, local and global", "spinfilters.cli.commands.depth"
+    ),
     ListedCommand(
         "reconstruct",
         "dense model of the body of a run made of stereo images",
@@ -90,7 +98,7 @@ COMMANDS: Final = (
 
 COMMAND_GROUPS: Final[dict[str, tuple[str, ...]]] = {
     "estimate": ("compare", "estimate", "segments", "live", "plot"),
-    "make data": ("simulate", "lidar", "track", "calibrate", "rig", "reconstruct"),
+    "make data": ("simulate", "lidar", "track", "calibrate", "checkout", "depth", "rig", "reconstruct"),
     "study": ("observe", "campaign", "condition", "polhode", "threshold", "reproduce"),
     "deliver": ("embed", "doctor"),
 }

@@ -236,6 +236,7 @@ def _recording(path: str, stated: ReadingOptions) -> "Dataset":
 def _print_comparison(comparison: "Comparison", folder: Path) -> None:
     from spinfilters.cli.console import wide_console
     from spinfilters.evaluation.comparison_table import comparison_table
+    from spinfilters.evaluation.spin_regime import spin_verdict
     from spinfilters.models.status import verdict_sentences
     from spinfilters.run.run_folder import REPORT_FILE
 
@@ -243,6 +244,9 @@ def _print_comparison(comparison: "Comparison", folder: Path) -> None:
     console.print(comparison_table(comparison.evaluations, comparison.conditions.sentences))
     for sentence in verdict_sentences({each.name: each.history.status for each in comparison.evaluations}):
         console.print(sentence, highlight=False)
+    spin = next(filter(None, map(spin_verdict, reversed(comparison.evaluations))), None)
+    if spin is not None:
+        console.print(f"Tumbling or spinning: {spin.sentence}.", highlight=False)
     if comparison.interrupted:
         raise InputError(
             f"interrupted; what was estimated is in {folder}, run the command again with --resume to go on from there"

@@ -26,8 +26,10 @@ CAMERA_AXES: Final = (
     "x, y, z of the camera's axes at the first epoch (x right, y down, z forward); in every chart"
 )
 
-MODEL_OPTIONS: Final = ("model", "output", "execute", "symbols")
+MODEL_OPTIONS: Final = ("model", "output", "execute", "symbols", "solutions")
 """Options that a model's file goes with; all others are of a tumbling body."""
+RECORDING_OPTIONS: Final = ("recording", "segment", "config", "set", "output")
+"""Options that a recording goes with; all others are of a motion that is asked for."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,10 +44,25 @@ class ObserveCommandArguments(ObserveArguments):
             metavar="MODEL.toml",
         ),
     ] = None
+    recording: Annotated[
+        str | None,
+        Argument(
+            "a data set in place of a motion: what its measurements can determine, at the smoother's estimate of it",
+            metavar="DATASET",
+        ),
+    ] = None
+    segment: Annotated[
+        str | None,
+        Argument("of --recording: a segment by its number or by its times, s", metavar="N|START:END"),
+    ] = None
     output: Annotated[str, Argument("text, JSON and pictures", short="-o", metavar="FOLDER")] = "runs/observe"
     symbols: Annotated[
         bool,
         Argument("of your own equations: also Lie derivatives, their gradients and null vectors as formulas"),
+    ] = False
+    solutions: Annotated[
+        bool,
+        Argument("of your own equations: also search for other values of the unknowns with the same outputs"),
     ] = False
     execute: Annotated[
         bool,
@@ -109,14 +126,18 @@ def observe(options: ObserveCommandArguments) -> int:
         raise InputError(
             "--execute runs a model's program; give it, as in: spinfilters observe model.py --execute"
         )
-    if options.symbols:
-        raise InputError("--symbols prints formulas of your own equations; give a model's file")
+    if options.symbols or options.solutions:
+        raise InputError("--symbols and --solutions are of your own equations; give a model's file")
     from spinfilters.cli.console import wide_console
     from spinfilters.io.output_files import output_folder, refuse_foreign
 
     folder = Path(options.output)
     refuse_foreign(folder, COMMAND.name)
-    found = _observed(options)
+    if options.segment is not None and options.recording is None:
+        raise InputError("--segment is of a recording; give --recording DATASET")
+    found = (
+        _observed(options) if options.recording is None else _observed_recording(options, options.recording)
+    )
     with output_folder(folder, COMMAND.name) as place:
         found.write(place)
         if options.study:
@@ -132,24 +153,38 @@ def _observe_model(options: ObserveCommandArguments, model: str) -> int:
     from spinfilters.cli.console import wide_console
     from spinfilters.io.output_files import output_folder, refuse_foreign
 
-    useless = [
-        field.flag
-        for field in given_fields(ObserveCommandArguments)
-        if field.path[0] not in MODEL_OPTIONS and reduce(getattr, field.path, options) != field.default
-    ]
-    if useless:
-        raise InputError(
-            f"{useless[0]} is of a tumbling body; leave it out, a model's file holds all of its equations and outputs"
-        )
+    _refuse_others(
+        options,
+        MODEL_OPTIONS,
+        "is of a tumbling body; leave it out, a model's file holds all of its equations and outputs",
+    )
     folder, path = Path(options.output), Path(model)
     refuse_foreign(folder, COMMAND.name)
     document = _program(path) if options.execute else _document(path)
     found = analyse(document, name=path.name)
     stated = stated_bound(document, path.name, path.parent)
     with output_folder(folder, COMMAND.name) as place:
-        text = _write_model(found, stated, options.symbols, place)
+        text = _write_model(found, stated, options, place)
     wide_console().print(f"{text}\nwritten to {folder}", highlight=False, markup=False, soft_wrap=True)
     return 0
+
+
+def _refuse_others(options: ObserveCommandArguments, known: tuple[str, ...], why: str) -> None:
+    """InputError: an option that is given and not among those known."""
+    for field in given_fields(ObserveCommandArguments):
+        if field.path[0] not in known and reduce(getattr, field.path, options) != field.default:
+            raise InputError(f"{field.flag} {why}")
+
+
+def _observed_recording(options: ObserveCommandArguments, recording: str) -> "ObservabilityResult":
+    from spinfilters.api.recorded_observability import observe_recording
+    from spinfilters.cli.console import progress_bars
+
+    _refuse_others(
+        options, RECORDING_OPTIONS, "is of a motion that is asked for; leave it out with --recording"
+    )
+    with progress_bars() as show:
+        return observe_recording(recording, _settings(options), options.segment, progress=show)
 
 
 def _document(path: Path) -> Mapping[str, Any]:
@@ -175,7 +210,9 @@ def _program(path: Path) -> Mapping[str, Any]:
     return document
 
 
-def _write_model(found: "ModelAnalysis", stated: "StatedBound | None", symbols: bool, folder: Path) -> str:
+def _write_model(
+    found: "ModelAnalysis", stated: "StatedBound | None", options: ObserveCommandArguments, folder: Path
+) -> str:
     """Everything about a model; the text."""
     from html import escape
 
@@ -189,7 +226,11 @@ def _write_model(found: "ModelAnalysis", stated: "StatedBound | None", symbols: 
         found.document(),
         {"Observability": found._repr_html_()},
     )
-    if symbols:
+    if options.solutions:
+        lines += found.isolated_solutions.sentences
+        document["isolated_solutions"] = found.isolated_solutions.document()
+        sections["Other solutions"] = f"<p>{escape(' '.join(found.isolated_solutions.sentences))}</p>"
+    if options.symbols:
         formulas = found.symbols_in_words()
         lines += ["", formulas]
         document["observability_matrix"] = found.observability_matrix().document()

@@ -2,10 +2,14 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from spinfilters.cli.command import Command
-from spinfilters.io.stated_values import Argument
+from spinfilters.core.errors import InputError
+from spinfilters.io.stated_values import Argument, NumberRange
+
+if TYPE_CHECKING:
+    from spinfilters.plots.figures import FigureData
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -13,10 +17,24 @@ class PlotArguments:
     """Arguments of ``plot``."""
 
     run: Annotated[str, Argument("folder made by compare or estimate", positional=True, metavar="RUN")]
+    output: Annotated[
+        str | None,
+        Argument("print figures into this folder and leave the run as it is", short="-o", metavar="FOLDER"),
+    ] = None
+    format: Annotated[Literal["png", "svg", "pdf"], Argument("of printed figures")] = "pdf"
+    panels: Annotated[bool, Argument("one panel a file, cut out of its figure")] = False
+    width: Annotated[
+        float | None,
+        NumberRange(20.0, 1000.0, "mm"),
+        Argument("of a printed figure or panel: 84 for a column, 174 for two", metavar="MM"),
+    ] = None
+    figures: Annotated[
+        str | None, Argument("names of the figures to print, with commas", metavar="NAMES")
+    ] = None
 
 
 def draw_again(options: PlotArguments) -> int:
-    """Draw the figures of a run folder again, and write its report."""
+    """Draw the figures of a run folder again and write its report, or print figures into a folder."""
     from spinfilters.cli.console import progress_bars, wide_console
     from spinfilters.plots.figures import draw_run
     from spinfilters.run.optional_outputs import draw_optional_outputs
@@ -26,6 +44,10 @@ def draw_again(options: PlotArguments) -> int:
 
     folder = Path(options.run)
     figure_data = read_figure_data(folder)
+    if options.output is not None:
+        return _print_figures(figure_data, options, Path(options.output))
+    if options.panels or options.width is not None or options.figures is not None:
+        raise InputError("--panels, --width and --figures are of printed figures; give a folder with -o")
     with locked_run(folder), progress_bars() as report:
         drawn = draw_run(figure_data, folder, lambda done, total: report("figures", done, total))
         drawn += draw_optional_outputs(folder, figure_data.evaluations, figure_data.dataset.truth)
@@ -34,4 +56,30 @@ def draw_again(options: PlotArguments) -> int:
     return 0
 
 
-COMMAND = Command("plot", PlotArguments, draw_again)
+def _print_figures(figure_data: "FigureData", options: PlotArguments, folder: Path) -> int:
+    """Write figures as a paper prints them."""
+    from spinfilters.cli.console import wide_console
+    from spinfilters.io.output_files import output_folder, refuse_foreign, write_bytes
+    from spinfilters.plots.figures import drawn_figure, figure_names
+    from spinfilters.plots.printing import PrintStyle, printed_figure
+
+    style = PrintStyle(options.format, options.width, options.panels)
+    names = options.figures.split(",") if options.figures else figure_names(figure_data)
+    refuse_foreign(folder, COMMAND.name)
+    count = 0
+    with output_folder(folder, COMMAND.name) as place:
+        for name in names:
+            for file, content in printed_figure(drawn_figure(figure_data, name), name, style).items():
+                write_bytes(place / file, content)
+                count += 1
+    wide_console().print(f"{count} files in {folder}", highlight=False, soft_wrap=True)
+    return 0
+
+
+COMMAND = Command(
+    "plot",
+    PlotArguments,
+    draw_again,
+    "Without -o the pictures and the report of the run are made again. With -o, figures are printed for a paper: as PDF, SVG or "
+    "PNG, at a column's width, one panel a file on demand; legends that panels share are files of their own.",
+)

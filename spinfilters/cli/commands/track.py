@@ -24,6 +24,9 @@ class TrackArguments:
     online: Annotated[
         bool, Argument("without looking ahead, as on a spacecraft: images in, observations out")
     ] = False
+    figures: Annotated[
+        bool, Argument("draw stereo matches and where features were one pair before: matches.png")
+    ] = False
 
 
 def track(options: TrackArguments) -> int:
@@ -50,8 +53,19 @@ def track(options: TrackArguments) -> int:
     with output_folder(folder, COMMAND.name) as place:
         write_dataset(replace(tracked.dataset, path=None), place)
         write_json(place / "front_end.json", {**tracked.document, "seconds": seconds})
+        if options.figures:
+            _draw(source, tracked, place / "matches.png")
     _print(tracked, folder, seconds)
     return 0
+
+
+def _draw(source: Path, tracked: "TrackedImages", path: Path) -> None:
+    from spinfilters.plots.measurement_figures import matches_figure
+    from spinfilters.plots.style import save_figure
+    from spinfilters.vision.tracked_pairs import tracked_pairs
+
+    (stream,) = tracked.dataset.log.streams
+    save_figure(matches_figure(tracked_pairs(source, stream)), path)
 
 
 def _print(tracked: "TrackedImages", folder: Path, seconds: float) -> None:

@@ -11,16 +11,11 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 
 from spinfilters.core.attitude_conversions import (
-    angle_between,
-    inverse,
     matrix_from_quaternion,
-    multiply,
     quaternion_from_axis_angle,
-    quaternion_from_matrix,
-    rotate,
 )
 from spinfilters.core.conventions import RPM
-from spinfilters.core.torque_free import torque_free_motion
+from spinfilters.evaluation.inertia_race import NamedInertia, propagate_inertias
 from spinfilters.evaluation.reference_fit import axis_and_angle
 from spinfilters.plots.style import BLUE, RED, tidy
 from spinfilters.reproduction.item import ComparedNumber, ItemResult, tweddle_item
@@ -157,16 +152,12 @@ def race(
         s; closest angle between both attitudes, rad; length of the difference of both body rates, rad/s.
     """
     time = np.linspace(0.0, seconds, int(20 * seconds) + 1)
-    found = []
-    for J in (ESLINGER, estimated_inertia()):
+    inertias = []
+    for name, J in (("reference", ESLINGER), ("estimate", estimated_inertia())):
         moments, R = principal_axes(J)
-        q = quaternion_from_matrix(R)  # q_gb
-        motion = torque_free_motion(moments, R.T @ (rate_rpm * RPM), time, q)
-        back = np.broadcast_to(inverse(q), motion.attitude.shape)
-        turned = np.broadcast_to(q, motion.attitude.shape)
-        found.append((multiply(motion.attitude, back), rotate(turned, motion.rate)))
-    (q_a, w_a), (q_b, w_b) = found
-    return time, angle_between(q_a, q_b), np.linalg.norm(w_a - w_b, axis=1)
+        inertias.append(NamedInertia(name, moments, R.T))
+    first, second = propagate_inertias(inertias, np.array([0.0, 0.0, 0.0, 1.0]), rate_rpm * RPM, time)
+    return time, second.angle_from(first.attitude), second.rate_from(first.rate)
 
 
 def make_long_race() -> ItemResult:

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from jaxtyping import Float
-from scipy.spatial.transform import Rotation
+from jaxtyping import Float, UInt8
 
+from spinfilters.core.attitude_conversions import matrix_from_rotation_vector
 from spinfilters.vision.calibration_images import Board, BoardView
 from spinfilters.vision.rectification import RawCamera, RawRig
 
@@ -23,8 +23,17 @@ def drawn_poses(
 
     Parameters
     ----------
-    kind: "still", "jitter" (a hand: 0.3 deg, 1 mm), "flat" (facing the cameras, at many distances), "slanted"
-        (tilted by at most 8 deg) or "good" (by at most 32 deg).
+    kind : str
+        "still", "jitter" (a hand: 0.3 deg, 1 mm), "flat" (facing the cameras, at many distances), "slanted" (tilted by at most
+        8 deg) or "good" (by at most 32 deg).
+    count : int
+        Number of poses.
+    rig : RawRig
+        Both of whose images hold the whole board.
+    board : Board
+        Its corners.
+    generator : Generator
+        What is drawn.
     """
     first = _pose_in_view(rig, board, generator, tilt=0.55)
     poses = []
@@ -32,7 +41,7 @@ def drawn_poses(
         if kind in TILTS:
             poses.append(_pose_in_view(rig, board, generator, TILTS[kind]))
         elif kind == "jitter":
-            turn = Rotation.from_rotvec(np.deg2rad(0.3) * generator.standard_normal(3)).as_matrix()
+            turn = matrix_from_rotation_vector(np.deg2rad(0.3) * generator.standard_normal(3))
             centre = first[0] @ board.points.mean(axis=0) + first[1] + 1e-3 * generator.standard_normal(3)
             poses.append((turn @ first[0], centre - turn @ first[0] @ board.points.mean(axis=0)))
         else:
@@ -43,7 +52,7 @@ def drawn_poses(
 def _pose_in_view(rig: RawRig, board: Board, generator: np.random.Generator, tilt: float) -> BoardPose:
     width, height = rig.size
     while True:
-        R = Rotation.from_rotvec(generator.uniform(-1, 1, 3) * [tilt, tilt, 0.3]).as_matrix()
+        R = matrix_from_rotation_vector(generator.uniform(-1, 1, 3) * [tilt, tilt, 0.3])
         place = generator.uniform([-0.1, -0.08, 0.4], [0.14, 0.08, 0.75]) - R @ board.points.mean(axis=0)
         corners = np.vstack(projected(rig, board.points, (R, place)))
         if (corners > MARGIN_PX).all() and (corners < [width - MARGIN_PX, height - MARGIN_PX]).all():
@@ -100,15 +109,25 @@ def write_board_images(
 ) -> None:
     """Write images left00.png, right00.png and so on of the board, with blur and grey noise of 2."""
     folder.mkdir(parents=True, exist_ok=True)
-    for side, camera in (("left", rig.left), ("right", rig.right)):
+    for side, images in zip(("left", "right"), board_images(poses, rig, board, generator), strict=True):
+        for k, image in enumerate(images):
+            cv2.imwrite(str(folder / f"{side}{k:02d}.png"), image)
+
+
+def board_images(
+    poses: list[BoardPose], rig: RawRig, board: Board, generator: np.random.Generator
+) -> tuple[list[UInt8[np.ndarray, "h w"]], list[UInt8[np.ndarray, "h w"]]]:
+    """Images of the board in the left and the right camera, with blur and grey noise of 2."""
+    images: tuple[list[np.ndarray], list[np.ndarray]] = ([], [])
+    for side, camera in enumerate((rig.left, rig.right)):
         rays = _rays(camera)
-        for k, (R, place) in enumerate(poses):
+        for R, place in poses:
             pose = (R, place)
-            if side == "right":
+            if side:
                 pose = rig.relative_rotation @ R, rig.relative_rotation @ place + rig.relative_position
             noise = 2 * generator.standard_normal((camera.height, camera.width))
-            image = np.clip(_rendered(rays, board, pose) + noise, 0, 255)
-            cv2.imwrite(str(folder / f"{side}{k:02d}.png"), image.astype(np.uint8))
+            images[side].append(np.clip(_rendered(rays, board, pose) + noise, 0, 255).astype(np.uint8))
+    return images
 
 
 def _rays(camera: RawCamera, finer: int = 2) -> Float[np.ndarray, "h f w f 3"]:

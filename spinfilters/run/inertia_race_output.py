@@ -1,0 +1,173 @@
+"""What a run folder holds of a race: several inertias propagated from the last state of its first estimator."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from spinfilters.core.attitude_conversions import inverse, rotate
+from spinfilters.core.errors import InputError
+from spinfilters.core.polhode import validate_principal_moments
+from spinfilters.evaluation.estimator_evaluation import Evaluation
+from spinfilters.evaluation.inertia_race import NamedInertia, PropagatedInertia, propagate_inertias
+from spinfilters.evaluation.prediction_errors import truth_in_frames_of
+from spinfilters.evaluation.trajectory_errors import common_stamps
+from spinfilters.io.document import numbers
+from spinfilters.io.input_file import path_text, read_toml, value_text
+from spinfilters.io.output_files import write_json
+from spinfilters.io.text_table import write_csv
+from spinfilters.io.truth import Truth
+from spinfilters.models.status import Verdict
+from spinfilters.plots.race_figure import inertia_race_figure
+from spinfilters.plots.style import draw_figure
+from spinfilters.run.predictions import stamps_ahead
+from spinfilters.run.run_folder import RACE_FILE, RACE_PICTURE, RACE_TABLE
+
+SCHEMA: Final = 1
+TRUTH: Final = "truth"
+KEYS: Final = ("principal_moments", "principal_axes_g", "inertia_g")
+
+
+def require_inertias(names: Sequence[str], estimators: Sequence[str]) -> None:
+    """Refuse names that are neither estimators of the run nor ``truth`` nor files of an inertia. Raises InputError."""
+    for name in names:
+        if name != TRUTH and name not in estimators:
+            _read_inertia(name, np.eye(3))
+
+
+def write_race(
+    folder: Path, names: Sequence[str], evaluations: Sequence[Evaluation], seconds: float
+) -> list[str]:
+    """Write race.json, race.csv and race.png; returns the names of the pictures.
+
+    All start from the attitude and rate of the first estimator after the last measurement. They are compared with the truth where
+    it goes on, else with the first of them.
+
+    Raises
+    ------
+    InputError
+        A file of an inertia cannot be used, or one of the run cannot be written.
+    """
+    good = [each for each in evaluations if each.history.status.verdict is not Verdict.FAILED]
+    if not good:
+        return []
+    first = good[0]
+    belief, now = first.history.belief(-1), float(first.history.time[-1])
+    layout = belief.layout
+    attitude, rate = (belief.mean[layout.mean_slice(block)] for block in ("a", "w"))
+    truth = truth_in_frames_of(first)
+    stamps = np.empty(0) if truth is None else truth.time
+    time = np.r_[0.0, stamps_ahead(first.history.time, seconds, stamps)]
+    inertias = _inertias(names, good, truth)
+    if not inertias:  # of estimators that failed
+        return []
+    true = None if truth is None else _true_rows(truth, now + time)
+    if true is not None and truth is not None:
+        time = truth.time[true] - now
+    found = propagate_inertias(inertias, attitude, rate, time)
+    reference, compared_with = found[0], found[0].name
+    if true is not None and truth is not None:
+        q = truth.q_ig[true]
+        reference = PropagatedInertia(TRUTH, q, rotate(inverse(q), truth.rate_i[true]))
+        compared_with = "the true motion"
+    _write(folder, compared_with, time, found, reference, first.name)
+    draw_figure(lambda: inertia_race_figure(time, found, reference), folder / RACE_PICTURE)
+    return [RACE_PICTURE]
+
+
+def _inertias(names: Sequence[str], good: Sequence[Evaluation], truth: Truth | None) -> list[NamedInertia]:
+    """The inertias of the names; of a file without axes about the principal axes of the first estimator."""
+    bodies = {each.name: each.body for each in good}
+    axes = good[0].body.principal_axes_g
+    found = []
+    for name in names:
+        if name == TRUTH:
+            if truth is None or truth.principal_moments is None or truth.principal_axes_g is None:
+                raise InputError(
+                    "--race truth needs moments and axes of the truth; give principal_moments and principal_axes_g in truth.toml"
+                )
+            found.append(NamedInertia(name, truth.principal_moments, truth.principal_axes_g))
+        elif name in bodies:
+            found.append(NamedInertia(name, bodies[name].principal_moments, bodies[name].principal_axes_g))
+        elif Path(name).exists():
+            found.append(_read_inertia(name, axes))
+    return found
+
+
+def _read_inertia(name: str, axes: Float[np.ndarray, "3 3"]) -> NamedInertia:
+    """The inertia of a TOML file with `KEYS`; moments without axes are in ascending order about the given ones."""
+    path = Path(name)
+    if not path.is_file():
+        raise InputError(
+            f"--race {value_text(name)} is no estimator of the run and no file; give estimators, truth or TOML files with "
+            f"{', '.join(KEYS)}"
+        )
+    document = read_toml(path)
+    unknown = [key for key in document if key not in KEYS]
+    if unknown or ("inertia_g" in document) == ("principal_moments" in document):
+        raise InputError(
+            f"{path_text(path)}: give principal_moments (and principal_axes_g), or inertia_g, three rows in axes g"
+        )
+    if "inertia_g" in document:
+        J = numbers(path, "inertia_g", document["inertia_g"], (3, 3))
+        if not np.allclose(J, J.T, rtol=1e-6, atol=1e-9 * np.abs(J).max()):
+            raise InputError(f"{path_text(path)}: inertia_g is not symmetric; correct it")
+        moments, vectors = np.linalg.eigh((J + J.T) / 2)
+        axes = vectors.T * np.sign(np.linalg.det(vectors))
+    else:
+        moments = numbers(path, "principal_moments", document["principal_moments"], (3,))
+        if "principal_axes_g" in document:
+            axes = numbers(path, "principal_axes_g", document["principal_axes_g"], (3, 3))
+            if not np.allclose(axes @ axes.T, np.eye(3), atol=1e-4) or np.linalg.det(axes) < 0:
+                raise InputError(
+                    f"{path_text(path)}: principal_axes_g are not right-handed unit axes; give them as rows"
+                )
+        else:
+            moments = np.sort(moments)
+    try:
+        return NamedInertia(path.stem, validate_principal_moments(moments), axes)
+    except InputError as error:
+        raise InputError(f"{path_text(path)}: {error}") from None
+
+
+def _true_rows(truth: Truth, time: Float[np.ndarray, " k"]) -> Int[np.ndarray, " m"] | None:
+    """Rows of the truth at the times, s; None where it has fewer than two of them."""
+    try:
+        _, rows = common_stamps(time, truth.time)
+    except InputError:
+        return None
+    return rows if len(rows) >= 2 else None
+
+
+def _write(
+    folder: Path,
+    compared_with: str,
+    time: Float[np.ndarray, " k"],
+    found: Sequence[PropagatedInertia],
+    reference: PropagatedInertia,
+    state: str,
+) -> None:
+    names, columns, document = ["ahead_s"], [time], {}
+    for each in found:
+        angle, rate = each.angle_from(reference.attitude), each.rate_from(reference.rate)
+        names += [f"{each.name}_angle_rad", f"{each.name}_rate_rad_s"]
+        columns += [angle, rate]
+        document[each.name] = {
+            "angle_end_rad": float(angle[-1]),
+            "angle_largest_rad": float(angle.max()),
+            "rate_end_rad_s": float(rate[-1]),
+            "rate_largest_rad_s": float(rate.max()),
+        }
+    write_csv(folder / RACE_TABLE, names, columns)
+    write_json(
+        folder / RACE_FILE,
+        {
+            "schema": SCHEMA,
+            "state": state,
+            "compared_with": compared_with,
+            "seconds": float(time[-1]),
+            "inertias": document,
+        },
+    )
