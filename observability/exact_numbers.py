@@ -178,6 +178,8 @@ class Reals(Arithmetic):
         raise NotRegularError("sines and turns are computed in residues only")
 
 
+SMALL = 1000
+"""Numbers of an array whose remainders are taken at once."""
 PRIME = 2147411429
 """A prime p = 4 q + 1 below 2^31 with q prime, so that products of residues fit into 64 bits; 5, 6, 7 and 11 are fourth powers."""
 ORDER = (PRIME - 1) // 4
@@ -217,7 +219,8 @@ class PrimeField(Arithmetic):
 
     def reduced(self, a: np.ndarray) -> np.ndarray:
         """The sum modulo p."""
-        return a - (a // self._p) * self._p
+        # NumPy divides large arrays by a number faster than it takes remainders; small ones cost a call each.
+        return a % self._p if a.size < SMALL else a - (a // self._p) * self._p
 
     def negative(self, a: np.ndarray) -> np.ndarray:
         """p - a."""

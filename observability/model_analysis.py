@@ -1,13 +1,12 @@
 """Observability of any system of a user's own equations: rank, names, proof, in words, JSON and HTML."""
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property
 from html import escape
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from observability.discrete_rank import outputs_rank
 from observability.discrete_symmetries import DiscreteSearch, discrete_symmetries
@@ -21,9 +20,7 @@ from observability.model_rank import ExactRank, reached
 from observability.null_vectors import RationalNullSpace, rational_null_space, symbolic_null_vectors
 from observability.other_solutions import NOT_SEARCHED, OtherSolutions, other_solutions
 from spinfilters.core.errors import InputError
-
-LARGEST_FILE: Final = 1_000_000
-"""Bytes of a model's file."""
+from spinfilters.io.input_file import printable, read_toml
 
 
 class ModelProof(StrEnum):
@@ -374,7 +371,11 @@ def analyse_file(path: str | Path) -> ModelAnalysis:
     InputError
         For a file that cannot be read or holds no model, in one line with its name.
     """
-    return analyse(read_model(Path(path)), name=Path(path).name)
+    document, name = read_model(Path(path)), printable(Path(path).name)
+    try:
+        return analyse(document, name=name)
+    except InputError as error:
+        raise error if name in str(error) else InputError(f"{name}: {error}") from None
 
 
 def read_model(path: Path) -> Mapping[str, Any]:
@@ -384,11 +385,4 @@ def read_model(path: Path) -> Mapping[str, Any]:
             f"{path}: a model is read from a TOML file, in which nothing is executed; write it as {path.stem}.toml, "
             "run a Python program of yours with --execute, or call observability.analyse in Python"
         )
-    try:
-        if path.stat().st_size > LARGEST_FILE:
-            raise InputError(f"{path} has more than {LARGEST_FILE} bytes; a model's file is smaller")
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror}") from None
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(f"{path} is no TOML file: {str(error).splitlines()[0]}") from None
+    return read_toml(path)

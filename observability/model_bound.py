@@ -1,9 +1,10 @@
 """How well any system is determined: Fisher information and Cramer-Rao bound along a trajectory, with the user's noise and priors.
 
-The unknowns z are all states, the unknown inputs (as random walks) and the parameters. A square root R of their information,
-R' R = I, is carried along the true trajectory: an output with standard deviation s adds the row (dh/dz)/s, process noise is
-marginalised by QR (Bierman 1977, Factorization Methods, ch. VI). Without any prior R may be singular; its null directions are then
-what the measurements do not determine.
+The unknowns z are all states, unknown inputs (as random walks) and parameters; s are those of the first time. Given s, z is
+Gaussian about B s with the covariance P of the process noise that measurements leave: a Kalman filter that begins with P = 0 and
+B = I. Its innovations, whitened, are rows of a square root R of the information about s, R' R = I (de Jong 1991, The diffuse
+Kalman filter, Ann. Statist. 19). The bound of z is P + B I^-1 B'. Without any prior R may be singular; its null directions are then
+what the measurements do not determine, and states that die out do no harm.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,7 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.linalg import qr
 
-from observability.cramer_rao import WIDENING, predicted_root, prior_share
+from observability.cramer_rao import WIDENING, prior_share
 from observability.model import model_of
 from observability.model_experiment import Course, Experiment
 from observability.prior_dependence import PRIOR_ONLY
@@ -24,6 +25,8 @@ from spinfilters.core.errors import InputError
 
 SINGULAR: Final = 1e-9
 """Singular values of the scaled root below this share of the largest are 0."""
+LOST: Final = 1e-6
+"""Share of a row of B along null directions that is more than rounding."""
 LARGEST_DIFFERENCE: Final = 1e-3
 """Between the information of the slopes and that of finite moves, relative, that is not worth a word."""
 PARTS: Final = 16
@@ -41,11 +44,17 @@ class ModelBound:
     experiment : Experiment
         What was asked.
     roots : ndarray of shape (t, n, n)
-        Square roots of the information at every time, with all measurements up to it.
+        Square roots of the information about the unknowns at the first time, with all measurements up to each time.
+    slopes : ndarray of shape (t, n, n)
+        B: what the unknowns of each time are expected to be, by those of the first time.
+    remainders : ndarray of shape (t, n, n)
+        P: covariance of the process noise that the measurements leave.
     """
 
     experiment: Experiment
     roots: Float[np.ndarray, "t n n"]
+    slopes: Float[np.ndarray, "t n n"]
+    remainders: Float[np.ndarray, "t n n"]
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -55,7 +64,8 @@ class ModelBound:
     @cached_property
     def covariances(self) -> Float[np.ndarray, "t n n"]:
         """Bounds of the covariance; infinite where the information is singular."""
-        return np.stack([_covariance(root) for root in self.roots])
+        each = zip(self.roots, self.slopes, self.remainders, strict=True)
+        return np.stack([left + _covariance(root, slope) for root, slope, left in each])
 
     @property
     def std(self) -> Float[np.ndarray, "t n"]:
@@ -79,24 +89,29 @@ class ModelBound:
 
     @cached_property
     def prior_only(self) -> list[dict[str, float]]:
-        """Directions in deviations of the priors (1 where there is none) that the measurements hardly improve.
+        """Directions of the unknowns at the first time, in deviations of the priors (without one, of the value), hardly improved.
 
         A direction of information p of the prior and d of the data keeps the share sqrt(p / (p + d)); priors ten times as wide show
         the share (`WIDENING`). Without a prior, a direction of no information.
         """
-        scale = np.array([self.priors.get(name, 1.0) for name in self.names])
-        narrow = self.roots[-1] * scale
-        if not self.priors:
-            shares, directions = _null_shares(narrow)
-        else:
-            other = information_roots(self.experiment, WIDENING)[-1] * scale
-            shares, directions = _growth(narrow, other)
+        free = self.experiment.free
+        names = [self.names[k] for k in free]
+        values = dict(zip(self.names, self.experiment.start().tolist(), strict=True))
+        scale = np.array([self.priors.get(name, abs(values[name]) or 1.0) for name in names])
+        narrow, wide = (
+            root[:, free] * scale
+            for root in (
+                self.roots[-1],
+                filtered(self.experiment, WIDENING if self.priors else 1.0).roots[-1],
+            )
+        )
+        shares, directions = _remaining_shares(narrow, wide) if self.priors else _null_shares(narrow)
         found = [directions[:, k] for k in np.flatnonzero(shares >= PRIOR_ONLY)]
         return [
             {
                 name: float(part)
-                for name, part in zip(self.names, each / np.abs(each).max(), strict=True)
-                if abs(part) > 0.05 * np.abs(each).max()
+                for name, part in zip(names, each / each[np.abs(each).argmax()], strict=True)
+                if abs(part) > 0.05
             }
             for each in found
         ]
@@ -106,7 +121,8 @@ class ModelBound:
         """Largest relative difference between the information of the slopes and of finite moves; None along a recording."""
         if self.experiment.trajectory:
             return None
-        moved, slopes = empirical_information(self), start_information(self.experiment)
+        free = np.ix_(self.experiment.free, self.experiment.free)
+        moved, slopes = empirical_information(self)[free], start_information(self.experiment)[free]
         scale = np.sqrt(np.diagonal(slopes))
         scale[scale == 0] = np.inf
         return float(np.abs((moved - slopes) / np.outer(scale, scale)).max(initial=0.0))
@@ -146,8 +162,10 @@ class ModelBound:
         ]
         for name, value in self.final.items():
             lines.append(f"  {name:20} {value:.4g}" if np.isfinite(value) else f"  {name:20} not determined")
-        unit = ", in deviations of the priors" if self.priors else ""
         for each in self.prior_only:
+            stated = [name in self.priors for name in each]
+            unit = ", relative to the values" if not any(stated) else ", in deviations of the priors"
+            unit += "" if all(stated) or not any(stated) else " or else of the values"
             words = " ".join(f"{part:+.3g} {name}" for name, part in each.items())
             lines.append(f"Not determined by the measurements{unit}: {words}.")
         for name, rate in self.aliased.items():
@@ -263,21 +281,32 @@ def bound_of(experiment: Experiment) -> ModelBound:
         raise InputError(
             f"{experiment.model.name}: nothing is measured; give noise, a standard deviation by output"
         )
-    return ModelBound(experiment, information_roots(experiment))
+    return filtered(experiment)
 
 
-def information_roots(experiment: Experiment, widening: float = 1.0) -> Float[np.ndarray, "t n n"]:
-    """Square roots of the information at every time, with the measurements of that time, and with priors so many times as wide."""
+def filtered(experiment: Experiment, widening: float = 1.0) -> ModelBound:
+    """The bound with priors so many times as wide."""
     course, size = experiment.course, len(experiment.names)
-    root = _root_at_start(experiment, widening)
-    found = []
+    root, slope = _root_at_start(experiment, widening), experiment.start_slopes()
+    left = np.zeros((size, size))
+    roots, slopes, remainders = [], [], []
     for k in range(len(experiment.times)):
         if k:
-            root = predicted_root(course.transitions[k - 1], course.entries[k - 1], root)
-        rows = [course.slopes[k, index] / deviation for index, deviation in experiment.measured(k)]
+            transition, entry = course.transitions[k - 1], course.entries[k - 1]
+            slope, left = transition @ slope, transition @ left @ transition.T + entry @ entry.T
+        rows = []
+        for index, deviation in experiment.measured(k):
+            output = course.slopes[k, index]
+            spread = left @ output
+            variance = output @ spread + deviation**2
+            rows.append(output @ slope / np.sqrt(variance))
+            slope = slope - np.outer(spread / variance, output @ slope)
+            left = left - np.outer(spread, spread) / variance
         root = _triangle(np.vstack([root, *rows]), size)
-        found.append(root)
-    return np.stack(found)
+        roots.append(root)
+        slopes.append(slope)
+        remainders.append(left)
+    return ModelBound(experiment, np.stack(roots), np.stack(slopes), np.stack(remainders))
 
 
 def _root_at_start(experiment: Experiment, widening: float) -> Float[np.ndarray, "n n"]:
@@ -289,21 +318,18 @@ def _root_at_start(experiment: Experiment, widening: float) -> Float[np.ndarray,
         if experiment.after is None or name not in parameters
     }
     root = np.diag([1 / (widening * known[name]) if name in known else 0.0 for name in names])
-    root = _triangle(np.vstack([root, experiment.known_rows()]), len(names))
     if experiment.after is None or not parameters:
         return root
     # [ states | parameters ]: the lower right block of the triangle is the root of the parameters' marginal.
-    whole = information_roots(experiment.after, widening)[-1]
-    count = len(parameters)
-    shared = np.zeros((count, len(names)))
-    shared[:, -count:] = _triangle(whole, len(whole))[-count:, -count:]
-    return _triangle(np.vstack([root, shared]), len(names))
+    whole, count = filtered(experiment.after, widening).roots[-1], len(parameters)
+    root[-count:, -count:] = whole[-count:, -count:]
+    return root
 
 
 def start_information(experiment: Experiment) -> Float[np.ndarray, "n n"]:
     """Information of the measurements alone about the unknowns at the first time, without process noise."""
     course, size = experiment.course, len(experiment.names)
-    carried, found = np.eye(size), np.zeros((size, size))
+    carried, found = experiment.start_slopes(), np.zeros((size, size))
     for k in range(len(experiment.times)):
         if k:
             carried = course.transitions[k - 1] @ carried
@@ -334,7 +360,7 @@ def gain_table(
     sensors = dict.fromkeys(name for each in _flights(own) for name in each.noise)
     for name in sensors:
         other = _without_sensor(own, name)
-        table[name] = _ratios(ModelBound(other, information_roots(other)).final, found.final)
+        table[name] = _ratios(filtered(other).final, found.final)
     for name, inputs in (manoeuvres or {}).items():
         moved = bound_of(replace(own, inputs={**own.inputs, **inputs}))
         table[name] = _ratios(found.final, moved.final)
@@ -378,26 +404,28 @@ def _triangle(stacked: Float[np.ndarray, "k n"], size: int) -> Float[np.ndarray,
     return np.vstack([upper, np.zeros((size - len(upper), upper.shape[1]))])
 
 
-def _covariance(root: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
-    """(R' R)^-1, infinite in what the null directions of R move."""
+def _covariance(root: Float[np.ndarray, "n n"], slope: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
+    """B (R' R)^-1 B', infinite in what the null directions of R move."""
     scale, sizes, axes, null = _scaled_singular_values(root)
-    regular = (axes[~null] / sizes[~null, np.newaxis]).T / scale[:, np.newaxis]
+    scaled = slope / scale
+    regular = scaled @ (axes[~null] / sizes[~null, np.newaxis]).T
     covariance = regular @ regular.T
-    lost = (np.abs(axes[null]) > 1e-6).any(axis=0)
+    moved = np.abs(scaled @ axes[null].T)
+    lost = (moved > LOST * np.linalg.norm(scaled, axis=1)[:, np.newaxis]).any(axis=1)
     covariance[lost, lost] = np.inf
     return covariance
 
 
-def _null_shares(root: Float[np.ndarray, "n n"]) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n n"]]:
+def _null_shares(root: Float[np.ndarray, "n m"]) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m m"]]:
     """Right singular vectors, with share 1 where there is no information."""
     scale, _, axes, null = _scaled_singular_values(root)
     return null.astype(float), axes.T / scale[:, np.newaxis]
 
 
 def _scaled_singular_values(
-    root: Float[np.ndarray, "n n"],
+    root: Float[np.ndarray, "n m"],
 ) -> tuple[
-    Float[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, "n n"], Bool[np.ndarray, " n"]
+    Float[np.ndarray, " m"], Float[np.ndarray, " m"], Float[np.ndarray, "m m"], Bool[np.ndarray, " m"]
 ]:
     """Lengths of a root's columns; singular values of the root over them, right singular vectors, and which values are zero."""
     scale = np.linalg.norm(root, axis=0)
@@ -406,18 +434,17 @@ def _scaled_singular_values(
     return scale, sizes, axes, sizes <= SINGULAR * max(sizes[0], 1e-300)
 
 
-def _growth(
-    narrow: Float[np.ndarray, "n n"], wide: Float[np.ndarray, "n n"]
-) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n n"]]:
-    """Shares of the priors that remain, and directions: eigenvectors of the wide covariance relative to the narrow one.
+def _remaining_shares(
+    narrow: Float[np.ndarray, "n m"], wide: Float[np.ndarray, "n m"]
+) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m m"]]:
+    """Shares of the priors that remain, and directions; 1 where there is no information at all.
 
-    The share of what a variance grows by is `observability.cramer_rao.prior_share`.
+    Along D with I = D^-T D^-1 of the narrow priors, D' I_wide D has the eigenvalues one over what a variance grows by; the share
+    of a growth is `observability.cramer_rao.prior_share`.
     """
-    covariance = _covariance(narrow)
-    other = _covariance(wide)
-    if not (np.isfinite(covariance).all() and np.isfinite(other).all()):
-        return _null_shares(narrow)
-    lower = np.linalg.cholesky(covariance)
-    middle = np.linalg.solve(lower, np.linalg.solve(lower, other).T)
-    growths, axes = np.linalg.eigh((middle + middle.T) / 2)
-    return prior_share(growths.clip(1.0)), lower @ axes
+    scale, sizes, axes, null = _scaled_singular_values(narrow)
+    axes = axes / scale
+    unit = (axes[~null] / sizes[~null, np.newaxis]).T
+    _, kept, turned = np.linalg.svd(wide @ unit)
+    shares = prior_share((1 / np.maximum(kept, 1e-12) ** 2).clip(1.0))
+    return np.concatenate([shares, np.ones(null.sum())]), np.hstack([unit @ turned.T, axes[null].T])

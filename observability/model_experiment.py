@@ -20,13 +20,6 @@ MOST_STEPS: Final = 5000
 STEP_SIZE: Final = 0.5
 """Of a Runge-Kutta step, over the largest eigenvalue of the motion."""
 
-LARGEST_CONDITION: Final = 1e150
-"""Of a transition that can be undone."""
-EXACTNESS: Final = 1e-6
-"""Of known initial values, relative."""
-SMALLEST_VALUE: Final = 1e-3
-"""From which this is counted."""
-
 Course = Callable[[float], float] | Sequence[float] | Float[np.ndarray, " t"] | float
 """A known input: a function of time, its values at the times (linear in between), or a constant."""
 
@@ -166,11 +159,6 @@ class Experiment:
                 raise InputError(
                     f"{self.model.name}: the trajectory leaves the numbers at t = {time:g} s; check values and times"
                 )
-            if k and np.linalg.cond(transitions[-1]) > LARGEST_CONDITION:
-                raise InputError(
-                    f"{self.model.name}: the step to t = {time:g} forgets what was before; move values or times, or leave the "
-                    "state out that it forgets"
-                )
         return LinearisedCourse(np.stack(values), np.stack(transitions), entries, np.stack(slopes))
 
     @cached_property
@@ -237,14 +225,19 @@ class Experiment:
         values = ca.vertcat(*self.model.known_initial_values.values())
         return Compiled.interpreted(ca.Function("known_start", [z, c], [values, ca.jacobian(values, z)]))
 
-    def known_rows(self) -> Float[np.ndarray, "k n"]:
-        """Rows of information of the known initial values: exact to a share of `EXACTNESS`."""
-        known, z = self.model.known_initial_values, self.start()
-        if not known:
-            return np.zeros((0, len(z)))
-        values, slopes = self.known_start(z, self.constants)
-        rows = np.eye(len(z))[[self.names.index(name) for name in known]] - slopes
-        return rows / (EXACTNESS * np.maximum(np.abs(values), SMALLEST_VALUE))[:, np.newaxis]
+    @property
+    def free(self) -> list[int]:
+        """Indices of the unknowns without a known initial value."""
+        return [k for k, name in enumerate(self.names) if name not in self.model.known_initial_values]
+
+    def start_slopes(self) -> Float[np.ndarray, "n n"]:
+        """Of all unknowns at the first time by the free ones of them."""
+        z, slopes = self.start(), np.eye(len(self.names))
+        for name, row in zip(
+            self.model.known_initial_values, self.known_start(z, self.constants)[1], strict=True
+        ):
+            slopes[self.names.index(name)] = row
+        return slopes
 
     def input_values(self, time: float) -> Float[np.ndarray, " u"]:
         """Known inputs at a time."""
@@ -266,22 +259,28 @@ class Experiment:
         return z
 
     def step(
-        self, z: Float[np.ndarray, " n"], first: float, last: float
-    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "n n"], Float[np.ndarray, "n n"]]:
-        """z at the next time, the transition to it, and the covariance of the process noise in between."""
+        self, z: Float[np.ndarray, "*b n"], first: float, last: float
+    ) -> tuple[Float[np.ndarray, "*b n"], Float[np.ndarray, "*b n n"], Float[np.ndarray, "*b n n"]]:
+        """z at the next time, the transition to it, and the covariance of the process noise in between; of several at once, too."""
         if self.model.discrete:
             following, transition = self.rates(z, self.input_values(first), self.constants)
             return following, transition, self.density
-        transition, noise = np.eye(len(z)), np.zeros((len(z), len(z)))
-        for given in self._given(z, first, last):
+        transition, noise = np.eye(z.shape[-1]), np.zeros((z.shape[-1], z.shape[-1]))
+        for given in self._given(z.reshape(-1, z.shape[-1])[0], first, last):
             z, transition, noise = self.advance(z, transition, noise, *given)
         return z, transition, noise
 
-    def following(self, z: Float[np.ndarray, "*b n"], first: float, last: float) -> Float[np.ndarray, "*b n"]:
-        """z at the next time, of one start or of several at once."""
+    def following(
+        self,
+        z: Float[np.ndarray, "*b n"],
+        first: float,
+        last: float,
+        about: Float[np.ndarray, " n"] | None = None,
+    ) -> Float[np.ndarray, "*b n"]:
+        """z at the next time, of one start or of several at once, in the steps that a state needs (by default the first)."""
         if self.model.discrete:
             return self.rates(z, self.input_values(first), self.constants)[0]
-        for given in self._given(z.reshape(-1, z.shape[-1])[0], first, last):
+        for given in self._given(z.reshape(-1, z.shape[-1])[0] if about is None else about, first, last):
             (z,) = self.moved(z, *given)
         return z
 
@@ -327,10 +326,13 @@ class Experiment:
 
     def simulated(self, z: Float[np.ndarray, "b n"]) -> Float[np.ndarray, "b m"]:
         """All measurements from unknowns at the first time, each in its standard deviation, for several at once."""
-        found = []
+        found, known = [], [self.names.index(name) for name in self.model.known_initial_values]
+        if known:
+            z = z.copy()
+            z[:, known] = self.known_start(z, self.constants)[0]
         for k, time in enumerate(self.times.tolist()):
             if k:
-                z = self.following(z, float(self.times[k - 1]), time)
+                z = self.following(z, float(self.times[k - 1]), time, self.course.values[k - 1])
             outputs, _ = self.sensing(z, self.input_values(time), self.constants)
             found += [outputs[:, index] / deviation for index, deviation in self.measured(k)]
         return np.stack(found, axis=1)

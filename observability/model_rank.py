@@ -54,7 +54,7 @@ class ReachedModel:
     inputs: tuple[str, ...]
     unknown_inputs: tuple[str, ...]
 
-    @property
+    @cached_property
     def unknowns(self) -> tuple[str, ...]:
         """In the order of the model's unknowns."""
         named = {*self.states, *self.constants, *self.unknown_inputs}
@@ -234,15 +234,17 @@ def _tried(part: ReachedModel, field: PrimeField, batch: int, generator: np.rand
         drawn_values(part, group, field, batch, generator, floats[k] if piecewise else None)
         for k, group in enumerate(part.groups)
     ]
-    start = function_values(part.start, field, given, {})
-    given[0] = start.output
+    start = function_values(part.start, field, given, {}) if part.model.known_initial_values else None
+    if start is not None:
+        given[0] = start.output
     choices = float_choices(part.tape, floats) if piecewise else {}
     motion = function_values(part.tape, field, given, choices)
-    good = start.regular & motion.regular
+    good = motion.regular if start is None else start.regular & motion.regular
     if not good.any():
-        raise NotRegularError(motion.reason or start.reason)
+        raise NotRegularError(motion.reason or (start.reason if start else ""))
     values = tuple(Residues(each.p[:, good], each.q[:, good]) for each in given)
-    return DrawnPoint(field, values, _decisions(motion, choices, good), _decisions(start, {}, good))
+    at_start = BranchDecisions({}, {}) if start is None else _decisions(start, {}, good)
+    return DrawnPoint(field, values, _decisions(motion, choices, good), at_start)
 
 
 def _decisions(found: FunctionValues, choices: Choices, good: Bool[np.ndarray, " b"]) -> BranchDecisions:
@@ -399,6 +401,8 @@ def output_coefficients(
 
 def start_values(part: ReachedModel, point: DrawnPoint, width: int) -> Num[np.ndarray, "n b m"]:
     """States at time 0 with their tangents by the unknowns."""
+    if not part.model.known_initial_values:
+        return with_tangents(part, part.states, point.values[0].p, width)
     series = Series(part.start, point.start_decisions, point.field, (1, point.count, width))
     for index, (group, values) in enumerate(zip(part.groups, point.values, strict=True)):
         series.put(index, 0, with_tangents(part, group, values.p, width))
@@ -415,6 +419,8 @@ def _given(
         return
     for index in (2, 3):
         count = len(part.groups[index])
+        if not count:
+            continue
         values = np.zeros((count, point.count, width), dtype=np.uint64)
         values[..., 0] = generator.integers(0, LARGEST_INPUT, (count, point.count), dtype=np.uint64)
         if index == 3:

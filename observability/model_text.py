@@ -1,5 +1,6 @@
 """Formulas of a model as text: a small grammar, read without evaluating anything as code."""
 
+import math
 import re
 from collections.abc import Callable, Mapping
 from fractions import Fraction
@@ -15,6 +16,10 @@ DEEPEST: Final = 100
 """Parentheses and signs within one another."""
 LARGEST_EXPONENT: Final = 30
 """Powers of ten in a number."""
+LARGEST_VALUE: Final = 300
+"""Powers of ten in the value of an unknown."""
+LONGEST_NUMBER: Final = 400
+"""Characters of a value."""
 FUNCTIONS: Final[Mapping[str, tuple[int, Callable[..., ca.SX]]]] = {
     "exp": (1, ca.exp),
     "log": (1, ca.log),
@@ -37,7 +42,8 @@ FUNCTIONS: Final[Mapping[str, tuple[int, Callable[..., ca.SX]]]] = {
 NAME: Final = re.compile(r"[A-Za-z_][A-Za-z_0-9]*")
 _TOKEN: Final = re.compile(
     r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|(?P<name>[A-Za-z_][A-Za-z_0-9]*)"
-    r"|(?P<sign>\*\*|[-+*/^(),]))"
+    r"|(?P<sign>\*\*|[-+*/^(),]))",
+    re.ASCII,
 )
 
 
@@ -70,9 +76,16 @@ def exact_number(text: str | float, where: str) -> Fraction:
         For what is no number.
     """
     try:
-        return Fraction(repr(text) if isinstance(text, float) else str(text).strip())
+        written = repr(text) if isinstance(text, float) else str(text).strip()
+        powers = re.split("[eE]", written)[1:]
+        if len(written) > LONGEST_NUMBER or any(abs(int(power)) > LARGEST_VALUE for power in powers):
+            raise ValueError  # the fraction of a huge power of ten takes all memory
+        return Fraction(written)
     except (ValueError, ZeroDivisionError):
-        raise InputError(f"{where} is {text!r}, which is no number; give one such as 0.5 or 3/2") from None
+        raise InputError(
+            f"{where} is {str(text)[:40]!r}, which is no number; give one such as 0.5 or 3/2, of at most {LONGEST_NUMBER} "
+            f"characters, between 1e-{LARGEST_VALUE} and 1e{LARGEST_VALUE}"
+        ) from None
 
 
 class _Formula:
@@ -128,7 +141,7 @@ class _Formula:
             other = self._signed()
             if sign == "/" and other.is_zero():
                 raise self._wrong("something is divided by 0")
-            result = result * other if sign == "*" else result / other
+            result = self._finite(result * other if sign == "*" else result / other, "a product")
         return result
 
     def _signed(self) -> ca.SX:
@@ -146,7 +159,7 @@ class _Formula:
                 raise self._wrong(f"more than {DEEPEST} powers lie within one another")
             exponent = self._signed()
             self._depth -= 1
-            return base**exponent
+            return self._finite(base**exponent, "a power")
         return base
 
     def _atom(self) -> ca.SX:
@@ -190,7 +203,12 @@ class _Formula:
             raise self._wrong(
                 f"{word} takes {count} argument{'s' if count > 1 else ''}, got {len(arguments)}"
             )
-        return function(*arguments)
+        return self._finite(function(*arguments), word)
+
+    def _finite(self, value: ca.SX, what: str) -> ca.SX:
+        if value.is_constant() and not math.isfinite(float(value)):
+            raise self._wrong(f"{what} has no finite value here; change its argument")
+        return value
 
     def _close(self) -> None:
         if not self._take(")"):

@@ -1,7 +1,10 @@
 """Recordings that programs save as arrays: NumPy .npz, MATLAB .mat, Parquet, and JSON as Sensor Logger exports it."""
 
 import json
+import math
+import struct
 import zipfile
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
@@ -11,7 +14,16 @@ import numpy as np
 from spinfilters.core.errors import InputError
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.dataset_reader import StatedReader
-from spinfilters.io.input_file import path_text, printable, read_bytes, reason, require_file, value_text
+from spinfilters.io.input_file import (
+    MAX_TABLE_ROWS,
+    ignored_warnings,
+    path_text,
+    printable,
+    read_bytes,
+    reason,
+    require_file,
+    value_text,
+)
 from spinfilters.io.memory_tables import array_columns
 from spinfilters.io.motion_file import bare_quantity, motion_dataset
 from spinfilters.io.motion_table import motion_of
@@ -19,6 +31,8 @@ from spinfilters.io.named_columns import ArrayColumns
 
 LARGEST: Final = 2 * 1024**3
 """Bytes of a file, and of the numbers in it."""
+SMALL, LARGEST_RATIO = 64 << 20, 100
+"""A packed file may unpack to so many bytes more than so many times its size: arrays of zeros shrink further, measurements less."""
 LARGEST_JSON: Final = 512 * 1024**2
 _SENSORS: Final = ("gyroscope", "gyroscopeuncalibrated", "gyro", "imu")
 """Values of the key "sensor" in JSON whose rows are body rates, in the order in which they are taken."""
@@ -49,27 +63,53 @@ def _npz(path: Path) -> ArrayColumns:
     try:
         with zipfile.ZipFile(path) as archive:
             _require_size(path, sum(member.file_size for member in archive.infolist()))
+            for member in archive.infolist():
+                if member.filename.endswith(".npy"):
+                    _require_whole(archive, member)
         with np.load(path, allow_pickle=False) as members:
-            return _columns_of(path, {name: members[name] for name in members.files})
-    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, NotImplementedError) as error:
+            arrays = {name: members[name] for name in members.files}
+    except InputError:
+        raise
+    except Exception as error:  # what a parser raises of damaged bytes is not documented
         raise InputError(
             f"{path_text(path)}: is no .npz of plain arrays ({reason(error)}); save it with numpy.savez"
         ) from None
+    return _columns_of(path, arrays)
+
+
+def _require_whole(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> None:
+    """Raise ValueError where an array states more numbers than it holds, before memory is taken for them."""
+    with archive.open(member) as stream:
+        version = np.lib.format.read_magic(stream)
+        read = (
+            np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+        )
+        shape, _, kind = read(stream)
+    if min(shape, default=0) < 0 or math.prod(shape) * kind.itemsize > member.file_size:
+        raise ValueError(f"an array states the shape {value_text(shape)}, more numbers than it holds")
 
 
 def _mat(path: Path) -> ArrayColumns:
     """Arrays of a .mat up to version 7, and those of its structures by name."""
     from scipy.io import loadmat, whosmat
-    from scipy.io.matlab import MatReadError
 
     try:
-        _require_size(path, sum(8 * int(np.prod(shape, dtype=np.float64)) for _, shape, _ in whosmat(path)))
-        held = loadmat(path, simplify_cells=True)
+        _require_sound_mat(read_bytes(path, LARGEST))
+        with ignored_warnings(UserWarning):
+            variables = whosmat(path)
+            if any(min(shape, default=0) < 0 for _, shape, _ in variables):
+                raise ValueError("an array states a negative number of rows")
+            if len({name for name, _, _ in variables}) < len(variables):
+                raise ValueError("a variable stands twice")
+            _require_size(path, sum(8 * math.prod(shape) for _, shape, _ in variables))
+            held = loadmat(path, simplify_cells=True)
+    except InputError:
+        raise
     except NotImplementedError:
         raise InputError(
             f"{path_text(path)}: is a .mat of version 7.3; save it in MATLAB with save(..., '-v7')"
         ) from None
-    except (MatReadError, OSError, ValueError, TypeError, IndexError, EOFError, KeyError) as error:
+    except Exception as error:  # as above
         raise InputError(
             f"{path_text(path)}: is no whole .mat ({reason(error)}); save it in MATLAB with save(..., '-v7')"
         ) from None
@@ -78,6 +118,52 @@ def _mat(path: Path) -> ArrayColumns:
     if len(set(last)) == len(last):  # no two structures have a field of one name
         flat = dict(zip(last, flat.values(), strict=True))
     return _columns_of(path, flat)
+
+
+_DEEPEST: Final = 20
+"""Cells and structures of a .mat within one another."""
+_MATRIX, _COMPRESSED = 14, 15
+_DATA_TYPES: Final = frozenset({1, 2, 3, 4, 5, 6, 7, 9, 12, 13, _MATRIX, 16, 17, 18})
+
+
+def _require_sound_mat(data: bytes) -> None:
+    """Raise ValueError for a .mat whose elements are cut off, unknown or nested too deep, at which SciPy's reader crashes."""
+    if 0 in data[:4]:  # version 4 has no elements
+        return
+    order = {b"IM": "<", b"MI": ">"}.get(data[126:128])
+    if order is None:
+        raise ValueError("it begins otherwise")
+    _require_sound_elements(memoryview(data)[128:], order, 0)
+
+
+def _require_sound_elements(data: memoryview, order: str, depth: int) -> None:
+    """Elements one after another, each a type, a size and a body; small ones keep both in four bytes, the size first."""
+    if depth > _DEEPEST:
+        raise ValueError(f"more than {_DEEPEST} cells or structures lie within one another")
+    place = 0
+    while place + 8 <= len(data):
+        kind, size = struct.unpack_from(f"{order}2I", data, place)
+        place += 8
+        if kind >> 16:  # a small element, whose body is within these eight bytes
+            kind, size, end = kind & 0xFFFF, kind >> 16, place
+            if size > 4:
+                raise ValueError(f"a small element states {size} bytes")
+        else:
+            end = place + size
+            if end > len(data):
+                raise ValueError("it is cut off")
+        body = data[place:end]
+        if kind == _COMPRESSED and depth == 0:
+            unpacker, largest = zlib.decompressobj(), SMALL + LARGEST_RATIO * len(body)
+            inner = unpacker.decompress(body, largest)
+            if unpacker.unconsumed_tail:
+                raise ValueError(f"it unpacks to more than {largest} bytes")
+            _require_sound_elements(memoryview(inner), order, depth)
+        elif kind not in _DATA_TYPES:
+            raise ValueError(f"an element has the unknown type {kind}")
+        elif kind == _MATRIX:
+            _require_sound_elements(body, order, depth + 1)
+        place = end if kind == _COMPRESSED else end + (place - end) % 8
 
 
 def _flat(held: Mapping[str, Any], before: str = "") -> dict[str, np.ndarray]:
@@ -103,13 +189,30 @@ def _parquet(path: Path) -> ArrayColumns:
         ) from None
     try:
         with parquet.ParquetFile(path) as file:
-            _require_size(path, 8 * file.metadata.num_rows * file.metadata.num_columns)
-            table = file.read()
-        return _columns_of(path, {name: table[name].to_numpy() for name in table.column_names})
-    except (ArrowException, OSError, ValueError) as error:
+            names = [field.name for field in file.schema_arrow if _is_number(str(field.type))]
+            twice = next((name for name in names if names.count(name) > 1), None)
+            if twice is not None:
+                raise InputError(
+                    f"{path_text(path)}: has two columns {value_text(twice)}; leave out or rename one of them"
+                )
+            if file.metadata.num_rows > MAX_TABLE_ROWS:
+                raise InputError(
+                    f"{path_text(path)}: has {file.metadata.num_rows} rows, at most {MAX_TABLE_ROWS} are read; "
+                    "cut it into smaller files"
+                )
+            _require_size(path, 8 * file.metadata.num_rows * len(names))
+            table = file.read(columns=names)
+        arrays = {name: table[name].to_numpy() for name in names}
+    except (ArrowException, OSError, ValueError, TypeError, OverflowError, MemoryError) as error:
         raise InputError(
             f"{path_text(path)}: is no whole Parquet file ({reason(error)}); write it again"
         ) from None
+    return _columns_of(path, arrays)
+
+
+def _is_number(kind: str) -> bool:
+    """Whether columns of an Arrow type are numbers or instants: of others, such as texts, a small file may unpack to any size."""
+    return kind.startswith(("int", "uint", "float", "halffloat", "double", "timestamp", "date", "duration"))
 
 
 def _json(path: Path) -> ArrayColumns:
@@ -145,7 +248,10 @@ def _columns_of(path: Path, arrays: Mapping[str, Any]) -> ArrayColumns:
     """
     columns: dict[str, np.ndarray] = {}
     for name, held in arrays.items():
-        array: np.ndarray = np.asarray(held)
+        try:
+            array: np.ndarray = np.asarray(held)
+        except ValueError:
+            continue  # lists that differ in length
         if array.ndim == 2 and 1 in array.shape:
             array = array.reshape(-1)
         if array.ndim == 2 and array.shape[1] not in (3, 4) and array.shape[0] in (3, 4):
@@ -166,10 +272,11 @@ def _columns_of(path: Path, arrays: Mapping[str, Any]) -> ArrayColumns:
 
 
 def _require_size(path: Path, size: int) -> None:
-    """InputError: more bytes than are read."""
-    if size > LARGEST:
+    """InputError: more bytes than are read, or than a file of its size can pack of measurements."""
+    largest = min(LARGEST, SMALL + LARGEST_RATIO * path.stat().st_size)
+    if size > largest:
         raise InputError(
-            f"{path_text(path)}: unpacks to {size} bytes, at most {LARGEST} are read; cut it into smaller files"
+            f"{path_text(path)}: unpacks to {size} bytes, at most {largest} are read; cut it into smaller files"
         )
 
 

@@ -8,6 +8,7 @@ one behind, so only one of them does so at a time.
 """
 
 import os
+import re
 import reprlib
 import stat
 import threading
@@ -29,6 +30,8 @@ MAX_LINE_BYTES: Final[int] = 1024**2
 """A table whose line is longer is no table of measurements."""
 
 _MOST_DOTS = 64  # on a TOML line: tomllib takes memory as the square of the parts of a dotted key
+
+_QUOTED = re.compile(r'"(?:[^"\\]|\\.)*"|\'[^\']*\'')
 
 _REPR = reprlib.Repr()
 _REPR.maxstring = _REPR.maxother = _REPR.maxlong = 60
@@ -190,7 +193,7 @@ def read_settings_text(path: Path) -> str:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Document of a TOML file of at most 1 MiB.
+    """Document of a TOML file of at most 1 MiB, and of at most 64 dots outside quotes in a line.
 
     Raises
     ------
@@ -201,9 +204,9 @@ def read_toml(path: Path) -> dict[str, Any]:
 
     text = read_settings_text(path)
     for number, line in enumerate(text.split("\n"), start=1):
-        if line.count(".") > _MOST_DOTS:
+        if line.count(".") > _MOST_DOTS < _QUOTED.sub("", line).count("."):
             raise InputError(
-                f"{path_text(path)}: line {number}: has more than {_MOST_DOTS} dots; shorten that line"
+                f"{path_text(path)}: line {number}: has more than {_MOST_DOTS} dots; break that line into several"
             )
     try:
         return tomllib.loads(text)

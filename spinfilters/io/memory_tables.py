@@ -8,7 +8,7 @@ import numpy as np
 
 from spinfilters.core.errors import InputError
 from spinfilters.io.argument_checks import refuse
-from spinfilters.io.input_file import path_text, value_text
+from spinfilters.io.input_file import MAX_TABLE_ROWS, path_text, reason, value_text
 from spinfilters.io.measurement_log import MeasurementStream
 from spinfilters.io.motion_columns import Quantity, heading_of
 from spinfilters.io.motion_table import MotionTable, motion_of
@@ -158,8 +158,13 @@ def _columns(table: Any, form: SensorFormat | None, options: ReadingOptions) -> 
 
 
 def _frame_columns(frame: Any) -> dict[str, Any]:
-    """Columns of a data frame by their names, with its index where that is a clock."""
-    return _index_of(frame) | {str(name): frame[name] for name in frame.columns}
+    """Columns of a data frame by their names, with its index where that is a clock. InputError: the frame does not give them."""
+    try:
+        return _index_of(frame) | {str(name): frame[name] for name in frame.columns}
+    except Exception as error:  # whatever a foreign frame raises
+        raise InputError(
+            f"{TABLE}: its columns cannot be read ({reason(error)}); give arrays by name"
+        ) from None
 
 
 def _array(table: Any, kind: str, header: tuple[str, ...]) -> list[np.ndarray]:
@@ -167,15 +172,16 @@ def _array(table: Any, kind: str, header: tuple[str, ...]) -> list[np.ndarray]:
     wanted = f"a table of kind {kind} has {len(header)} columns: {', '.join(header)}"
     try:
         if isinstance(table, tuple | list) and len(table) == 2 and np.ndim(table[1]) == 2:
-            time, values = np.asarray(table[0]), np.asarray(table[1])
+            time, values = _without_mask(table[0]), _without_mask(table[1])
             if time.shape != values.shape[:1]:
                 raise InputError(
                     f"{TABLE}: has times of shape {time.shape} and values of shape {values.shape}; {wanted}"
                 )
             columns = [time, *values.T]
         else:
-            array = np.asarray(table)
-            columns = list(array.T) if array.ndim == 2 else []
+            array = _without_mask(table)
+            is_like = array.ndim == 2 and array.shape[1] == len(header)
+            columns = list(array.T) if is_like else []
     except ValueError:
         raise InputError(f"{TABLE}: is no array of numbers; {wanted}") from None
     if len(columns) != len(header):
@@ -201,12 +207,16 @@ def array_columns(columns: Mapping[Any, Any], path: Path = Path(TABLE)) -> Array
     names, arrays = [], []
     for name, values in columns.items():
         try:
-            array = np.asarray(values)
-        except ValueError:
+            array = _without_mask(values)
+        except Exception:  # lists that differ in length, or whatever a foreign array raises
             array = np.empty((0, 0))
         if array.ndim != 1:
             raise InputError(
                 f"{path_text(path)}: {value_text(str(name))} is of shape {np.shape(array)}; give one value a row"
+            )
+        if len(array) > MAX_TABLE_ROWS:
+            raise InputError(
+                f"{path_text(path)}: has {len(array)} rows, at most {MAX_TABLE_ROWS} are read; cut it into smaller tables"
             )
         text = str(name)
         if array.dtype.kind in "mM":
@@ -218,12 +228,21 @@ def array_columns(columns: Mapping[Any, Any], path: Path = Path(TABLE)) -> Array
     return ArrayColumns(path, tuple(names), tuple(arrays))
 
 
+def _without_mask(values: Any) -> np.ndarray:
+    """An array of the values: masked ones as NaN, instants of a time zone as UTC."""
+    if getattr(getattr(values, "dtype", None), "tz", None) is not None:
+        return np.asarray(values, dtype="M8[ns]")
+    if isinstance(values, np.ma.MaskedArray) and values.dtype.kind in "biuf":
+        return np.ma.filled(values.astype(np.float64), np.nan)
+    return np.asarray(values)
+
+
 def _index_of(table: Any) -> dict[str, np.ndarray]:
     """The index of a data frame where it is a clock: of dates or durations, or named as one."""
     index = getattr(table, "index", None)
     if index is None or callable(index):
         return {}
-    values, name = np.asarray(index), getattr(index, "name", None)
+    values, name = _without_mask(index), getattr(index, "name", None)
     heading = None if name is None else heading_of(str(name))
     if values.dtype.kind in "mM" or (heading is not None and heading.quantity == "time"):
         return {str(name or "time"): values}

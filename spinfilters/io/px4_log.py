@@ -32,6 +32,7 @@ TOPICS: Final = (
 )
 """Topics that tell a motion, the first that is there being taken."""
 _HEADER: Final = 16
+_MOST_FIELDS: Final = 65535  # bytes of a message, of which each number takes one at least
 _MESSAGE: Final = struct.Struct("<HB")
 _TYPES: Final = {
     **{
@@ -116,6 +117,10 @@ def _columns(path: Path, formats: dict[str, str], topic: str, rows: list[bytes])
         if matched is None or matched[1] not in _TYPES:
             break  # a message within a message: what precedes it is enough
         count = int(matched[2] or 1)
+        if len(names) + count > _MOST_FIELDS:
+            raise InputError(
+                f"{path_text(path)}: topic {value_text(topic)} has more than {_MOST_FIELDS} numbers a message; copy it again"
+            )
         names += [matched[3]] if matched[2] is None else [f"{matched[3]}[{k}]" for k in range(count)]
         kinds += [_TYPES[matched[1]]] * count
     if not names:

@@ -17,7 +17,7 @@ from spinfilters.core.attitude_conversions import continuous_quaternions, invers
 from spinfilters.core.camera_trajectory import CameraTrajectory
 from spinfilters.core.errors import InputError
 from spinfilters.core.linear_algebra import at_times
-from spinfilters.io.input_file import path_text, read_bytes, value_text
+from spinfilters.io.input_file import path_text, read_bytes, reason, value_text
 from spinfilters.io.measurement_log import freeze_arrays
 from spinfilters.io.motion_columns import KNOWN_UNITS, motion_columns
 from spinfilters.io.stated_values import CLOCK_UNITS, ReadingOptions
@@ -174,12 +174,15 @@ def read_reference(path: Path, shares: Sequence[str] = ()) -> ReferenceMotion:
     """
     text = read_bytes(path, LARGEST_FILE).decode("utf-8-sig", errors="replace")
     lines = [line for line in text.splitlines() if line.strip()]
-    if lines and lines[0].lower().startswith("format version"):
-        columns = _motive_columns(path, lines)
-    elif path.suffix.lower() == ".tum" or not any(letter.isalpha() for letter in _first_row(lines)):
-        columns = _tum_columns(path, lines)
-    else:
-        columns = _table_columns(path, lines)
+    try:
+        if lines and lines[0].lower().startswith("format version"):
+            columns = _motive_columns(path, lines)
+        elif path.suffix.lower() == ".tum" or not any(letter.isalpha() for letter in _first_row(lines)):
+            columns = _tum_columns(path, lines)
+        else:
+            columns = _table_columns(path, lines)
+    except csv.Error as error:
+        raise InputError(f"{path_text(path)}: is no table ({reason(error)}); export it again") from None
     return replace(
         _reference(path, columns), shares_frame="frame" in shares, shares_origin="origin" in shares
     )

@@ -52,6 +52,24 @@
       pixels[y * width + x] = 0xff000000 | (value << 16) | (value << 8) | (value * 0.8);
     }
   }
+  function arrow(origin, vector, length, scale, colour, name) {
+    const q = rotated(view, ...vector), tip = [origin[0] + scale * length * q[0], origin[1] + scale * length * q[1]];
+    line(origin, tip, colour, 2.5);
+    context.fillStyle = colour; context.font = "13px sans-serif"; context.fillText(name, tip[0] + 4, tip[1] - 4);
+  }
+  function camera(on, size) { // a pyramid from the origin of i along its z
+    const corners = [[-1, -0.75], [1, -0.75], [1, 0.75], [-1, 0.75]].map(([x, y]) => on([size * x, size * y, 1.6 * size]));
+    corners.forEach((corner, k) => { line(on([0, 0, 0]), corner, "#9aa5ad", 1.2); line(corner, corners[(k + 1) % 4], "#9aa5ad", 1.2); });
+    context.fillStyle = "#9aa5ad"; context.font = "13px sans-serif";
+    const at = on([0, 0, 0]); context.fillText("frame i", at[0] + 6, at[1] + 14);
+  }
+  function bar(scale) { // a round length in metres
+    const raw = 0.2 * width / scale, power = 10 ** Math.floor(Math.log10(raw));
+    const length = [5, 2, 1].map((k) => k * power).find((k) => k <= raw), y = height - 18;
+    line([18, y], [18 + length * scale, y], "#e3e7ea", 2);
+    context.fillStyle = "#e3e7ea"; context.font = "13px sans-serif";
+    context.fillText(length >= 1 ? length + " m" : length >= 0.01 ? Math.round(100 * length) + " cm" : Number((1000 * length).toPrecision(1)) + " mm", 18, y - 6);
+  }
   function line(from, to, colour, thickness) {
     context.strokeStyle = colour; context.lineWidth = thickness; context.beginPath();
     context.moveTo(from[0], from[1]); context.lineTo(to[0], to[1]); context.stroke();
@@ -81,6 +99,13 @@
       line(origin, tip, colour, 1.5);
       context.fillStyle = colour; context.font = "13px sans-serif"; context.fillText("xyz"[axis], tip[0] + 4, tip[1] + 4);
     });
+    for (let k = 1; k < told.polhode.length; k++) {
+      const [from, to] = [k - 1, k].map((j) => rotated(body, ...told.polhode[j].map((x) => 1.1 * told.radius * x)));
+      line([origin[0] + scale * from[0], origin[1] + scale * from[1]], [origin[0] + scale * to[0], origin[1] + scale * to[1]], "#e8a94c", 1.5);
+    }
+    if (pose && told.momentum.length) arrow(origin, told.momentum[epoch], 1.5 * told.radius, scale, "#f0e442", "momentum");
+    if (pose && told.rate.length) arrow(origin, told.rate[epoch], 1.1 * told.radius, scale, "#e8a94c", "rate");
+    if (told.metric) { if (pose) camera(on, 0.3 * told.radius); bar(scale); }
     label.textContent = pose ? "t = " + pose[0].toFixed(2) + " s, seen along z of frame i before you turn it" : "principal axes";
     canvas.dataset.drawn = String(pixels.reduce((sum, value) => sum + (value !== 0xff1c1814), 0));
   }

@@ -3,8 +3,8 @@
 import base64
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from html import escape
 from importlib.resources import files
 from typing import Final
@@ -13,21 +13,34 @@ import numpy as np
 from jaxtyping import Float, Int
 
 STYLE: Final = """
-:root{color-scheme:light}body{font:15px/1.5 system-ui,sans-serif;color:#1d2328;max-width:1400px;margin:2rem auto;padding:0 1.2rem}
-h1{font-size:1.6rem;margin-bottom:.2rem}h2{font-size:1.2rem;margin-top:2.2rem;border-bottom:1px solid #d5dade;padding-bottom:.2rem}
+:root{color-scheme:light dark;--ink:#1d2328;--soft:#55606a;--paper:#fff;--shade:#f4f6f7;--line:#d5dade;--good:#1f7a4d;
+--doubt:#a35b00;--bad:#b3261e}
+@media (prefers-color-scheme:dark){:root{--ink:#e3e7ea;--soft:#a4aeb6;--paper:#15191d;--shade:#20262b;--line:#39424a;--good:#5cc08b;
+--doubt:#e8a94c;--bad:#ff8a80}}
+body{font:15px/1.5 system-ui,sans-serif;color:var(--ink);background:var(--paper);max-width:1700px;margin:1.5rem auto;padding:0 1rem}
+h1{font-size:1.5rem;margin-bottom:.2rem;overflow-wrap:anywhere}
+h2{font-size:1.2rem;margin-top:2rem;border-bottom:1px solid var(--line);padding-bottom:.2rem}
+main{display:grid;grid-template-columns:minmax(0,1fr);gap:0 2rem}section{grid-column:1/-1;min-width:0}
+@media (min-width:1100px){main{grid-template-columns:minmax(0,1fr) minmax(0,1fr)}section.half{grid-column:auto}}
+.pictures{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,560px),1fr));gap:0 2rem}.pictures>div{min-width:0}
 table{border-collapse:collapse;font-size:.86rem;font-variant-numeric:tabular-nums;margin:.6rem 0}
-th,td{padding:.22rem .6rem;border-bottom:1px solid #e4e8eb;text-align:right;white-space:nowrap}
-th:first-child,td:first-child{text-align:left}thead th{border-bottom:2px solid #9aa5ad;vertical-align:bottom}
-.i{color:#66717a;font-size:.9em}.bad{color:#b23b00;font-weight:600}.scroll{overflow-x:auto}img{max-width:100%;height:auto}
-pre,code{font:.83rem/1.45 ui-monospace,monospace;background:#f4f6f7;border-radius:4px}pre{padding:.7rem;overflow-x:auto}
-table.facts td{text-align:left;white-space:normal}
-code{padding:.1rem .3rem}details{margin:.15rem 0}summary{cursor:pointer}p.note{color:#55606a;max-width:80ch}
-figure{margin:1rem 0}figcaption{color:#55606a;max-width:80ch}
-canvas{background:#14181c;border-radius:4px;max-width:100%;touch-action:none}
+th,td{padding:.22rem .6rem;border-bottom:1px solid var(--line);text-align:right;white-space:nowrap}
+th:first-child,td:first-child{text-align:left}thead th{border-bottom:2px solid var(--soft);vertical-align:bottom}
+.i{color:var(--soft);font-size:.9em}.bad{color:var(--bad);font-weight:600}.scroll{overflow-x:auto}
+img{max-width:100%;height:auto;border-radius:4px}
+.badge{display:inline-block;border-radius:4px;padding:.05rem .5rem;font-weight:600;color:var(--paper);background:var(--soft)}
+.ok{background:var(--good)}.degraded{background:var(--doubt)}.failed{background:var(--bad)}.lead{font-size:1.15rem;margin:.5rem 0}
+pre,code{font:.83rem/1.45 ui-monospace,monospace;background:var(--shade);border-radius:4px}pre{padding:.7rem;overflow-x:auto}
+table.facts td{text-align:left;white-space:normal;overflow-wrap:anywhere}
+code{padding:.1rem .3rem}details{margin:.15rem 0}summary{cursor:pointer}p.note{color:var(--soft);max-width:80ch}
+figure{margin:1rem 0}figcaption{color:var(--soft);max-width:80ch}
+canvas{background:#14181c;border-radius:4px;max-width:100%;height:auto;touch-action:none}
+.controls{display:flex;gap:.6rem;align-items:center;flex-wrap:wrap}.controls input{flex:1 1 8rem;min-width:0;max-width:24rem}
+@media (max-width:480px){body{padding:0 .6rem}th,td{padding:.2rem .4rem}}
 """
 
 
-def page(parts: Mapping[str, str], title: str, script: str = "") -> str:
+def page(parts: Mapping[str, str], title: str, script: str = "", beside: Collection[str] = ()) -> str:
     """HTML of sections by their headings; sections are HTML already.
 
     Parameters
@@ -38,13 +51,19 @@ def page(parts: Mapping[str, str], title: str, script: str = "") -> str:
         Of the page.
     script : str
         The only one that a browser runs on the page; its hash stands in the page's policy.
+    beside : Collection[str]
+        Headings of sections that take half the width of a wide window, so that two stand side by side.
 
     Returns
     -------
     str
         The whole document.
     """
-    body = "".join(f"<section><h2>{escape(head)}</h2>{inner}</section>" for head, inner in parts.items())
+    body = "".join(
+        f"<section{' class=half' if head in beside else ''}><h2>{escape(head)}</h2>{inner}</section>"
+        for head, inner in parts.items()
+    )
+    body = f"<main>{body}</main>"
     policy = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
     if script:
         digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
@@ -53,7 +72,7 @@ def page(parts: Mapping[str, str], title: str, script: str = "") -> str:
     return (
         f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>'
         f'<meta http-equiv="Content-Security-Policy" content="{policy}">'
-        f'<meta name="viewport" content="width=device-width"><style>{STYLE}</style></head>'
+        f'<meta name="viewport" content="width=device-width,initial-scale=1"><style>{STYLE}</style></head>'
         f"<body><h1>{escape(title)}</h1>{body}</body></html>\n"
     )
 
@@ -180,11 +199,18 @@ class ShownMotion:
         R_ip, from principal axes to i.
     position : ndarray of float, shape (n, 3)
         Of the centre of mass, m.
+    rate, momentum : ndarray of float, shape (n, 3), or None
+        Angular rate and angular momentum in frame i, of any scale; None draws none.
+    sees_position : bool
+        Whether positions are measured: then lengths are metres, and the camera at the origin of i is drawn.
     """
 
     time: Float[np.ndarray, " n"]
     rotation: Float[np.ndarray, "n 3 3"]
     position: Float[np.ndarray, "n 3"]
+    rate: Float[np.ndarray, "n 3"] | None = None
+    momentum: Float[np.ndarray, "n 3"] | None = None
+    sees_position: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,6 +230,32 @@ class ShownModel:
     vertices: Float[np.ndarray, "v 3"]
     triangles: Int[np.ndarray, "f 3"]
     grey: Float[np.ndarray, " v"]
+
+
+BOX_CORNERS: Final = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+BOX_FACES: Final = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+"""Corners of each face, anticlockwise seen from outside."""
+BOX_GREYS: Final = (120.0, 190.0, 140.0, 170.0, 105.0, 205.0)
+
+
+def shown_box(edges: Float[np.ndarray, "3"]) -> ShownModel:
+    """A box along the principal axes.
+
+    Parameters
+    ----------
+    edges : ndarray of float, shape (3,)
+        Lengths along x, y and z.
+
+    Returns
+    -------
+    ShownModel
+        Four corners of each face, so that each has a shade of its own.
+    """
+    corners = BOX_CORNERS * np.asarray(edges) / 2
+    vertices = np.concatenate([corners[list(face)] for face in BOX_FACES])
+    first = 4 * np.arange(len(BOX_FACES))[:, None]
+    triangles = np.concatenate([first + np.array(corner) for corner in ((0, 1, 2), (0, 2, 3))])
+    return ShownModel(vertices, triangles, np.repeat(BOX_GREYS, 4))
 
 
 def model_script() -> str:
@@ -236,8 +288,8 @@ def model_view(model: ShownModel, motion: ShownMotion) -> str:
     width, height = _SIZE
     return (
         f'<p><canvas id="model-view" width="{width}" height="{height}"></canvas></p>'
-        '<p><button id="model-play">play</button> <input id="model-epoch" type="range" min="-1" value="-1" style="width:24rem"> '
-        '<span id="model-time" class="i"></span></p>'
+        '<p class="controls"><button id="model-play">play</button><input id="model-epoch" type="range" min="-1" value="-1" '
+        'aria-label="epoch"><span id="model-time" class="i"></span></p>'
         f'<script type="application/json" id="model-data">{document}</script>'
     )
 
@@ -261,7 +313,21 @@ def _document(model: ShownModel, motion: ShownMotion) -> dict[str, object]:
         "middle": ((low + high) / 2).tolist(),
         "reach": radius + float(np.linalg.norm(high - low)) / 2,
         "poses": [[round(value, 5) for value in pose] for pose in poses.tolist()],
+        "rate": _directions(motion.rate),
+        "momentum": _directions(motion.momentum),
+        "polhode": []
+        if motion.rate is None
+        else _directions(np.einsum("nij,ni->nj", motion.rotation, motion.rate)),
+        "metric": motion.sees_position,
     }
+
+
+def _directions(vectors: Float[np.ndarray, "n 3"] | None) -> list[list[float]]:
+    """Vectors over the longest of them; nothing of vectors that are all zero or not there."""
+    longest = 0.0 if vectors is None else float(np.linalg.norm(vectors, axis=1).max(initial=0.0))
+    if vectors is None or not longest > 0:
+        return []
+    return np.round(vectors / longest, 4).tolist()
 
 
 def _limited(model: ShownModel) -> ShownModel:
@@ -275,12 +341,22 @@ def _limited(model: ShownModel) -> ShownModel:
 
 def _finite_rows(motion: ShownMotion) -> Int[np.ndarray, " k"]:
     numbers = np.hstack([motion.time[:, None], motion.rotation.reshape(-1, 9), motion.position])
+    others = [each for each in (motion.rate, motion.momentum) if each is not None]
+    numbers = np.hstack([numbers, *others])
     rows = np.flatnonzero(np.isfinite(numbers).all(axis=1))
     return rows[:: max(1, -(-len(rows) // MOST_POSES))]
 
 
 def _at(motion: ShownMotion, rows: Int[np.ndarray, " k"]) -> ShownMotion:
-    return ShownMotion(motion.time[rows], motion.rotation[rows], motion.position[rows])
+    rate, momentum = (None if each is None else each[rows] for each in (motion.rate, motion.momentum))
+    return replace(
+        motion,
+        time=motion.time[rows],
+        rotation=motion.rotation[rows],
+        position=motion.position[rows],
+        rate=rate,
+        momentum=momentum,
+    )
 
 
 def _packed(values: np.ndarray, kind: str) -> str:

@@ -109,7 +109,16 @@ def _panel_files(figure: Figure, name: str, style: PrintStyle) -> Iterator[tuple
         if style.width_mm is not None:  # letters keep their size: what is left over is margin
             missing = style.width_mm / INCH_MM - box.width
             box = Bbox.from_extents(box.x0 - missing / 2, box.y0, box.x1 + missing / 2, box.y1)
+        hidden = [
+            other for other in figure.axes if other not in (axes, *_colour_bars(axes)) and other.get_visible()
+        ]
+        for other in (*hidden, *figure.legends):
+            other.set_visible(False)  # what lies outside of the box would be drawn in vain
         yield f"{name}-{number}.{style.form}", picture_bytes(figure, style.form, dpi=DPI, bbox_inches=box)
+        for other in (*hidden, *figure.legends):
+            other.set_visible(True)
+    for axes in panels:
+        axes.set_visible(False)
     if figure.legends:
         box = Bbox.union([_inches(figure, legend.get_window_extent()) for legend in figure.legends])
         box = box.padded(MARGIN_INCHES)
@@ -143,6 +152,21 @@ def _show_own_labels(axes: Axes) -> None:
         others = [get(other) for other in shared.get_siblings(axes) if get(other)]
         if not get(axes) and others:
             put(others[0])
+    if not axes.get_ylabel():
+        axes.set_ylabel(_label_of_row(axes))
+
+
+def _label_of_row(axes: Axes) -> str:
+    """Label of the y axis that the first labelled panel of a row has for all of them; empty without one."""
+    own, figure = axes.get_subplotspec(), axes.get_figure()
+    if own is None or figure is None:
+        return ""
+    for other in figure.axes:
+        spec = other.get_subplotspec()
+        same = spec is not None and spec.get_gridspec() is own.get_gridspec() and spec.rowspan == own.rowspan
+        if same and other.get_ylabel():
+            return other.get_ylabel()
+    return ""
 
 
 def _scale_all(figure: Figure, factor: float) -> None:

@@ -10,8 +10,10 @@ from spinfilters.reproduction.decoust.snapshots import SNAPSHOTS
 from spinfilters.reproduction.item import Item
 from spinfilters.reproduction.tweddle.camera_checkout import CAMERA_CHECKOUT
 from spinfilters.reproduction.tweddle.comparative_studies import COMPARATIVE_STUDIES
+from spinfilters.reproduction.tweddle.dense_model import DENSE_MODEL
 from spinfilters.reproduction.tweddle.final_deviations import FINAL_DEVIATIONS
 from spinfilters.reproduction.tweddle.inertia_observability import INERTIA_OBSERVABILITY
+from spinfilters.reproduction.tweddle.mapped_body import MAPPED_BODY
 from spinfilters.reproduction.tweddle.metrology_comparison import METROLOGY_COMPARISON
 from spinfilters.reproduction.tweddle.metrology_courses import METROLOGY_COURSES
 from spinfilters.reproduction.tweddle.noise_and_charts import NOISE_AND_CHARTS
@@ -35,6 +37,8 @@ ITEMS: Final[tuple[Item, ...]] = (
     *METROLOGY_COURSES,
     *REFERENCE_INERTIA,
     *METROLOGY_COMPARISON,
+    *MAPPED_BODY,
+    *DENSE_MODEL,
     *CONVERGENCE,
     FINAL_DEVIATIONS,
     *COMPARATIVE_STUDIES,

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from jaxtyping import Float
 
 from spinfilters.core.attitude_conversions import matrix_from_quaternion
 from spinfilters.core.errors import InputError
@@ -19,7 +20,8 @@ from spinfilters.evaluation.metrics import held_text
 from spinfilters.io.input_file import printable, read_bytes, read_settings_text
 from spinfilters.io.output_files import write_text
 from spinfilters.io.ply_files import read_ply
-from spinfilters.models.status import Verdict
+from spinfilters.models.body import BodyEstimate
+from spinfilters.models.status import Holds
 from spinfilters.plots.figures import FigureData, figure_entries
 from spinfilters.plots.page import (
     ShownModel,
@@ -31,6 +33,7 @@ from spinfilters.plots.page import (
     model_view,
     note,
     page,
+    shown_box,
     table,
 )
 from spinfilters.run.run_folder import (
@@ -64,17 +67,17 @@ def write_run_report(figure_data: FigureData, folder: Path) -> Path:
     with np.errstate(all="ignore"):  # what a failed estimator left is shown as it is
         model = _model_section(figure_data, folder)
         sections = {
-            "Verdict": _verdict_section(figure_data),
+            "Verdict": _lead(figure_data) + _verdict_section(figure_data),
             "Numbers": _numbers_section(figure_data),
-            **({"Model": model} if model else {}),
+            **({"Body": model} if model else {}),
             **_dense_sections(folder),
-            "Pictures": "".join(_pictures(figure_data, folder)) or note("None was drawn."),
+            "Pictures": _all_pictures(figure_data, folder) or note("None was drawn."),
             "What it was made with": _made_section(folder),
         }
     sections = {head: inner for head, inner in sections.items() if inner}
     title = f"Run: {printable(figure_data.dataset.description or figure_data.dataset.kind)}"
     path = folder / REPORT_FILE
-    write_text(path, page(sections, title, model_script() if model else ""))
+    write_text(path, page(sections, title, model_script() if model else "", beside=("Numbers", "Body")))
     return path
 
 
@@ -84,7 +87,7 @@ def _verdict_section(figure_data: FigureData) -> str:
     for evaluation in figure_data.evaluations:
         status = evaluation.history.status
         verdict = escape(str(status.verdict))
-        marked = verdict if status.verdict is Verdict.OK else f'<span class="bad">{verdict}</span>'
+        marked = f'<span class="badge {verdict}">{verdict}</span>'
         reasons = escape(printable("; ".join(status.reasons))) or "nothing speaks against it"
         holds = escape(held_text(evaluation)) or "not judged"
         wide = (f'<span style="white-space:normal">{text}</span>' for text in (holds, reasons))
@@ -119,19 +122,69 @@ def _model_section(figure_data: FigureData, folder: Path) -> str:
     evaluation = figure_data.most_exact
     if evaluation is None or not np.isfinite(evaluation.body.principal_axes_g).all():
         return ""
-    model = _dense_model(folder) or _map_model(figure_data, evaluation)
-    if model is None:
-        return ""
-    trajectory, R_pg = evaluation.trajectory, evaluation.body.principal_axes_g
+    trajectory, body = evaluation.trajectory, evaluation.body
+    R_pg = body.principal_axes_g
+    R_ip = matrix_from_quaternion(trajectory.q_ig) @ R_pg.T
+    momentum = np.einsum("nij,j,nkj,nk->ni", R_ip, body.principal_moments, R_ip, trajectory.rate_i)
     motion = ShownMotion(
-        trajectory.time, matrix_from_quaternion(trajectory.q_ig) @ R_pg.T, trajectory.position
+        trajectory.time, R_ip, trajectory.position, trajectory.rate_i, momentum, trajectory.sees_position
     )
-    what = "The surface" if len(model.triangles) else "The map of landmarks"
+    model, what = _dense_model(folder), "The surface"
+    if model is None:
+        model, what = _map_model(figure_data, evaluation), "The map of landmarks"
+    if model is None:
+        model, what = (
+            shown_box(_box_edge(motion) * box_of_equal_inertia(body)),
+            "The uniform box of equal inertia, of no known size,",
+        )
     words = (
-        f"{what} in principal axes (x red, y green, z blue: moments ascending). Turn it with the mouse, the wheel makes it larger; "
-        f"the slider shows the motion that {evaluation.name} estimated, as from the camera, with the path of the centre of mass."
+        f"{what} in principal axes (x red, y green, z blue: moments ascending), with the polhode in orange. Turn it by dragging, "
+        f"the wheel makes it larger. The slider shows the motion that {evaluation.name} estimated, with rate and angular momentum."
     )
     return note(words) + model_view(model, motion)
+
+
+BOX_SHARE: Final = 0.25
+"""Longest edge of a box over the extent of the path."""
+
+
+def _box_edge(motion: ShownMotion) -> float:
+    """Length of the longest edge of a box whose size nobody knows: 1, or a share of the path."""
+    finite = motion.position[np.isfinite(motion.position).all(axis=1)]
+    extent = float(np.linalg.norm(np.ptp(finite, axis=0))) if len(finite) else 0.0
+    return BOX_SHARE * extent if motion.sees_position and extent > 0 else 1.0
+
+
+def box_of_equal_inertia(body: BodyEstimate) -> Float[np.ndarray, "3"]:
+    """Edges of the uniform box with these ratios of moments, along the principal axes; the longest is 1.
+
+    J_x is proportional to b^2 + c^2, so that a^2 is to J_y + J_z - J_x.
+    """
+    moments = body.principal_moments
+    squares = np.clip(moments.sum() - 2 * moments, 1e-6, None)
+    return np.sqrt(squares / squares.max())
+
+
+def _lead(figure_data: FigureData) -> str:
+    """The verdict on the most exact estimate, and the body in one line."""
+    evaluation = figure_data.most_exact
+    if evaluation is None:
+        return '<p class="lead"><span class="badge failed">failed</span> No estimator found the motion.</p>'
+    status = evaluation.history.status
+    verdict = escape(str(status.verdict))
+    words = f'<p class="lead"><span class="badge {verdict}">{verdict}</span> {escape(evaluation.name)}'
+    moments = evaluation.body.principal_moments
+    if np.isfinite(moments).all() and status.holds.get("moments") in (None, Holds.OK, Holds.DOUBTFUL):
+        ratios = " : ".join(f"{each:.2f}" for each in moments[:2])
+        edges = " x ".join(f"{edge:.2f}" for edge in box_of_equal_inertia(evaluation.body))
+        words += f". Moments {ratios} : 1, as a uniform box of {edges}, its longest edge being 1"
+    return words + ".</p>"
+
+
+def _all_pictures(figure_data: FigureData, folder: Path) -> str:
+    """All pictures, two in a row of a wide window."""
+    found = "".join(_pictures(figure_data, folder))
+    return f'<div class="pictures">{found}</div>' if found else ""
 
 
 def _map_model(figure_data: FigureData, evaluation: Evaluation) -> ShownModel | None:
@@ -200,7 +253,7 @@ def _pictures(figure_data: FigureData, folder: Path) -> Iterator[str]:
     for name, caption in captions.items():
         picture = _file(folder / name, caption)
         if picture:
-            yield f"<h3>{escape(name.removesuffix('.png'))}</h3>{note(caption)}{picture}"
+            yield f"<div><h3>{escape(name.removesuffix('.png'))}</h3>{note(caption)}{picture}</div>"
 
 
 def _file(path: Path, words: str) -> str:

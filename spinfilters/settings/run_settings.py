@@ -584,9 +584,10 @@ def with_keys(settings: Settings, changes: Sequence[str]) -> Settings:
         if not isinstance(place, dict):
             raise InputError(f"--set {value_text(text)}: {'.'.join(tables)} is no table; give another key")
         try:
-            place[last] = tomllib.loads(f"value = {value}")["value"]
-        except (tomllib.TOMLDecodeError, RecursionError):
-            place[last] = value.strip()
+            read = tomllib.loads(f"value = {value}")
+        except (ValueError, RecursionError):  # also an integer of more digits than Python reads
+            read = {}
+        place[last] = read["value"] if set(read) == {"value"} else value.strip()
     return settings_from(document, "--set")
 
 

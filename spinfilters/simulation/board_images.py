@@ -12,7 +12,7 @@ from spinfilters.vision.rectification import RawCamera, RawRig
 
 BoardPose = tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, " 3"]]
 MARGIN_PX = 8
-TILTS = {"good": 0.55, "slanted": 0.15, "flat": 0.01}
+TILTS = {"good": 0.55, "few": 0.55, "slanted": 0.15, "flat": 0.01}
 """Largest angle about both axes of the board, rad."""
 
 
@@ -25,7 +25,7 @@ def drawn_poses(
     ----------
     kind : str
         "still", "jitter" (a hand: 0.3 deg, 1 mm), "flat" (facing the cameras, at many distances), "slanted" (tilted by at most
-        8 deg) or "good" (by at most 32 deg).
+        8 deg), "good" (by at most 32 deg) or "few" (alike, drawn otherwise).
     count : int
         Number of poses.
     rig : RawRig

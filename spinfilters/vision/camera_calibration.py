@@ -220,10 +220,11 @@ def calibration_covariance(
         ]
     )
     covariance = _propagate_errors(G, variances * widening[:, None] ** 2)
+    shown = _joint_step(pairs) ** 2
     if len(views) >= FEWEST_LEFT_OUT:
-        over = _jackknife_variances(sides, pairs) / np.maximum(np.diag(first), _TINY)
-        factor = np.sqrt(np.maximum(over, 1.0))
-        covariance = factor[:, None] * covariance * factor
+        shown = np.maximum(shown, _jackknife_variances(sides, pairs))
+    factor = np.sqrt(np.maximum(shown / np.maximum(np.diag(first), _TINY), 1.0))
+    covariance = factor[:, None] * covariance * factor
     independent, common = np.sqrt(levels).T
     return CalibrationCovariance(covariance, independent, common, ratios, widening)
 
@@ -302,13 +303,16 @@ class _PairedView:
     relative : ndarray of shape (k, 6)
         Jacobian of the relative pose, (4n, 6).
     intrinsics : ndarray of shape (k, 18)
-        Of both intrinsics, (4n, 18).
+        Of both intrinsics, the board's pose kept, (4n, 18).
+    joint : ndarray of shape (k, 24)
+        Of all parameters, (4n, 24).
     residuals : ndarray of shape (k,)
         (4n,) px.
     """
 
     relative: Float[np.ndarray, "k 6"]
     intrinsics: Float[np.ndarray, "k 18"]
+    joint: Float[np.ndarray, "k 24"]
     residuals: Float[np.ndarray, " k"]
 
 
@@ -335,9 +339,8 @@ def _pair_view(
     D[:m, :N], D[m:, N:] = left.intrinsics[g], J[:, 6 : 6 + N]
     missed = np.where(seen, view.right.ravel() - pixels.ravel(), 0.0)
     residuals = np.concatenate([left.residuals[g], missed])[:, None]
-    return _PairedView(
-        _project_out(np.vstack([np.zeros((m, 6)), by_relative]), B), D, _project_out(residuals, B)[:, 0]
-    )
+    joint = _project_out(np.hstack([D, np.vstack([np.zeros((m, 6)), by_relative])]), B)
+    return _PairedView(joint[:, RELATIVE], D, joint, _project_out(residuals, B)[:, 0])
 
 
 def _student_factor(freedom: int) -> float:
@@ -367,6 +370,17 @@ def _influence(
     for g, each in enumerate(pairs):
         G[g, RELATIVE] = solve @ (each.relative.T - coupling @ G[g, : 2 * N])
     return G
+
+
+def _joint_step(pairs: Sequence[_PairedView]) -> Float[np.ndarray, " 24"]:
+    """Step from the estimate to that of all parameters together, (sum J_g' J_g) dx = sum_g J_g' r_g, the boards' poses eliminated.
+
+    The pair sees each board in one place, which intrinsics of each camera by itself do not use. So the step is the part of their
+    error that the views show.
+    """
+    information = sum((each.joint.T @ each.joint for each in pairs), np.zeros((2 * N + 6,) * 2))
+    gradient = sum((each.joint.T @ each.residuals for each in pairs), np.zeros(2 * N + 6))
+    return _covariance_of_information(information) @ gradient
 
 
 def _jackknife_variances(

@@ -46,13 +46,13 @@ def _meshes() -> Iterator[Case]:
         file = f"x.{name.split(':')[0]}"
         yield Case(f"mesh {name}", "gyro", content(file, data), _scan_of(file))
     for suffix in ("ply", "stl", "obj", "tab", "txt"):
-        for what, build in _no_files().items():
+        for what, build in no_files().items():
             yield Case(
                 f"mesh {suffix} is {what}", "gyro", instead(f"x.{suffix}", build), _scan_of(f"x.{suffix}")
             )
 
 
-def _no_files() -> dict[str, Build]:
+def no_files() -> dict[str, Build]:
     return {
         "a pipe": os.mkfifo,
         "a socket": _socket,
@@ -310,13 +310,13 @@ def _images() -> Iterator[Case]:
     )
     makes: dict[str, Build] = {what: _written(data) for what, data in _pictures().items()}
     makes |= {
-        f"that is {what}": build for what, build in _no_files().items() if what != "of 60 MB of zeros"
+        f"that is {what}": build for what, build in no_files().items() if what != "of 60 MB of zeros"
     } | {"that is a broken link": lambda path: path.symlink_to("nowhere")}
     for what, build in makes.items():
         yield Case(f"board: {what}", "gyro", both(boards, instead("b/left1.png", build)), calibrate)
         place = "t/cam0/data/2000000000.png"
         yield Case(f"image: {what}", "gyro", both(images, instead(place, build)), track)
-    for what, build in _no_files().items():
+    for what, build in no_files().items():
         place = "t/cam0/data.csv"
         yield Case(f"list of images: {what}", "gyro", both(images, instead(place, build)), track)
         place = "t/cam1/sensor.yaml"
@@ -396,7 +396,7 @@ def _archives() -> Iterator[Case]:
     arguments = ("compare", "{in}/x.zip", "-o", "{out}/run", "--estimators", "mekf")
     for what, data in _zips().items():
         yield Case(f"zip: {what}", "gyro", content("x.zip", data), arguments)
-    for what, build in _no_files().items():
+    for what, build in no_files().items():
         yield Case(f"zip is {what}", "gyro", instead("x.zip", build), arguments)
 
 
@@ -436,7 +436,7 @@ def _bags() -> Iterator[Case]:
             arguments = ("compare", "{in}/x." + suffix, "-o", "{out}/run", "--estimators", "mekf")
             yield Case(f"{suffix}: {what}", "gyro", content(f"x.{suffix}", raw), arguments)
     for suffix in ("bag", "mcap", "db3"):
-        for what, build in _no_files().items():
+        for what, build in no_files().items():
             if what != "of 60 MB of zeros":
                 arguments = ("compare", "{in}/x." + suffix, "-o", "{out}/run", "--estimators", "mekf")
                 yield Case(f"{suffix} is {what}", "gyro", instead(f"x.{suffix}", build), arguments)

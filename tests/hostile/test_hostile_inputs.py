@@ -1,4 +1,4 @@
-"""A seeded sample of the hostile inputs; all of them are ``python -m tests.hostile.malformed``, ``.attacks`` and ``.fuzz``."""
+"""A seeded sample of the hostile inputs; whole lists: ``python -m tests.hostile.malformed``, ``.attacks``, ``.containers``."""
 
 from pathlib import Path
 
@@ -8,6 +8,8 @@ from pictures import unrendered_pictures
 
 from .attacks import attack_cases
 from .case import COMPARE, Case
+from .containers import container_cases
+from .equations import equation_cases
 from .fuzz import fuzzed_cases
 from .malformed import malformed_cases
 from .originals import make_originals
@@ -15,6 +17,24 @@ from .trial import tried
 
 SEED = 10
 MALFORMED, FUZZED, ATTACKS = 40, 15, 50
+CONTAINERS, EQUATIONS = 40, 40
+CRASHES = (
+    "npz: corrupt deflate",
+    "npz: an array of 2^70 numbers",
+    "npz: an array of a shape nested without end",
+    "npz: encrypted",
+    "npz: an array of 1e15 numbers",
+    "mat: numbers of a type that is none",
+    "mat: cells within one another",
+    "mat: a variable twice",
+    "parquet: a column twice",
+    "json: columns of lists that differ",
+    "ulg: fields of 3e7 numbers",
+    "reference: a cell of 200 kB",
+    "model: a point of 1e999999999",
+    "model: tables nested without end",
+)
+"""Cases that ended otherwise once."""
 READ_ONLY = (
     "stereo/",
     "gyro/",
@@ -35,7 +55,15 @@ def sample() -> list[Case]:
     chosen = np.random.default_rng(SEED).choice(len(quick), MALFORMED, replace=False)
     attacks = attack_cases()
     attacked = np.random.default_rng(SEED).choice(len(attacks), ATTACKS, replace=False)
+    containers, equations = list(container_cases()), list(equation_cases())
+    generator = np.random.default_rng(SEED)
+    newer = {
+        *generator.choice([case.name for case in containers], CONTAINERS, replace=False),
+        *generator.choice([case.name for case in equations], EQUATIONS, replace=False),
+        *CRASHES,
+    }
     return [
+        *(case for case in (*containers, *equations) if case.name in newer),
         *(quick[k] for k in chosen),
         *fuzzed_cases(FUZZED, SEED),
         *(attacks[k] for k in sorted(attacked)),
@@ -57,8 +85,16 @@ def test_a_hostile_input_ends_in_one_line_or_a_status(case: Case, folders: Path,
 
 
 def test_every_hostile_input_has_its_name() -> None:
-    names = [case.name for case in (*malformed_cases(), *fuzzed_cases(300, 0), *attack_cases())]
-    assert len(set(names)) == len(names) >= 1200
+    every = (
+        *malformed_cases(),
+        *fuzzed_cases(300, 0),
+        *attack_cases(),
+        *container_cases(),
+        *equation_cases(),
+    )
+    names = [case.name for case in every]
+    assert len(set(names)) == len(names) >= 1600
+    assert set(CRASHES) <= set(names)
 
 
 def test_a_violation_is_seen(folders: Path, tmp_path: Path) -> None:

@@ -143,7 +143,7 @@ def test_the_command_searches_other_solutions_on_demand(
     ("name", "text", "words"),
     [
         ("model.py", "x = 1", "write it as model.toml"),
-        ("model.toml", "states = [", "is no TOML file"),
+        ("model.toml", "states = [", "is not TOML"),
         ("model.toml", SPRING.replace('x = "v"', ""), "the state 'x' has no equation"),
     ],
 )

@@ -58,11 +58,24 @@ def test_2000_least_squares_fits_of_a_nonlinear_system_scatter_as_the_bound_says
 def test_the_empirical_gramian_is_the_information_about_the_start() -> None:
     found = bound(DECAY, {"x": 2, "k": 0.7}, {"y": 0.02}, TIMES)
     start = empirical_information(found)
-    # Information about the end, carried back to the start by the transition of (x, k).
-    decay = np.exp(-0.7 * TIMES[-1])
-    transition = np.array([[decay, -TIMES[-1] * 2 * decay], [0, 1]])
-    information = transition.T @ found.roots[-1].T @ found.roots[-1] @ transition
-    np.testing.assert_allclose(start, information, rtol=1e-5)
+    np.testing.assert_allclose(start, found.roots[-1].T @ found.roots[-1], rtol=1e-5)
+
+
+def test_states_that_die_out_do_not_hide_parameters() -> None:
+    motor = {
+        "states": ["i", "w"],
+        "parameters": ["K", "b"],
+        "inputs": ["u"],
+        "equations": {"i": "(u - i - K*w)/0.005", "w": "(K*i - b*w)/1e-4"},
+        "outputs": {"speed": "w"},
+    }
+    values = {"i": 0, "w": 0, "K": 0.05, "b": 1e-4}
+    found = bound(
+        motor, values, {"speed": 0.5}, np.linspace(0, 2, 401), inputs={"u": lambda t: 12 + 4 * np.sin(20 * t)}
+    )
+    assert found.prior_only == []
+    assert found.final["K"] < 1e-3 < 0.05
+    assert found.final["b"] < 1e-5
 
 
 def test_a_direction_that_only_a_prior_holds_is_named() -> None:

@@ -1,6 +1,8 @@
 """Self-contained pages."""
 
+import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +15,7 @@ from spinfilters.plots.page import (
     model_script,
     model_view,
     page,
+    shown_box,
     table,
 )
 from tests.plots.chromium import document_after_scripts, pixels_drawn
@@ -65,3 +68,28 @@ def test_epochs_and_points_that_are_not_finite_are_left_out() -> None:
     text = model_view(ShownModel(points, np.zeros((0, 3), int), np.full(5, 200.0)), motion)
     assert "NaN" not in text
     assert text.count("1.0, 0.0, 0.0, 0.0, 1.0") == 2
+
+
+def test_a_box_shows_six_faces_from_outside() -> None:
+    box = shown_box(np.array([1.0, 2.0, 3.0]))
+    a, b, c = (box.vertices[box.triangles[:, k]] for k in range(3))
+    outwards = np.einsum("ij,ij->i", np.cross(b - a, c - a), a + b + c)
+    assert (outwards > 0).all()
+    assert np.ptp(box.vertices, axis=0).tolist() == [1.0, 2.0, 3.0]
+
+
+def test_rate_and_momentum_are_drawn_where_they_are_known() -> None:
+    rate = np.array([[0.0, 0, 2], [0, 0, 1], [0, 0, 1]])
+    text = model_view(shown_box(np.ones(3)), replace(STILL, rate=rate, momentum=rate, sees_position=True))
+    told = json.loads(re.findall(r'id="model-data">(.*?)</script>', text)[0])
+    assert told["rate"][:2] == told["polhode"][:2] == [[0.0, 0.0, 1.0], [0.0, 0.0, 0.5]]
+    assert told["metric"]
+
+
+def test_sections_stand_side_by_side_where_asked() -> None:
+    text = page({"Numbers": "1", "Rest": "2"}, "own", beside=("Numbers",))
+    assert "<section class=half><h2>Numbers</h2>" in text
+    assert "<section><h2>Rest</h2>" in text
+    assert "prefers-color-scheme:dark" in text
+    assert "http:" not in text
+    assert "https:" not in text

@@ -52,6 +52,13 @@ def test_errors_are_within_four_stated_deviations_or_a_check_says_so(count: int,
     assert count < 12 or not named
 
 
+@pytest.mark.parametrize(("count", "seed"), [(6, 281), (8, 203), (5, 279)])
+def test_an_error_that_the_pair_shows_is_counted(count: int, seed: int) -> None:
+    """Intrinsics of one camera by themselves are off, so that both cameras do not see a board in one place."""
+    found = calibrate_stereo(drawn_views("few", count, RIG, BOARD, seed), BOARD, SIZE)
+    assert np.abs(_errors(found)).max() < 3
+
+
 def test_errors_of_many_good_sets_are_as_large_as_stated() -> None:
     over = [
         _errors(calibrate_stereo(drawn_views("good", 8, RIG, BOARD, seed), BOARD, SIZE))

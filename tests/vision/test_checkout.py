@@ -29,7 +29,8 @@ def views(rig: RawRig, count: int = 4) -> list[BoardView]:
     generator = np.random.default_rng(2)
     poses = drawn_poses("good", count, rig, BOARD, generator)
     seen = np.ones(len(BOARD.points), dtype=bool)
-    return [BoardView(f"left{k}.png", *projected(rig, BOARD.points, p), seen) for k, p in enumerate(poses)]
+    pixels = [projected(rig, BOARD.points, pose) for pose in poses]
+    return [BoardView(f"left{k}.png", left, right, seen) for k, (left, right) in enumerate(pixels)]
 
 
 def turned(rig: RawRig, rotation_vector: np.ndarray) -> RawRig:
