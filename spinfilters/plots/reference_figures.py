@@ -155,9 +155,8 @@ def _course_panel(axes: Axes, course: Course, axis: int, scale: float, differenc
 
 
 def _finish_courses(figure: Figure, found: ReferenceComparison, difference: bool) -> None:
-    for axes in figure.axes:
+    for axes in figure.axes[-3:]:
         axes.set_xlabel("time [s]")
-        axes.label_outer()
     words = "minus the reference" if difference else "and the reference"
     figure.suptitle(f"{found.name.upper()} {words}", fontsize="large")
     handles = [Line2D([], [], color=BLUE, label="difference" if difference else found.name.upper())]
