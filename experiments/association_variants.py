@@ -21,10 +21,13 @@ from unittest import mock
 import cv2
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial.transform import Rotation
 
 from experiments.command_line import run_study
-from spinfilters.core.attitude_conversions import matrix_from_quaternion, quaternion_from_matrix
+from spinfilters.core.attitude_conversions import (
+    angle_from_matrix,
+    matrix_from_quaternion,
+    quaternion_from_matrix,
+)
 from spinfilters.core.cameras import stereo_pair
 from spinfilters.io.camera import StereoRig
 from spinfilters.io.truth import Truth, read_truth
@@ -112,7 +115,7 @@ def _compare_consensus(pairs: list[PairOfEpochs], rig: StereoRig) -> None:
         for pair in pairs:
             R = method(pair.matches)
             turn = np.eye(3) if R is None else R @ pair.rotation.T
-            errors.append(np.inf if R is None else Rotation.from_matrix(turn).magnitude())
+            errors.append(np.inf if R is None else float(angle_from_matrix(turn)))
         spent, degrees = time.process_time() - begin, np.rad2deg(errors)
         right = degrees < RIGHT_DEG
         print(
@@ -167,7 +170,7 @@ def _compare_predictions(points: Points, rig: StereoRig, truth: Truth) -> None:
         for each in found:
             R = _true_rotation(truth, each.time) @ _true_rotation(truth, first.time).T
             there = matrix_from_quaternion(each.pose[3:]) @ matrix_from_quaternion(first.pose[3:]).T
-            wrong += Rotation.from_matrix(there @ R.T).magnitude() > np.deg2rad(RIGHT_DEG)
+            wrong += angle_from_matrix(there @ R.T) > np.deg2rad(RIGHT_DEG)
         print(
             f"| {name} | {len(found)} of {len(points)} | {np.count_nonzero(often)} | {len(np.unique(ids[often]))} | {wrong} | "
             f"{1e3 * spent / len(points):.0f} |",

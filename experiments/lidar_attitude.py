@@ -8,10 +8,10 @@ import argparse
 from itertools import combinations
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from experiments.command_line import run_study
 from spinfilters.core.absolute_orientation import nearest_rotation
+from spinfilters.core.attitude_conversions import matrix_from_quaternion
 from spinfilters.lidar.mesh import box
 from spinfilters.lidar.planes import PointNoise, extract_planes
 from spinfilters.lidar.scan import LidarNoise, RayPattern, rvs_noise
@@ -116,7 +116,11 @@ def full_turn(seed: int) -> tuple[float, float]:
 
     The body is a tumbling box in 60 scans; frames g are brought together.
     """
-    mesh, attitude = box((1.0, 1.3, 0.8)), Rotation.random(rng=np.random.default_rng(seed)).as_matrix()
+    q = np.random.default_rng(seed).standard_normal(4)
+    mesh, attitude = (
+        box((1.0, 1.3, 0.8)),
+        matrix_from_quaternion(q / np.linalg.norm(q)),
+    )
     start = Initial(
         attitude, np.array([30.0, 0.0, 0.0]), np.array([0.15, 0.2, 0.12]), np.array([2e-3, 1e-3, -1e-3])
     )

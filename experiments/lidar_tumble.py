@@ -16,7 +16,6 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
-from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from experiments.command_line import run_study
@@ -108,7 +107,8 @@ def scans_of(
     mesh: TriangleMesh, scanner: Scanner, rate: np.ndarray, seed: int, noise: ProcessNoise
 ) -> Dataset:
     """Sixty scans at 1 Hz, from an attitude of this seed, as poses."""
-    attitude = Rotation.random(rng=np.random.default_rng(seed)).as_matrix()
+    q = np.random.default_rng(seed).standard_normal(4)
+    attitude = matrix_from_quaternion(q / np.linalg.norm(q))
     begin, epochs = scan_times(60, 1.0, 0.0)
     truth = truth_of(tumble_of(mesh, Initial(attitude, PLACE, rate, VELOCITY)), epochs)
     truth = disturbed(truth, noise, seed)

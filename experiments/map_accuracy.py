@@ -17,10 +17,9 @@ from typing import Final
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial.transform import Rotation
 
 from experiments.command_line import run_study
-from spinfilters.core.attitude_conversions import matrix_from_quaternion
+from spinfilters.core.attitude_conversions import matrix_from_quaternion, matrix_from_rotation_vector
 from spinfilters.core.cameras import stereo_pair
 from spinfilters.core.errors import InputError
 from spinfilters.io.camera import StereoRig
@@ -143,8 +142,9 @@ def _body_in_truth(data: FigureData, run: Path) -> _EstimatedBody:
     if evaluation is None or evaluation.body.center_of_mass_g is None or points is None:
         raise InputError(f"{run}: has no estimator with a map; compare stereo images first")
     body, first = evaluation.body, evaluation.trajectory
-    R = Rotation.from_quat(truth.q_ig[_rows(truth, first.time[:1])[0]]).inv().as_matrix()
-    R = R @ matrix_from_quaternion(first.q_ig[0])
+    R = matrix_from_quaternion(truth.q_ig[_rows(truth, first.time[:1])[0]]).T @ matrix_from_quaternion(
+        first.q_ig[0]
+    )
     centre = np.asarray(truth.center_of_mass_g)
     return _EstimatedBody(
         (points - evaluation.body.center_of_mass_g) @ R.T + centre, body.principal_axes_g @ R.T, centre
@@ -192,7 +192,7 @@ def laid_onto(points: Float[np.ndarray, "k 3"], mesh: TriangleMesh) -> Float[np.
         weight = 1 / (1 + (distance / LOSS_M) ** 2) ** 2
         J = np.hstack([np.cross(points, normal), normal])
         step = np.linalg.lstsq(J.T @ (weight[:, None] * J), -J.T @ (weight * distance), rcond=None)[0]
-        points = Rotation.from_rotvec(step[:3]).apply(points) + step[3:]
+        points = points @ matrix_from_rotation_vector(step[:3]).T + step[3:]
     return points
 
 

@@ -5,6 +5,7 @@
 With process noise every run is an extended Kalman filter on its own noisy trajectory, for a linear system the Kalman filter itself;
 without it, and without a prior, every run is the fit of least squares. The table has the bound at the last time, the deviation
 that the Kalman filter states along the true trajectory, the root mean square error of the runs, and both over the bound.
+The root mean square of N runs scatters by a share of 1/sqrt(2 N): 1.6 % for 2,000.
 """
 
 import argparse

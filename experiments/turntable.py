@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.io import loadmat
-from scipy.spatial.transform import Rotation
 
 from experiments.command_line import run_study
+from spinfilters.core.attitude_conversions import inverse, multiply, rotation_vector_from_quaternion
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.io.camera import PinholeCamera
 from spinfilters.io.dataset import Dataset
@@ -80,8 +80,8 @@ def turntable(dataset: Dataset, estimator: str) -> Turntable:
     )  # it is held, and does not fall
     comparison = compare_dataset(dataset, settings)
     evaluation = comparison.evaluations[0]
-    attitude = Rotation.from_quat(evaluation.trajectory.q_ig)
-    turns = (attitude[1:] * attitude[:-1].inv()).as_rotvec()
+    q_ig = evaluation.trajectory.q_ig
+    turns = rotation_vector_from_quaternion(multiply(q_ig[1:], inverse(q_ig[:-1])))
     angles = np.linalg.norm(turns, axis=1)
     return Turntable(angles, turns / angles[:, None], evaluation)
 

@@ -266,26 +266,20 @@ class Experiment:
             following, transition = self.rates(z, self.input_values(first), self.constants)
             return following, transition, self.density
         transition, noise = np.eye(z.shape[-1]), np.zeros((z.shape[-1], z.shape[-1]))
-        for given in self._given(z.reshape(-1, z.shape[-1])[0], first, last):
+        for given in self._given(z, first, last):
             z, transition, noise = self.advance(z, transition, noise, *given)
         return z, transition, noise
 
-    def following(
-        self,
-        z: Float[np.ndarray, "*b n"],
-        first: float,
-        last: float,
-        about: Float[np.ndarray, " n"] | None = None,
-    ) -> Float[np.ndarray, "*b n"]:
-        """z at the next time, of one start or of several at once, in the steps that a state needs (by default the first)."""
+    def following(self, z: Float[np.ndarray, "*b n"], first: float, last: float) -> Float[np.ndarray, "*b n"]:
+        """z at the next time, of one start or of several at once, in the same steps."""
         if self.model.discrete:
             return self.rates(z, self.input_values(first), self.constants)[0]
-        for given in self._given(z.reshape(-1, z.shape[-1])[0] if about is None else about, first, last):
+        for given in self._given(z, first, last):
             (z,) = self.moved(z, *given)
         return z
 
     def _given(
-        self, z: Float[np.ndarray, " n"], first: float, last: float
+        self, z: Float[np.ndarray, "*b n"], first: float, last: float
     ) -> Iterator[tuple[np.ndarray, ...]]:
         """Inputs at the begin, middle and end of every Runge-Kutta step, constants, its width."""
         count = self._steps(z, first, last)
@@ -294,10 +288,10 @@ class Experiment:
         for k in range(count):
             yield (*inputs[2 * k : 2 * k + 3], self.constants, width)
 
-    def _steps(self, z: Float[np.ndarray, " n"], first: float, last: float) -> int:
+    def _steps(self, z: Float[np.ndarray, "*b n"], first: float, last: float) -> int:
         """Runge-Kutta steps, from the fastest mode of the states."""
         _, slope = self.rates(z, self.input_values(first), self.constants)
-        moving = slope[: len(self.model.states), : len(self.model.states)]
+        moving = slope[..., : len(self.model.states), : len(self.model.states)]
         if not np.isfinite(moving).all():
             return FEWEST_STEPS
         fastest = float(np.abs(np.linalg.eigvals(moving)).max(initial=0.0))
@@ -332,7 +326,7 @@ class Experiment:
             z[:, known] = self.known_start(z, self.constants)[0]
         for k, time in enumerate(self.times.tolist()):
             if k:
-                z = self.following(z, float(self.times[k - 1]), time, self.course.values[k - 1])
+                z = self.following(z, float(self.times[k - 1]), time)
             outputs, _ = self.sensing(z, self.input_values(time), self.constants)
             found += [outputs[:, index] / deviation for index, deviation in self.measured(k)]
         return np.stack(found, axis=1)

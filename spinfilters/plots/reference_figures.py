@@ -95,6 +95,76 @@ def reference_differences_figure(found: ReferenceComparison) -> Figure:
     return figure
 
 
+def place_courses_figure(found: ReferenceComparison, difference: bool) -> Figure:
+    """Position and velocity of estimate and reference by axis, or their differences (Tweddle 2013, Figures 6-16 and 6-17)."""
+    courses = {"position [mm]": found.position, "velocity [mm/s]": found.velocity}
+    rows = {label: course for label, course in courses.items() if course is not None}
+    figure = Figure(figsize=(11.0, 1.0 + 2.2 * max(len(rows), 1)), layout="constrained")
+    grid = figure.subplots(max(len(rows), 1), 3, sharex=True, squeeze=False)
+    for (label, course), panels in zip(rows.items(), grid, strict=False):
+        for axis, axes in enumerate(panels):
+            _course_panel(axes, course, axis, 1e3, difference)
+            axes.set_title(f"{label.split()[0]} {_axes('in i')[axis]}", loc="left", fontsize="medium")
+        panels[0].set_ylabel(label)
+    _finish_courses(figure, found, difference)
+    return figure
+
+
+def turn_courses_figure(found: ReferenceComparison, corrected: bool, difference: bool) -> Figure:
+    """Body rates of estimate and reference, or their differences with the closest angle (Tweddle 2013, Figures 6-18 to 6-21).
+
+    Parameters
+    ----------
+    found : ReferenceComparison
+        What is drawn.
+    corrected : bool
+        Whether the axes are corrected by the fitted rotation, or only flipped.
+    difference : bool
+        Whether estimate minus reference is drawn.
+    """
+    rate = found.rate_after if corrected else found.rate_before
+    attitude = found.attitude_after if corrected else found.attitude_before
+    angles = attitude is not None and difference
+    figure = Figure(figsize=(11.0, 3.2 + 2.2 * angles), layout="constrained")
+    grid = figure.add_gridspec(1 + angles, 3)
+    for axis in range(3):
+        axes = figure.add_subplot(grid[0, axis])
+        _course_panel(axes, rate, axis, DEGREES, difference)
+        axes.set_title(f"rate {_axes('of the body')[axis]}", loc="left", fontsize="medium")
+        if axis == 0:
+            axes.set_ylabel("rate [deg/s]")
+    if angles and attitude is not None:
+        axes = figure.add_subplot(grid[1, :])
+        draw_course(axes, attitude.time, DEGREES * attitude.angle, BLUE)
+        axes.set_ylim(bottom=0.0)
+        axes.set_title("closest angle between both attitudes", loc="left", fontsize="medium")
+        axes.set_ylabel("angle [deg]")
+        tidy(axes)
+    _finish_courses(figure, found, difference)
+    return figure
+
+
+def _course_panel(axes: Axes, course: Course, axis: int, scale: float, difference: bool) -> None:
+    if difference:
+        _difference(axes, course, axis, scale, BLUE)
+        axes.axhline(0.0, color=BLACK, linewidth=0.5)
+    else:
+        draw_course(axes, course.time, scale * course.reference[:, axis], RED, dots=True)
+        draw_course(axes, course.time, scale * course.estimate[:, axis], BLUE)
+    tidy(axes)
+
+
+def _finish_courses(figure: Figure, found: ReferenceComparison, difference: bool) -> None:
+    for axes in figure.axes[-3:]:
+        axes.set_xlabel("time [s]")
+    words = "minus the reference" if difference else "and the reference"
+    figure.suptitle(f"{found.name.upper()} {words}", fontsize="large")
+    handles = [Line2D([], [], color=BLUE, label="difference" if difference else found.name.upper())]
+    if not difference:
+        handles.append(Line2D([], [], color=RED, linestyle="none", marker=".", label="reference"))
+    legend_below(figure, handles)
+
+
 def draw_course(
     axes: Axes, time: Float[np.ndarray, " k"], values: Float[np.ndarray, " k"], color: str, dots: bool = False
 ) -> None:

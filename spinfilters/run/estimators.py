@@ -1,34 +1,283 @@
 """The estimators of a comparison: an entry each, and the table of all.
 
-One more is a class, in a file of its own or here, and a line in `OWN`.
+One more is a class here, and a line in `OWN`. What an entry builds is imported when it is built, so that a comparison does not wait
+for estimators that it leaves out; the MEKF and the smoother serve every run, for initialisation and verdict, and are imported here.
 """
 
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from jaxtyping import Float
 
+from spinfilters.core.chi_square import chi_square_tail
 from spinfilters.core.errors import InputError
 from spinfilters.core.plugins import entries_by_name, in_order, installed_plugins
+from spinfilters.filters.ekf import MultiplicativeEkf
 from spinfilters.filters.estimator import Estimator
+from spinfilters.filters.filter import MultiplicativeFilter
 from spinfilters.filters.history import EstimateHistory
-from spinfilters.filters.timeline import times_of
+from spinfilters.filters.iterated_update import IterationOptions
+from spinfilters.filters.noise_levels import VarianceComponent
+from spinfilters.filters.timeline import OnEpoch, Timeline, times_of
 from spinfilters.inference.estimator_entry import AnyEntry, EstimatorEntry
+from spinfilters.inference.initial_estimate import InitialEstimate
 from spinfilters.inference.setup import Setup
-from spinfilters.models.rotation_integrator import substeps, turns
-from spinfilters.run.filter_entries import (
-    InvariantEntry,
-    IteratedEntry,
-    JointEntry,
-    MekfEntry,
-    RauchTungStriebelEntry,
-    UkfEntry,
+from spinfilters.inference.smoother_run import (
+    NAME,
+    begin_after_initialisation,
+    sliding_smoother,
+    smooth_and_sample,
+    smoothed_history,
 )
-from spinfilters.run.smoother_entries import FixedLagEntry, LatestSmootherEntry, SmootherEntry
+from spinfilters.inference.stated_noise import adapted_levels, identified_scales
+from spinfilters.io.sensor_format import sensor_format
+from spinfilters.models.rotation_integrator import substeps, turns
+from spinfilters.models.status import Verdict
 from spinfilters.settings.run_settings import Settings
+from spinfilters.smoother.recursive_smoother import RecursiveSmoother
+from spinfilters.smoother.window import FixedLag
 
 if TYPE_CHECKING:
     from spinfilters.embedded.embedded_estimator import EmbeddedFilter
+    from spinfilters.filters.invariant_ekf import InvariantEkf
+    from spinfilters.filters.joint_ekf import JointEkf
+    from spinfilters.filters.ukf import MultiplicativeUkf
+
+
+UNTIL_CONVERGED = IterationOptions(iterations=30, tolerance=1e-6)
+"""Of the iterated filter: to a millionth of a standard deviation, whatever the linear model promises."""
+
+
+class MultiplicativeEntry(EstimatorEntry[MultiplicativeFilter]):
+    """A multiplicative filter: it continues with the landmarks of the initialisation."""
+
+    holds_landmarks = True
+
+    def begin(self, estimator: MultiplicativeFilter, setup: Setup) -> None:
+        """Start with the initialisation's belief and noise scales."""
+        estimator.adapt_from(identified_scales(setup))
+        estimator.start(setup.belief)
+
+    def noise(
+        self, estimator: MultiplicativeFilter, history: EstimateHistory, setup: Setup
+    ) -> tuple[VarianceComponent, ...]:
+        """Noise levels as adapted, beside those of the initialisation."""
+        return adapted_levels(setup, estimator.level)
+
+    def points(
+        self, estimator: MultiplicativeFilter, history: EstimateHistory, setup: Setup
+    ) -> Float[np.ndarray, "k 3"] | None:
+        """Landmarks of the filter; those of the setup after a failure or without estimated ones."""
+        if history.status.verdict is Verdict.FAILED or not setup.initial.has_landmarks:
+            return setup.map_points
+        return estimator.landmark_belief.points_in_g
+
+    def false_alarm_probability(self, setup: Setup, settings: Settings) -> float:
+        """One minus the gate's probability."""
+        return 1.0 - settings.robust.gate_probability
+
+
+class MekfEntry(MultiplicativeEntry):
+    """Table entry of `MultiplicativeEkf`."""
+
+    name, order = "mekf", 0
+
+    def build(self, setup: Setup, settings: Settings) -> MultiplicativeEkf:
+        """The multiplicative EKF with the run's options."""
+        return MultiplicativeEkf(
+            setup.process, settings.robust, settings.adaptation, settings.iteration, settings.landmarks
+        )
+
+
+class UkfEntry(MultiplicativeEntry):
+    """Table entry of `MultiplicativeUkf`."""
+
+    name, order = "ukf", 1
+
+    def build(self, setup: Setup, settings: Settings) -> "MultiplicativeUkf":
+        """The multiplicative UKF with the run's options."""
+        from spinfilters.filters.ukf import MultiplicativeUkf
+
+        return MultiplicativeUkf(
+            setup.process, settings.ukf, settings.robust, settings.adaptation, settings.landmarks
+        )
+
+
+class IteratedEntry(MultiplicativeEntry):
+    """Table entry of the iterated EKF: the MEKF, every update of which is iterated until it converges."""
+
+    name, order = "iekf", 8
+
+    def build(self, setup: Setup, settings: Settings) -> MultiplicativeEkf:
+        """The multiplicative EKF with updates iterated to convergence."""
+        return MultiplicativeEkf(
+            setup.process, settings.robust, settings.adaptation, UNTIL_CONVERGED, settings.landmarks
+        )
+
+
+class RauchTungStriebelEntry(MekfEntry):
+    """Table entry of the fixed-interval smoother of the MEKF: the same run, then `smooth_backwards`.
+
+    Epochs of the initialisation stay as the initialisation has smoothed them.
+    """
+
+    name, order = "rts", 9
+    holds_landmarks = False
+
+    def final(
+        self, estimator: MultiplicativeFilter, passed: EstimateHistory, setup: Setup
+    ) -> EstimateHistory | None:
+        """Every epoch given all measurements, linearised where the MEKF was."""
+        from spinfilters.filters.rauch_tung_striebel import smooth_backwards
+
+        if passed.status.verdict is Verdict.FAILED:
+            return None
+        return smooth_backwards(setup.process, passed).preceded_by(setup.initial_arrays)
+
+
+class InvariantEntry(MultiplicativeEntry):
+    """Table entry of `InvariantEkf`."""
+
+    name, order = "invariant", 10
+    holds_landmarks = False
+
+    def build(self, setup: Setup, settings: Settings) -> "InvariantEkf":
+        """The invariant EKF with the run's options."""
+        from spinfilters.filters.invariant_ekf import InvariantEkf
+
+        return InvariantEkf(setup.process, settings.robust, settings.adaptation, settings.invariant)
+
+
+class JointEntry(EstimatorEntry["JointEkf"]):
+    """Table entry of `JointEkf`."""
+
+    name, order = "ekf-joint", 11
+    is_baseline = True
+    holds_landmarks = True
+
+    def build(self, setup: Setup, settings: Settings) -> "JointEkf":
+        """The EKF with all landmarks in its state."""
+        from spinfilters.filters.joint_ekf import JointEkf
+
+        return JointEkf(setup.process, settings.robust)
+
+    def begin(self, estimator: "JointEkf", setup: Setup) -> None:
+        """Start with the initialisation's belief, landmarks included."""
+        estimator.start(setup.belief)
+
+    def points(
+        self, estimator: "JointEkf", history: EstimateHistory, setup: Setup
+    ) -> Float[np.ndarray, "k 3"] | None:
+        """Landmarks of its state; those of the setup without estimated ones."""
+        return estimator.points if setup.initial.has_landmarks else setup.map_points
+
+    def false_alarm_probability(self, setup: Setup, settings: Settings) -> float:
+        """One minus the gate's probability."""
+        return 1.0 - settings.robust.gate_probability
+
+
+@dataclass(frozen=True)
+class BatchSmoother:
+    """Batch smoother of sensors without landmarks, by `smooth_and_sample`."""
+
+    setup: Setup
+    settings: Settings
+
+    def smooth(self, timeline: Timeline, initial: InitialEstimate, on_epoch: OnEpoch) -> EstimateHistory:
+        """Smooth from the trajectory of an EKF that continues the initialisation."""
+        own = replace(self.setup, timeline=timeline, initial=initial)
+        return smooth_and_sample(own, self.settings, on_epoch)
+
+
+class SmootherEntry(EstimatorEntry[RecursiveSmoother]):
+    """Recursive for tracks without a map (`RecursiveSmoother`), batch for everything else (`BatchSmoother`)."""
+
+    name, order = NAME, 2
+    holds_landmarks = True
+    continues = False
+
+    def batch(self, setup: Setup, settings: Settings) -> BatchSmoother | None:
+        """The batch smoother where no landmarks are estimated, else None."""
+        return None if setup.initial.has_landmarks else BatchSmoother(setup, settings)
+
+    def build(self, setup: Setup, settings: Settings) -> RecursiveSmoother:
+        """The sliding smoother with the run's options."""
+        return sliding_smoother(setup, settings)
+
+    def begin(self, estimator: RecursiveSmoother, setup: Setup) -> None:
+        """Begin with the epochs of the initialisation."""
+        begin_after_initialisation(estimator, setup)
+
+    def final(
+        self, estimator: RecursiveSmoother, passed: EstimateHistory, setup: Setup
+    ) -> EstimateHistory | None:
+        """Smoothed estimates of all epochs."""
+        return smoothed_history(estimator, passed, setup)
+
+    def points(
+        self, estimator: RecursiveSmoother, history: EstimateHistory, setup: Setup
+    ) -> Float[np.ndarray, "k 3"] | None:
+        """Landmarks (k, 3), m, frame g, of the last window."""
+        return estimator.sliding.window.points
+
+    def false_alarm_probability(self, setup: Setup, settings: Settings) -> float:
+        """Chi-square tail beyond the gate, zero of other losses."""
+        if settings.smoother.loss != "gate":
+            return 0.0
+        dimension = max(sensor_format(sensor).dimension for sensor in setup.dataset.log.sensors)
+        return float(chi_square_tail(settings.smoother.width**2, dimension))
+
+
+class LatestSmootherEntry(SmootherEntry):
+    """Table entry of the smoother without revision by later measurements, to be compared with filters."""
+
+    name, order = "smoother-latest", 7
+
+    def batch(self, setup: Setup, settings: Settings) -> BatchSmoother | None:
+        """None: it takes landmarks epoch by epoch.
+
+        Raises
+        ------
+        InputError
+            Measurements without landmarks to be found, all of whose epochs the smoother takes at once.
+        """
+        if not setup.initial.has_landmarks:
+            raise InputError(f"{self.name} takes tracks without a map alone; choose smoother")
+        return None
+
+    def final(self, estimator: RecursiveSmoother, passed: EstimateHistory, setup: Setup) -> None:
+        """None: what it said of each epoch as it came stands."""
+
+
+class FixedLagEntry(SmootherEntry):
+    """Table entry of the smoother with a fixed lag: an epoch leaves so many epochs behind the latest, and is final then.
+
+    The window begins with the epochs of the initialisation. It is the same for all sensors, with landmarks or without.
+
+    Parameters
+    ----------
+    lag : int
+        Epochs between the latest and the one that leaves, at least; a fifth of a window leaves together.
+    order : int
+        Place in the table.
+    """
+
+    def __init__(self, lag: int, order: int) -> None:
+        self.name, self.order, self.lag = f"smoother-lag-{lag}", order, lag
+
+    def batch(self, setup: Setup, settings: Settings) -> None:
+        """None: it is always recursive."""
+
+    def build(self, setup: Setup, settings: Settings) -> RecursiveSmoother:
+        """The sliding smoother whose window holds so many epochs behind the latest, however little of the inertia is known."""
+        return sliding_smoother(setup, settings, FixedLag(self.lag + 1, determined=np.inf))
+
+    def final(
+        self, estimator: RecursiveSmoother, passed: EstimateHistory, setup: Setup
+    ) -> EstimateHistory | None:
+        """Every epoch as it left the window, those still in it as they are in the end."""
+        return replace(smoothed_history(estimator, passed, setup), name=self.name)
 
 
 LARGEST_MAP = 16_384
@@ -43,9 +292,7 @@ class EmbeddedEntry(EstimatorEntry["EmbeddedFilter"]):
 
     def build(self, setup: Setup, settings: Settings) -> "EmbeddedFilter":
         """The embedded filter in compiled C. InputError: unfit sensors, no compiler."""
-        from spinfilters.embedded.embedded_estimator import (
-            EmbeddedFilter,  # builds expressions, rarely asked for
-        )
+        from spinfilters.embedded.embedded_estimator import EmbeddedFilter
         from spinfilters.embedded.embedded_options import EmbedOptions
         from spinfilters.embedded.emitted_sensors import EMITTED_SENSORS
 
@@ -88,9 +335,6 @@ class EmbeddedDoubleEntry(EmbeddedEntry):
     """Table entry of the embedded filter in double precision: what float costs is the difference."""
 
     name, order, real = "embedded-double", 6, "double"
-
-
-# filterpy is slow to import and rarely asked for: each is imported when it is built
 
 
 class FilterpyEkfEntry(EstimatorEntry[Estimator]):

@@ -1,4 +1,4 @@
-"""Iterations to the most probable trajectory and map, by capped steps: halved Gauss-Newton, Levenberg-Marquardt, dogleg."""
+"""Iterations to the most probable trajectory and map, by capped steps: halved Gauss-Newton, dogleg."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -47,7 +47,7 @@ class Step:
 
 
 class StepRule(ABC):
-    """Step rule with one adapted control parameter: share, damping or radius."""
+    """Step rule with one adapted control parameter: share or radius."""
 
     tries: int = 12
     """Steps from one point before it is given up."""
@@ -89,40 +89,6 @@ class GaussNewton(StepRule):
     def adapted(self, number: float, gain: float, step: Step) -> float:
         """Half the share after a failure, else the whole step."""
         return step.size / 2 if gain <= 0 else 1.0
-
-
-@dataclass(frozen=True)
-class LevenbergMarquardt(StepRule):
-    """Levenberg-Marquardt damping by a share of the diagonal.
-
-    A good step lowers it, a bad one raises it (Marquardt 1963; Nielsen 1999).
-    """
-
-    damping: float = 1e-4
-    raised: float = 10.0
-
-    def __post_init__(self) -> None:
-        if not (np.isfinite(self.damping) and self.damping > 0):
-            raise InputError(f"levenberg-marquardt damping is {self.damping}; give a positive number")
-
-    @property
-    def first(self) -> float:
-        """The first damping."""
-        return self.damping
-
-    def propose(self, solve: Solve, layout: StateLayout, number: float) -> Step | None:
-        """The step of the damped linear problem."""
-        normal = solve(number)
-        if normal.solution is None:
-            return None
-        errors = normal.solution.errors
-        return _shared(normal, errors, _cap(layout, errors))
-
-    def adapted(self, number: float, gain: float, step: Step) -> float:
-        """The damping raised after a failure, else by Nielsen's rule."""
-        if gain <= 0:
-            return number * self.raised
-        return max(number * max(1 / 3, 1 - (2 * min(gain, 2.0) - 1) ** 3), 1e-12)
 
 
 @dataclass(frozen=True)

@@ -39,14 +39,7 @@ def smoothed_sensitivity(motion: SmoothedMotion, considered: Sequence[Considered
     return motion.rows.sensitivity(_columns(motion, considered))
 
 
-def told_information(
-    motion: SmoothedMotion, considered: Sequence[ConsideredDeviation]
-) -> Float[np.ndarray, "c c"]:
-    """Information of residuals about errors of the calibration, H'M H, each in its deviations."""
-    return _information(motion, _columns(motion, considered))
-
-
-def told_moments(
+def calibration_moments(
     motion: SmoothedMotion, considered: Sequence[ConsideredDeviation]
 ) -> Float[np.ndarray, "c c"]:
     """Second moments of errors of the calibration about none, given the residuals, each in its deviations.
@@ -130,7 +123,7 @@ class CalibrationErrors:
         """Factor of the considered errors' second moments given the residuals, in their deviations.
 
         The identity of what no residual shows. Errors of an inspector's poses are told from the motion where it does not move
-        evenly (`told_moments`). A larger one is named.
+        evenly (`calibration_moments`). A larger one is named.
         """
         sizes = [each.parameter.size for each in self.considered]
         every = np.eye(sum(sizes))
@@ -142,7 +135,9 @@ class CalibrationErrors:
         if motion is None:
             return None
         considered = [each for each in self.considered if each.parameter.displaced is not None]
-        every[np.ix_(of_inspector, of_inspector)] = np.linalg.cholesky(told_moments(motion, considered))
+        every[np.ix_(of_inspector, of_inspector)] = np.linalg.cholesky(
+            calibration_moments(motion, considered)
+        )
         return every
 
     def _errors(self, history: EstimateHistory, entry: AnyEntry) -> Float[np.ndarray, "n e c"] | None:

@@ -15,7 +15,7 @@ from spinfilters.evaluation import estimator_evaluation
 from spinfilters.filters.ekf import MultiplicativeEkf
 from spinfilters.inference import first_epochs
 from spinfilters.models.state_layout import Gaussian
-from spinfilters.run import smoother_entries as smoother
+from spinfilters.run import estimators
 from tests.cli.failures import compared, of_casadi, singular
 
 pytestmark = pytest.mark.usefixtures("few_figures", "unrendered")
@@ -68,7 +68,7 @@ def test_a_filter_that_raises_leaves_the_others_complete(
 
 def nan_history(part: str, epochs: slice) -> Callable[..., Any]:
     """A smoother that ends with a part of its history not a number."""
-    real = smoother.smooth_and_sample
+    real = estimators.smooth_and_sample
 
     def smooth(*arguments: Any) -> Any:
         history = real(*arguments)
@@ -86,7 +86,7 @@ def nan_history(part: str, epochs: slice) -> Callable[..., Any]:
 def test_a_smoother_that_ends_without_numbers_is_null_in_the_summary(
     part: str, epochs: slice, poses: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(smoother, "smooth_and_sample", nan_history(part, epochs))
+    monkeypatch.setattr(estimators, "smooth_and_sample", nan_history(part, epochs))
     estimates = compared(poses, tmp_path / "run", "--predict", "5", names=("smoother", "mekf"))
     assert estimates["smoother"]["status"] == "failed"
     assert estimates["smoother"]["frames"] == 20
@@ -101,7 +101,7 @@ def test_a_smoother_that_ends_without_numbers_is_null_in_the_summary(
 def test_a_smoother_that_raises_leaves_the_others_complete(
     error: Callable[..., Any], poses: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(smoother, "smooth_and_sample", error)
+    monkeypatch.setattr(estimators, "smooth_and_sample", error)
     estimates = compared(poses, tmp_path / "run", names=("smoother", "ukf"))
     assert estimates["smoother"]["status"] == "failed"
     assert estimates["ukf"]["status"] != "failed"
@@ -110,7 +110,7 @@ def test_a_smoother_that_raises_leaves_the_others_complete(
 def test_a_sliding_smoother_whose_last_solution_fails_keeps_what_it_said_on_the_way(
     tracks: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(smoother, "smoothed_history", singular)
+    monkeypatch.setattr(estimators, "smoothed_history", singular)
     estimates = compared(tracks, tmp_path / "run", names=("smoother", "mekf"))
     assert estimates["smoother"]["status"] == "failed"
     assert estimates["smoother"]["frames"] == 20

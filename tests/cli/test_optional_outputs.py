@@ -11,7 +11,7 @@ from spinfilters.evaluation.estimated_motion import TRAJECTORY_COLUMNS
 from spinfilters.filters.ekf import MultiplicativeEkf
 from spinfilters.filters.estimator import Measurement, UpdateReport
 from spinfilters.io.text_table import read_csv
-from spinfilters.run import filter_entries as mekf
+from spinfilters.run import estimators
 from spinfilters.run.array_files import read_arrays
 from spinfilters.run.run_folder import CONSTANTS_PICTURE, COSTS_PICTURE, SETTLING_ANIMATIONS, SURFACE_PICTURES
 from tests.cli.faults import refusal
@@ -75,7 +75,7 @@ def test_where_every_estimator_failed_one_line_says_that_nothing_is_predicted(
         def update(self, measurement: Measurement) -> UpdateReport:
             raise np.linalg.LinAlgError("not positive definite")
 
-    monkeypatch.setattr(mekf, "MultiplicativeEkf", Failing)
+    monkeypatch.setattr(estimators, "MultiplicativeEkf", Failing)
     run = tmp_path / "run"
     asked = ["--estimators", "mekf", "--predict", "2", "-o", str(run)]
     for more in ([], ["--resume"]):

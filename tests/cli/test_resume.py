@@ -14,8 +14,7 @@ from spinfilters.cli.main import main
 from spinfilters.filters.ekf import MultiplicativeEkf
 from spinfilters.inference.setup import Setup
 from spinfilters.io.dataset_folder import write_dataset
-from spinfilters.run import comparison_run
-from spinfilters.run import filter_entries as mekf
+from spinfilters.run import comparison_run, estimators
 from spinfilters.run.checkpoints import CHECKPOINT_FILE, CheckpointInterval, checkpoint_stores
 from spinfilters.run.estimation import Comparison, compare_estimators
 from spinfilters.settings.run_settings import Settings
@@ -92,7 +91,7 @@ def test_a_killed_command_goes_on_to_the_same_trajectories(
     class Refusing(MultiplicativeEkf):
         update = None  # pyright: ignore[reportAssignmentType]
 
-    monkeypatch.setattr(mekf, "MultiplicativeEkf", Refusing)
+    monkeypatch.setattr(estimators, "MultiplicativeEkf", Refusing)
     assert main(["compare", str(dataset), "-o", str(halted), "--resume"]) == 0
     assert trajectories(halted) == wanted
     assert not list(halted.rglob(CHECKPOINT_FILE))

@@ -9,9 +9,8 @@ import pytest
 from spinfilters.evaluation.noise_tests import FilterEpoch, NoiseTest, summed_tests
 from spinfilters.filters.ekf import MultiplicativeEkf
 from spinfilters.filters.estimator import MapChange, Measurement, UpdateReport
-from spinfilters.live.executive import Executive
+from spinfilters.live.executive import FALSE_ALARM, WINDOW, Executive, RunningVerdict, chance
 from spinfilters.live.filter_track import HandOver
-from spinfilters.live.running_verdict import FALSE_ALARM, WINDOW, RunningVerdict, chance
 from spinfilters.live.sources import ArrivedEpoch
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.models.sensors.gyro import gyro_parameters

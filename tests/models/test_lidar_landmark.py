@@ -4,7 +4,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from spinfilters.models.sensors.lidar import NEAREST_RANGE, LidarLandmark
+from spinfilters.models.sensors.lidar_points import NEAREST_RANGE, LidarLandmark
 from spinfilters.models.state_layout import FULL_BLOCKS, StateLayout
 from tests.models.sensor_contract import check_sensor_contract
 

@@ -5,8 +5,8 @@ import pytest
 from jaxtyping import Float
 
 from spinfilters.models.camera_landmarks import MonocularLandmark, camera_parameters
+from spinfilters.models.sensors.monocular import perspective_pose
 from spinfilters.models.state_layout import StateLayout
-from spinfilters.models.tracks.perspective_poses import perspective_pose
 
 LAYOUT = StateLayout(("t", "a"))
 CAMERA = MonocularLandmark(LAYOUT)

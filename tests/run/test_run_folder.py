@@ -216,7 +216,7 @@ def test_an_interrupt_between_estimators_keeps_the_finished_ones(monkeypatch: py
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("spinfilters.run.filter_entries.MultiplicativeUkf", interrupted)
+    monkeypatch.setattr("spinfilters.filters.ukf.MultiplicativeUkf", interrupted)
     comparison = compare_estimators(setup, settings, silent)
     assert comparison.interrupted
     assert [evaluation.name for evaluation in comparison.evaluations] == ["mekf"]

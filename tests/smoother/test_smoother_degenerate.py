@@ -15,7 +15,6 @@ from spinfilters.smoother.sliding_smoother import SlidingSmoother, SmootherOptio
 from spinfilters.smoother.solver import (
     Dogleg,
     GaussNewton,
-    LevenbergMarquardt,
     SolverOptions,
     StepRule,
     solve,
@@ -45,7 +44,7 @@ from tests.smoother.smoothing_samples import (
 
 MODES = (FullSmoothing(), FixedLag(4, SOON), LandmarkMarginalization())
 NO_IDS, NO_POINTS = np.zeros(0, dtype=int), np.zeros((0, 3))
-RULES = (GaussNewton(), LevenbergMarquardt(), Dogleg())
+RULES = (GaussNewton(), Dogleg())
 
 
 @pytest.mark.parametrize("mode", MODES, ids=str)

@@ -19,7 +19,6 @@ from spinfilters.smoother.sliding_smoother import SlidingSmoother, SmootherOptio
 from spinfilters.smoother.solver import (
     Dogleg,
     GaussNewton,
-    LevenbergMarquardt,
     SolverOptions,
     StepRule,
     solve,
@@ -147,9 +146,8 @@ def test_without_a_measurement_the_covariance_is_what_the_dynamics_make_of_the_p
         np.testing.assert_allclose(factor @ factor.T, P, rtol=0, atol=1e-7 * np.abs(expected[-1][1]).max())
 
 
-@pytest.mark.parametrize("rule", [LevenbergMarquardt(), Dogleg(10.0)], ids=str)
-def test_other_rules_end_at_the_same_means(rule: StepRule) -> None:
-    trajectory, _ = _solved(_case("several at once"), rule)
+def test_dogleg_steps_end_at_the_same_means() -> None:
+    trajectory, _ = _solved(_case("several at once"), Dogleg(10.0))
     expected = np.array([mean for mean, _ in _textbook(_case("several at once")).smoothed])
     np.testing.assert_allclose(trajectory, expected, atol=1e-5)
 

@@ -14,7 +14,6 @@ from spinfilters.smoother.solver import (
     COST_SLACK,
     Dogleg,
     GaussNewton,
-    LevenbergMarquardt,
     Solved,
     SolverOptions,
     StepRule,
@@ -32,7 +31,7 @@ from tests.smoother.smoothing_samples import (
     whitened,
 )
 
-RULES = (GaussNewton(), LevenbergMarquardt(), LevenbergMarquardt(10.0), Dogleg(), Dogleg(1.0))
+RULES = (GaussNewton(), Dogleg(), Dogleg(1.0))
 
 
 @pytest.mark.parametrize("rule", RULES, ids=str)
@@ -108,8 +107,6 @@ def test_no_iterations_take_no_step() -> None:
 @pytest.mark.parametrize(
     "make",
     [
-        lambda: LevenbergMarquardt(0.0),
-        lambda: LevenbergMarquardt(np.nan),
         lambda: Dogleg(-1.0),
         lambda: Dogleg(np.inf),
         lambda: SolverOptions(-1),

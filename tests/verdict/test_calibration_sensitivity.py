@@ -16,9 +16,8 @@ from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import Scenario, simulate, without_map
 from spinfilters.verdict.calibration_errors import (
+    calibration_moments,
     smoothed_sensitivity,
-    told_information,
-    told_moments,
     with_error,
 )
 from spinfilters.verdict.model_errors.hypotheses import solved_near
@@ -170,15 +169,15 @@ def test_a_sensitivity_is_what_solving_with_another_calibration_says(kind: str, 
 def test_positions_of_an_inspector_that_drift_are_a_velocity_of_the_body() -> None:
     found = sensitivity("inspector", "inspector_position_std").states
     np.testing.assert_allclose(block("inspector", "v", found[..., 0])[:, 0], 1 / MINUTE, rtol=0.02)
-    assert told_information(
-        smoothed("inspector"), [ConsideredDeviation(PARAMETERS["inspector_position_std"], 0.01, "stated")]
-    ) == pytest.approx(np.zeros((3, 3)), abs=1e-6)
+    considered = [ConsideredDeviation(PARAMETERS["inspector_position_std"], 0.01, "stated")]
+    moments = calibration_moments(smoothed("inspector"), considered)  # the residuals say nothing of them
+    assert moments == pytest.approx(np.eye(3), abs=1e-6)
 
 
 def test_residuals_tell_the_delay_of_an_inspector_that_sways() -> None:
     considered = [ConsideredDeviation(PARAMETERS["inspector_clock_std"], 1.0, "stated")]
-    ((information,),) = told_information(smoothed("inspector"), considered)
-    assert 0.001 < information**-0.5 < 0.3
+    ((moment,),) = calibration_moments(smoothed("inspector"), considered)
+    assert 0.001 < np.sqrt(moment) < 0.3
 
 
 def test_what_residuals_say_of_a_wrong_inspector_is_in_the_moments_of_its_errors() -> None:
@@ -187,9 +186,9 @@ def test_what_residuals_say_of_a_wrong_inspector_is_in_the_moments_of_its_errors
     timeline, considered = setup.timeline, ConsideredDeviation(parameter, 0.05, "stated")
     assert isinstance(timeline, LogTimeline)
     late = solved(setup, with_error(timeline, considered, np.array([0.1])))  # of two deviations
-    ((information,),) = told_information(late, [considered])
-    ((moment,),) = told_moments(late, [considered])
-    told = 2.0 * information / (1 + information)
-    assert moment == pytest.approx(1 / (1 + information) + told**2, rel=0.05)
-    ((right,),) = told_moments(smoothed("inspector"), [considered])
-    assert right == pytest.approx(1 / (1 + information), rel=0.05)
+    ((moment,),) = calibration_moments(late, [considered])
+    ((left,),) = calibration_moments(
+        smoothed("inspector"), [considered]
+    )  # of the deviation, where nothing is late
+    assert 0 < left < 1
+    assert moment == pytest.approx(left + (2.0 * (1 - left)) ** 2, rel=0.05)

@@ -4,11 +4,13 @@ The recordings are lost. A target as in chapter 6 is simulated, with tracks of u
 with the errors of section 6.2: repeatable to 2 mm and 1 deg, accurate to 10 mm and 3 deg.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from typing import Final
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from spinfilters.core.attitude_conversions import (
     continuous_quaternions,
@@ -24,11 +26,19 @@ from spinfilters.io.dataset import Dataset
 from spinfilters.io.measurement_log import MeasurementLog
 from spinfilters.io.reference_motion import ReferenceMotion
 from spinfilters.io.truth import Truth
-from spinfilters.plots.reference_figures import reference_differences_figure, reference_values_figure
+from spinfilters.plots.reference_figures import (
+    place_courses_figure,
+    reference_differences_figure,
+    reference_values_figure,
+    turn_courses_figure,
+)
 from spinfilters.reproduction.item import ComparedNumber, ItemResult, tweddle_item
 from spinfilters.run.comparison_run import compare_dataset
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import Scenario, simulate, without_map
+
+Drawing = Callable[[ReferenceComparison], Figure]
+"""Makes the figure of a comparison."""
 
 STEP: Final = 0.2
 """Between rows of the metrology, s; not stated by the source."""
@@ -60,6 +70,9 @@ TABLE_2: Final = {
     "y angular velocity": (-1.29, 0.930),
     "z angular velocity": (-0.25, 0.868),
 }
+PLACE_ROWS: Final = ("position", "x velocity", "y velocity", "z velocity")
+TURN_ROWS: Final = ("closest angle", "angular velocity")
+"""Parts of names of the rows that belong to places and to rotations."""
 LOST: Final = "the metrology of the test is lost; the simulated one has the stated accuracy, in a direction that is drawn"
 
 SIMULATED: Final = (
@@ -137,6 +150,45 @@ def make_corrected() -> ItemResult:
     )
 
 
+def _figure(table: dict[str, tuple[float, float]], words: tuple[str, ...], draw: Drawing) -> ItemResult:
+    """Rows of a table whose names hold one of the words, with the figure of their courses."""
+    found = compared()
+    chosen = {name: values for name, values in table.items() if any(word in name for word in words)}
+    note = f"{SIMULATED} The printed curves are not compared, only their means and standard deviations."
+    rows = _rows(found, chosen, " corrected" if table is TABLE_2 else "")
+    return ItemResult(rows, {"courses": draw(found)}, note=note)
+
+
+def make_place_values() -> ItemResult:
+    """Figure 6-16: place and velocity beside the metrology."""
+    return _figure(TABLE_1, PLACE_ROWS, lambda found: place_courses_figure(found, False))
+
+
+def make_place_differences() -> ItemResult:
+    """Figure 6-17: their differences."""
+    return _figure(TABLE_1, PLACE_ROWS, lambda found: place_courses_figure(found, True))
+
+
+def make_turn_values() -> ItemResult:
+    """Figure 6-18: rates beside the metrology, axes only flipped."""
+    return _figure(TABLE_1, TURN_ROWS, lambda found: turn_courses_figure(found, False, False))
+
+
+def make_turn_differences() -> ItemResult:
+    """Figure 6-19: closest angle and differences of the rates, axes only flipped."""
+    return _figure(TABLE_1, TURN_ROWS, lambda found: turn_courses_figure(found, False, True))
+
+
+def make_corrected_values() -> ItemResult:
+    """Figure 6-20: rates beside the metrology, axes corrected."""
+    return _figure(TABLE_2, TURN_ROWS, lambda found: turn_courses_figure(found, True, False))
+
+
+def make_corrected_differences() -> ItemResult:
+    """Figure 6-21: closest angle and differences of the rates, axes corrected."""
+    return _figure(TABLE_2, TURN_ROWS, lambda found: turn_courses_figure(found, True, True))
+
+
 def _rows(
     found: ReferenceComparison, table: dict[str, tuple[float, float]], suffix: str
 ) -> list[ComparedNumber]:
@@ -171,16 +223,31 @@ def _unit(name: str) -> tuple[float, str]:
 METROLOGY_COMPARISON: Final = (
     tweddle_item(
         "Table 6.1",
-        "with Figures 6-16 and 6-18, section 6.5.1",
+        "section 6.5.1",
         "Smoother against metrology, axes only flipped",
         make_raw,
         40.0,
     ),
     tweddle_item(
         "Table 6.2",
-        "with Figures 6-17, 6-19 to 6-21, section 6.5.1",
+        "section 6.5.1",
         "Smoother against metrology, axes corrected",
         make_corrected,
         3.0,
+    ),
+    *(
+        tweddle_item(f"Figure {number}", "section 6.5.1", title, make, 3.0)
+        for number, title, make in (
+            ("6-16", "Position and velocity, smoother and metrology", make_place_values),
+            ("6-17", "Differences of position and velocity", make_place_differences),
+            ("6-18", "Angular velocity, smoother and metrology, axes flipped", make_turn_values),
+            ("6-19", "Differences of attitude and angular velocity, axes flipped", make_turn_differences),
+            ("6-20", "Angular velocity, smoother and metrology, axes corrected", make_corrected_values),
+            (
+                "6-21",
+                "Differences of attitude and angular velocity, axes corrected",
+                make_corrected_differences,
+            ),
+        )
     ),
 )

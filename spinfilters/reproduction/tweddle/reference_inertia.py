@@ -15,8 +15,9 @@ from spinfilters.core.attitude_conversions import (
     quaternion_from_axis_angle,
 )
 from spinfilters.core.conventions import RPM
-from spinfilters.evaluation.inertia_race import NamedInertia, propagate_inertias
+from spinfilters.evaluation.inertia_race import NamedInertia, PropagatedInertia, propagate_inertias
 from spinfilters.evaluation.reference_fit import axis_and_angle
+from spinfilters.plots.race_figure import inertia_race_figure
 from spinfilters.plots.style import BLUE, RED, tidy
 from spinfilters.reproduction.item import ComparedNumber, ItemResult, tweddle_item
 
@@ -152,12 +153,17 @@ def race(
         s; closest angle between both attitudes, rad; length of the difference of both body rates, rad/s.
     """
     time = np.linspace(0.0, seconds, int(20 * seconds) + 1)
+    first, second = _motions(rate_rpm, time)
+    return time, second.angle_from(first.attitude), second.rate_from(first.rate)
+
+
+def _motions(rate_rpm: Float[np.ndarray, " 3"], time: Float[np.ndarray, " n"]) -> list[PropagatedInertia]:
+    """The motion of the reference's inertia and of the estimated one."""
     inertias = []
     for name, J in (("reference", ESLINGER), ("estimate", estimated_inertia())):
         moments, R = principal_axes(J)
         inertias.append(NamedInertia(name, moments, R.T))
-    first, second = propagate_inertias(inertias, np.array([0.0, 0.0, 0.0, 1.0]), rate_rpm * RPM, time)
-    return time, second.angle_from(first.attitude), second.rate_from(first.rate)
+    return propagate_inertias(inertias, np.array([0.0, 0.0, 0.0, 1.0]), rate_rpm * RPM, time)
 
 
 def make_long_race() -> ItemResult:
@@ -180,6 +186,24 @@ def make_long_race() -> ItemResult:
         note="The metrology of the test is lost: the two propagations are compared with each other, at the commanded rate "
         "(0.5, 10, 0.5) rpm, which the target did not quite have.",
     )
+
+
+def make_long_motion() -> ItemResult:
+    """Figure 6-23: the rates of both over 80 s, with the number of Figure 6-24."""
+    return _with_motions(make_long_race(), 80.0)
+
+
+def make_short_motion() -> ItemResult:
+    """Figure 6-25: the rates of both over 12 s, with the numbers of Figure 6-26."""
+    return _with_motions(make_short_race(), 12.0)
+
+
+def _with_motions(found: ItemResult, seconds: float) -> ItemResult:
+    """The numbers of a race with the rates of both inertias."""
+    time = np.linspace(0.0, seconds, int(20 * seconds) + 1)
+    motions = _motions(RATE, time)
+    figure = inertia_race_figure(time, motions, motions[0])
+    return ItemResult(found.rows, {"rates": figure}, note=found.note)
 
 
 def make_short_race() -> ItemResult:
@@ -244,10 +268,10 @@ REFERENCE_INERTIA: Final = (
         make_reference_axes,
     ),
     tweddle_item("Equation 6.20", "with 6.16 to 6.19, section 6.5.2", "Ratios of the moments", make_ratios),
-    tweddle_item("Figure 6-24", "with 6-23, section 6.5.2", "Race of two inertias over 80 s", make_long_race),
-    tweddle_item(
-        "Figure 6-26", "with 6-25, section 6.5.2", "Race of two inertias over 12 s", make_short_race
-    ),
+    tweddle_item("Figure 6-23", "section 6.5.2", "Rates of two inertias over 80 s", make_long_motion),
+    tweddle_item("Figure 6-24", "section 6.5.2", "Race of two inertias over 80 s", make_long_race),
+    tweddle_item("Figure 6-25", "section 6.5.2", "Rates of two inertias over 12 s", make_short_motion),
+    tweddle_item("Figure 6-26", "section 6.5.2", "Race of two inertias over 12 s", make_short_race),
     tweddle_item(
         "Equation 6.27",
         "with 6.21 to 6.26, section 6.5.2",
