@@ -22,7 +22,14 @@ from observability.model import model_of
 from observability.model_experiment import Course, Experiment
 from observability.prior_dependence import PRIOR_ONLY
 from spinfilters.core.errors import InputError
-from spinfilters.io.argument_checks import checked_arguments, numbers_by_name, one_of, optional, refuse
+from spinfilters.io.argument_checks import (
+    by_name,
+    checked_arguments,
+    numbers_by_name,
+    one_of,
+    optional,
+    refuse,
+)
 
 SINGULAR: Final = 1e-9
 """Singular values of the scaled root below this share of the largest are 0."""
@@ -214,20 +221,6 @@ class ModelBound:
         }
 
 
-def _courses(name: str, value: Any) -> None:
-    """Known inputs or recorded states by name."""
-    if not isinstance(value, Mapping):
-        refuse(name, value, "functions of time, numbers or lists of numbers by name")
-
-
-def _manoeuvres(name: str, value: Any) -> None:
-    """Tables of inputs by the name of the manoeuvre."""
-    if not isinstance(value, Mapping):
-        refuse(name, value, 'inputs by manoeuvre, such as {"hard": {"u": 2}}')
-    for each, inputs in value.items():
-        _courses(f"{name} of {each}", inputs)
-
-
 def _times(name: str, value: Any) -> None:
     """Numbers in a row."""
     try:
@@ -239,6 +232,7 @@ def _times(name: str, value: Any) -> None:
 
 
 _NUMBERS: Final = 'numbers by name, such as {"x": 0.1}'
+_COURSES: Final = by_name("functions of time, numbers or lists of numbers by name")
 
 
 @checked_arguments(
@@ -247,9 +241,9 @@ _NUMBERS: Final = 'numbers by name, such as {"x": 0.1}'
     times=_times,
     priors=optional(numbers_by_name(_NUMBERS)),
     process_noise=optional(numbers_by_name(_NUMBERS)),
-    inputs=optional(_courses),
+    inputs=optional(_COURSES),
     every=optional(numbers_by_name('whole numbers by output, such as {"y": 2}')),
-    trajectory=optional(_courses),
+    trajectory=optional(_COURSES),
     after=optional(one_of(ModelBound, cure="what bound returned for an earlier experiment")),
 )
 def bound(
@@ -378,7 +372,10 @@ def start_information(experiment: Experiment) -> Float[np.ndarray, "n n"]:
     return found
 
 
-@checked_arguments(found=one_of(ModelBound, cure="what bound returned"), manoeuvres=optional(_manoeuvres))
+@checked_arguments(
+    found=one_of(ModelBound, cure="what bound returned"),
+    manoeuvres=optional(by_name('inputs by manoeuvre, such as {"hard": {"u": 2}}', _COURSES)),
+)
 def gain_table(
     found: ModelBound, manoeuvres: Mapping[str, Mapping[str, Course]] | None = None
 ) -> dict[str, dict[str, float]]:
