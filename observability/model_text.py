@@ -48,6 +48,11 @@ CANCELLED: Final = 2.0**-50
 """Part of the terms of a sum of irrational numbers below which it is 0."""
 Value = ca.SX | Fraction | float
 """An expression, an exact constant, or a constant that is rounded."""
+MISPLACED: Final[Mapping[str, str]] = {
+    ",": "write numbers with a decimal point, and commas only between a function's arguments",
+    ")": "leave it out, or write its '(' or what is in between",
+}
+"""Cure for a sign where nothing of the kind may stand."""
 NAME: Final = re.compile(r"[A-Za-z_][A-Za-z_0-9]*")
 _TOKEN: Final = re.compile(
     r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|(?P<name>[A-Za-z_][A-Za-z_0-9]*)"
@@ -110,7 +115,9 @@ class _Formula:
         """The whole."""
         result = self._sum()
         if self._next < len(self._tokens):
-            raise self._wrong(f"{self._tokens[self._next][1]!r} is not expected here")
+            word = self._tokens[self._next][1]
+            cure = MISPLACED.get(word, "write an operator such as * before it")
+            raise self._wrong(f"{word!r} is not expected here; {cure}")
         return _expression(result)
 
     def _split(self, text: str) -> list[tuple[str, str]]:
@@ -118,7 +125,9 @@ class _Formula:
         while at < len(text):
             match = _TOKEN.match(text, at)
             if match is None:
-                raise self._wrong(f"{text[at:].strip()[:1]!r} has no meaning here")
+                raise self._wrong(
+                    f"{text[at:].strip()[:1]!r} has no meaning here; use names, numbers, + - * / ** and parentheses"
+                )
             kind = str(match.lastgroup)
             tokens.append((kind, match[kind]))
             at = match.end()
@@ -136,7 +145,7 @@ class _Formula:
     def _sum(self) -> Value:
         self._depth += 1
         if self._depth > DEEPEST:
-            raise self._wrong(f"more than {DEEPEST} parentheses lie within one another")
+            raise self._wrong(f"more than {DEEPEST} parentheses lie within one another; write it with fewer")
         result = self._product()
         while sign := self._take("+", "-"):
             other = self._product()
@@ -149,7 +158,7 @@ class _Formula:
         while sign := self._take("*", "/"):
             other = self._signed()
             if sign == "/" and _expression(other).is_zero():
-                raise self._wrong("something is divided by 0")
+                raise self._wrong("something is divided by 0; change the divisor")
             result = self._finite(
                 _product(result, other) if sign == "*" else _quotient(result, other), "a product"
             )
@@ -167,7 +176,7 @@ class _Formula:
         if self._take("**", "^"):
             self._depth += 1
             if self._depth > DEEPEST:
-                raise self._wrong(f"more than {DEEPEST} powers lie within one another")
+                raise self._wrong(f"more than {DEEPEST} powers lie within one another; write it with fewer")
             exponent = self._signed()
             self._depth -= 1
             return self._finite(_power(base, exponent), "a power")
@@ -175,7 +184,9 @@ class _Formula:
 
     def _atom(self) -> Value:
         if self._next >= len(self._tokens):
-            raise self._wrong("it ends where something is still expected")
+            raise self._wrong(
+                "it ends where something is still expected; complete it, or leave out the last sign"
+            )
         kind, word = self._tokens[self._next]
         self._next += 1
         if kind == "number":
@@ -186,7 +197,8 @@ class _Formula:
             result = self._sum()
             self._close()
             return result
-        raise self._wrong(f"{word!r} is not expected here")
+        cure = MISPLACED.get(word, "write a name, a number or a parenthesis before it")
+        raise self._wrong(f"{word!r} is not expected here; {cure}")
 
     def _number(self, word: str) -> Fraction:
         _, _, exponent = word.lower().partition("e")
