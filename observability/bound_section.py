@@ -64,10 +64,10 @@ class StatedBound:
         """A line for each sensor and manoeuvre."""
         lines = ["Gain, standard deviation without over with it:"]
         for name, row in self.gains.items():
-            best = sorted(((gain, unknown) for unknown, gain in row.items() if gain > 1.05), reverse=True)
             told = ", ".join(
-                f"{unknown} {gain:.3g}" if np.isfinite(gain) else f"{unknown} (alone)"
-                for gain, unknown in best
+                f"{unknown} {gain:.3g}" if 0 < gain < np.inf else f"{unknown} ({'alone' if gain else 'lost'})"
+                for unknown, gain in sorted(row.items(), key=lambda each: -each[1])
+                if abs(np.log(max(gain, 1e-300))) > np.log(1.05)
             )
             lines.append(f"  {name:20} {told or 'nothing'}")
         return lines

@@ -354,7 +354,8 @@ def gain_table(
     Returns
     -------
     dict
-        By sensor or manoeuvre, then by unknown; infinity where the unknown is determined by it alone.
+        By sensor or manoeuvre, then by unknown; infinity where the unknown is determined by it alone, below 1 where a manoeuvre
+        is worse, and 0 where with it the unknown is not determined any more.
     """
     own, table = found.experiment, {}
     sensors = dict.fromkeys(name for each in _flights(own) for name in each.noise)
@@ -379,8 +380,11 @@ def _without_sensor(experiment: Experiment, name: str) -> Experiment:
 
 
 def _ratios(without: Mapping[str, float], with_it: Mapping[str, float]) -> dict[str, float]:
-    """1 where both are infinite."""
-    return {name: float(without[name] / each) if np.isfinite(each) else 1.0 for name, each in with_it.items()}
+    """1 where both are infinite, or both 0."""
+    return {
+        name: 1.0 if without[name] == each else float(np.divide(without[name], each))
+        for name, each in with_it.items()
+    }
 
 
 def empirical_information(found: ModelBound, share: float = 1e-4) -> Float[np.ndarray, "n n"]:

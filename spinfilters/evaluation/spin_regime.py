@@ -78,7 +78,7 @@ def spin_verdict(evaluation: Evaluation) -> SpinVerdict | None:
     own = rates.rate[history.initialisation :] if history.initialisation < len(rates.rate) else rates.rate
     length = np.linalg.norm(own, axis=1)
     last, covariance = rates.rate[-1], rates.covariance
-    axes = evaluation.bodies.principal_axes_g[-1]
+    axes = evaluation.body.principal_axes_g
     if covariance is None or not (np.isfinite(last).all() and np.isfinite(axes).all() and last.any()):
         return None
     direction = last / np.linalg.norm(last)

@@ -187,10 +187,7 @@ def dataset_kinds() -> Mapping[str, SensorFormat]:
 
 
 def sensor_called(name: str) -> str:
-    """Name of the sensor that a name means: its own, that of its kind of data sets, or a former one.
-
-    Others come back as they are.
-    """
+    """Name of the sensor that a name means: its own, that of its kind of data sets, or a former one; others as they are."""
     for each in stored_sensors():
         if each.format is not None and name in (each.format.name, each.format.kind, *each.former_names):
             return each.format.name

@@ -131,8 +131,8 @@ def _gain_panel(axes: Axes, stated: StatedBound) -> None:
     mesh = axes.imshow(shown, aspect="auto", norm=LogNorm(1.0, LARGEST_GAIN), cmap="Blues")
     for row, values in enumerate(table):
         for column, gain in enumerate(values):
-            words = f"{gain:.3g}" if np.isfinite(gain) else "alone"
-            colour = "white" if shown[row, column] > 30 else "black"
+            words = f"{gain:.3g}" if 0 < gain < np.inf else "alone" if gain else "lost"
+            colour = RED if gain < 1 / 1.05 else "white" if shown[row, column] > 30 else "black"
             axes.text(column, row, words, ha="center", va="center", fontsize="x-small", color=colour)
     axes.set_xticks(range(table.shape[1]), stated.last.names, fontsize="small", rotation=30)
     axes.set_yticks(range(table.shape[0]), list(stated.gains), fontsize="small")

@@ -56,7 +56,7 @@ def write_race(
     first = good[0]
     belief, now = first.history.belief(-1), float(first.history.time[-1])
     layout = belief.layout
-    attitude, rate = (belief.mean[layout.mean_slice(block)] for block in ("a", "w"))
+    attitude, rate = belief.mean[layout.mean_slice("a")], belief.mean[layout.mean_slice("w")]
     truth = truth_in_frames_of(first)
     stamps = np.empty(0) if truth is None else truth.time
     time = np.r_[0.0, stamps_ahead(first.history.time, seconds, stamps)]

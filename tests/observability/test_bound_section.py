@@ -51,6 +51,13 @@ def test_the_command_prints_and_writes_the_bound(tmp_path: Path, capsys: pytest.
     assert (folder / "observability.png").read_bytes().startswith(b"\x89PNG")
 
 
+def test_a_manoeuvre_says_what_it_loses(tmp_path: Path) -> None:
+    found = stated(tmp_path, PUSHED + '[courses]\nF = "sin(t)"\n[bound.manoeuvres.off]\nF = 0\n')
+    (line,) = [each for each in found.gain_sentences if each.startswith("  off")]
+    assert "k (lost)" in line
+    assert "m (lost)" in line
+
+
 def test_a_recorded_input_is_as_good_as_its_formula(tmp_path: Path) -> None:
     time = np.linspace(0, 6, 601)
     rows = [f"{t},{np.sin(t)}" for t in time.tolist()]

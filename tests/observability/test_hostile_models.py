@@ -88,8 +88,8 @@ HOSTILE = [
     ("an initial value of a state", GOOD + '[known_initial_values]\nx = "v"\n', "'v' is unknown"),
     ("two values of a state", GOOD + "[known_initial_values]\nx = 1\n[point]\nx = 1\n", "give one of them"),
     ("too many names", GOOD.replace('["k"]', str([f"k{i}" for i in range(500)] + ["k"])), "give at most 400"),
-    ("no TOML", "states = [", "is no TOML file"),
-    ("bytes", "\x00\x01", "is no TOML file"),
+    ("no TOML", "states = [", "is not TOML"),
+    ("bytes", "\x00\x01", "is not TOML"),
     ("an endless power", GOOD.replace("k*x", "x**x**x**x**x"), None),
     ("a bound that is a number", "bound = 3\n" + GOOD, "bound is 3; give a table"),
     (

@@ -169,7 +169,7 @@ def test_options_of_a_tumbling_body_are_refused_beside_a_model(
 
 
 def test_a_missing_file_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match="no such file; check the path"):
         analyse_file(tmp_path / "none.toml")
 
 

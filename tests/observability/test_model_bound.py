@@ -111,6 +111,21 @@ def test_the_gain_table_says_what_a_sensor_and_a_manoeuvre_add() -> None:
     assert gain["push"]["m"] > 5
 
 
+def test_a_manoeuvre_that_loses_an_unknown_has_no_gain_for_it() -> None:
+    driven = {
+        "states": ["x"],
+        "parameters": ["a"],
+        "inputs": ["u"],
+        "equations": {"x": "a*u"},
+        "outputs": {"y": "x"},
+    }
+    found = bound(driven, {"x": 1, "a": 0.5}, {"y": 0.1}, TIMES, inputs={"u": 1})
+    table = gain_table(found, {"off": {"u": 0}, "weak": {"u": 0.5}})
+    assert table["off"]["a"] == 0.0
+    assert table["off"]["x"] > 1.5
+    assert table["weak"]["a"] == pytest.approx(0.5)
+
+
 def test_an_output_at_a_lower_rate_says_less() -> None:
     often = bound(DECAY, {"x": 2, "k": 0.7}, {"y": 0.02}, TIMES)
     seldom = bound(DECAY, {"x": 2, "k": 0.7}, {"y": 0.02}, TIMES, every={"y": 10})

@@ -47,14 +47,14 @@ def marginal_std(history: EstimateHistory) -> Float[np.ndarray, "7 3"]:
     """Root mean square over the frames after the first, which defines g; SI units."""
     layout, trajectory, bodies = history.layout, trajectory_of(history), body_history(history)
     axes = _axes(bodies)
-    turned = {block: axes @ history.factor[:, layout.slice(block)] for block in ("a", "w")}
+    attitude, rate = axes @ history.factor[:, layout.slice("a")], axes @ history.factor[:, layout.slice("w")]
     principal = np.einsum("nii->ni", bodies.principal_axes_cov)[:, MAJOR_FIRST]
     assert bodies.center_of_mass_std is not None
     squares = (
         trajectory.std_position**2,
         trajectory.std_velocity**2,
-        np.square(turned["a"]).sum(axis=2),
-        np.square(turned["w"]).sum(axis=2),
+        np.square(attitude).sum(axis=2),
+        np.square(rate).sum(axis=2),
         bodies.center_of_mass_std**2,
         principal,
         _padded(bodies.log_ratios_std**2),
@@ -77,7 +77,8 @@ def actual_errors(history: EstimateHistory, truth: Truth) -> Float[np.ndarray, "
     errors = (
         trajectory.position - truth.center_of_mass,
         trajectory.velocity - truth.velocity,
-        *(np.einsum("nij,nj->ni", axes, error[:, layout.slice(block)]) for block in ("a", "w")),
+        np.einsum("nij,nj->ni", axes, error[:, layout.slice("a")]),
+        np.einsum("nij,nj->ni", axes, error[:, layout.slice("w")]),
         error[:, layout.slice("c")],
         _axes_errors(bodies, truth)[:, MAJOR_FIRST],
         _padded(bodies.log_ratios - np.log(true[[2, 1]] / true[[1, 0]])),
