@@ -40,7 +40,7 @@ from observability.monomials import (
 from observability.null_fields import NullFields, is_rational
 from observability.power_series import Series
 from observability.rational_generators import rational_fields
-from observability.rational_reconstruction import coprime_integers, fractions_that_hold
+from observability.rational_reconstruction import Modulo, coprime_integers, fractions_that_hold
 from observability.residue_matrices import Echelon, reduce_columns
 
 SPARE = 6
@@ -189,8 +189,8 @@ def _confirmed_kernel(
     """Null vectors of conditions in fractions, without those that are of none that hold modulo another prime."""
     fields = other_fields(part, random)
     checked = next(fields, None)
-    kernels = [(PrimeField().prime, conditions(PrimeField()).null_space().T)]
-    if checked is None or not len(kernels[0][1]):
+    kernels = [Modulo(PrimeField().prime, conditions(PrimeField()).null_space().T)]
+    if checked is None or not len(kernels[0].residues):
         return
     check = conditions(checked)
 
@@ -198,20 +198,20 @@ def _confirmed_kernel(
         sizes = checked.product(check.rows, checked.numbers(values))
         return not checked.reduced(sizes.sum(axis=1)).any()
 
-    for k in range(len(kernels[0][1])):
-        columns = _columns(kernels, k, ((each.prime, conditions(each).null_space().T) for each in fields))
+    for k in range(len(kernels[0].residues)):
+        columns = _columns(
+            kernels, k, (Modulo(each.prime, conditions(each).null_space().T) for each in fields)
+        )
         found = fractions_that_hold(columns, holds)
         if found is not None:
             yield found
 
 
-Kernels = list[tuple[int, Num[np.ndarray, "k t"]]]
-"""Null vectors modulo primes, a row each."""
+Kernel = Modulo[Num[np.ndarray, "k t"]]
+"""Null vectors modulo a prime, a row each."""
 
 
-def _columns(
-    known: Kernels, k: int, further: Iterator[tuple[int, Num[np.ndarray, "k t"]]]
-) -> Iterator[tuple[int, list[int]]]:
+def _columns(known: list[Kernel], k: int, further: Iterator[Kernel]) -> Iterator[Modulo[Sequence[int]]]:
     """The k-th null vector modulo one prime after the other; those of further primes are added to the known ones."""
     for index in range(MOST_PRIMES):
         if index == len(known):
@@ -219,10 +219,10 @@ def _columns(
             if new is None:
                 return
             known.append(new)
-        prime, rows = known[index]
-        if rows.shape != known[0][1].shape:
+        each = known[index]
+        if each.residues.shape != known[0].residues.shape:
             return
-        yield prime, [int(value) for value in rows[k]]
+        yield Modulo(each.prime, [int(value) for value in each.residues[k]])
 
 
 def _independent(
@@ -430,10 +430,10 @@ class _Search:
 
         for index, found in enumerate(started(self._field)):
             others = (
-                (each.field.prime, next(islice(started(each.field), index, None), {}))
+                Modulo(each.field.prime, next(islice(started(each.field), index, None), {}))
                 for each in self._other_points()
             )
-            generator = as_generator(chain([(self._field.prime, found)], others), self._holds)
+            generator = as_generator(chain([Modulo(self._field.prime, found)], others), self._holds)
             if generator is not None:
                 self._keep(generator)
             if not self.missing:
@@ -450,9 +450,9 @@ class _Search:
             yield self._others[index]
 
     def _solve(self, terms: list[Term]) -> None:
-        kernels = [(self._field.prime, self._kernel(terms, self._points))]
-        further = ((each.field.prime, self._kernel(terms, each)) for each in self._other_points())
-        first = kernels[0][1]
+        kernels = [Modulo(self._field.prime, self._kernel(terms, self._points))]
+        further = (Modulo(each.field.prime, self._kernel(terms, each)) for each in self._other_points())
+        first = kernels[0].residues
         for k in sorted(range(len(first)), key=lambda k: np.count_nonzero(first[k])):
             if not self.missing:
                 return
@@ -496,32 +496,30 @@ def combined(fields: Sequence[Generator], weights: Sequence[Fraction]) -> Genera
 
 
 def as_generator(
-    found: Iterable[tuple[int, dict[str, Polynomial]]], holds: Callable[[Generator], bool]
+    found: Iterable[Modulo[dict[str, Polynomial]]], holds: Callable[[Generator], bool]
 ) -> Generator | None:
     """A field in coprime integers, from its residues up to a factor modulo one prime after the other; None unless it holds."""
     fields = iter(found)
-    prime, first = next(fields)
-    terms = [Term(name, factors) for name, each in first.items() for factors in each]
+    first = next(fields)
+    terms = [Term(name, factors) for name, each in first.residues.items() for factors in each]
 
-    def scaled(prime: int, field: dict[str, Polynomial], by: Term) -> list[int]:
+    def scaled(each: Modulo[dict[str, Polynomial]], by: Term) -> Modulo[Sequence[int]]:
+        field, prime = each.residues, each.prime
         factor = pow(field[by.moved][by.factors], -1, prime)
-        return [field[term.moved][term.factors] * factor % prime for term in terms]
+        return Modulo(prime, [field[term.moved][term.factors] * factor % prime for term in terms])
 
-    def confirmed(residues: Iterable[tuple[int, Sequence[int]]]) -> Generator | None:
-        values = fractions_that_hold(residues, lambda values: holds(_generator(terms, values)))
+    def confirmed(vectors: Iterable[Modulo[Sequence[int]]]) -> Generator | None:
+        values = fractions_that_hold(vectors, lambda values: holds(_generator(terms, values)))
         return None if values is None else _generator(terms, values)
 
     # Any coefficient may carry the common factor: the first by which all others are simple fractions is it.
     for term in terms:
-        generator = confirmed([(prime, scaled(prime, first, term))])
+        generator = confirmed([scaled(first, term)])
         if generator is not None:
             return generator
-    alike = (
-        (other, scaled(other, each, terms[0]))
-        for other, each in fields
-        if {name: set(own) for name, own in each.items()} == {name: set(own) for name, own in first.items()}
-    )
-    return confirmed(chain([(prime, scaled(prime, first, terms[0]))], alike))
+    monomials = {name: set(each) for name, each in first.residues.items()}
+    alike = (each for each in fields if {name: set(own) for name, own in each.residues.items()} == monomials)
+    return confirmed(scaled(each, terms[0]) for each in chain([first], alike))
 
 
 def _generator(terms: Sequence[Term], values: Sequence[Fraction]) -> Generator:

@@ -30,7 +30,7 @@ from observability.monomials import (
     sum_in_words,
 )
 from observability.null_fields import is_rational, point_at
-from observability.rational_reconstruction import coprime_integers, fractions_that_hold
+from observability.rational_reconstruction import Modulo, coprime_integers, fractions_that_hold
 from observability.residue_matrices import Echelon
 from observability.written_formulas import written
 
@@ -239,17 +239,17 @@ class _InvariantSearch:
             field = self._confirming
             return not field.reduced(field.product(check.rows, field.numbers(values)).sum(axis=1)).any()
 
-        def residues(k: int) -> Iterator[tuple[int, list[int]]]:
+        def vectors(k: int) -> Iterator[Modulo[Sequence[int]]]:
             for index, field in enumerate((self._field, *self._further)):
                 if index == len(kernels):
                     kernels.append(self._conditions(monomials, field).null_space().T)
                 if kernels[index].shape != first.shape:
                     return
-                yield field.prime, [int(value) for value in kernels[index][k]]
+                yield Modulo(field.prime, [int(value) for value in kernels[index][k]])
 
         found = []
         for k in sorted(range(len(first)), key=lambda k: np.count_nonzero(first[k])):
-            values = fractions_that_hold(residues(k), holds)
+            values = fractions_that_hold(vectors(k), holds)
             if values is not None:
                 kept = [(term, value) for term, value in zip(monomials, values, strict=True) if value]
                 whole = coprime_integers([value for _, value in kept])

@@ -6,7 +6,7 @@ components are interpolated as rational functions of the unknowns.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import chain, islice
 
@@ -23,7 +23,7 @@ from observability.model_rank import ExactRank, ReachedModel, other_primes, outp
 from observability.monomials import Polynomial
 from observability.null_fields import NullFields, is_rational, point_at
 from observability.rational_generators import rational_fields
-from observability.rational_reconstruction import fractions_that_hold
+from observability.rational_reconstruction import Modulo, fractions_that_hold
 from observability.residue_matrices import Echelon
 from observability.tape import PIECEWISE, TRANSCENDENTAL
 from observability.written_formulas import written
@@ -65,7 +65,7 @@ class RationalNullSpace:
         lines = [
             ", ".join(f"{name} {_signed(value)}" for name, value in each.items()) for each in self.vectors
         ]
-        return "\n".join([f"At {where}:", *[f"  {line}" for line in lines]])
+        return "\n".join([f"At {where}:" if where else "Anywhere:", *[f"  {line}" for line in lines]])
 
 
 def _signed(value: Fraction) -> str:
@@ -82,6 +82,11 @@ def rational_null_space(part: ReachedModel, exact: ExactRank, seed: int = 0) -> 
     exact : ExactRank
         Its rank, which the point has to have.
     """
+    free: tuple[dict[str, Fraction], ...] = tuple(
+        {name: Fraction(1)} for name in part.model.unknowns if name not in part.unknowns
+    )
+    if not part.unknowns:
+        return RationalNullSpace({}, free, 0)
     foreign = TRANSCENDENTAL | PIECEWISE | {"sqrt"}
     if foreign & (part.tape.operations | part.start.operations):
         return None
@@ -93,7 +98,7 @@ def rational_null_space(part: ReachedModel, exact: ExactRank, seed: int = 0) -> 
         except (NotRegularError, InputError):
             continue
         if found is not None:
-            return found
+            return replace(found, vectors=free + found.vectors)
     return None
 
 
@@ -113,18 +118,18 @@ def _lifted(
     if confirming.shape[1] != directions:
         return None
 
-    def residues() -> Iterator[tuple[int, list[int]]]:
+    def spaces() -> Iterator[Modulo[Sequence[int]]]:
         nonlocal used
         for prime in primes[:-1]:
             used += 1
             space = _null_space(part, point, PrimeField(prime=prime))
             if space.shape != confirming.shape:
                 return
-            yield prime, [int(value) for value in space.ravel()]
+            yield Modulo(prime, [int(value) for value in space.ravel()])
 
     expected = [int(value) for value in confirming.ravel()]
     found = fractions_that_hold(
-        residues(), lambda values: [residue(value, primes[-1]) for value in values] == expected
+        spaces(), lambda values: [residue(value, primes[-1]) for value in values] == expected
     )
     if found is None:
         return None
@@ -197,8 +202,8 @@ def symbolic_null_vectors(
         found = [
             as_generator(
                 chain(
-                    [(first.prime, each)],
-                    ((other.prime, next(islice(started(other), index, None), {})) for other in others),
+                    [Modulo(first.prime, each)],
+                    (Modulo(other.prime, next(islice(started(other), index, None), {})) for other in others),
                 ),
                 holds,
             )

@@ -5,10 +5,30 @@ some such fraction. A fraction is therefore believed only where it holds modulo 
 """
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
 from math import gcd, isqrt, lcm
+from typing import Generic, TypeVar
 
 from observability.exact_numbers import NotRegularError
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Modulo(Generic[T]):
+    """Residues of whatever kind, with their prime.
+
+    Attributes
+    ----------
+    prime : int
+        Of the field.
+    residues : T
+        A vector, a matrix or a field of the unknowns.
+    """
+
+    prime: int
+    residues: T
 
 
 def fraction_of(number: int, modulus: int) -> Fraction | None:
@@ -24,20 +44,21 @@ def fraction_of(number: int, modulus: int) -> Fraction | None:
 
 
 def fractions_that_hold(
-    residues: Iterable[tuple[int, Sequence[int]]], holds: Callable[[list[Fraction]], bool]
+    vectors: Iterable[Modulo[Sequence[int]]], holds: Callable[[list[Fraction]], bool]
 ) -> list[Fraction] | None:
     """Fractions put together of the residues of one prime after the other, until they hold; None where they never do.
 
     Parameters
     ----------
-    residues : Iterable[tuple[int, Sequence[int]]]
-        Primes, all different, with the residues of the same numbers.
+    vectors : Iterable[Modulo[Sequence[int]]]
+        Residues of the same numbers modulo different primes.
     holds : Callable[[list[Fraction]], bool]
         The trial, modulo a prime that is not among these.
     """
     whole: list[int] = []
     modulus = 1
-    for prime, new in residues:
+    for vector in vectors:
+        prime, new = vector.prime, vector.residues
         if modulus == 1:
             whole = list(new)
         elif len(new) != len(whole):
