@@ -108,7 +108,7 @@ def stated_bound(document: Mapping[str, Any], name: str, folder: Path) -> Stated
         if "bound" not in own:
             continue
         title = f"{name}, {each}" if several else name
-        section = _Section(own, title, folder)
+        section = _Section(own, title, folder, several)
         before = list(flights.values())[-1] if flights else None
         flights[each] = section.experiment(before)
         manoeuvres = section.manoeuvres()
@@ -118,8 +118,8 @@ def stated_bound(document: Mapping[str, Any], name: str, folder: Path) -> Stated
 class _Section:
     """One table ``bound`` beside the model that it belongs to."""
 
-    def __init__(self, document: Mapping[str, Any], name: str, folder: Path) -> None:
-        self._name, self._folder = name, folder
+    def __init__(self, document: Mapping[str, Any], name: str, folder: Path, is_one_of_several: bool) -> None:
+        self._name, self._folder, self._is_one_of_several = name, folder, is_one_of_several
         self._section: Mapping[str, Any] = _mapping(document["bound"], f"{name}: bound")
         foreign = [key for key in self._section if key not in KEYS]
         if foreign:
@@ -176,7 +176,7 @@ class _Section:
             twice = [key for key in ("duration", "interval") if key in self._section]
             if twice:
                 raise InputError(
-                    f"{self._name}: bound has {twice[0]} beside a recording, which has times of its own; leave it out"
+                    f"{self._name}: bound has {twice[0]} beside a recording, which has times of its own; leave it out{self._others}"
                 )
             return self._recorded[0]
         duration, interval = (self._positive(key) for key in ("duration", "interval"))
@@ -186,6 +186,15 @@ class _Section:
                 f"{self._name}: bound has {count} times; choose duration and interval for 2 to {MOST_TIMES}"
             )
         return interval * np.arange(count)
+
+    @property
+    def _others(self) -> str:
+        """What to do instead of leaving something out where other experiments use it."""
+        return (
+            ", or give it to each experiment that has no recording, as [experiments.NAME.bound]"
+            if self._is_one_of_several
+            else ""
+        )
 
     def _positive(self, key: str) -> float:
         default = 1 if key == "interval" and self._model.discrete else None

@@ -1,5 +1,6 @@
 """A dynamic system of a user: x' = f(x, p, u, w), y = h(x, p, u, w), with what is unknown of it."""
 
+import inspect
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -11,6 +12,7 @@ import casadi as ca
 
 from observability.model_text import FUNCTIONS, NAME, exact_number, formula
 from spinfilters.core.errors import InputError
+from spinfilters.io.argument_checks import refuse
 
 LISTS: Final = ("states", "parameters", "inputs", "unknown_inputs", "known_constants")
 TABLES: Final = ("equations", "outputs", "known_initial_values", "point", "courses", "every", "experiments")
@@ -128,6 +130,10 @@ def model_of(f: Any, h: Any = None, x: Any = None, **roles: Any) -> Model:
     if not isinstance(f, Mapping):
         if h is None or x is None:
             raise InputError("expressions need f, h and x; give all three, or a dictionary of formulas")
+        allowed = [*inspect.signature(model_of_expressions).parameters][3:]
+        unknown = [key for key in roles if key not in allowed]
+        if unknown:
+            raise InputError(f"{unknown[0]!r} is no role of symbols; use {', '.join(allowed)}")
         return model_of_expressions(f, h, x, **roles)
     foreign = sorted(set(roles) - {"at", "name"})
     foreign += [key for key, each in (("h", h), ("x", x)) if each is not None]
@@ -135,7 +141,7 @@ def model_of(f: Any, h: Any = None, x: Any = None, **roles: Any) -> Model:
         raise InputError(f"a dictionary of formulas holds everything itself; leave out {foreign[0]!r}")
     document = dict(f)
     if roles.get("at"):
-        document["point"] = dict(document.get("point", {})) | dict(roles["at"])
+        document["point"] = dict(document.get("point", {})) | dict(_values_by_name(roles["at"], "at"))
     return model_of_text(document, str(roles.get("name") or document.get("name", "the system")))
 
 
@@ -337,27 +343,40 @@ def model_of_expressions(
     if time not in ("continuous", "discrete"):
         raise InputError(f'{name}: time is {time!r}; use "continuous" or "discrete"')
     given = dict(zip(LISTS, (x, parameters, inputs, unknown_inputs, known_constants), strict=True))
-    groups = {key: _scalars(value, key) for key, value in given.items()}
+    groups = {key: _scalars(value, "x" if key == "states" else key) for key, value in given.items()}
     lists = {key: tuple(each.name() for each in group) for key, group in groups.items()}
     symbols = _symbols(lists, name, [each for group in groups.values() for each in group])
     arguments = [ca.vertcat(*group) for group in list(groups.values())[:4]]
-    rates, outputs = (_scalars_of(each, arguments) for each in (f, h))
+    rates, outputs = (_scalars_of(each, arguments, key) for each, key in ((f, "f"), (h, "h")))
     if len(rates) != len(lists["states"]):
         raise InputError(
             f"{name}: f has {len(rates)} rows for {len(lists['states'])} states; give the rate of every state in the order of x"
         )
-    foreign = set().union(set(), *[_names_in(each) for each in (*rates, *outputs)]) - set(symbols)
+    roles = {each.element_hash() for each in symbols.values()}
+    foreign = {
+        symbol.name()
+        for each in (*rates, *outputs)
+        for symbol in ca.symvar(each)
+        if symbol.element_hash() not in roles
+    }
     if foreign:
-        raise InputError(
-            f"{name}: {sorted(foreign)[0]!r} is in f or h but has no role; give it as a parameter, input or known constant"
+        first = min(foreign)
+        cure = (
+            "is in f or h as a second symbol of this name; make each symbol once, and use it everywhere"
+            if first in symbols
+            else "is in f or h but has no role; give it as a parameter, input or known constant"
         )
+        raise InputError(f"{name}: {first!r} {cure}")
     known = {
         each: formula(value, symbols, f"{name}: the known initial value of {each}")
         if not isinstance(value, ca.SX)
         else value
-        for each, value in (known_initial_values or {}).items()
+        for each, value in _values_by_name(known_initial_values or {}, "known_initial_values").items()
     }
-    point = {each: exact_number(value, f"{name}: {each} at the point") for each, value in (at or {}).items()}
+    point = {
+        each: exact_number(value, f"{name}: {each} at the point")
+        for each, value in _values_by_name(at or {}, "at").items()
+    }
     states, constants, known_inputs, free_inputs, fixed = lists.values()
     return Model(
         states,
@@ -377,7 +396,13 @@ def model_of_expressions(
 
 def _scalars(value: Any, key: str) -> list[ca.SX]:
     """Scalar symbols of a vector or of a list."""
+    cure = "casadi.SX symbols, as one vector or as a list"
+    if isinstance(value, ca.MX | str) or not isinstance(value, ca.SX | Iterable):
+        refuse(key, value, cure)
     parts = [value] if isinstance(value, ca.SX) else list(value)
+    for part in parts:
+        if not isinstance(part, ca.SX):
+            refuse(key, part, cure)
     found = [each[k] for each in parts for k in range(each.numel())]
     for each in found:
         if not each.is_symbolic():
@@ -385,11 +410,22 @@ def _scalars(value: Any, key: str) -> list[ca.SX]:
     return found
 
 
-def _scalars_of(value: Any, arguments: list[ca.SX]) -> list[ca.SX]:
-    if isinstance(value, ca.Function):
-        value = value.expand()(*arguments[: value.n_in()])
-    whole = ca.densify(value if isinstance(value, ca.SX) else ca.vertcat(*[ca.SX(each) for each in value]))
+def _scalars_of(value: Any, arguments: list[ca.SX], key: str) -> list[ca.SX]:
+    cure = "a casadi.SX expression, a list of them, or a casadi.Function of (x, parameters, inputs, unknown_inputs)"
+    try:
+        if isinstance(value, ca.Function):
+            value = value.expand()(*arguments[: value.n_in()])
+        whole = value if isinstance(value, ca.SX) else ca.vertcat(*[ca.SX(each) for each in value])
+    except (RuntimeError, NotImplementedError, TypeError):
+        refuse(key, value, cure)
+    whole = ca.densify(whole)
     return [whole[k] for k in range(whole.numel())]
+
+
+def _values_by_name(value: Any, key: str) -> Mapping[str, Any]:
+    if not isinstance(value, Mapping):
+        refuse(key, value, 'a dictionary of values by name, such as {"x": 1}')
+    return value
 
 
 def _names(value: Any, where: str) -> tuple[str, ...]:

@@ -22,6 +22,14 @@ from observability.model import model_of
 from observability.model_experiment import Course, Experiment
 from observability.prior_dependence import PRIOR_ONLY
 from spinfilters.core.errors import InputError
+from spinfilters.io.argument_checks import (
+    by_name,
+    checked_arguments,
+    numbers_by_name,
+    one_of,
+    optional,
+    refuse,
+)
 
 SINGULAR: Final = 1e-9
 """Singular values of the scaled root below this share of the largest are 0."""
@@ -213,6 +221,31 @@ class ModelBound:
         }
 
 
+def _times(name: str, value: Any) -> None:
+    """Numbers in a row."""
+    try:
+        if np.asarray(value, dtype=float).ndim == 1:
+            return
+    except (TypeError, ValueError):
+        pass
+    refuse(name, value, "times in s, increasing, as a list or an array")
+
+
+_NUMBERS: Final = 'numbers by name, such as {"x": 0.1}'
+_COURSES: Final = by_name("functions of time, numbers or lists of numbers by name")
+
+
+@checked_arguments(
+    values=numbers_by_name(_NUMBERS),
+    noise=numbers_by_name('standard deviations by output, such as {"y": 0.1}'),
+    times=_times,
+    priors=optional(numbers_by_name(_NUMBERS)),
+    process_noise=optional(numbers_by_name(_NUMBERS)),
+    inputs=optional(_COURSES),
+    every=optional(numbers_by_name('whole numbers by output, such as {"y": 2}')),
+    trajectory=optional(_COURSES),
+    after=optional(one_of(ModelBound, cure="what bound returned for an earlier experiment")),
+)
 def bound(
     model: Any,
     values: Mapping[str, float],
@@ -339,6 +372,10 @@ def start_information(experiment: Experiment) -> Float[np.ndarray, "n n"]:
     return found
 
 
+@checked_arguments(
+    found=one_of(ModelBound, cure="what bound returned"),
+    manoeuvres=optional(by_name('inputs by manoeuvre, such as {"hard": {"u": 2}}', _COURSES)),
+)
 def gain_table(
     found: ModelBound, manoeuvres: Mapping[str, Mapping[str, Course]] | None = None
 ) -> dict[str, dict[str, float]]:

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
-from typing import Final
+from typing import Any, Final
 
 import casadi as ca
 import numpy as np
@@ -13,6 +13,8 @@ from jaxtyping import Float
 from observability.model import Model
 from spinfilters.core.compiled import Compiled
 from spinfilters.core.errors import InputError
+from spinfilters.io.argument_checks import refuse
+from spinfilters.io.input_file import reason
 
 FEWEST_STEPS: Final = 4
 """Runge-Kutta steps between two times."""
@@ -108,6 +110,11 @@ class Experiment:
             missing = [name for name in required if name not in given]
             if missing:
                 raise InputError(f"{model.name}: {what} has no {missing[0]!r}; give it a number")
+        broken = [name for name, each in self.every.items() if each != int(each)]
+        if broken:
+            raise InputError(
+                f"{model.name}: every of {broken[0]} is {self.every[broken[0]]}; give a whole number from 1"
+            )
         for what, numbers in (("noise", self.noise), ("priors", self.priors), ("every", self.every)):
             wrong = [name for name, each in numbers.items() if not 0 < each < np.inf]
             if wrong:
@@ -119,10 +126,35 @@ class Experiment:
             raise InputError(
                 f"{model.name}: process_noise of {wrong[0]} is {self.process_noise[wrong[0]]}; give 0 or more"
             )
-        if not np.isfinite(self.times).all() or len(self.times) < 2 or not (np.diff(self.times) > 0).all():
-            raise InputError(f"{model.name}: times have to increase, and be at least two")
+        increasing = self.times.ndim == 1 and len(self.times) > 1 and np.isfinite(self.times).all()
+        if not increasing or not (np.diff(self.times) > 0).all():
+            raise InputError(
+                f"{model.name}: times have to increase, and be at least two; give them in s, as a list or an array"
+            )
+        for what, courses in (("inputs", self.inputs), ("trajectory", self.trajectory)):
+            for name, course in courses.items():
+                self._require_course(f"{what} of {name}", course)
         if self.after is not None and self.after.model.parameters != model.parameters:
             raise InputError(f"{model.name}: the earlier experiment has other parameters; give both the same")
+
+    def _require_course(self, where: str, course: Any) -> None:
+        """InputError: neither a function, nor a number, nor a finite number for each time."""
+        if callable(course):
+            return
+        try:
+            values = np.asarray(course, dtype=float)
+        except (TypeError, ValueError):
+            refuse(
+                f"{self.model.name}: {where}",
+                course,
+                "a function of time, a number, or a number for each time",
+            )
+        if values.ndim and values.shape != self.times.shape:
+            raise InputError(
+                f"{self.model.name}: {where} has {values.size} values for {len(self.times)} times; give one for each time"
+            )
+        if not np.isfinite(values).all():
+            raise InputError(f"{self.model.name}: {where} has values that are not finite; give finite ones")
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -241,11 +273,11 @@ class Experiment:
 
     def input_values(self, time: float) -> Float[np.ndarray, " u"]:
         """Known inputs at a time."""
-        return np.array([self._value(self.inputs[name], time) for name in self.model.inputs])
+        return np.array([self._value(name, self.inputs[name], time) for name in self.model.inputs])
 
-    def _value(self, course: Course, time: float) -> float:
+    def _value(self, name: str, course: Course, time: float) -> float:
         if callable(course):
-            return float(course(time))
+            return _number_of(course, time, f"{self.model.name}: the course of {name}")
         values = np.broadcast_to(np.asarray(course, dtype=float), self.times.shape)
         return float(np.interp(time, self.times, values))
 
@@ -255,7 +287,7 @@ class Experiment:
             return z
         z = z.copy()
         for name, course in self.trajectory.items():
-            z[self.names.index(name)] = self._value(course, time)
+            z[self.names.index(name)] = self._value(name, course, time)
         return z
 
     def step(
@@ -340,6 +372,25 @@ class Experiment:
                 found.append(self.sensed(z, now)[0])
                 z = self.following(z, now, end)
         return np.array(found)
+
+
+def _number_of(course: Callable[[float], float], time: float, where: str) -> float:
+    """A function's value at a time.
+
+    Raises
+    ------
+    InputError
+        Where it stops, or returns no finite number.
+    """
+    try:
+        value = float(course(time))
+    except Exception as error:
+        raise InputError(
+            f"{where} stops at t = {time:g} with {type(error).__name__}: {reason(error)}; let it return a number at all times"
+        ) from None
+    if not np.isfinite(value):
+        raise InputError(f"{where} is {value:g} at t = {time:g}; change it so that it is finite at all times")
+    return value
 
 
 def _runge_kutta(flow: ca.Function, moving: int) -> Compiled:

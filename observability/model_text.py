@@ -39,6 +39,11 @@ FUNCTIONS: Final[Mapping[str, tuple[int, Callable[..., ca.SX]]]] = {
     "max": (2, ca.fmax),
 }
 """Functions of a formula with the number of their arguments."""
+MISPLACED: Final[Mapping[str, str]] = {
+    ",": "write numbers with a decimal point, and commas only between a function's arguments",
+    ")": "leave it out, or write its '(' or what is in between",
+}
+"""Cure for a sign where nothing of the kind may stand."""
 NAME: Final = re.compile(r"[A-Za-z_][A-Za-z_0-9]*")
 _TOKEN: Final = re.compile(
     r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)|(?P<name>[A-Za-z_][A-Za-z_0-9]*)"
@@ -101,7 +106,9 @@ class _Formula:
         """The whole."""
         result = self._sum()
         if self._next < len(self._tokens):
-            raise self._wrong(f"{self._tokens[self._next][1]!r} is not expected here")
+            word = self._tokens[self._next][1]
+            cure = MISPLACED.get(word, "write an operator such as * before it")
+            raise self._wrong(f"{word!r} is not expected here; {cure}")
         return result
 
     def _split(self, text: str) -> list[tuple[str, str]]:
@@ -109,7 +116,9 @@ class _Formula:
         while at < len(text):
             match = _TOKEN.match(text, at)
             if match is None:
-                raise self._wrong(f"{text[at:].strip()[:1]!r} has no meaning here")
+                raise self._wrong(
+                    f"{text[at:].strip()[:1]!r} has no meaning here; use names, numbers, + - * / ** and parentheses"
+                )
             kind = str(match.lastgroup)
             tokens.append((kind, match[kind]))
             at = match.end()
@@ -127,7 +136,7 @@ class _Formula:
     def _sum(self) -> ca.SX:
         self._depth += 1
         if self._depth > DEEPEST:
-            raise self._wrong(f"more than {DEEPEST} parentheses lie within one another")
+            raise self._wrong(f"more than {DEEPEST} parentheses lie within one another; write it with fewer")
         result = self._product()
         while sign := self._take("+", "-"):
             other = self._product()
@@ -140,7 +149,7 @@ class _Formula:
         while sign := self._take("*", "/"):
             other = self._signed()
             if sign == "/" and other.is_zero():
-                raise self._wrong("something is divided by 0")
+                raise self._wrong("something is divided by 0; change the divisor")
             result = self._finite(result * other if sign == "*" else result / other, "a product")
         return result
 
@@ -156,7 +165,7 @@ class _Formula:
         if self._take("**", "^"):
             self._depth += 1
             if self._depth > DEEPEST:
-                raise self._wrong(f"more than {DEEPEST} powers lie within one another")
+                raise self._wrong(f"more than {DEEPEST} powers lie within one another; write it with fewer")
             exponent = self._signed()
             self._depth -= 1
             return self._finite(base**exponent, "a power")
@@ -164,7 +173,9 @@ class _Formula:
 
     def _atom(self) -> ca.SX:
         if self._next >= len(self._tokens):
-            raise self._wrong("it ends where something is still expected")
+            raise self._wrong(
+                "it ends where something is still expected; complete it, or leave out the last sign"
+            )
         kind, word = self._tokens[self._next]
         self._next += 1
         if kind == "number":
@@ -175,7 +186,8 @@ class _Formula:
             result = self._sum()
             self._close()
             return result
-        raise self._wrong(f"{word!r} is not expected here")
+        cure = MISPLACED.get(word, "write a name, a number or a parenthesis before it")
+        raise self._wrong(f"{word!r} is not expected here; {cure}")
 
     def _number(self, word: str) -> ca.SX:
         _, _, exponent = word.lower().partition("e")

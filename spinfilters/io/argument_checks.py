@@ -192,6 +192,19 @@ def numbers_by_name(cure: str) -> Check:
     return check
 
 
+def by_name(cure: str, each: Check | None = None) -> Check:
+    """A mapping by name, of whatever, or of what a check allows."""
+
+    def check(name: str, value: Any) -> None:
+        """Whether it is one."""
+        if not isinstance(value, Mapping):
+            refuse(name, value, cure)
+        for key, part in value.items() if each is not None else ():
+            each(f"{name} of {key}", part)
+
+    return check
+
+
 def truth(name: str, value: Any) -> None:
     """True or False, and nothing that only counts as one."""
     if not isinstance(value, bool | np.bool_):

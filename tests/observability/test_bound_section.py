@@ -114,6 +114,25 @@ def test_a_program_is_run_only_when_asked(tmp_path: Path, capsys: pytest.Capture
     path.write_text("model = 1/0\n")
     assert main(["observe", str(path), "--execute", "-o", str(tmp_path / "found")]) == 2
     assert "stops with ZeroDivisionError" in capsys.readouterr().err
+    for text, shown in (("0", "exit(0)"), ("", "exit()"), ("'bye'", "exit('bye')")):
+        path.write_text(f"import sys\nmodel = {{}}\nsys.exit({text})\n")
+        assert main(["observe", str(path), "--execute", "-o", str(tmp_path / "found")]) == 2
+        assert f"ends itself with {shown} before" in capsys.readouterr().err
+
+
+def test_a_duration_of_all_beside_a_recording_of_one_has_its_cure(tmp_path: Path) -> None:
+    (tmp_path / "flight.csv").write_text("time_s,F\n0,1\n1,2\n2,0\n")
+    free, flown = (
+        "[experiments.free.courses]\nF = 0\n",
+        '[experiments.flown.bound]\nrecording = "flight.csv"\n',
+    )
+    with pytest.raises(
+        InputError, match=r"flown: bound has duration .*give it to each experiment that has no"
+    ):
+        stated(tmp_path, PUSHED + free + flown)
+    times = "duration = 6\ninterval = 0.1\n"
+    own = PUSHED.replace(times, "") + free + "[experiments.free.bound]\n" + times + flown
+    assert [*stated(tmp_path, own).flights] == ["free", "flown"]
 
 
 @pytest.mark.parametrize(
@@ -129,6 +148,7 @@ def test_a_program_is_run_only_when_asked(tmp_path: Path, capsys: pytest.Capture
         ("m = 1}", 'm = "one"}', "values of m is 'one', which is no number"),
         ("m = 1}", "m = 0}", "the trajectory leaves the numbers"),
         ("F = 0", 'F = "cos(s)"', "'s' is unknown"),
+        ("F = 0", 'F = "sqrt(t-1)"', "the course of F is nan at t = 0; change it"),
         ("F = 0", 'F = "from none.csv"', "none.csv"),
         ("[courses]\nF = 0", "", "the input 'F' has no course"),
         ("F = 0", "G = 0", "courses names 'G', which is no input"),

@@ -1,7 +1,9 @@
 """Models of a user that are wrong are refused in one line that names the place and the cure."""
 
 from pathlib import Path
+from typing import Any
 
+import casadi as ca
 import pytest
 
 from observability.bound_section import stated_bound
@@ -126,3 +128,47 @@ def test_a_hostile_model_is_one_line(tmp_path: Path, text: str, words: str | Non
     assert "model.toml" in complaint
     assert "\n" not in complaint
     assert len(complaint) < 400
+
+
+@pytest.mark.parametrize(
+    ("formula", "words"),
+    [
+        ("0,5*x", "',' is not expected here; write numbers with a decimal point"),
+        ("min(,x)", "',' is not expected here; write numbers"),
+        ("2 x", "'x' is not expected here; write an operator such as"),
+        ("x + * v", r"'\*' is not expected here; write a name, a number"),
+        ("x)", r"'\)' is not expected here; leave it out"),
+        ("x < 2", "'<' has no meaning here; use names, numbers"),
+        ("x/0", "something is divided by 0; change the divisor"),
+        ("x +", "it ends where something is still expected; complete it"),
+    ],
+)
+def test_a_formula_that_cannot_be_read_has_its_cure(formula: str, words: str) -> None:
+    document = {"states": ["x", "v"], "equations": {"x": "v", "v": formula}, "outputs": {"y": "x"}}
+    with pytest.raises(InputError, match=f"the equation of v: {words}"):
+        analyse(document)
+
+
+X, SECOND, OTHER_KIND = ca.SX.sym("x"), ca.SX.sym("x"), ca.MX.sym("x")
+
+
+@pytest.mark.parametrize(
+    ("given", "roles", "words"),
+    [
+        ((OTHER_KIND, OTHER_KIND, OTHER_KIND), {}, "x is MX.*; give casadi.SX symbols"),
+        ((OTHER_KIND, X, X), {}, "f is MX.*; give a casadi.SX expression"),
+        ((X, X, X), {"parameters": OTHER_KIND}, "parameters is MX.*; give casadi.SX symbols"),
+        ((SECOND, X, X), {}, "'x' is in f or h as a second symbol of this name; make each symbol once"),
+        ((X, X, X), {"params": SECOND}, "'params' is no role of symbols; use parameters, inputs"),
+        ((X, X, X), {"at": [1]}, "at is .1.; give a dictionary of values by name"),
+        ((X, X, X), {"known_initial_values": [1]}, "known_initial_values is .1.; give a dictionary"),
+        ((X, X, 5), {}, "x is 5; give casadi.SX symbols"),
+        ((X, [None], X), {}, "h is .None.; give a casadi.SX expression"),
+    ],
+)
+def test_wrong_expressions_are_one_line_with_the_cure(
+    given: tuple[Any, ...], roles: dict[str, Any], words: str
+) -> None:
+    with pytest.raises(InputError, match=words) as caught:
+        analyse(*given, **roles)
+    assert "\n" not in str(caught.value)

@@ -140,9 +140,56 @@ def test_an_output_at_a_lower_rate_says_less() -> None:
         ({"noise": {"y": 0}}, "noise of y is 0"),
         ({"noise": {}}, "nothing is measured"),
         ({"times": [1, 0]}, "times have to increase"),
+        ({"times": "abc"}, "times is 'abc'; give times in s"),
+        ({"times": 3.0}, "times is 3.0; give"),
+        ({"noise": {"y": "1"}}, "noise is {'y': '1'}; give standard deviations by output"),
+        ({"noise": None}, "noise is None; give"),
+        ({"values": [1]}, "values is .1.; give numbers by name"),
+        ({"values": {"x": 2, "k": "one"}}, "values is .*'one'.*; give numbers by name"),
+        ({"every": {"y": "2"}}, "every is {'y': '2'}; give whole numbers"),
+        ({"every": {"y": 1.5}}, "every of y is 1.5; give a whole number from 1"),
+        ({"trajectory": {"x": [1]}}, "trajectory of x has 1 values for 31 times; give one for each time"),
+        ({"trajectory": 3}, "trajectory is 3; give functions of time"),
+        ({"after": "x"}, "after is 'x'; give what bound returned"),
     ],
 )
 def test_wrong_input_is_one_line_with_the_cure(changes: dict[str, Any], words: str) -> None:
     given = {"values": {"x": 2, "k": 0.7}, "noise": {"y": 0.02}, "times": TIMES} | changes
     with pytest.raises(InputError, match=words):
         bound(DECAY, **given)
+
+
+def _stop(time: float) -> float:
+    raise ValueError("no such time")
+
+
+@pytest.mark.parametrize(
+    ("course", "words"),
+    [
+        ([1, 2], "inputs of u has 2 values for 31 times; give one for each time"),
+        ([1], "inputs of u has 1 values for 31 times"),
+        ([[1, 2]], "inputs of u has 2 values for 31 times"),
+        ("sin(t)", r"inputs of u is 'sin\(t\)'; give a function of time"),
+        ([float("nan")] * 31, "inputs of u has values that are not finite"),
+        (_stop, "the course of u stops at t = 0 with ValueError: no such time; let it return a number"),
+        (lambda time: None, "the course of u stops at t = 0 with TypeError"),
+        (lambda time: np.inf, "the course of u is inf at t = 0; change it"),
+    ],
+)
+def test_a_wrong_input_is_one_line_with_the_cure(course: Any, words: str) -> None:
+    driven = {"states": ["x"], "parameters": ["k"], "inputs": ["u"], "equations": {"x": "k*u"}}
+    with pytest.raises(InputError, match=words) as caught:
+        bound(driven | {"outputs": {"y": "x"}}, {"x": 1, "k": 1}, {"y": 1}, TIMES, inputs={"u": course})
+    assert "\n" not in str(caught.value)
+
+
+def test_wrong_gain_tables_are_one_line_with_the_cure() -> None:
+    found = bound(DECAY, {"x": 2, "k": 0.7}, {"y": 0.02}, TIMES)
+    wrong: list[tuple[Any, str]] = [
+        (("x",), "found is 'x'; give what bound returned"),
+        ((found, [1]), "manoeuvres is .1.; give inputs by manoeuvre"),
+        ((found, {"a": 1}), "manoeuvres of a is 1; give"),
+    ]
+    for given, words in wrong:
+        with pytest.raises(InputError, match=words):
+            gain_table(*given)

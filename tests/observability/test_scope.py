@@ -21,7 +21,9 @@ def test_what_a_sensor_was_not_asked_is_said(sensor: str) -> None:
     rotation_only = sensor in ("gyro", "attitude", "magnetometer")
     assert ("position and velocity" in found.not_asked) == rotation_only
     assert ("centre of mass" in found.not_asked) == rotation_only
-    assert ("a map of landmarks" in found.not_asked) == (sensor not in ("stereo", "monocular", "lidar"))
+    assert ("a map of landmarks" in found.not_asked) == (
+        sensor not in ("stereo", "monocular", "lidar-points")
+    )
     assert not set(found.asked) & set(found.not_asked)
 
 

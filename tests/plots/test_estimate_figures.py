@@ -136,7 +136,7 @@ def test_a_run_of_rotations_has_no_panels_of_position() -> None:
 
 
 def test_rates_are_those_of_the_estimators_in_degrees_per_second() -> None:
-    axes = rates_figure(estimates(FULL), true_rates(FULL.truth)).axes[1]
+    axes = rates_figure(estimates(FULL), true_rates(FULL.truth)).axes[2]
     truth, first, second = axes.lines[:3]
     np.testing.assert_allclose(np.asarray(truth.get_ydata()), np.rad2deg(true_rates(FULL.truth).rate[:, 1]))
     for line, estimate in zip((first, second), estimates(FULL), strict=True):

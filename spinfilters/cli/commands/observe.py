@@ -201,6 +201,11 @@ def _program(path: Path) -> Mapping[str, Any]:
         document = run_path(str(path)).get("model")
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror}") from None
+    except SystemExit as stop:
+        raise InputError(
+            f"{path} ends itself with exit({'' if stop.code is None else repr(stop.code)}) before its model can be taken; "
+            "leave the exit out"
+        ) from None
     except Exception as error:
         raise InputError(
             f"{path} stops with {type(error).__name__}: {error}; run it with Python to see where"

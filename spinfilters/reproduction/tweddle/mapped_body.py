@@ -63,7 +63,8 @@ def mapped() -> tuple[
     true = known.points - truth.center_of_mass_g
     seen = rotate(np.broadcast_to(trajectory.q_ig[0], (len(own), 4)), own) + trajectory.position[0]
     placed = rotate(np.broadcast_to(truth.q_ig[0], (len(true), 4)), true) + truth.center_of_mass[0]
-    distance, nearest = KDTree(placed).query(seen)
+    distance, found = KDTree(placed).query(seen)
+    nearest = np.asarray(found)
     same = distance < SAME
     axes = truth.principal_axes_g[np.argsort(truth.principal_moments)][::-1]
     estimated = body.principal_axes_g[::-1]
