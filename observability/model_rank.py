@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cached_property
+from functools import cache, cached_property
 
 import casadi as ca
 import numpy as np
@@ -28,6 +28,8 @@ BATCHES = (1, 16, 64, 256)
 """Random points drawn at once until all roots and logarithms exist."""
 MOST_PRIMES = 400
 """Primes tried for values that are given and cannot be drawn."""
+MOST_FIELDS = 60
+"""Primes tried for fields of which some are wanted."""
 MOST_POINTS = 20_000
 """Points drawn at once, at most."""
 LARGEST_INPUT = 1 << 30
@@ -186,7 +188,8 @@ def _constants_matter(part: ReachedModel) -> bool:
     return bool(part.tape.operations & {"sqrt", "log", "arg"})
 
 
-def other_primes() -> list[int]:
+@cache
+def other_primes() -> tuple[int, ...]:
     """Primes 4 q + 1 with q prime, the largest below 2^31."""
     top = 1 << 29
     numbers = np.arange(top - SIEVED, top, dtype=np.int64)
@@ -200,7 +203,19 @@ def other_primes() -> list[int]:
         # 4 q + 1 = 0 modulo the divisor
         also = (-pow(4, -1, divisor) - (top - SIEVED)) % divisor
         good[also::divisor] = False
-    return [int(4 * q + 1) for q in numbers[good][::-1].tolist()]
+    return tuple(int(4 * q + 1) for q in numbers[good][::-1].tolist())
+
+
+def other_fields(part: ReachedModel, random: np.random.Generator) -> Iterator[PrimeField]:
+    """Fields of other primes in which all functions have values at some random points."""
+    for prime in other_primes()[:MOST_FIELDS]:
+        field = PrimeField(prime=prime)
+        if _constants_matter(part):
+            try:
+                _tried(part, field, BATCHES[-1], random)
+            except NotRegularError:
+                continue
+        yield field
 
 
 def draw_points(
