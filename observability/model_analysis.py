@@ -19,6 +19,7 @@ from observability.model import Model, model_of
 from observability.model_rank import ExactRank, reached
 from observability.null_vectors import RationalNullSpace, rational_null_space, symbolic_null_vectors
 from observability.other_solutions import NOT_SEARCHED, OtherSolutions, other_solutions
+from observability.real_rank import RealRank, real_rank
 from spinfilters.core.errors import InputError
 from spinfilters.io.input_file import printable, read_toml
 
@@ -189,8 +190,15 @@ class ModelAnalysis:
         return other_solutions(part, outputs_rank(part))
 
     @cached_property
+    def real_rank(self) -> RealRank:
+        """What ranks at real points say of the exact one; of continuous time only."""
+        return RealRank.SAME if self.core.discrete else real_rank(reached(self.core), self.exact)
+
+    @cached_property
     def proof(self) -> ModelProof:
         """Why the rank is known."""
+        if self.real_rank is not RealRank.SAME:
+            return ModelProof.OPEN
         if self.null_dimension == 0:
             return ModelProof.FULL
         if self.exact.complete:
@@ -258,6 +266,8 @@ class ModelAnalysis:
     def _proof_in_words(self) -> str:
         if self.proof is not ModelProof.OPEN:
             return self.proof.value
+        if self.real_rank is not RealRank.SAME:
+            return f"open: {self.real_rank.value}"
         reasons = [
             ("a special point", self.model.point),
             ("known initial values", self.model.known_initial_values),

@@ -447,7 +447,7 @@ def _given(
 def with_tangents(
     part: ReachedModel, names: Sequence[str], p: Num[np.ndarray, "n b"], width: int
 ) -> Num[np.ndarray, "n b m"]:
-    values = np.zeros((*p.shape, width), dtype=np.uint64)
+    values = np.zeros((*p.shape, width), dtype=p.dtype)
     values[..., 0] = p
     for k, name in enumerate(names):
         if name in part.unknowns:
