@@ -79,6 +79,15 @@ class Invariant:
             return words
         return f"{words}/{below[0]}" if len(below) == 1 else f"{words}/({'*'.join(below)})"
 
+    def value(self, values: Values, field: PrimeField) -> Num[np.ndarray, " b"]:
+        """Itself at points."""
+        total = np.ones_like(next(iter(values.values())))
+        for polynomial, power in self.factors:
+            size = polynomial_value(_residues(polynomial, field), values, field)
+            for _ in range(abs(power)):
+                total = field.product(total, size if power > 0 else field.inverse(size))
+        return total
+
     def logarithmic_rate(self, rates: Values, values: Values, field: PrimeField) -> Num[np.ndarray, " b"]:
         """Derivative of its logarithm along a field with these components."""
         total = np.zeros_like(next(iter(values.values())))

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from observability.discrete_rank import outputs_rank
-from observability.discrete_symmetries import DiscreteSearch, discrete_symmetries
+from observability.discrete_symmetries import DiscreteSearch, SolutionFamily, discrete_symmetries
 from observability.generators import Generator, named_directions
 from observability.input_inversion import InvertedModel, invert
 from observability.invariant_manifold import known_numbers, restricted, staying
@@ -167,10 +167,12 @@ class ModelAnalysis:
 
     @cached_property
     def other_solutions(self) -> DiscreteSearch:
-        """Isolated other solutions: unknowns mirrored or exchanged."""
+        """Other solutions: unknowns mirrored or exchanged."""
         if self.core.discrete:
             return DiscreteSearch((), False)
-        return discrete_symmetries(reached(self.core), self.symmetries)
+        whole = len(self.symmetries) == self.null_dimension
+        family = SolutionFamily(self.symmetries, self.invariants, frozenset(self.unobservable), whole)
+        return discrete_symmetries(reached(self.core), family)
 
     @cached_property
     def isolated_solutions(self) -> OtherSolutions:
@@ -241,14 +243,16 @@ class ModelAnalysis:
             lines.append(f"{self.reparametrisation}.")
         unnamed = self.null_dimension - len(self.symmetries)
         if unnamed:
-            lines.append(f"{unnamed} direction{'s' if unnamed > 1 else ''} without a closed form.")
+            lines.append(
+                f"{unnamed} direction{'s' if unnamed > 1 else ''} for which no generator was found up to degree 2."
+            )
         if unnamed and self.inverted is not None and self.inverted.compensated:
             lines.append(
                 f"Any change of {', '.join(self.inverted.compensated)} goes unnoticed if "
                 f"{', '.join(self.core.unknown_inputs)} changes along."
             )
         lines.append(f"Proof: {self._proof_in_words()}.")
-        lines += [f"Another solution, isolated: {each}." for each in self.other_solutions.found]
+        lines += [each.sentence for each in self.other_solutions.found]
         if self.other_solutions.complete:
             lines.append(
                 "Local, but for mirrored and exchanged unknowns: other isolated solutions are not looked for."

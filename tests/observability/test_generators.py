@@ -171,7 +171,7 @@ def test_a_direction_without_a_closed_form_is_said_to_be_one() -> None:
             "outputs": {"y": "x"},
         }
     )
-    assert "1 direction without a closed form." in str(found)
+    assert "1 direction for which no generator was found up to degree 2." in str(found)
 
 
 def test_an_unknown_input_is_certified_and_has_its_generator() -> None:
