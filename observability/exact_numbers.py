@@ -211,15 +211,17 @@ class PrimeField(Arithmetic):
         Its fourth power is the image of e and generates all fourth powers.
     prime : int
         p, below 2^31.
+    cofactor : int
+        (p - 1) / q, 4 or a multiple of it: numbers to its power have roots and logarithms here.
     """
 
     dtype = np.dtype(np.uint64)
 
-    def __init__(self, base: int = 314159265, prime: int = PRIME) -> None:
-        self.prime, self.order = prime, (prime - 1) // 4
+    def __init__(self, base: int = 314159265, prime: int = PRIME, cofactor: int = 4) -> None:
+        self.prime, self.order = prime, (prime - 1) // cofactor
         self._p = np.uint64(prime)
-        self.base = pow(base, 4, prime)
-        self.turn_base = pow(base, 4 * (base % 1009 + 1013), prime)
+        self.base = pow(base, cofactor, prime)
+        self.turn_base = pow(base, cofactor * (base % 1009 + 1013), prime)
         self._imaginary = np.array(_fourth_root(prime), dtype=np.uint64)
 
     @property

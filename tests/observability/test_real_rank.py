@@ -100,3 +100,22 @@ def test_a_rounding_error_that_casadi_computed_is_not_certified() -> None:
     x, k = ca.SX.sym("x"), ca.SX.sym("k")
     found = analyse(-k * x, (0.1 + 0.2 - 0.3) * x + 0 * ca.sin(k), x, parameters=k)
     assert not found.certified
+
+
+@pytest.mark.parametrize("level", [2, 3, 4, 9, "1/4", 0.3])
+def test_a_root_at_a_given_value_is_analysed(level: float | str) -> None:
+    tank = {
+        "states": ["h"],
+        "parameters": ["k"],
+        "equations": {"h": "-k*sqrt(h)"},
+        "outputs": {"y": "h"},
+        "point": {"h": level},
+    }
+    found = analyse(tank)
+    assert (found.rank, found.certified) == (2, True)
+
+
+@pytest.mark.parametrize("rate", ["-k*sqrt(2*x)", "-k*log(2*x)*sqrt(3*x)"])
+def test_a_root_of_a_multiple_is_analysed(rate: str) -> None:
+    found = analyse(model("x", equation=rate))
+    assert (found.rank, found.certified) == (2, True)
