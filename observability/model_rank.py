@@ -36,6 +36,8 @@ LARGEST_INPUT = 1 << 30
 """Of the integers drawn as derivatives of inputs: below all primes, so that they are the same modulo each."""
 THOUSANDTHS = 1000
 """In a unit: of values at which branches are decided."""
+LARGEST_WORK = 1e9
+"""Products of a series, order by order, after which no higher derivative is taken: some 25 seconds."""
 COFACTOR = 24
 """Of primes 24 q + 1, of which 2 and 3 may have roots: those of a prime 4 q + 1 never do."""
 ROOTED = (2, 3, 5, 7)
@@ -424,12 +426,25 @@ def output_rows(
 def output_coefficients(
     part: ReachedModel, point: DrawnPoint, orders: int, generator: np.random.Generator
 ) -> Iterator[Num[np.ndarray, "r b n"]]:
-    """The outputs' Taylor coefficients at every point, order by order, each value before its gradient."""
+    """The outputs' Taylor coefficients at every point, order by order, each value before its gradient.
+
+    Raises
+    ------
+    InputError
+        Where those of another order would take too long.
+    """
     field, states, unknown = point.field, len(part.states), len(part.unknown_inputs)
     width = 1 + len(part.unknowns) + unknown * (orders - 1)
     series = Series(part.tape, point.decisions, field, (orders, point.count, width))
     state = start_values(part, point, width)
+    work = 0.0
     for order in range(orders):
+        work += float(order) * part.tape.size * width * point.count
+        if work > LARGEST_WORK:
+            raise InputError(
+                f"{part.model.name}: derivatives of the outputs of order {order} and more by {len(part.unknowns)} unknowns take "
+                "too long; measure more states, declare what is known among known_constants, or analyse a part of the system"
+            )
         series.put(0, order, state)
         for index, given in _given(part, point, order, width, generator):
             series.put(index, order, given)
