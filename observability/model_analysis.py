@@ -8,6 +8,7 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+from observability.branches import branch_conditions
 from observability.discrete_rank import outputs_rank
 from observability.discrete_symmetries import DiscreteSearch, SolutionFamily, discrete_symmetries
 from observability.generators import Generator, named_directions
@@ -217,6 +218,11 @@ class ModelAnalysis:
         return RealRank.SAME if self.core.discrete else real_rank(reached(self.core), self.exact)
 
     @cached_property
+    def branches(self) -> list[str]:
+        """Inequalities that the answer is limited to, with max, min, abs or comparisons in the equations."""
+        return [] if self.core.discrete else branch_conditions(reached(self.core))
+
+    @cached_property
     def proof(self) -> ModelProof:
         """Why the rank is known."""
         if self.real_rank is not RealRank.SAME:
@@ -272,6 +278,11 @@ class ModelAnalysis:
             lines.append(
                 f"Any change of {', '.join(self.inverted.compensated)} goes unnoticed if "
                 f"{', '.join(self.core.unknown_inputs)} changes along."
+            )
+        if self.branches:
+            lines.append(
+                f"All this holds where {' and '.join(self.branches)}; elsewhere max, min, abs or a comparison has another branch, "
+                "which may determine other unknowns: give a point there to see."
             )
         lines.append(f"Proof: {self._proof_in_words()}.")
         lines += [each.sentence for each in self.other_solutions.found]
@@ -350,6 +361,7 @@ class ModelAnalysis:
             "other_solutions": [str(each) for each in self.other_solutions.found],
             "other_solutions_complete": self.other_solutions.complete,
             "generic_rank": self.generic_rank,
+            "holds_where": self.branches,
             "certified": self.certified,
             "proof": self._proof_in_words(),
             "text": self.sentences,

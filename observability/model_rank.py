@@ -34,6 +34,8 @@ MOST_POINTS = 20_000
 """Points drawn at once, at most."""
 LARGEST_INPUT = 1 << 30
 """Of the integers drawn as derivatives of inputs: below all primes, so that they are the same modulo each."""
+THOUSANDTHS = 1000
+"""In a unit: of values at which branches are decided."""
 LARGEST_WORK = 1e9
 """Products of a series, order by order, after which no higher derivative is taken: some 25 seconds."""
 COFACTOR = 24
@@ -297,7 +299,7 @@ def _floats(
     part: ReachedModel, names: Sequence[str], batch: int, generator: np.random.Generator
 ) -> Num[np.ndarray, "n b"]:
     """Thousandths between 0.5 and 2 that floats hold nearly, where branches are to be decided."""
-    drawn = generator.integers(500, 2000, (len(names), batch)) / 1000
+    drawn = generator.integers(THOUSANDTHS // 2, 2 * THOUSANDTHS, (len(names), batch)) / THOUSANDTHS
     for k, name in enumerate(names):
         if name in part.model.point:
             drawn[k] = float(part.model.point[name])
@@ -326,7 +328,7 @@ def drawn_values(
             p[k], q[k] = residue(value, field.prime), residue(value, field.order)
         elif floats is not None:
             for j in range(batch):
-                value = Fraction(round(1000 * floats[k, j]), 1000)
+                value = Fraction(round(THOUSANDTHS * floats[k, j]), THOUSANDTHS)
                 p[k, j], q[k, j] = residue(value, field.prime), residue(value, field.order)
     return Residues(p, q)
 

@@ -17,9 +17,9 @@ from jaxtyping import Num
 
 from observability.exact_numbers import SIMPLE, Arithmetic
 from observability.function_values import BranchDecisions
-from observability.model_rank import ExactRank, ReachedModel, with_tangents
+from observability.model_rank import ExactRank, ReachedModel, draw_point, with_tangents
 from observability.power_series import Series
-from observability.tape import TRANSCENDENTAL, float_choices
+from observability.tape import PIECEWISE, TRANSCENDENTAL, Choices, float_choices
 from spinfilters.core.errors import InputError
 
 COMPLEX: Final = np.dtype(np.complex128)
@@ -59,6 +59,7 @@ class RealRank(StrEnum):
         "at real points the rank is lower"
     )
     HIGHER = "the exact rank is that of one branch of a root or an inverse function; at other real points it is higher"
+    OTHER_BRANCH = "no real point of this branch was found to compare the exact rank with"
     NEVER_REAL = "no point was found at which all roots and logarithms are real; check the equations"
 
 
@@ -158,13 +159,21 @@ def real_rank(part: ReachedModel, exact: ExactRank, seed: int = 0) -> RealRank:
     work = part.tape.size * (exact.order + 2) ** 2 * len(exact.names)
     wanted = FEWEST if work > LONG else ENOUGH
     lower: dict[tuple[float, float], bool] = {}
-    real = 0
+    real = elsewhere = 0
+    branch = (
+        {}
+        if PIECEWISE.isdisjoint(part.tape.operations)
+        else draw_point(part, np.random.default_rng(seed)).decisions.choices
+    )
     for attempt in range(POINTS):
         between = RANGES[attempt % len(RANGES)]
         values = _drawn(part, between, generator)
         arithmetic = RandomRounding(int(generator.integers(1 << 30)))
         try:
-            rank = _rank_at(part, exact, values, arithmetic, generator)
+            rank = _rank_at(part, exact, values, arithmetic, generator, branch)
+        except _OtherBranchError:
+            elsewhere += 1
+            continue
         except _NotRealError:
             continue
         real += 1
@@ -174,8 +183,12 @@ def real_rank(part: ReachedModel, exact: ExactRank, seed: int = 0) -> RealRank:
         if real == wanted:
             break
     if not real:
-        return RealRank.NEVER_REAL
+        return RealRank.OTHER_BRANCH if elsewhere else RealRank.NEVER_REAL
     return RealRank.LOWER if any(lower.values()) else RealRank.SAME
+
+
+class _OtherBranchError(Exception):
+    """Of a point at which max, min, abs or a comparison decides otherwise than at that of the exact rank."""
 
 
 class _NotRealError(Exception):
@@ -202,6 +215,7 @@ def _rank_at(
     values: list[Num[np.ndarray, "n b"]],
     arithmetic: RandomRounding,
     generator: np.random.Generator,
+    branch: Choices,
 ) -> int:
     orders = exact.order + 2
     if part.unknown_inputs:
@@ -210,7 +224,7 @@ def _rank_at(
     jets = len(part.unknown_inputs) * (orders - 1)
     width = 1 + len(part.unknowns) + jets
     with np.errstate(all="ignore"):
-        rows = _gradients(part, values, arithmetic, (orders, width), generator)
+        rows = _gradients(part, values, arithmetic, (orders, width), generator, branch)
     if not arithmetic.real or not np.isfinite(rows).all():
         raise _NotRealError
     unknown = len(part.unknowns)
@@ -225,6 +239,7 @@ def _gradients(
     arithmetic: RandomRounding,
     shape: tuple[int, int],
     generator: np.random.Generator,
+    branch: Choices,
 ) -> Num[np.ndarray, "r b n"]:
     """Gradients of the outputs' Taylor coefficients by the unknowns, then by jets of unknown inputs."""
     orders, width = shape
@@ -242,6 +257,8 @@ def _gradients(
         choices = float_choices(part.tape, [np.real(firsts[0][..., 0]), *values[1:]])
     except InputError:
         raise _NotRealError from None
+    if any(np.any(choices[index] != each) for index, each in branch.items()):
+        raise _OtherBranchError
     series = Series(part.tape, BranchDecisions(choices, {}), arithmetic, (orders, TIMES, width))
     state, found = firsts[0], []
     for order in range(orders):
