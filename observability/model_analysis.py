@@ -14,7 +14,7 @@ from observability.discrete_symmetries import DiscreteSearch, SolutionFamily, di
 from observability.generators import Generator, named_directions
 from observability.input_inversion import InvertedModel, invert
 from observability.invariant_manifold import known_numbers, restricted, staying
-from observability.invariants import InvariantSet, Reparametrisation, invariants, reparametrised
+from observability.invariants import Invariant, InvariantSet, Reparametrisation, invariants, reparametrised
 from observability.lie_derivatives import ObservabilityMatrix, observability_matrix
 from observability.model import Model, model_of
 from observability.model_rank import ExactRank, reached
@@ -132,7 +132,27 @@ class ModelAnalysis:
 
     @cached_property
     def invariants(self) -> InvariantSet:
-        """What is determined of the unknowns that are not, such as J2/J1."""
+        """What is determined of the unknowns that are not, such as J2/J1.
+
+        Where some directions lack a generator, those invariants are left out that these directions change.
+        """
+        found = self._kept_by_generators
+        if len(self.symmetries) == self.null_dimension:
+            return found
+        kept = tuple(each for each in found.found if self._is_determined(each))
+        return InvariantSet(kept, len(kept) == len(self.unobservable) - self.null_dimension)
+
+    def _is_determined(self, invariant: Invariant) -> bool:
+        """Whether an invariant as one more output determines nothing more."""
+        outputs = {**self.core.outputs, "the invariant": invariant.expression(self.core.symbols)}
+        try:
+            return outputs_rank(reached(replace(self.core, outputs=outputs))).rank == self.rank
+        except InputError:
+            return False
+
+    @cached_property
+    def _kept_by_generators(self) -> InvariantSet:
+        """What no generator found changes."""
         fixed = self.reparametrisation.fixed if self.reparametrisation else ()
         return invariants(self.symmetries, self.model.unknowns, tuple(fixed))
 
@@ -172,7 +192,9 @@ class ModelAnalysis:
         if self.core.discrete:
             return DiscreteSearch((), False)
         whole = len(self.symmetries) == self.null_dimension
-        family = SolutionFamily(self.symmetries, self.invariants, frozenset(self.unobservable), whole)
+        family = SolutionFamily(
+            self.symmetries, self._kept_by_generators, frozenset(self.unobservable), whole
+        )
         return discrete_symmetries(reached(self.core), family)
 
     @cached_property
