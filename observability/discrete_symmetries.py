@@ -1,8 +1,10 @@
-"""Isolated other solutions: unknowns mirrored or exchanged so that all outputs stay as they are.
+"""Other solutions: unknowns mirrored or exchanged so that all outputs stay as they are.
 
 A map s of the unknowns that commutes with the motion, f(s z) = s f(z), and keeps the outputs, h(s z) = h(z), takes any solution to
 another one. Changes of sign and exchanges of pairs are tried at random points of a prime field; a map that holds at all of
-them is one but for a chance of some 1e-9 to the power of the points. Other isolated solutions are not looked for.
+them is one but for a chance of some 1e-9 to the power of the points. Where it keeps all that the generators leave alone, it leads
+to a solution of the same family, and is left out. Where it changes an observable unknown or what all generators leave alone, it is
+isolated from the family. Other isolated solutions are not looked for.
 """
 
 from collections.abc import Iterator, Sequence
@@ -15,7 +17,9 @@ from jaxtyping import Bool, Num
 from observability.exact_numbers import PrimeField
 from observability.function_values import Residues, function_values
 from observability.generators import Generator
+from observability.invariants import InvariantSet
 from observability.model_rank import ReachedModel
+from observability.monomials import Values
 from observability.null_fields import is_rational
 
 MOST_MAPS = 6_000
@@ -34,14 +38,22 @@ class DiscreteSymmetry:
     ----------
     images : dict[str, tuple[int, str]]
         Sign and unknown that take the place of every unknown that changes.
+    isolated : bool
+        Whether no continuous change that the outputs do not notice leads there as well.
     """
 
     images: dict[str, tuple[int, str]]
+    isolated: bool = True
 
     def __str__(self) -> str:
         return ", ".join(
             f"{name} -> {'-' if sign < 0 else ''}{other}" for name, (sign, other) in self.images.items()
         )
+
+    @property
+    def sentence(self) -> str:
+        """What it is, as far as that is known."""
+        return f"Another solution{', isolated' if self.isolated else ''}: {self}."
 
 
 @dataclass(frozen=True)
@@ -78,33 +90,88 @@ class DiscreteSearch:
     complete: bool
 
 
-def discrete_symmetries(part: ReachedModel, generators: Sequence[Generator]) -> DiscreteSearch:
-    """Mirrored and exchanged unknowns that no output notices, apart from those that scalings connect.
+@dataclass(frozen=True)
+class SolutionFamily:
+    """Solutions that a continuous change of the unknowns leads to.
+
+    Attributes
+    ----------
+    generators : Sequence[Generator]
+        Fields that move along the family.
+    invariants : InvariantSet
+        Of these.
+    unobservable : frozenset[str]
+        Unknowns that differ within the family.
+    whole : bool
+        Whether the generators reach all of the family.
+    """
+
+    generators: Sequence[Generator]
+    invariants: InvariantSet
+    unobservable: frozenset[str]
+    whole: bool
+
+    def leaves(self, symmetry: DiscreteSymmetry, values: Values, field: PrimeField) -> bool:
+        """Whether a map surely leads out of the family."""
+        if not self.unobservable.issuperset(symmetry.images):
+            return True
+        return self.whole and self._changes(symmetry, values, field)
+
+    def holds(self, symmetry: DiscreteSymmetry, values: Values, field: PrimeField) -> bool:
+        """Whether a map surely stays in the family."""
+        moved = {name for each in self.generators for name in each.components}
+        return (
+            self.invariants.complete
+            and moved.issuperset(symmetry.images)
+            and not self._changes(symmetry, values, field)
+        )
+
+    def _changes(self, symmetry: DiscreteSymmetry, values: Values, field: PrimeField) -> bool:
+        """Whether some invariant has another value after a map."""
+        image = dict(values)
+        for name, (sign, other) in symmetry.images.items():
+            image[name] = field.negative(values[other]) if sign < 0 else values[other]
+        found = self.invariants.found
+        return any((each.value(values, field) != each.value(image, field)).any() for each in found)
+
+
+def discrete_symmetries(part: ReachedModel, family: SolutionFamily) -> DiscreteSearch:
+    """Mirrored and exchanged unknowns that no output notices, apart from those within the family of solutions.
 
     Functions other than roots of 1 cannot be tried at points where they have no value: there nothing is tried.
     """
     names = [*part.states, *[name for name in part.constants if name in part.unknowns]]
     if not names or not is_rational(part):
         return DiscreteSearch((), complete=False)
-    connected = _signs_of_scalings(generators, names)
-    group = {_signed_permutation(np.arange(len(names)), np.ones(len(names), dtype=int))}
-    found: list[DiscreteSymmetry] = []
+    field, random = PrimeField(), np.random.default_rng(12)
+    values = {name: random.integers(1, field.prime, POINTS, dtype=np.uint64) for name in part.model.symbols}
+    identity = np.arange(len(names))
+    # A scaling by -1 stays in the family, whether its invariants are known or not.
+    within = [_signed_permutation(identity, each) for each in _signs_of_scalings(family.generators, names)]
+    others: list[tuple[SignedPermutation, DiscreteSymmetry]] = []
     maps, complete = _maps(names, part)
     for permutations, signs in maps:
-        good = _hold(part, names, permutations, signs)
-        for index in np.flatnonzero(good).tolist():
+        for index in np.flatnonzero(_hold(part, names, permutations, signs)).tolist():
             permutation, sign = permutations[index], signs[index]
-            # What a scaling by -1 connects is no isolated solution.
-            news = [sign * each for each in connected]
-            if any(_signed_permutation(permutation, each) in group for each in news):
-                continue
-            group = _generated(group, _signed_permutation(permutation, sign))
             images = {
                 name: (int(sign[k]), names[permutation[k]])
                 for k, name in enumerate(names)
                 if permutation[k] != k or sign[k] < 0
             }
-            found.append(DiscreteSymmetry(images))
+            symmetry, own = DiscreteSymmetry(images), _signed_permutation(permutation, sign)
+            if family.holds(symmetry, values, field):
+                within.append(own)
+            elif images:
+                isolated = family.leaves(symmetry, values, field)
+                others.append((own, DiscreteSymmetry(images, isolated)))
+    group = {_signed_permutation(identity, np.ones(len(names), dtype=int))}
+    found = []
+    for own, symmetry in others:
+        # Followed by what stays in the family it is no other solution.
+        if any(each.after(own) in group for each in within):
+            continue
+        group = _generated(group, own)
+        found.append(symmetry)
     return DiscreteSearch(tuple(found), complete)
 
 

@@ -20,6 +20,10 @@ from spinfilters.core.errors import InputError
 
 SIMPLE = 10**6
 """Denominators up to here are tried first, so that the float of 1/3 is read as 1/3."""
+SIMPLEST = 1000
+"""Denominators of fractions that a computed float is taken for, as 0.30000000000000004 for 3/10."""
+FEW_ROUNDINGS = Fraction(1, 2**51)
+"""Relative error of a computed float."""
 
 Rationals = tuple[Fraction, ...]
 
@@ -43,6 +47,12 @@ def rational(value: float | str | Fraction) -> Fraction:
         if float(guess) == number:
             return guess
     return Fraction(number)
+
+
+def near_simple(value: float) -> Fraction | None:
+    """The fraction of small whole numbers that a computed float is equal to but for rounding, if there is one."""
+    guess = Fraction(value).limit_denominator(SIMPLEST)
+    return guess if guess and abs(guess - Fraction(value)) <= abs(guess) * FEW_ROUNDINGS else None
 
 
 def rationals(values: Iterable[float | str | Fraction]) -> Rationals:
@@ -89,6 +99,10 @@ class Arithmetic(ABC):
     @abstractmethod
     def numbers(self, values: Sequence[Fraction]) -> Num[np.ndarray, " n"]:
         """These fractions as numbers."""
+
+    def copies(self, value: Fraction, count: int) -> Num[np.ndarray, " n"]:
+        """A constant as so many numbers."""
+        return np.repeat(self.numbers([value]), count)
 
     @abstractmethod
     def reduced(self, a: np.ndarray) -> np.ndarray:
@@ -197,15 +211,17 @@ class PrimeField(Arithmetic):
         Its fourth power is the image of e and generates all fourth powers.
     prime : int
         p, below 2^31.
+    cofactor : int
+        (p - 1) / q, 4 or a multiple of it: numbers to its power have roots and logarithms here.
     """
 
     dtype = np.dtype(np.uint64)
 
-    def __init__(self, base: int = 314159265, prime: int = PRIME) -> None:
-        self.prime, self.order = prime, (prime - 1) // 4
+    def __init__(self, base: int = 314159265, prime: int = PRIME, cofactor: int = 4) -> None:
+        self.prime, self.order = prime, (prime - 1) // cofactor
         self._p = np.uint64(prime)
-        self.base = pow(base, 4, prime)
-        self.turn_base = pow(base, 4 * (base % 1009 + 1013), prime)
+        self.base = pow(base, cofactor, prime)
+        self.turn_base = pow(base, cofactor * (base % 1009 + 1013), prime)
         self._imaginary = np.array(_fourth_root(prime), dtype=np.uint64)
 
     @property

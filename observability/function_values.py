@@ -209,7 +209,7 @@ class _Pass:
         return powers(np.where(a == 0, np.uint64(1), a), modulus - 2, modulus)
 
     def _root(self, a: np.ndarray) -> np.ndarray:
-        self._require_power(a, "the argument of a square root")
+        self._require_power(a, "a square root")
         return powers(a, (self._field.order + 1) // 2, self._field.prime)
 
     def _exponential(self, group: Group, p: np.ndarray) -> np.ndarray:
@@ -232,15 +232,13 @@ class _Pass:
         wanted = np.array([int(out) in self._exponents for out in group.out])
         result = _scrambled(a, self._field.order)
         if wanted.any():
-            self._require_power(a[wanted], "the argument of a logarithm or the base of a power")
+            self._require_power(a[wanted], "a logarithm or a power")
             good = np.ix_(wanted, self._regular)
             result[good] = discrete_logarithms(a[good], base, self._field)
         return result
 
     def _require_power(self, a: np.ndarray, words: str) -> None:
-        self._require(
-            powers(a, self._field.order, self._field.prime) == 1, f"{words} is no fourth power of a residue"
-        )
+        self._require(powers(a, self._field.order, self._field.prime) == 1, f"{words} has no exact value")
 
     def _require(self, holds: np.ndarray, reason: str) -> None:
         if not holds.all():

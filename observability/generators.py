@@ -2,15 +2,16 @@
 
 A field xi of the unknowns leaves all outputs alone, at all times, if D xi_x = X f for every state, D xi_p = 0 for every
 parameter and X h = 0 for every output, where D is the derivative along the motion and X that along xi. With xi a sum of monomials
-these are linear equations for its coefficients at every point. They are solved modulo a prime at random points, lifted to
-fractions, and tried again at other points. The change of an unknown input is any function, and eliminated point by point.
+these are linear equations for its coefficients at every point. They are solved at random points modulo as many primes as it takes
+to lift them to fractions, which are tried at points modulo another prime: a coefficient that is no fraction is none of both.
+The change of an unknown input is any function, and eliminated point by point.
 """
 
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from itertools import combinations_with_replacement
+from itertools import chain, combinations_with_replacement, islice
 
 import numpy as np
 from jaxtyping import Num
@@ -18,12 +19,17 @@ from jaxtyping import Num
 from observability.exact_numbers import PrimeField, residue
 from observability.invariant_manifold import restricted, staying
 from observability.model import Model
-from observability.model_rank import ReachedModel, draw_points, exact_rank, reached, start_values
+from observability.model_rank import (
+    ReachedModel,
+    draw_points,
+    exact_rank,
+    other_fields,
+    reached,
+    start_values,
+)
 from observability.monomials import (
     Polynomial,
     Values,
-    coprime_integers,
-    fraction_of,
     monomial_rate,
     monomial_value,
     polynomial_value,
@@ -34,6 +40,7 @@ from observability.monomials import (
 from observability.null_fields import NullFields, is_rational
 from observability.power_series import Series
 from observability.rational_generators import rational_fields
+from observability.rational_reconstruction import Modulo, coprime_integers, fractions_that_hold
 from observability.residue_matrices import Echelon, reduce_columns
 
 SPARE = 6
@@ -42,6 +49,8 @@ MOST_TERMS = 500
 """Coefficients solved for at once; a larger ansatz is not tried."""
 INTERPOLATION_SECONDS = 6.0
 """After which rational fields are no longer looked for."""
+MOST_PRIMES = 6
+"""That coefficients are put together of."""
 
 
 @dataclass(frozen=True)
@@ -146,29 +155,74 @@ def _kept_at_start(model: Model, found: list[Generator]) -> list[Generator]:
     if not found:
         return []
     part, random = reached(model), np.random.default_rng(4)
-    field = PrimeField()
-    point = draw_points(part, random, field, len(found) + SPARE)
-    start = start_values(part, point, 1 + len(part.unknowns))
-    values = {
-        name: each
-        for names, group in zip(part.groups, point.values, strict=True)
-        for name, each in zip(names, group.p, strict=True)
-    }
-    rows = Echelon(len(found), field)
-    for state in model.known_initial_values:
-        moves = [each.component(state, values, field) for each in found]
-        if state in part.states:
-            for k, name in enumerate(part.unknowns):
-                slope = field.negative(start[part.states.index(state), :, 1 + k])
-                moves = [
-                    field.reduced(move + field.product(slope, each.component(name, values, field)))
-                    for move, each in zip(moves, found, strict=True)
-                ]
-        rows.add(np.stack(moves, axis=1))
-    sums = [combined(found, weights, field.prime) for weights in rows.null_space().T]
+
+    def conditions(field: PrimeField) -> Echelon:
+        point = draw_points(part, random, field, len(found) + SPARE)
+        start = start_values(part, point, 1 + len(part.unknowns))
+        values = {
+            name: each
+            for names, group in zip(part.groups, point.values, strict=True)
+            for name, each in zip(names, group.p, strict=True)
+        }
+        rows = Echelon(len(found), field)
+        for state in model.known_initial_values:
+            moves = [each.component(state, values, field) for each in found]
+            if state in part.states:
+                for k, name in enumerate(part.unknowns):
+                    slope = field.negative(start[part.states.index(state), :, 1 + k])
+                    moves = [
+                        field.reduced(move + field.product(slope, each.component(name, values, field)))
+                        for move, each in zip(moves, found, strict=True)
+                    ]
+            rows.add(np.stack(moves, axis=1))
+        return rows
+
+    sums = [combined(found, weights) for weights in _confirmed_kernel(part, conditions, random)]
     names = set(model.known_initial_values)
     # What moves nothing but states that are known at time 0 is no direction of the unknowns.
-    return [each for each in sums if each is not None and not names.issuperset(each.components)]
+    return [each for each in sums if not names.issuperset(each.components)]
+
+
+def _confirmed_kernel(
+    part: ReachedModel, conditions: Callable[[PrimeField], Echelon], random: np.random.Generator
+) -> Iterator[list[Fraction]]:
+    """Null vectors of conditions in fractions, without those that are of none that hold modulo another prime."""
+    fields = other_fields(part, random)
+    checked = next(fields, None)
+    kernels = [Modulo(PrimeField().prime, conditions(PrimeField()).null_space().T)]
+    if checked is None or not len(kernels[0].residues):
+        return
+    check = conditions(checked)
+
+    def holds(values: list[Fraction]) -> bool:
+        sizes = checked.product(check.rows, checked.numbers(values))
+        return not checked.reduced(sizes.sum(axis=1)).any()
+
+    for k in range(len(kernels[0].residues)):
+        columns = _columns(
+            kernels, k, (Modulo(each.prime, conditions(each).null_space().T) for each in fields)
+        )
+        found = fractions_that_hold(columns, holds)
+        if found is not None:
+            yield found
+
+
+Kernel = Modulo[Num[np.ndarray, "k t"]]
+"""Null vectors modulo a prime, a row each."""
+
+
+def _columns(known: list[Kernel], k: int, further: Iterator[Kernel]) -> Iterator[Modulo[Sequence[int]]]:
+    """The k-th null vector modulo one prime after the other; those of further primes are added to the known ones."""
+    for index in range(MOST_PRIMES):
+        if index == len(known):
+            new = next(further, None)
+            if new is None:
+                return
+            known.append(new)
+        each = known[index]
+        if each.residues.shape != known[0].residues.shape:
+            return
+        yield Modulo(each.prime, [int(value) for value in each.residues[k]])
 
 
 def _independent(
@@ -224,86 +278,6 @@ def generators(
     if search.missing:
         search.try_degrees((1, 2), wide=True)
     return search.found
-
-
-class _Search:
-    """Ansatz after ansatz, until all directions have a generator."""
-
-    def __init__(self, part: ReachedModel, moved: list[str], count: int, seed: int) -> None:
-        self._part, self._moved, self._count = part, moved, count
-        self._random = np.random.default_rng(seed)
-        self._field = PrimeField()
-        self.found: list[Generator] = []
-        self._weights: list[dict[str, int]] = []
-        self._points = _Points(part, self._field, self._random)
-        self._fixed_point = _Points(part, self._field, self._random)
-        self._directions = Echelon(len(moved) + len(part.unknown_inputs), self._field)
-
-    @property
-    def missing(self) -> int:
-        """Directions without a generator."""
-        return self._count - len(self.found)
-
-    def scalings(self) -> None:
-        """Fields x -> weight x."""
-        self._solve([Term(name, (name,)) for name in self._moved])
-        self._weights = [
-            {term.moved: residue(value, self._field.prime) for term, value in each.terms.items()}
-            for each in self.found
-        ]
-
-    def try_degrees(self, degrees: Sequence[int], wide: bool) -> None:
-        """Monomials of some degrees, split by their weights under the scalings found.
-
-        Factors are the unknowns that move, or (``wide``) all constants as well.
-        """
-        groups: dict[tuple[int, ...], list[Term]] = defaultdict(list)
-        others = [name for name in self._part.constants if wide or name in self._moved]
-        states = [name for name in self._moved if name not in self._part.constants]
-        for name in self._moved:
-            factors = others if name in others else [*others, *states]
-            for degree in degrees:
-                for chosen in combinations_with_replacement(factors, degree):
-                    term = Term(name, chosen)
-                    groups[weight(chosen, (name,), self._weights, self._field.prime)].append(term)
-        for terms in sorted(groups.values(), key=len):
-            if self.missing and len(terms) <= MOST_TERMS:
-                self._solve(terms)
-
-    def interpolate(self, orders: int) -> None:
-        """Rational fields, cleared of their denominators, from null vectors at many points."""
-        part = self._part
-        fields = NullFields(part, orders, self._count, self._field, self._random, INTERPOLATION_SECONDS)
-        still = [name for name in part.states if part.model.rates[name].is_zero()]
-        for found in rational_fields(fields, frozenset((*part.constants, *still)), self._weights):
-            generator = as_generator(found, self._field.prime)
-            if generator is not None:
-                self._take(generator)
-            if not self.missing:
-                return
-
-    def _solve(self, terms: list[Term]) -> None:
-        matrix = self._points.equations(terms, len(terms) + SPARE)
-        rows = Echelon(len(terms), self._field)
-        rows.add(matrix)
-        kernel = rows.null_space()
-        for column in sorted(kernel.T, key=np.count_nonzero):
-            generator = _lifted(terms, column, self._field.prime)
-            if generator is not None and self.missing:
-                self._take(generator)
-
-    def _take(self, generator: Generator) -> None:
-        """Keep a generator that holds at fresh points and is independent of those known."""
-        terms = list(generator.terms)
-        fresh = _Points(self._part, PrimeField(base=271828183), self._random)
-        coefficients = fresh.field.numbers(list(generator.terms.values()))
-        rows = fresh.equations(terms, SPARE)
-        if fresh.field.reduced(fresh.field.product(rows, coefficients).sum(axis=1)).any():
-            return
-        before = self._directions.rank
-        self._directions.add(self._fixed_point.direction(generator, self._moved)[np.newaxis])
-        if self._directions.rank > before:
-            self.found.append(generator)
 
 
 class _Points:
@@ -389,39 +363,167 @@ class _Points:
         self._rows = series.advance(0)
 
 
-def combined(fields: Sequence[Generator], weights: Num[np.ndarray, " n"], prime: int) -> Generator | None:
-    """The sum of fields with residues as weights; None where these are of no simple fractions."""
-    factors = [fraction_of(int(weight), prime) for weight in weights]
-    if any(factor is None for factor in factors):
-        return None
+class _Search:
+    """Ansatz after ansatz, until all directions have a generator."""
+
+    def __init__(self, part: ReachedModel, moved: list[str], count: int, seed: int) -> None:
+        self._part, self._moved, self._count = part, moved, count
+        self._random = np.random.default_rng(seed)
+        self._field = PrimeField()
+        self.found: list[Generator] = []
+        self._scalings: list[Generator] = []
+        self._points = _Points(part, self._field, self._random)
+        self._fixed_point = _Points(part, self._field, self._random)
+        fields = other_fields(part, self._random)
+        confirming = next(fields, None)
+        self._confirming = None if confirming is None else _Points(part, confirming, self._random)
+        self._further = (_Points(part, each, self._random) for each in fields)
+        self._others: list[_Points] = []
+        self._directions = Echelon(len(moved) + len(part.unknown_inputs), self._field)
+
+    @property
+    def missing(self) -> int:
+        """Directions without a generator."""
+        return self._count - len(self.found)
+
+    def scalings(self) -> None:
+        """Fields x -> weight x."""
+        self._solve([Term(name, (name,)) for name in self._moved])
+        self._scalings = list(self.found)
+
+    def _weights(self, prime: int) -> list[dict[str, int]]:
+        """Of the scalings found, as residues."""
+        return [
+            {term.moved: residue(value, prime) for term, value in each.terms.items()}
+            for each in self._scalings
+        ]
+
+    def try_degrees(self, degrees: Sequence[int], wide: bool) -> None:
+        """Monomials of some degrees, split by their weights under the scalings found.
+
+        Factors are the unknowns that move, or (``wide``) all constants as well.
+        """
+        groups: dict[tuple[int, ...], list[Term]] = defaultdict(list)
+        prime = self._field.prime
+        weights = self._weights(prime)
+        others = [name for name in self._part.constants if wide or name in self._moved]
+        states = [name for name in self._moved if name not in self._part.constants]
+        for name in self._moved:
+            factors = others if name in others else [*others, *states]
+            for degree in degrees:
+                for chosen in combinations_with_replacement(factors, degree):
+                    term = Term(name, chosen)
+                    groups[weight(chosen, (name,), weights, prime)].append(term)
+        for terms in sorted(groups.values(), key=len):
+            if self.missing and len(terms) <= MOST_TERMS:
+                self._solve(terms)
+
+    def interpolate(self, orders: int) -> None:
+        """Rational fields, cleared of their denominators, from null vectors at many points."""
+        part = self._part
+        still = [name for name in part.states if part.model.rates[name].is_zero()]
+        constants = frozenset((*part.constants, *still))
+
+        def started(field: PrimeField) -> Iterator[dict[str, Polynomial]]:
+            fields = NullFields(part, orders, self._count, field, self._random, INTERPOLATION_SECONDS)
+            return rational_fields(fields, constants, self._weights(field.prime))
+
+        for index, found in enumerate(started(self._field)):
+            others = (
+                Modulo(each.field.prime, next(islice(started(each.field), index, None), {}))
+                for each in self._other_points()
+            )
+            generator = as_generator(chain([Modulo(self._field.prime, found)], others), self._holds)
+            if generator is not None:
+                self._keep(generator)
+            if not self.missing:
+                return
+
+    def _other_points(self) -> Iterator[_Points]:
+        """Points of the primes that coefficients are put together of, beyond the first; drawn when they are needed."""
+        for index in range(MOST_PRIMES - 1):
+            if index == len(self._others):
+                new = next(self._further, None)
+                if new is None:
+                    return
+                self._others.append(new)
+            yield self._others[index]
+
+    def _solve(self, terms: list[Term]) -> None:
+        kernels = [Modulo(self._field.prime, self._kernel(terms, self._points))]
+        further = (Modulo(each.field.prime, self._kernel(terms, each)) for each in self._other_points())
+        first = kernels[0].residues
+        for k in sorted(range(len(first)), key=lambda k: np.count_nonzero(first[k])):
+            if not self.missing:
+                return
+            values = fractions_that_hold(
+                _columns(kernels, k, further), lambda values: self._holds(_generator(terms, values))
+            )
+            if values is not None:
+                self._keep(_generator(terms, values))
+
+    @staticmethod
+    def _kernel(terms: list[Term], points: _Points) -> Num[np.ndarray, "k t"]:
+        """Null vectors of the equations for the coefficients."""
+        rows = Echelon(len(terms), points.field)
+        rows.add(points.equations(terms, len(terms) + SPARE))
+        return rows.null_space().T
+
+    def _holds(self, generator: Generator) -> bool:
+        """Whether a generator holds at points modulo a prime that it was not found from."""
+        points = self._confirming
+        if points is None:
+            return False
+        rows = points.equations(list(generator.terms), SPARE)
+        coefficients = points.field.numbers(list(generator.terms.values()))
+        return not points.field.reduced(points.field.product(rows, coefficients).sum(axis=1)).any()
+
+    def _keep(self, generator: Generator) -> None:
+        """Keep a generator that is independent of those known."""
+        before = self._directions.rank
+        self._directions.add(self._fixed_point.direction(generator, self._moved)[np.newaxis])
+        if self._directions.rank > before:
+            self.found.append(generator)
+
+
+def combined(fields: Sequence[Generator], weights: Sequence[Fraction]) -> Generator:
+    """The sum of fields with weights."""
     terms: dict[Term, Fraction] = defaultdict(Fraction)
-    for factor, each in zip(factors, fields, strict=True):
+    for factor, each in zip(weights, fields, strict=True):
         for term, value in each.terms.items():
-            terms[term] += value * (factor or 0)
+            terms[term] += value * factor
     return Generator({term: value for term, value in terms.items() if value})
 
 
-def as_generator(components: dict[str, Polynomial], prime: int) -> Generator | None:
-    """A field of residues in coprime integers."""
-    pairs = [
-        (Term(name, factors), value) for name, each in components.items() for factors, value in each.items()
-    ]
-    values = np.array([value for _, value in pairs], dtype=np.uint64)
+def as_generator(
+    found: Iterable[Modulo[dict[str, Polynomial]]], holds: Callable[[Generator], bool]
+) -> Generator | None:
+    """A field in coprime integers, from its residues up to a factor modulo one prime after the other; None unless it holds."""
+    fields = iter(found)
+    first = next(fields)
+    terms = [Term(name, factors) for name, each in first.residues.items() for factors in each]
+
+    def scaled(each: Modulo[dict[str, Polynomial]], by: Term) -> Modulo[Sequence[int]]:
+        field, prime = each.residues, each.prime
+        factor = pow(field[by.moved][by.factors], -1, prime)
+        return Modulo(prime, [field[term.moved][term.factors] * factor % prime for term in terms])
+
+    def confirmed(vectors: Iterable[Modulo[Sequence[int]]]) -> Generator | None:
+        values = fractions_that_hold(vectors, lambda values: holds(_generator(terms, values)))
+        return None if values is None else _generator(terms, values)
+
     # Any coefficient may carry the common factor: the first by which all others are simple fractions is it.
-    for value in values.tolist():
-        scaled = values * np.uint64(pow(value, -1, prime)) % np.uint64(prime)
-        generator = _lifted([term for term, _ in pairs], scaled, prime)
+    for term in terms:
+        generator = confirmed([scaled(first, term)])
         if generator is not None:
             return generator
-    return None
+    monomials = {name: set(each) for name, each in first.residues.items()}
+    alike = (each for each in fields if {name: set(own) for name, own in each.residues.items()} == monomials)
+    return confirmed(scaled(each, terms[0]) for each in chain([first], alike))
 
 
-def _lifted(terms: Sequence[Term], column: Num[np.ndarray, " t"], prime: int) -> Generator | None:
-    """A kernel vector in fractions, with coprime integers; None where its residues are of no simple fractions."""
-    kept = np.flatnonzero(column)
-    values = [fraction_of(int(column[k]), prime) for k in kept]
-    if any(value is None for value in values):
-        return None
-    fractions = [value for value in values if value is not None]
-    whole = coprime_integers(fractions)
-    return Generator({terms[k]: value for k, value in zip(kept.tolist(), whole, strict=True)})
+def _generator(terms: Sequence[Term], values: Sequence[Fraction]) -> Generator:
+    """Terms with coprime integers as coefficients, without those of 0."""
+    kept = [(term, value) for term, value in zip(terms, values, strict=True) if value]
+    whole = coprime_integers([value for _, value in kept])
+    return Generator({term: value for (term, _), value in zip(kept, whole, strict=True)})

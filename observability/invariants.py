@@ -20,18 +20,17 @@ from jaxtyping import Num
 from observability.exact_numbers import PrimeField, residue
 from observability.generators import Generator
 from observability.model import Model
-from observability.model_rank import ReachedModel, exact_rank, output_coefficients, reached
+from observability.model_rank import ReachedModel, exact_rank, other_primes, output_coefficients, reached
 from observability.monomials import (
     Monomial,
     Values,
-    coprime_integers,
-    fraction_of,
     monomial_rate,
     polynomial_value,
     product_in_words,
     sum_in_words,
 )
 from observability.null_fields import is_rational, point_at
+from observability.rational_reconstruction import Modulo, coprime_integers, fractions_that_hold
 from observability.residue_matrices import Echelon
 from observability.written_formulas import written
 
@@ -45,8 +44,8 @@ SPARE = 6
 """Equations beyond the number of coefficients."""
 POINTS = 4
 """At which an invariant is tried."""
-OTHER_BASE = 271828183
-"""Of the field in which it is tried."""
+MOST_PRIMES = 6
+"""That coefficients are put together of."""
 MOST_CHOICES = 3_000
 """Sets of unknowns that may be set to 1 or 0."""
 MOST_FRAMES = 30
@@ -79,6 +78,15 @@ class Invariant:
         if not below:
             return words
         return f"{words}/{below[0]}" if len(below) == 1 else f"{words}/({'*'.join(below)})"
+
+    def value(self, values: Values, field: PrimeField) -> Num[np.ndarray, " b"]:
+        """Itself at points."""
+        total = np.ones_like(next(iter(values.values())))
+        for polynomial, power in self.factors:
+            size = polynomial_value(_residues(polynomial, field), values, field)
+            for _ in range(abs(power)):
+                total = field.product(total, size if power > 0 else field.inverse(size))
+        return total
 
     def logarithmic_rate(self, rates: Values, values: Values, field: PrimeField) -> Num[np.ndarray, " b"]:
         """Derivative of its logarithm along a field with these components."""
@@ -146,6 +154,7 @@ class _InvariantSearch:
         self._rest = [each for each in generators if each.kind != "scaling"]
         self._random = np.random.default_rng(6)
         self._field = PrimeField()
+        self._confirming, *self._further = [PrimeField(prime=each) for each in other_primes()[:MOST_PRIMES]]
 
     def result(self) -> InvariantSet:
         names = [*self._moved, *self._others]
@@ -186,7 +195,7 @@ class _InvariantSearch:
 
     def _holds(self, invariant: Invariant) -> bool:
         """Whether no generator changes it, at points of another field."""
-        field = PrimeField(base=OTHER_BASE)
+        field = self._confirming
         values = self._draw(POINTS, field)
         return not any(
             invariant.logarithmic_rate(_components(each, values, field), values, field).any()
@@ -231,20 +240,39 @@ class _InvariantSearch:
 
     def _left_alone(self, monomials: list[Monomial]) -> list[IntegerPolynomial]:
         """Sums of monomials that the generators other than scalings leave alone."""
-        field = self._field
+        check = self._conditions(monomials, self._confirming)
+        first = self._conditions(monomials, self._field).null_space().T
+        kernels = [first]
+
+        def holds(values: list[Fraction]) -> bool:
+            field = self._confirming
+            return not field.reduced(field.product(check.rows, field.numbers(values)).sum(axis=1)).any()
+
+        def vectors(k: int) -> Iterator[Modulo[Sequence[int]]]:
+            for index, field in enumerate((self._field, *self._further)):
+                if index == len(kernels):
+                    kernels.append(self._conditions(monomials, field).null_space().T)
+                if kernels[index].shape != first.shape:
+                    return
+                yield Modulo(field.prime, [int(value) for value in kernels[index][k]])
+
+        found = []
+        for k in sorted(range(len(first)), key=lambda k: np.count_nonzero(first[k])):
+            values = fractions_that_hold(vectors(k), holds)
+            if values is not None:
+                kept = [(term, value) for term, value in zip(monomials, values, strict=True) if value]
+                whole = coprime_integers([value for _, value in kept])
+                found.append({term: value for (term, _), value in zip(kept, whole, strict=True)})
+        return found
+
+    def _conditions(self, monomials: list[Monomial], field: PrimeField) -> Echelon:
+        """Rates of monomials along the generators other than scalings, at random points."""
         values = self._draw(-(-(len(monomials) + SPARE) // len(self._rest)) + 2, field)
         rows = Echelon(len(monomials), field)
         for each in self._rest:
             rates = _components(each, values, field)
             rows.add(np.stack([monomial_rate(term, values, rates, field) for term in monomials], axis=1))
-        found = []
-        for vector in sorted(rows.null_space().T, key=np.count_nonzero):
-            kept = np.flatnonzero(vector).tolist()
-            fractions = [fraction_of(int(vector[k]), field.prime) for k in kept]
-            if all(value is not None for value in fractions):
-                whole = coprime_integers([value for value in fractions if value is not None])
-                found.append({monomials[k]: value for k, value in zip(kept, whole, strict=True)})
-        return found
+        return rows
 
 
 def _components(generator: Generator, values: Values, field: PrimeField) -> dict[str, Num[np.ndarray, " b"]]:

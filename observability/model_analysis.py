@@ -8,8 +8,9 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+from observability.branches import branch_conditions
 from observability.discrete_rank import outputs_rank
-from observability.discrete_symmetries import DiscreteSearch, discrete_symmetries
+from observability.discrete_symmetries import DiscreteSearch, SolutionFamily, discrete_symmetries
 from observability.generators import Generator, named_directions
 from observability.input_inversion import InvertedModel, invert
 from observability.invariant_manifold import known_numbers, restricted, staying
@@ -19,6 +20,7 @@ from observability.model import Model, model_of
 from observability.model_rank import ExactRank, reached
 from observability.null_vectors import RationalNullSpace, rational_null_space, symbolic_null_vectors
 from observability.other_solutions import NOT_SEARCHED, OtherSolutions, other_solutions
+from observability.real_rank import RealRank, real_rank
 from spinfilters.core.errors import InputError
 from spinfilters.io.input_file import printable, read_toml
 
@@ -166,10 +168,12 @@ class ModelAnalysis:
 
     @cached_property
     def other_solutions(self) -> DiscreteSearch:
-        """Isolated other solutions: unknowns mirrored or exchanged."""
+        """Other solutions: unknowns mirrored or exchanged."""
         if self.core.discrete:
             return DiscreteSearch((), False)
-        return discrete_symmetries(reached(self.core), self.symmetries)
+        whole = len(self.symmetries) == self.null_dimension
+        family = SolutionFamily(self.symmetries, self.invariants, frozenset(self.unobservable), whole)
+        return discrete_symmetries(reached(self.core), family)
 
     @cached_property
     def isolated_solutions(self) -> OtherSolutions:
@@ -187,8 +191,20 @@ class ModelAnalysis:
         return other_solutions(part, outputs_rank(part))
 
     @cached_property
+    def real_rank(self) -> RealRank:
+        """What ranks at real points say of the exact one; of continuous time only."""
+        return RealRank.SAME if self.core.discrete else real_rank(reached(self.core), self.exact)
+
+    @cached_property
+    def branches(self) -> list[str]:
+        """Inequalities that the answer is limited to, with max, min, abs or comparisons in the equations."""
+        return [] if self.core.discrete else branch_conditions(reached(self.core))
+
+    @cached_property
     def proof(self) -> ModelProof:
         """Why the rank is known."""
+        if self.real_rank is not RealRank.SAME:
+            return ModelProof.OPEN
         if self.null_dimension == 0:
             return ModelProof.FULL
         if self.exact.complete:
@@ -233,14 +249,21 @@ class ModelAnalysis:
             lines.append(f"{self.reparametrisation}.")
         unnamed = self.null_dimension - len(self.symmetries)
         if unnamed:
-            lines.append(f"{unnamed} direction{'s' if unnamed > 1 else ''} without a closed form.")
+            lines.append(
+                f"{unnamed} direction{'s' if unnamed > 1 else ''} for which no generator was found up to degree 2."
+            )
         if unnamed and self.inverted is not None and self.inverted.compensated:
             lines.append(
                 f"Any change of {', '.join(self.inverted.compensated)} goes unnoticed if "
                 f"{', '.join(self.core.unknown_inputs)} changes along."
             )
+        if self.branches:
+            lines.append(
+                f"All this holds where {' and '.join(self.branches)}; elsewhere max, min, abs or a comparison has another branch, "
+                "which may determine other unknowns: give a point there to see."
+            )
         lines.append(f"Proof: {self._proof_in_words()}.")
-        lines += [f"Another solution, isolated: {each}." for each in self.other_solutions.found]
+        lines += [each.sentence for each in self.other_solutions.found]
         if self.other_solutions.complete:
             lines.append(
                 "Local, but for mirrored and exchanged unknowns: other isolated solutions are not looked for."
@@ -254,6 +277,8 @@ class ModelAnalysis:
     def _proof_in_words(self) -> str:
         if self.proof is not ModelProof.OPEN:
             return self.proof.value
+        if self.real_rank is not RealRank.SAME:
+            return f"open: {self.real_rank.value}"
         reasons = [
             ("a special point", self.model.point),
             ("known initial values", self.model.known_initial_values),
@@ -314,6 +339,7 @@ class ModelAnalysis:
             "other_solutions": [str(each) for each in self.other_solutions.found],
             "other_solutions_complete": self.other_solutions.complete,
             "generic_rank": self.generic_rank,
+            "holds_where": self.branches,
             "certified": self.certified,
             "proof": self._proof_in_words(),
             "text": self.sentences,

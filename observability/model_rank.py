@@ -3,13 +3,13 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cached_property
+from functools import cache, cached_property
 
 import casadi as ca
 import numpy as np
 from jaxtyping import Bool, Num
 
-from observability.exact_numbers import NotRegularError, PrimeField, residue
+from observability.exact_numbers import PRIME, NotRegularError, PrimeField, residue
 from observability.function_values import (
     BranchDecisions,
     FunctionValues,
@@ -28,10 +28,20 @@ BATCHES = (1, 16, 64, 256)
 """Random points drawn at once until all roots and logarithms exist."""
 MOST_PRIMES = 400
 """Primes tried for values that are given and cannot be drawn."""
+MOST_FIELDS = 60
+"""Primes tried for fields of which some are wanted."""
 MOST_POINTS = 20_000
 """Points drawn at once, at most."""
 LARGEST_INPUT = 1 << 30
 """Of the integers drawn as derivatives of inputs: below all primes, so that they are the same modulo each."""
+THOUSANDTHS = 1000
+"""In a unit: of values at which branches are decided."""
+LARGEST_WORK = 1e9
+"""Products of a series, order by order, after which no higher derivative is taken: some 25 seconds."""
+COFACTOR = 24
+"""Of primes 24 q + 1, of which 2 and 3 may have roots: those of a prime 4 q + 1 never do."""
+ROOTED = (2, 3, 5, 7)
+SIEVED_FOR_ROOTS = 1 << 20
 SIEVED = 1 << 18
 """Numbers q below 2^29 among which primes are looked for."""
 
@@ -154,8 +164,8 @@ def draw_point(part: ReachedModel, generator: np.random.Generator) -> DrawnPoint
         Where none is found.
     """
     reason = "division by 0"
-    for prime, batch in _attempts(part):
-        field = PrimeField(int(generator.integers(2, 1 << 30)), prime) if prime else _field(generator)
+    for (prime, cofactor), batch in _attempts(part):
+        field = PrimeField(int(generator.integers(2, 1 << 30)), prime, cofactor)
         try:
             return _tried(part, field, batch, generator).first
         except NotRegularError as error:
@@ -171,14 +181,16 @@ def _field(generator: np.random.Generator) -> PrimeField:
     return PrimeField(int(generator.integers(2, 1 << 30)))
 
 
-def _attempts(part: ReachedModel) -> Iterator[tuple[int | None, int]]:
-    """Primes (None for the usual one) and batch sizes."""
+def _attempts(part: ReachedModel) -> Iterator[tuple[tuple[int, int], int]]:
+    """Primes with their cofactors, and batch sizes."""
     for batch in BATCHES:
-        yield None, batch
+        yield (PRIME, 4), batch
     needs_primes = bool(part.model.point or part.model.known_initial_values) or _constants_matter(part)
     if needs_primes:
         for prime in other_primes()[:MOST_PRIMES]:
-            yield prime, BATCHES[1]
+            yield (prime, 4), BATCHES[1]
+        for prime in primes_with_roots():
+            yield (prime, COFACTOR), BATCHES[1]
 
 
 def _constants_matter(part: ReachedModel) -> bool:
@@ -186,21 +198,50 @@ def _constants_matter(part: ReachedModel) -> bool:
     return bool(part.tape.operations & {"sqrt", "log", "arg"})
 
 
-def other_primes() -> list[int]:
-    """Primes 4 q + 1 with q prime, the largest below 2^31."""
-    top = 1 << 29
-    numbers = np.arange(top - SIEVED, top, dtype=np.int64)
-    good = np.ones(SIEVED, dtype=bool)
+@cache
+def other_primes() -> tuple[int, ...]:
+    """Primes 4 q + 1 with q prime, the largest below 2^31. Of none of them 2, 3 or 4 has an exact root."""
+    return _primes(4, 1 << 29, SIEVED)
+
+
+@cache
+def primes_with_roots() -> tuple[int, ...]:
+    """Primes 24 q + 1 with q prime, first those of which more of the numbers 2, 3, 5 and 7 have an exact root."""
+    found = _primes(COFACTOR, 1 << 26, SIEVED_FOR_ROOTS)
+    counts = [sum(pow(number, (prime - 1) // COFACTOR, prime) == 1 for number in ROOTED) for prime in found]
+    ranked = sorted(range(len(found)), key=lambda k: -counts[k])
+    return tuple(found[k] for k in ranked[:MOST_PRIMES])
+
+
+def _primes(cofactor: int, top: int, sieved: int) -> tuple[int, ...]:
+    """Primes that are 1 more than the cofactor times a prime below a number, the largest first."""
+    numbers = np.arange(top - sieved, top, dtype=np.int64)
+    good = numbers % 2 == 1
     root = np.arange(3, 1 << 16, 2)
     small = root[[all(value % k for k in range(3, int(value**0.5) + 1, 2)) for value in root.tolist()]]
-    good &= numbers % 2 == 1
     for divisor in small.tolist():
-        first = -(top - SIEVED) % divisor
+        first = -(top - sieved) % divisor
         good[first::divisor] = False
-        # 4 q + 1 = 0 modulo the divisor
-        also = (-pow(4, -1, divisor) - (top - SIEVED)) % divisor
-        good[also::divisor] = False
-    return [int(4 * q + 1) for q in numbers[good][::-1].tolist()]
+        if cofactor % divisor:
+            # cofactor q + 1 = 0 modulo the divisor
+            also = (-pow(cofactor, -1, divisor) - (top - sieved)) % divisor
+            good[also::divisor] = False
+    return tuple(int(cofactor * q + 1) for q in numbers[good][::-1].tolist())
+
+
+def other_fields(part: ReachedModel, random: np.random.Generator) -> Iterator[PrimeField]:
+    """Fields of other primes in which all functions have values at some random points."""
+    primes = [(prime, 4) for prime in other_primes()[:MOST_FIELDS]]
+    if _constants_matter(part):
+        primes += [(prime, COFACTOR) for prime in primes_with_roots()[:MOST_FIELDS]]
+    for prime, cofactor in primes:
+        field = PrimeField(prime=prime, cofactor=cofactor)
+        if _constants_matter(part):
+            try:
+                _tried(part, field, BATCHES[-1], random)
+            except NotRegularError:
+                continue
+        yield field
 
 
 def draw_points(
@@ -258,7 +299,7 @@ def _floats(
     part: ReachedModel, names: Sequence[str], batch: int, generator: np.random.Generator
 ) -> Num[np.ndarray, "n b"]:
     """Thousandths between 0.5 and 2 that floats hold nearly, where branches are to be decided."""
-    drawn = generator.integers(500, 2000, (len(names), batch)) / 1000
+    drawn = generator.integers(THOUSANDTHS // 2, 2 * THOUSANDTHS, (len(names), batch)) / THOUSANDTHS
     for k, name in enumerate(names):
         if name in part.model.point:
             drawn[k] = float(part.model.point[name])
@@ -287,7 +328,7 @@ def drawn_values(
             p[k], q[k] = residue(value, field.prime), residue(value, field.order)
         elif floats is not None:
             for j in range(batch):
-                value = Fraction(round(1000 * floats[k, j]), 1000)
+                value = Fraction(round(THOUSANDTHS * floats[k, j]), THOUSANDTHS)
                 p[k, j], q[k, j] = residue(value, field.prime), residue(value, field.order)
     return Residues(p, q)
 
@@ -385,12 +426,25 @@ def output_rows(
 def output_coefficients(
     part: ReachedModel, point: DrawnPoint, orders: int, generator: np.random.Generator
 ) -> Iterator[Num[np.ndarray, "r b n"]]:
-    """The outputs' Taylor coefficients at every point, order by order, each value before its gradient."""
+    """The outputs' Taylor coefficients at every point, order by order, each value before its gradient.
+
+    Raises
+    ------
+    InputError
+        Where those of another order would take too long.
+    """
     field, states, unknown = point.field, len(part.states), len(part.unknown_inputs)
     width = 1 + len(part.unknowns) + unknown * (orders - 1)
     series = Series(part.tape, point.decisions, field, (orders, point.count, width))
     state = start_values(part, point, width)
+    work = 0.0
     for order in range(orders):
+        work += float(order) * part.tape.size * width * point.count
+        if work > LARGEST_WORK:
+            raise InputError(
+                f"{part.model.name}: derivatives of the outputs of order {order} and more by {len(part.unknowns)} unknowns take "
+                "too long; measure more states, declare what is known among known_constants, or analyse a part of the system"
+            )
         series.put(0, order, state)
         for index, given in _given(part, point, order, width, generator):
             series.put(index, order, given)
@@ -432,7 +486,7 @@ def _given(
 def with_tangents(
     part: ReachedModel, names: Sequence[str], p: Num[np.ndarray, "n b"], width: int
 ) -> Num[np.ndarray, "n b m"]:
-    values = np.zeros((*p.shape, width), dtype=np.uint64)
+    values = np.zeros((*p.shape, width), dtype=p.dtype)
     values[..., 0] = p
     for k, name in enumerate(names):
         if name in part.unknowns:

@@ -8,6 +8,7 @@ from typing import Final
 
 import casadi as ca
 
+from observability.exact_numbers import near_simple
 from spinfilters.core.errors import InputError
 
 LONGEST_FORMULA: Final = 20_000
@@ -39,6 +40,14 @@ FUNCTIONS: Final[Mapping[str, tuple[int, Callable[..., ca.SX]]]] = {
     "max": (2, ca.fmax),
 }
 """Functions of a formula with the number of their arguments."""
+CONSTANTS: Final[Mapping[str, float]] = {"pi": math.pi}
+"""Numbers with a name, where a model has no symbol of that name."""
+LONGEST_FRACTION: Final = 4096
+"""Bits of a number that is computed exactly."""
+CANCELLED: Final = 2.0**-50
+"""Part of the terms of a sum of irrational numbers below which it is 0."""
+Value = ca.SX | Fraction | float
+"""An expression, an exact constant, or a constant that is rounded."""
 MISPLACED: Final[Mapping[str, str]] = {
     ",": "write numbers with a decimal point, and commas only between a function's arguments",
     ")": "leave it out, or write its '(' or what is in between",
@@ -109,7 +118,7 @@ class _Formula:
             word = self._tokens[self._next][1]
             cure = MISPLACED.get(word, "write an operator such as * before it")
             raise self._wrong(f"{word!r} is not expected here; {cure}")
-        return result
+        return _expression(result)
 
     def _split(self, text: str) -> list[tuple[str, str]]:
         tokens, at, text = [], 0, text.rstrip()
@@ -133,34 +142,36 @@ class _Formula:
             return self._tokens[self._next - 1][1]
         return None
 
-    def _sum(self) -> ca.SX:
+    def _sum(self) -> Value:
         self._depth += 1
         if self._depth > DEEPEST:
             raise self._wrong(f"more than {DEEPEST} parentheses lie within one another; write it with fewer")
         result = self._product()
         while sign := self._take("+", "-"):
             other = self._product()
-            result = result + other if sign == "+" else result - other
+            result = _sum(result, other if sign == "+" else -other)
         self._depth -= 1
         return result
 
-    def _product(self) -> ca.SX:
+    def _product(self) -> Value:
         result = self._signed()
         while sign := self._take("*", "/"):
             other = self._signed()
-            if sign == "/" and other.is_zero():
+            if sign == "/" and _expression(other).is_zero():
                 raise self._wrong("something is divided by 0; change the divisor")
-            result = self._finite(result * other if sign == "*" else result / other, "a product")
+            result = self._finite(
+                _product(result, other) if sign == "*" else _quotient(result, other), "a product"
+            )
         return result
 
-    def _signed(self) -> ca.SX:
+    def _signed(self) -> Value:
         negative = False
         while sign := self._take("+", "-"):
             negative ^= sign == "-"
         result = self._power()
         return -result if negative else result
 
-    def _power(self) -> ca.SX:
+    def _power(self) -> Value:
         base = self._atom()
         if self._take("**", "^"):
             self._depth += 1
@@ -168,10 +179,10 @@ class _Formula:
                 raise self._wrong(f"more than {DEEPEST} powers lie within one another; write it with fewer")
             exponent = self._signed()
             self._depth -= 1
-            return self._finite(base**exponent, "a power")
+            return self._finite(_power(base, exponent), "a power")
         return base
 
-    def _atom(self) -> ca.SX:
+    def _atom(self) -> Value:
         if self._next >= len(self._tokens):
             raise self._wrong(
                 "it ends where something is still expected; complete it, or leave out the last sign"
@@ -189,20 +200,22 @@ class _Formula:
         cure = MISPLACED.get(word, "write a name, a number or a parenthesis before it")
         raise self._wrong(f"{word!r} is not expected here; {cure}")
 
-    def _number(self, word: str) -> ca.SX:
+    def _number(self, word: str) -> Fraction:
         _, _, exponent = word.lower().partition("e")
         if len(word) > 2 * LARGEST_EXPONENT or abs(int(exponent or 0)) > LARGEST_EXPONENT:
             raise self._wrong(f"the number {word[:40]} is too long; keep it between 1e-30 and 1e30")
-        return ca.SX(float(word))
+        return Fraction(word)
 
-    def _symbol(self, word: str) -> ca.SX:
-        if word not in self._symbols:
-            raise self._wrong(
-                f"{word!r} is unknown; declare it among states, parameters, inputs, unknown_inputs or known_constants"
-            )
-        return self._symbols[word]
+    def _symbol(self, word: str) -> Value:
+        if word in self._symbols:
+            return self._symbols[word]
+        if word in CONSTANTS:
+            return CONSTANTS[word]
+        raise self._wrong(
+            f"{word!r} is unknown; declare it among states, parameters, inputs, unknown_inputs or known_constants"
+        )
 
-    def _called(self, word: str) -> ca.SX:
+    def _called(self, word: str) -> Value:
         if word not in FUNCTIONS:
             raise self._wrong(f"the function {word!r} is unknown; use one of {', '.join(FUNCTIONS)}")
         count, function = FUNCTIONS[word]
@@ -215,10 +228,21 @@ class _Formula:
             raise self._wrong(
                 f"{word} takes {count} argument{'s' if count > 1 else ''}, got {len(arguments)}"
             )
-        return self._finite(function(*arguments), word)
+        value = self._finite(function(*[_expression(each) for each in arguments]), word)
+        if any(isinstance(each, ca.SX) for each in arguments):
+            return value
+        number = float(value)
+        if word in ("sin", "cos", "tan") and abs(number) < CANCELLED * abs(arguments[0]):
+            return Fraction(0)
+        return _simplest(number)
 
-    def _finite(self, value: ca.SX, what: str) -> ca.SX:
-        if value.is_constant() and not math.isfinite(float(value)):
+    def _finite(self, value: Value, what: str) -> Value:
+        try:
+            expression = _expression(value)
+            finite = not expression.is_constant() or math.isfinite(float(expression))
+        except OverflowError:
+            finite = False
+        if not finite:
             raise self._wrong(f"{what} has no finite value here; change its argument")
         return value
 
@@ -228,3 +252,54 @@ class _Formula:
 
     def _wrong(self, words: str) -> InputError:
         return InputError(f"{self._where}: {words}")
+
+
+def _expression(value: Value) -> ca.SX:
+    return value if isinstance(value, ca.SX) else ca.SX(float(value))
+
+
+def _simplest(value: float) -> Fraction | float:
+    """A rounded number, or the simple fraction it is nearly equal to."""
+    found = near_simple(value) if math.isfinite(value) else None
+    return value if found is None else found
+
+
+def _sum(a: Value, b: Value) -> Value:
+    if isinstance(a, ca.SX) or isinstance(b, ca.SX):
+        return _expression(a) + _expression(b)
+    if isinstance(a, Fraction) and isinstance(b, Fraction):
+        return _short(a + b)
+    total = float(a) + float(b)
+    if abs(total) <= CANCELLED * max(abs(float(a)), abs(float(b))):
+        return Fraction(0)
+    return _simplest(total)
+
+
+def _product(a: Value, b: Value) -> Value:
+    if isinstance(a, ca.SX) or isinstance(b, ca.SX):
+        return _expression(a) * _expression(b)
+    if isinstance(a, Fraction) and isinstance(b, Fraction):
+        return _short(a * b)
+    return _simplest(float(a) * float(b))
+
+
+def _quotient(a: Value, b: Value) -> Value:
+    if isinstance(a, ca.SX) or isinstance(b, ca.SX):
+        return _expression(a) / _expression(b)
+    return _product(a, 1 / b)
+
+
+def _power(base: Value, exponent: Value) -> Value:
+    """Exact for whole exponents of numbers that stay short."""
+    if isinstance(base, Fraction) and isinstance(exponent, Fraction) and exponent.denominator == 1:
+        bits = max(base.numerator.bit_length(), base.denominator.bit_length())
+        if bits * abs(exponent.numerator) < LONGEST_FRACTION and (base or exponent >= 0):
+            return base**exponent.numerator
+    value = _expression(base) ** _expression(exponent)
+    return value if isinstance(base, ca.SX) or isinstance(exponent, ca.SX) else _simplest(float(value))
+
+
+def _short(value: Fraction) -> Fraction | float:
+    """A fraction, rounded where it is long."""
+    bits = max(value.numerator.bit_length(), value.denominator.bit_length())
+    return value if bits < LONGEST_FRACTION else float(value)

@@ -3,7 +3,6 @@
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
-from math import isqrt
 
 import numpy as np
 from jaxtyping import Num
@@ -67,26 +66,6 @@ def multiplied(a: Polynomial, b: Polynomial, prime: int) -> Polynomial:
             key = tuple(sorted((*left, *right)))
             found[key] = (found[key] + x * y) % prime
     return {key: value for key, value in found.items() if value}
-
-
-def fraction_of(number: int, modulus: int) -> Fraction | None:
-    """The fraction with small numerator and denominator that a residue is of, by Euclid's algorithm."""
-    bound = isqrt(modulus // 2)
-    above, below = (modulus, 0), (number, 1)
-    while below[0] > bound:
-        step = above[0] // below[0]
-        above, below = below, (above[0] - step * below[0], above[1] - step * below[1])
-    if not below[1] or abs(below[1]) > bound:
-        return None
-    return Fraction(below[0], below[1])
-
-
-def coprime_integers(values: Sequence[Fraction]) -> list[Fraction]:
-    """A vector scaled to coprime integers, the first of them positive."""
-    scale = int(np.lcm.reduce([value.denominator for value in values]))
-    whole = [int(value * scale) for value in values]
-    divisor = int(np.gcd.reduce(whole)) * (1 if whole[0] > 0 else -1)
-    return [Fraction(value, divisor) for value in whole]
 
 
 def product_in_words(value: Fraction, factors: Sequence[str]) -> str:

@@ -5,9 +5,10 @@ fractions, and tried modulo one prime more. As formulas it is spanned by the gen
 components are interpolated as rational functions of the unknowns.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from fractions import Fraction
+from itertools import chain, islice
 
 import casadi as ca
 import numpy as np
@@ -15,12 +16,14 @@ from jaxtyping import Num
 
 from observability.exact_numbers import NotRegularError, PrimeField, residue
 from observability.generators import INTERPOLATION_SECONDS, Generator, as_generator
+from observability.generators import MOST_PRIMES as GENERATOR_PRIMES
 from observability.invariant_manifold import at_values
 from observability.model import Model
 from observability.model_rank import ExactRank, ReachedModel, other_primes, output_rows
-from observability.monomials import fraction_of
+from observability.monomials import Polynomial
 from observability.null_fields import NullFields, is_rational, point_at
 from observability.rational_generators import rational_fields
+from observability.rational_reconstruction import Modulo, fractions_that_hold
 from observability.residue_matrices import Echelon
 from observability.tape import PIECEWISE, TRANSCENDENTAL
 from observability.written_formulas import written
@@ -62,7 +65,7 @@ class RationalNullSpace:
         lines = [
             ", ".join(f"{name} {_signed(value)}" for name, value in each.items()) for each in self.vectors
         ]
-        return "\n".join([f"At {where}:", *[f"  {line}" for line in lines]])
+        return "\n".join([f"At {where}:" if where else "Anywhere:", *[f"  {line}" for line in lines]])
 
 
 def _signed(value: Fraction) -> str:
@@ -79,6 +82,11 @@ def rational_null_space(part: ReachedModel, exact: ExactRank, seed: int = 0) -> 
     exact : ExactRank
         Its rank, which the point has to have.
     """
+    free: tuple[dict[str, Fraction], ...] = tuple(
+        {name: Fraction(1)} for name in part.model.unknowns if name not in part.unknowns
+    )
+    if not part.unknowns:
+        return RationalNullSpace({}, free, 0)
     foreign = TRANSCENDENTAL | PIECEWISE | {"sqrt"}
     if foreign & (part.tape.operations | part.start.operations):
         return None
@@ -90,7 +98,7 @@ def rational_null_space(part: ReachedModel, exact: ExactRank, seed: int = 0) -> 
         except (NotRegularError, InputError):
             continue
         if found is not None:
-            return found
+            return replace(found, vectors=free + found.vectors)
     return None
 
 
@@ -104,32 +112,33 @@ def _integers(part: ReachedModel, random: np.random.Generator) -> dict[str, Frac
 def _lifted(
     part: ReachedModel, exact: ExactRank, point: dict[str, Fraction], primes: Sequence[int]
 ) -> RationalNullSpace | None:
-    """Fractions that agree with one prime more than they were lifted from."""
-    whole, modulus = np.zeros(0, dtype=object), 1
-    known: list[Fraction | None] | None = None
-    for used, prime in enumerate(primes):
-        space = _null_space(part, point, PrimeField(prime=prime))
-        if space.shape[1] != exact.null_space.shape[1]:
-            return None
-        residues = [int(value) for value in space.ravel()]
-        if known is not None and all(value is not None for value in known):
-            fractions = [value for value in known if value is not None]
-            if [residue(value, prime) for value in fractions] == residues:
-                table = np.array(fractions, dtype=object).reshape(space.shape)
-                vectors = tuple(
-                    {name: value for name, value in zip(part.unknowns, column, strict=True) if value}
-                    for column in table.T
-                )
-                return RationalNullSpace(point, vectors, used)
-        if modulus == 1:
-            whole = np.array(residues, dtype=object)
-        else:
-            inverse = pow(modulus, -1, prime)
-            steps = [(new - int(old)) * inverse % prime for new, old in zip(residues, whole, strict=True)]
-            whole = whole + modulus * np.array(steps, dtype=object)
-        modulus *= prime
-        known = [fraction_of(int(value), modulus) for value in whole]
-    return None
+    """Fractions that hold modulo a prime that they were not lifted from."""
+    directions, used = exact.null_space.shape[1], 0
+    confirming = _null_space(part, point, PrimeField(prime=primes[-1]))
+    if confirming.shape[1] != directions:
+        return None
+
+    def spaces() -> Iterator[Modulo[Sequence[int]]]:
+        nonlocal used
+        for prime in primes[:-1]:
+            used += 1
+            space = _null_space(part, point, PrimeField(prime=prime))
+            if space.shape != confirming.shape:
+                return
+            yield Modulo(prime, [int(value) for value in space.ravel()])
+
+    expected = [int(value) for value in confirming.ravel()]
+    found = fractions_that_hold(
+        spaces(), lambda values: [residue(value, primes[-1]) for value in values] == expected
+    )
+    if found is None:
+        return None
+    table = np.array(found, dtype=object).reshape(confirming.shape)
+    vectors = tuple(
+        {name: value for name, value in zip(part.unknowns, column, strict=True) if value}
+        for column in table.T
+    )
+    return RationalNullSpace(point, vectors, used)
 
 
 def _null_space(part: ReachedModel, point: dict[str, Fraction], field: PrimeField) -> Num[np.ndarray, "n d"]:
@@ -166,12 +175,39 @@ def symbolic_null_vectors(
     missing = exact.null_space.shape[1] + len(model.unknowns) - len(part.unknowns) - len(fields)
     if missing > 0 and is_rational(part) and exact.null_space.shape[1]:
         random = np.random.default_rng(12)
-        field = PrimeField()
-        spaces = NullFields(
-            part, exact.order + 1, exact.null_space.shape[1], field, random, INTERPOLATION_SECONDS
+        directions = exact.null_space.shape[1]
+        first, checked, *others = (
+            PrimeField(),
+            *[PrimeField(prime=each) for each in other_primes()[:GENERATOR_PRIMES]],
         )
+
+        def spaces(field: PrimeField) -> NullFields:
+            return NullFields(part, exact.order + 1, directions, field, random, INTERPOLATION_SECONDS)
+
+        def started(field: PrimeField) -> Iterator[dict[str, Polynomial]]:
+            fields = spaces(field)
+            return rational_fields(fields, frozenset(fields.names), ())
+
+        confirming = spaces(checked)
+        values = confirming.draw(1)
+        basis = confirming.at(values)[0]
+
+        def holds(generator: Generator) -> bool:
+            rows = Echelon(basis.shape[1], checked)
+            rows.add(basis)
+            own = [generator.component(name, values, checked) for name in part.unknowns]
+            rows.add(np.stack(own, axis=1))
+            return rows.rank == directions
+
         found = [
-            as_generator(each, field.prime) for each in rational_fields(spaces, frozenset(spaces.names), ())
+            as_generator(
+                chain(
+                    [Modulo(first.prime, each)],
+                    (Modulo(other.prime, next(islice(started(other), index, None), {})) for other in others),
+                ),
+                holds,
+            )
+            for index, each in enumerate(started(first))
         ]
         unreached = [each for each in fields if not set(each.components) <= set(part.unknowns)]
         fields = [*unreached, *[each for each in found if each is not None]]

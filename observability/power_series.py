@@ -41,7 +41,7 @@ class Series:
         self._registers = np.zeros((orders, tape.size, batch, width), dtype=arithmetic.dtype)
         self._shares: dict[int, np.ndarray] = {}
         for register, value in tape.constants:
-            self._registers[0, register, :, 0] = arithmetic.numbers([value])[0]
+            self._registers[0, register, :, 0] = arithmetic.copies(value, batch)
 
     def put(self, index: int, order: int, values: Num[np.ndarray, "n b m"]) -> None:
         """Coefficients of an input."""
@@ -158,6 +158,7 @@ class Series:
             value = self._branch_decisions.values.get(index)
             if value is None:
                 value = self._arithmetic.logarithm(first[..., 0])
+                value = self._arithmetic.negative(self._arithmetic.times_i(value)) if turns else value
             return self._with_value(value, self._arithmetic.product(above, inverse))
         rest = self._convolved(group.out, group.left, range(1, order), order, weighted=True)
         return self._divided(self._difference(above, rest), first)

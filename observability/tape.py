@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from observability.elementary_functions import LOWERED
-from observability.exact_numbers import rational
+from observability.exact_numbers import near_simple, rational
 from spinfilters.core.errors import InputError
 
 NAMES = {value: name[3:].lower() for name, value in vars(ca).items() if name.startswith("OP_")}
@@ -102,6 +102,11 @@ def tape_of(name: str, inputs: list[ca.SX], output: ca.SX) -> Tape:
     return Tape(name, len(reader.levels), registers, tuple(reader.constants), reader.groups(), outputs)
 
 
+def _constant(value: float) -> Fraction:
+    """The fraction a constant of an expression stands for, which CasADi may have computed from others."""
+    return (near_simple(value) if np.isfinite(value) else None) or rational(value)
+
+
 class _Reader:
     """Renames CasADi's reused work registers as it reads."""
 
@@ -124,7 +129,7 @@ class _Reader:
         elif operation == "input":
             self._current[written[0]] = int(edges[read[0]]) + read[1]
         elif operation == "const":
-            self._current[written[0]] = self.constant(rational(function.instruction_constant(k)))
+            self._current[written[0]] = self.constant(_constant(function.instruction_constant(k)))
         else:
             self._operate(operation, [self._current[register] for register in read], written[0])
 

@@ -47,3 +47,42 @@ def test_a_scaling_by_minus_one_is_no_isolated_solution() -> None:
 def test_functions_that_cannot_be_tried_are_said_to_be_local_only() -> None:
     wave = {"states": ["x"], "parameters": ["k"], "equations": {"x": "sin(k*x)"}, "outputs": {"y": "x"}}
     assert "Local only: isolated other solutions are not looked for." in str(analyse(wave))
+
+
+def test_a_map_within_a_family_of_solutions_is_no_isolated_solution() -> None:
+    exchanged = analyse(
+        {
+            "states": ["x", "z"],
+            "parameters": ["a"],
+            "equations": {"x": "-a*x", "z": "-a*z"},
+            "outputs": {"y": "x + z"},
+        }
+    )
+    assert not exchanged.other_solutions.found
+    assert "isolated:" not in str(exchanged)
+
+
+def test_a_map_that_no_known_generator_reaches_is_not_called_isolated() -> None:
+    turned = analyse(
+        {
+            "states": ["x", "y"],
+            "parameters": ["k"],
+            "equations": {"x": "-k*y", "y": "k*x"},
+            "outputs": {"r": "x**2 + y**2"},
+        }
+    )
+    assert [each.sentence for each in turned.other_solutions.found] == ["Another solution: x -> -x, k -> -k."]
+
+
+def test_a_map_that_changes_what_all_generators_keep_is_isolated() -> None:
+    product = analyse(
+        {
+            "states": ["x"],
+            "parameters": ["a", "b"],
+            "equations": {"x": "0"},
+            "outputs": {"y": "(a*b)**2", "z": "x"},
+        }
+    )
+    assert [each.sentence for each in product.other_solutions.found] == [
+        "Another solution, isolated: a -> -a."
+    ]

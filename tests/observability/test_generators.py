@@ -171,7 +171,7 @@ def test_a_direction_without_a_closed_form_is_said_to_be_one() -> None:
             "outputs": {"y": "x"},
         }
     )
-    assert "1 direction without a closed form." in str(found)
+    assert "1 direction for which no generator was found up to degree 2." in str(found)
 
 
 def test_an_unknown_input_is_certified_and_has_its_generator() -> None:
@@ -190,3 +190,76 @@ def test_a_quadratic_generator_is_found() -> None:
     found = analyse(document)
     assert found.null_dimension == len(found.generators) == 2
     assert [each.kind for each in found.symmetries] == ["scaling", "polynomial"]
+
+
+LONG_CONSTANTS: dict[str, tuple[dict[str, Any], str]] = {
+    "a compass with a declination in degrees": (
+        {
+            "states": ["psi"],
+            "parameters": ["declination"],
+            "inputs": ["w"],
+            "equations": {"psi": "w"},
+            "outputs": {"compass": "psi + 0.0174532925*declination"},
+        },
+        "declination -> declination + 400000000 ε, psi -> psi - 6981317 ε",
+    ),
+    "two accelerations": (
+        {
+            "states": ["x", "v"],
+            "parameters": ["a", "b"],
+            "equations": {"x": "v", "v": "-9.80665*a - 1.234567e-5*b"},
+            "outputs": {"y": "x"},
+        },
+        "a -> a + 1234567 ε, b -> b - 980665000000 ε",
+    ),
+    "a constant of fifteen digits": (
+        {
+            "states": ["x"],
+            "parameters": ["a"],
+            "equations": {"x": "1"},
+            "outputs": {"y": "3.14159265358979*x + a"},
+        },
+        "a -> a + 314159265358979 ε, x -> x - 100000000000000 ε",
+    ),
+    "a bias beside a tilt": (
+        {
+            "states": ["v"],
+            "parameters": ["b", "s"],
+            "inputs": ["f"],
+            "equations": {"v": "f - b - 9.80665*s"},
+            "outputs": {"y": "v"},
+        },
+        "b -> b + 196133 ε, s -> s - 20000 ε",
+    ),
+    "known initial values": (
+        {
+            "states": ["x", "z"],
+            "parameters": ["a", "b", "c"],
+            "equations": {"x": "z", "z": "-1.234567*x"},
+            "outputs": {"y": "x + a"},
+            "known_initial_values": {"x": "9.87654321*b + 1.234567*c"},
+        },
+        "b -> b - 123456700/987654321 ε, c -> c + ε",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", LONG_CONSTANTS)
+def test_constants_of_many_digits_come_back_in_generators(name: str) -> None:
+    document, expected = LONG_CONSTANTS[name]
+    (generator,) = analyse(document).symmetries
+    assert str(generator) == expected
+
+
+def test_a_coefficient_that_is_no_fraction_is_in_no_generator() -> None:
+    # What leaves the output alone is a -> a + e ε, b -> b - ε with e = exp(1).
+    document = {
+        "states": [],
+        "parameters": ["a", "b"],
+        "inputs": ["u"],
+        "equations": {},
+        "outputs": {"y": "exp(u)*a + exp(u + 1)*b"},
+    }
+    found = analyse(document)
+    assert found.null_dimension == 1
+    assert not found.symmetries

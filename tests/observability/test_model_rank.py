@@ -5,6 +5,7 @@ from typing import Any
 import casadi as ca
 import pytest
 
+from observability import analyse, model_rank
 from observability.model import Model, model_of_expressions, model_of_text
 from observability.model_rank import exact_rank, reached
 from spinfilters.core.errors import InputError
@@ -159,3 +160,17 @@ def test_a_symbol_without_a_role_is_named() -> None:
     x, p = ca.SX.sym("x"), ca.SX.sym("p")
     with pytest.raises(InputError, match="'p' is in f or h but has no role"):
         model_of_expressions(-p * x, x, x)
+
+
+def test_a_model_whose_derivatives_take_too_long_is_refused_with_the_cure(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(model_rank, "LARGEST_WORK", 1e4)
+    names = [f"x{k}" for k in range(20)]
+    document = {
+        "states": names,
+        "equations": {name: f"{names[k - 1]}*{names[k - 7]}" for k, name in enumerate(names)},
+        "outputs": {"y": "x0"},
+    }
+    with pytest.raises(InputError, match="by 20 unknowns take too long; measure more states"):
+        analyse(document)

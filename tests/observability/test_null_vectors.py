@@ -120,3 +120,23 @@ def test_a_written_formula_has_the_value_of_its_expression() -> None:
         assert written(expression) == text
         number = float(ca.Function("f", [a, b, c], [expression])(*values.values()))
         assert eval(text, {**values, "sqrt": math.sqrt, "exp": math.exp}) == pytest.approx(number)
+
+
+NOTHING_REACHED: dict[str, dict[str, object]] = {
+    "a constant": {"outputs": {"y": "1"}},
+    "a state less itself": {"outputs": {"y": "x - x"}},
+    "a known input": {"inputs": ["u"], "outputs": {"y": "u"}},
+    "a known constant": {"known_constants": ["k"], "outputs": {"y": "k"}},
+    "no states": {"states": [], "equations": {}, "outputs": {"y": "2"}},
+}
+
+
+@pytest.mark.parametrize("name", NOTHING_REACHED)
+def test_outputs_that_depend_on_no_unknown_leave_them_all(name: str) -> None:
+    document = {"states": ["x"], "parameters": ["a"], "equations": {"x": "a"}} | NOTHING_REACHED[name]
+    found = analyse(document)
+    assert found.rank == 0
+    expected = [{each: "1"} for each in found.model.unknowns]
+    assert found.document()["null_vectors"]["vectors"] == expected
+    assert found.symbols_in_words().startswith("Null vectors.\nAnywhere:")
+    assert found.symbolic_null_vectors == expected
