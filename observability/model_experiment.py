@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from observability.model import Model
-from observability.stepped_motion import MOST_STEPS, Block, SteppedMotion
+from observability.stepped_motion import MOST_STEPS, SteppedIntervals, SteppedMotion
 from spinfilters.core.compiled import Compiled
 from spinfilters.core.errors import InputError
 from spinfilters.io.argument_checks import refuse
@@ -239,7 +239,7 @@ class Experiment:
 
     def _blocks(
         self, z: Float[np.ndarray, " n"], recorded: Mapping[int, Float[np.ndarray, " t"]]
-    ) -> Iterator[Block]:
+    ) -> Iterator[SteppedIntervals]:
         """The motion from a start, some intervals at a time."""
         motion, times, widths = self._motion(*recorded), self.times, np.diff(self.times)
         columns = np.stack([*recorded.values()], axis=1) if recorded else np.zeros((len(times), 0))

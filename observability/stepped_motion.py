@@ -24,7 +24,7 @@ ROOM: Final = 1.25
 
 
 @dataclass(frozen=True)
-class Block:
+class SteppedIntervals:
     """Some intervals, each of equally many steps.
 
     Attributes
@@ -120,7 +120,9 @@ class SteppedMotion:
             z = ends[-1]
             yield ends[steps - 1 :: steps]
 
-    def transitions(self, block: Block) -> tuple[Float[np.ndarray, "i n n"], Float[np.ndarray, "i n n"]]:
+    def transitions(
+        self, block: SteppedIntervals
+    ) -> tuple[Float[np.ndarray, "i n n"], Float[np.ndarray, "i n n"]]:
         """Transition over each interval, and the covariance of the process noise that enters in it."""
         intervals, steps, size = block.begins.shape
         each = self.compiled_slopes(
@@ -148,7 +150,7 @@ class SteppedMotion:
         steps_needed: Callable[[int, Float[np.ndarray, "i n"]], np.ndarray],
         given: Callable[[int, int, int], Float[np.ndarray, "i s p"]],
         recorded: Callable[[int, Float[np.ndarray, "i n"]], Float[np.ndarray, "i n"]],
-    ) -> Iterator[Block]:
+    ) -> Iterator[SteppedIntervals]:
         """The motion, some intervals at a time.
 
         Parameters
@@ -178,7 +180,7 @@ class SteppedMotion:
             accepted = int(few[0]) if len(few) else number
             if accepted:
                 begins = np.concatenate([starts[:, np.newaxis], raw[:, :-1]], axis=1)
-                yield Block(first, begins[:accepted], ends[:accepted], block_given[:accepted])
+                yield SteppedIntervals(first, begins[:accepted], ends[:accepted], block_given[:accepted])
                 z, first = ends[accepted - 1], first + accepted
             count = int(needed.max(initial=1))
             if len(few):
