@@ -16,7 +16,7 @@ from itertools import chain, combinations_with_replacement, islice
 import numpy as np
 from jaxtyping import Num
 
-from observability.exact_numbers import PrimeField, residue
+from observability.exact_numbers import SIMPLE, PrimeField, residue
 from observability.invariant_manifold import restricted, staying
 from observability.model import Model
 from observability.model_rank import (
@@ -49,6 +49,8 @@ MOST_TERMS = 500
 """Coefficients solved for at once; a larger ansatz is not tried."""
 INTERPOLATION_SECONDS = 6.0
 """After which rational fields are no longer looked for."""
+LARGEST_BESIDE_ROUNDED = 10**12
+"""Of the integers of a field where equations hold constants that are rounded: longer ones are made of these."""
 MOST_PRIMES = 6
 """That coefficients are put together of."""
 
@@ -363,6 +365,11 @@ class _Points:
         self._rows = series.advance(0)
 
 
+def _is_rounded(value: Fraction) -> bool:
+    """Whether a constant has all digits of a float, as that of a root or cosine has."""
+    return value.denominator > SIMPLE and Fraction(f"{float(value):.15g}") != value
+
+
 class _Search:
     """Ansatz after ansatz, until all directions have a generator."""
 
@@ -372,6 +379,7 @@ class _Search:
         self._field = PrimeField()
         self.found: list[Generator] = []
         self._scalings: list[Generator] = []
+        self._rounded = any(_is_rounded(value) for _, value in part.tape.constants)
         self._points = _Points(part, self._field, self._random)
         self._fixed_point = _Points(part, self._field, self._random)
         fields = other_fields(part, self._random)
@@ -472,7 +480,8 @@ class _Search:
     def _holds(self, generator: Generator) -> bool:
         """Whether a generator holds at points modulo a prime that it was not found from."""
         points = self._confirming
-        if points is None:
+        longest = max(abs(value) for value in generator.terms.values())
+        if points is None or (self._rounded and longest > LARGEST_BESIDE_ROUNDED):
             return False
         rows = points.equations(list(generator.terms), SPARE)
         coefficients = points.field.numbers(list(generator.terms.values()))

@@ -79,6 +79,19 @@ class Invariant:
             return words
         return f"{words}/{below[0]}" if len(below) == 1 else f"{words}/({'*'.join(below)})"
 
+    def expression(self, symbols: Mapping[str, ca.SX]) -> ca.SX:
+        """Itself in symbols."""
+        total = ca.SX(1)
+        for polynomial, power in self.factors:
+            size = ca.SX(0)
+            for monomial, coefficient in polynomial.items():
+                term = ca.SX(coefficient.numerator) / coefficient.denominator
+                for name in monomial:
+                    term *= symbols[name]
+                size += term
+            total *= size**power
+        return total
+
     def value(self, values: Values, field: PrimeField) -> Num[np.ndarray, " b"]:
         """Itself at points."""
         total = np.ones_like(next(iter(values.values())))

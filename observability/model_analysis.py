@@ -14,7 +14,7 @@ from observability.discrete_symmetries import DiscreteSearch, SolutionFamily, di
 from observability.generators import Generator, named_directions
 from observability.input_inversion import InvertedModel, invert
 from observability.invariant_manifold import known_numbers, restricted, staying
-from observability.invariants import InvariantSet, Reparametrisation, invariants, reparametrised
+from observability.invariants import Invariant, InvariantSet, Reparametrisation, invariants, reparametrised
 from observability.lie_derivatives import ObservabilityMatrix, observability_matrix
 from observability.model import Model, model_of
 from observability.model_rank import ExactRank, reached
@@ -132,7 +132,27 @@ class ModelAnalysis:
 
     @cached_property
     def invariants(self) -> InvariantSet:
-        """What is determined of the unknowns that are not, such as J2/J1."""
+        """What is determined of the unknowns that are not, such as J2/J1.
+
+        Where some directions lack a generator, those invariants are left out that these directions change.
+        """
+        found = self._kept_by_generators
+        if len(self.symmetries) == self.null_dimension:
+            return found
+        kept = tuple(each for each in found.found if self._is_determined(each))
+        return InvariantSet(kept, len(kept) == len(self.unobservable) - self.null_dimension)
+
+    def _is_determined(self, invariant: Invariant) -> bool:
+        """Whether an invariant as one more output determines nothing more."""
+        outputs = {**self.core.outputs, "the invariant": invariant.expression(self.core.symbols)}
+        try:
+            return outputs_rank(reached(replace(self.core, outputs=outputs))).rank == self.rank
+        except InputError:
+            return False
+
+    @cached_property
+    def _kept_by_generators(self) -> InvariantSet:
+        """What no generator found changes."""
         fixed = self.reparametrisation.fixed if self.reparametrisation else ()
         return invariants(self.symmetries, self.model.unknowns, tuple(fixed))
 
@@ -172,7 +192,9 @@ class ModelAnalysis:
         if self.core.discrete:
             return DiscreteSearch((), False)
         whole = len(self.symmetries) == self.null_dimension
-        family = SolutionFamily(self.symmetries, self.invariants, frozenset(self.unobservable), whole)
+        family = SolutionFamily(
+            self.symmetries, self._kept_by_generators, frozenset(self.unobservable), whole
+        )
         return discrete_symmetries(reached(self.core), family)
 
     @cached_property
@@ -192,8 +214,8 @@ class ModelAnalysis:
 
     @cached_property
     def real_rank(self) -> RealRank:
-        """What ranks at real points say of the exact one; of continuous time only."""
-        return RealRank.SAME if self.core.discrete else real_rank(reached(self.core), self.exact)
+        """What ranks at real points say of the exact one."""
+        return real_rank(reached(self.core), self.exact)
 
     @cached_property
     def branches(self) -> list[str]:
@@ -224,7 +246,8 @@ class ModelAnalysis:
     @property
     def sentences(self) -> list[str]:
         """The whole text."""
-        verb = "have" if self.certified else "have at least"
+        bound = "at most" if self.real_rank is RealRank.LOWER else "at least"
+        verb = "have" if self.certified else f"have {bound}"
         order = (
             f"by step {self.order}" if self.model.discrete else f"with derivatives up to order {self.order}"
         )
@@ -233,7 +256,8 @@ class ModelAnalysis:
             + (f", reached {order}." if self.order else ".")
         ]
         seen = [name for name, each in self.observable.items() if each]
-        lines.append(f"Observable: {', '.join(seen) or 'none'}.")
+        title = "Observable at most" if self.real_rank is RealRank.LOWER else "Observable"
+        lines.append(f"{title}: {', '.join(seen) or 'none'}.")
         if self.unobservable:
             count = self.null_dimension
             lines.append(

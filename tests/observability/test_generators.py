@@ -263,3 +263,15 @@ def test_a_coefficient_that_is_no_fraction_is_in_no_generator() -> None:
     found = analyse(document)
     assert found.null_dimension == 1
     assert not found.symmetries
+
+
+def test_a_rounded_root_is_not_taken_for_a_fraction_of_a_generator() -> None:
+    document = {
+        "states": ["x"],
+        "parameters": ["a", "b"],
+        "equations": {"x": "1"},
+        "outputs": {"y": "x/sqrt(3) + a*b"},
+    }
+    found = analyse(document)
+    assert [str(each) for each in found.symmetries] == ["a -> e^ε a, b -> e^-ε b"]
+    assert "1 direction for which no generator was found up to degree 2." in str(found)

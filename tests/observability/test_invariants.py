@@ -103,3 +103,26 @@ def test_a_text_names_invariants_and_the_minimal_model() -> None:
     words = str(analyse(EULER))
     assert "Determined of them: J2/J1, J3/J1." in words
     assert "The outputs are the same with J1 = 1 and J2/J1 in the place of J2" in words
+
+
+def test_an_invariant_of_some_directions_only_is_not_called_determined() -> None:
+    # Only exp(x) + sin(a*b) is determined, which is no polynomial: a*b is not.
+    hidden = analyse(
+        {
+            "states": [],
+            "parameters": ["x", "a", "b"],
+            "equations": {},
+            "outputs": {"y": "exp(x) + sin(a*b)"},
+        }
+    )
+    assert not hidden.invariants.found
+    turned = analyse(
+        {
+            "states": ["x", "y"],
+            "parameters": ["k"],
+            "equations": {"x": "-k*y", "y": "k*x"},
+            "outputs": {"r": "x**2 + y**2"},
+        }
+    )
+    assert str(turned.invariants) == "x**2 + y**2"
+    assert turned.invariants.complete
