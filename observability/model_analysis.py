@@ -214,8 +214,8 @@ class ModelAnalysis:
 
     @cached_property
     def real_rank(self) -> RealRank:
-        """What ranks at real points say of the exact one; of continuous time only."""
-        return RealRank.SAME if self.core.discrete else real_rank(reached(self.core), self.exact)
+        """What ranks at real points say of the exact one."""
+        return real_rank(reached(self.core), self.exact)
 
     @cached_property
     def branches(self) -> list[str]:
@@ -246,7 +246,8 @@ class ModelAnalysis:
     @property
     def sentences(self) -> list[str]:
         """The whole text."""
-        verb = "have" if self.certified else "have at least"
+        bound = "at most" if self.real_rank is RealRank.LOWER else "at least"
+        verb = "have" if self.certified else f"have {bound}"
         order = (
             f"by step {self.order}" if self.model.discrete else f"with derivatives up to order {self.order}"
         )
@@ -255,7 +256,8 @@ class ModelAnalysis:
             + (f", reached {order}." if self.order else ".")
         ]
         seen = [name for name, each in self.observable.items() if each]
-        lines.append(f"Observable: {', '.join(seen) or 'none'}.")
+        title = "Observable at most" if self.real_rank is RealRank.LOWER else "Observable"
+        lines.append(f"{title}: {', '.join(seen) or 'none'}.")
         if self.unobservable:
             count = self.null_dimension
             lines.append(

@@ -145,7 +145,7 @@ def _is_left_over(number: float) -> bool:
 
 
 def real_rank(part: ReachedModel, exact: ExactRank, seed: int = 0) -> RealRank:
-    """What the ranks at random real points say of an exact rank in continuous time.
+    """What the ranks at random real points say of an exact rank.
 
     Where there are only sums, products and quotients of exact constants, nothing is computed: residues have all their relations.
     """
@@ -218,13 +218,20 @@ def _rank_at(
     branch: Choices,
 ) -> int:
     orders = exact.order + 2
-    if part.unknown_inputs:
+    if part.model.discrete:
+        period = math.lcm(*[part.model.every.get(name, 1) for name in part.model.outputs])
+        periods = len(exact.names) + 2 + len(part.states)
+        orders = period * (periods if part.unknown_inputs else exact.order + 1)
+    elif part.unknown_inputs:
         most = len(exact.names) + 2 + len(part.states)
         orders = 1 + sorted({most // 2, (3 * most) // 4, most - 1})[exact.order]
     jets = len(part.unknown_inputs) * (orders - 1)
     width = 1 + len(part.unknowns) + jets
     with np.errstate(all="ignore"):
-        rows = _gradients(part, values, arithmetic, (orders, width), generator, branch)
+        if part.model.discrete:
+            rows = _gradients_of_steps(part, values, arithmetic, (orders, width), generator)
+        else:
+            rows = _gradients(part, values, arithmetic, (orders, width), generator, branch)
     if not arithmetic.real or not np.isfinite(rows).all():
         raise _NotRealError
     unknown = len(part.unknowns)
@@ -243,17 +250,8 @@ def _gradients(
 ) -> Num[np.ndarray, "r b n"]:
     """Gradients of the outputs' Taylor coefficients by the unknowns, then by jets of unknown inputs."""
     orders, width = shape
-    states, known = len(part.states), part.model.known_initial_values
-    firsts = [
-        with_tangents(part, names, each.astype(COMPLEX), width)
-        for names, each in zip(part.groups, values, strict=True)
-    ]
+    states, firsts = len(part.states), _firsts(part, values, arithmetic, width)
     try:
-        if known:
-            start = Series(part.start, BranchDecisions({}, {}), arithmetic, (1, TIMES, width))
-            for index, each in enumerate(firsts):
-                start.put(index, 0, each)
-            firsts[0] = start.advance(0)
         choices = float_choices(part.tape, [np.real(firsts[0][..., 0]), *values[1:]])
     except InputError:
         raise _NotRealError from None
@@ -274,13 +272,53 @@ def _gradients(
     return np.concatenate(found)
 
 
+def _gradients_of_steps(
+    part: ReachedModel,
+    values: list[Num[np.ndarray, "n b"]],
+    arithmetic: RandomRounding,
+    shape: tuple[int, int],
+    generator: np.random.Generator,
+) -> Num[np.ndarray, "r b n"]:
+    """Gradients of the outputs measured at every step by the unknowns, then by later unknown inputs."""
+    steps, width = shape
+    states, given = len(part.states), _firsts(part, values, arithmetic, width)
+    measured, found = list(part.model.outputs), []
+    for step in range(steps):
+        if step:
+            given[2:] = [_jets(part, index, step, width, generator) for index in (2, 3)]
+        series = Series(part.tape, BranchDecisions({}, {}), arithmetic, (1, TIMES, width))
+        for index, each in enumerate(given):
+            series.put(index, 0, each)
+        rows = series.advance(0)
+        seen = [states + k for k, name in enumerate(measured) if step % part.model.every.get(name, 1) == 0]
+        found.append(rows[seen, :, 1:])
+        given[0] = rows[:states]
+    return np.concatenate(found)
+
+
+def _firsts(
+    part: ReachedModel, values: list[Num[np.ndarray, "n b"]], arithmetic: RandomRounding, width: int
+) -> list[Num[np.ndarray, "n b m"]]:
+    """Values at time 0 of states, constants and inputs, with their tangents."""
+    firsts = [
+        with_tangents(part, names, each.astype(COMPLEX), width)
+        for names, each in zip(part.groups, values, strict=True)
+    ]
+    if part.model.known_initial_values:
+        start = Series(part.start, BranchDecisions({}, {}), arithmetic, (1, TIMES, width))
+        for index, each in enumerate(firsts):
+            start.put(index, 0, each)
+        firsts[0] = start.advance(0)
+    return firsts
+
+
 def _jets(
     part: ReachedModel, index: int, order: int, width: int, generator: np.random.Generator
 ) -> Num[np.ndarray, "n b m"]:
     """Taylor coefficients of inputs, drawn; those of unknown inputs are unknowns."""
     count = len(part.groups[index])
     given = np.zeros((count, TIMES, width), dtype=COMPLEX)
-    given[..., 0] = generator.uniform(-1, 1, count)[:, np.newaxis]
+    given[..., 0] = generator.uniform(0.5, 1.5, count)[:, np.newaxis]
     if index == 3:
         columns = 1 + len(part.unknowns) + (order - 1) * count + np.arange(count)
         given[np.arange(count), :, columns] = 1

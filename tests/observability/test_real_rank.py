@@ -119,3 +119,15 @@ def test_a_root_at_a_given_value_is_analysed(level: float | str) -> None:
 def test_a_root_of_a_multiple_is_analysed(rate: str) -> None:
     found = analyse(model("x", equation=rate))
     assert (found.rank, found.certified) == (2, True)
+
+
+def test_a_rank_that_is_too_high_is_called_an_upper_bound() -> None:
+    found = analyse(model("(log(a) + log(b) - log(a*b))*x", ("a", "b")))
+    assert "have at most rank 2" in str(found)
+    assert "Observable at most: k, x." in str(found)
+
+
+@pytest.mark.parametrize(("factor", "certified"), [("log(a)", True), ("log(a) + log(b) - log(a*b)", False)])
+def test_steps_in_discrete_time_are_compared_as_well(factor: str, certified: bool) -> None:
+    found = analyse(model(f"({factor})*x", ("a", "b"), "k*x") | {"time": "discrete"})
+    assert (found.rank, found.certified) == (2, certified)
