@@ -1,6 +1,6 @@
 """The table ``bound`` of a model's file: the numbers of a flight, its recording, and the manoeuvres to compare."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -14,6 +14,7 @@ from observability.model import CLOCK, FROM_FILE, experiments_of, model_of_text
 from observability.model_bound import ModelBound, bound_of, gain_table
 from observability.model_experiment import Course, Experiment
 from observability.model_text import exact_number, formula
+from spinfilters.core.compiled import Compiled
 from spinfilters.core.errors import InputError
 from spinfilters.io.text_table import read_csv
 
@@ -260,14 +261,25 @@ class _Section:
                     f"{self._times[-1]:g} s; give a longer file or a shorter duration"
                 )
             return np.interp(self._times, times, columns[name])
-        return formula_of_time(text, f"{self._name}: the course of {name}")
+        return FormulaOfTime(text, f"{self._name}: the course of {name}")
 
 
-def formula_of_time(text: Any, where: str) -> Callable[[float], float]:
-    """A function of the time t from its formula."""
-    clock = ca.SX.sym(CLOCK)
-    function = ca.Function("course", [clock], [formula(text, {CLOCK: clock}, where)])
-    return lambda time: float(function(time))
+class FormulaOfTime:
+    """A function of the time t from its formula, of one time or of many."""
+
+    def __init__(self, text: Any, where: str) -> None:
+        clock = ca.SX.sym(CLOCK)
+        self._function = Compiled.interpreted(
+            ca.Function("course", [clock], [formula(text, {CLOCK: clock}, where)])
+        )
+
+    def __call__(self, time: float) -> float:
+        """At one time."""
+        return float(self.at_times(np.array([time]))[0])
+
+    def at_times(self, times: Float[np.ndarray, " t"]) -> Float[np.ndarray, " t"]:
+        """At many."""
+        return self._function(times[:, np.newaxis])[0][:, 0]
 
 
 def _read_table(path: Path) -> tuple[Float[np.ndarray, " t"], dict[str, Float[np.ndarray, " t"]]]:

@@ -273,8 +273,11 @@ class ModelAnalysis:
             lines.append(f"{self.reparametrisation}.")
         unnamed = self.null_dimension - len(self.symmetries)
         if unnamed:
+            words = f"{unnamed} direction{'s' if unnamed > 1 else ''}"
             lines.append(
-                f"{unnamed} direction{'s' if unnamed > 1 else ''} for which no generator was found up to degree 2."
+                f"{words}, told by the unknowns that move: generators and null vectors are not looked for in discrete time."
+                if self.core.discrete
+                else f"{words} for which no generator was found up to degree 2."
             )
         if unnamed and self.inverted is not None and self.inverted.compensated:
             lines.append(

@@ -15,13 +15,13 @@ from typing import Any, Final
 
 import numpy as np
 from jaxtyping import Bool, Float
-from scipy.linalg import qr
 
 from observability.cramer_rao import WIDENING, prior_share
 from observability.model import model_of
 from observability.model_experiment import Course, Experiment
 from observability.prior_dependence import PRIOR_ONLY
 from spinfilters.core.errors import InputError
+from spinfilters.core.linear_algebra import dgeqrf
 from spinfilters.io.argument_checks import (
     by_name,
     checked_arguments,
@@ -72,8 +72,7 @@ class ModelBound:
     @cached_property
     def covariances(self) -> Float[np.ndarray, "t n n"]:
         """Bounds of the covariance; infinite where the information is singular."""
-        each = zip(self.roots, self.slopes, self.remainders, strict=True)
-        return np.stack([left + _covariance(root, slope) for root, slope, left in each])
+        return self.remainders + _covariances(self.roots, self.slopes)
 
     @property
     def std(self) -> Float[np.ndarray, "t n"]:
@@ -322,20 +321,26 @@ def filtered(experiment: Experiment, widening: float = 1.0) -> ModelBound:
     course, size = experiment.course, len(experiment.names)
     root, slope = _root_at_start(experiment, widening), experiment.start_slopes()
     left = np.zeros((size, size))
+    noisy = any(each.size for each in course.entries)
     roots, slopes, remainders = [], [], []
     for k in range(len(experiment.times)):
         if k:
             transition, entry = course.transitions[k - 1], course.entries[k - 1]
-            slope, left = transition @ slope, transition @ left @ transition.T + entry @ entry.T
+            slope = transition @ slope
+            if noisy:
+                left = transition @ left @ transition.T + entry @ entry.T
         rows = []
         for index, deviation in experiment.measured(k):
             output = course.slopes[k, index]
-            spread = left @ output
+            carried, spread = output @ slope, left @ output
             variance = output @ spread + deviation**2
-            rows.append(output @ slope / np.sqrt(variance))
-            slope = slope - np.outer(spread / variance, output @ slope)
-            left = left - np.outer(spread, spread) / variance
-        root = _triangle(np.vstack([root, *rows]), size)
+            rows.append(carried[np.newaxis] / np.sqrt(variance))
+            if noisy:
+                gain = spread[:, np.newaxis] / variance
+                slope = slope - gain * carried
+                left = left - gain * spread
+        if rows:
+            root = _triangle(np.concatenate([root, *rows]), size)
         roots.append(root)
         slopes.append(slope)
         remainders.append(left)
@@ -442,20 +447,23 @@ def empirical_information(found: ModelBound, share: float = 1e-4) -> Float[np.nd
 
 
 def _triangle(stacked: Float[np.ndarray, "k n"], size: int) -> Float[np.ndarray, "n n"]:
-    upper = np.asarray(qr(stacked, mode="r", check_finite=False)[0])[:size]
-    return np.vstack([upper, np.zeros((size - len(upper), upper.shape[1]))])
+    factored = np.asarray(dgeqrf(stacked)[0])  # at least as many rows as columns: the roots before are square
+    return np.triu(factored[:size])
 
 
-def _covariance(root: Float[np.ndarray, "n n"], slope: Float[np.ndarray, "n n"]) -> Float[np.ndarray, "n n"]:
-    """B (R' R)^-1 B', infinite in what the null directions of R move."""
-    scale, sizes, axes, null = _scaled_singular_values(root)
-    scaled = slope / scale
-    regular = scaled @ (axes[~null] / sizes[~null, np.newaxis]).T
-    covariance = regular @ regular.T
-    moved = np.abs(scaled @ axes[null].T)
-    lost = (moved > LOST * np.linalg.norm(scaled, axis=1)[:, np.newaxis]).any(axis=1)
-    covariance[lost, lost] = np.inf
-    return covariance
+def _covariances(
+    roots: Float[np.ndarray, "t n n"], slopes: Float[np.ndarray, "t n n"]
+) -> Float[np.ndarray, "t n n"]:
+    """B (R' R)^-1 B' at every time, infinite in what the null directions of R move."""
+    scale, sizes, axes, null = _scaled_singular_values(roots)
+    scaled = slopes / scale[:, np.newaxis]
+    along = scaled @ axes.swapaxes(1, 2)
+    kept = along * np.where(null, 0.0, 1 / np.where(null, 1.0, sizes))[:, np.newaxis]
+    covariances = kept @ kept.swapaxes(1, 2)
+    moved = np.abs(along) > LOST * np.linalg.norm(scaled, axis=2)[:, :, np.newaxis]
+    times, lost = np.nonzero((moved & null[:, np.newaxis]).any(axis=2))
+    covariances[times, lost, lost] = np.inf
+    return covariances
 
 
 def _null_shares(root: Float[np.ndarray, "n m"]) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m m"]]:
@@ -465,15 +473,18 @@ def _null_shares(root: Float[np.ndarray, "n m"]) -> tuple[Float[np.ndarray, " m"
 
 
 def _scaled_singular_values(
-    root: Float[np.ndarray, "n m"],
+    root: Float[np.ndarray, "*t n m"],
 ) -> tuple[
-    Float[np.ndarray, " m"], Float[np.ndarray, " m"], Float[np.ndarray, "m m"], Bool[np.ndarray, " m"]
+    Float[np.ndarray, "*t m"],
+    Float[np.ndarray, "*t m"],
+    Float[np.ndarray, "*t m m"],
+    Bool[np.ndarray, "*t m"],
 ]:
     """Lengths of a root's columns; singular values of the root over them, right singular vectors, and which values are zero."""
-    scale = np.linalg.norm(root, axis=0)
+    scale = np.linalg.norm(root, axis=-2)
     scale[scale == 0] = 1.0
-    _, sizes, axes = np.linalg.svd(root / scale)
-    return scale, sizes, axes, sizes <= SINGULAR * max(sizes[0], 1e-300)
+    _, sizes, axes = np.linalg.svd(root / scale[..., np.newaxis, :])
+    return scale, sizes, axes, sizes <= SINGULAR * np.maximum(sizes[..., :1], 1e-300)
 
 
 def _remaining_shares(

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from observability.model import Model
+from observability.stepped_motion import MOST_STEPS, SteppedIntervals, SteppedMotion
 from spinfilters.core.compiled import Compiled
 from spinfilters.core.errors import InputError
 from spinfilters.io.argument_checks import refuse
@@ -18,7 +19,6 @@ from spinfilters.io.input_file import reason
 
 FEWEST_STEPS: Final = 4
 """Runge-Kutta steps between two times."""
-MOST_STEPS: Final = 5000
 STEP_SIZE: Final = 0.5
 """Of a Runge-Kutta step, over the largest eigenvalue of the motion."""
 
@@ -175,23 +175,119 @@ class Experiment:
         InputError
             Where the trajectory leaves the numbers.
         """
-        z, values, transitions, entries, slopes = self.start(), [], [], [], []
-        for k, time in enumerate(self.times.tolist()):
-            if k:
-                z, transition, noise = self.step(z, float(self.times[k - 1]), time)
-                if np.isfinite(noise).all() and np.isfinite(transition).all():
-                    sizes, axes = np.linalg.eigh(noise)
-                    kept = sizes > 1e-14 * max(sizes[-1], 0.0)
-                    entries.append(axes[:, kept] * np.sqrt(sizes[kept]))
-                    transitions.append(transition)
-            z = self._recorded(z, time)
-            values.append(z)
-            slopes.append(self.sensed(z, time)[1])
-            if len(transitions) < k or not (np.isfinite(z).all() and np.isfinite(slopes[-1]).all()):
+        recorded = {self.names.index(name): self.input_table(name, self.times) for name in self.trajectory}
+        values, transitions, entries = [self.start()[np.newaxis]], [], []
+        for block in self._blocks(self.start(), recorded):
+            passed = self.times[block.first + 1 : block.first + 1 + len(block.ends)]
+            ends = block.ends.copy()
+            for index, column in recorded.items():
+                ends[:, index] = column[block.first + 1 : block.first + 1 + len(ends)]
+            transition, noise = self._motion(*recorded).transitions(block)
+            reached = np.concatenate(
+                [each.reshape(len(ends), -1) for each in (ends, transition, noise)], axis=1
+            )
+            self._require_finite(reached, passed)
+            values.append(ends)
+            transitions.append(transition)
+            entries += _entries(noise)
+        whole = np.concatenate(values)
+        slopes = self.sensed_at(whole, self.times)[1]
+        self._require_finite(slopes.reshape(len(whole), -1), self.times)
+        return LinearisedCourse(whole, np.concatenate(transitions), entries, slopes)
+
+    def _require_finite(self, reached: Float[np.ndarray, "t k"], times: Float[np.ndarray, " t"]) -> None:
+        """InputError: what is reached at the times is not finite at all of them."""
+        if not np.isfinite(reached).all():
+            time = float(times[np.nonzero(~np.isfinite(reached))[0][0]])
+            raise InputError(
+                f"{self.model.name}: the trajectory leaves the numbers at t = {time:g} s; check values and times"
+            )
+
+    def _motion(self, *recorded: int) -> SteppedMotion:
+        """One step; it is given inputs at its begin, middle and end, width, whether an interval begins, what was recorded."""
+        if recorded not in self._motions:
+            self._motions[recorded] = self._new_motion(recorded)
+        return self._motions[recorded]
+
+    @cached_property
+    def _motions(self) -> dict[tuple[int, ...], SteppedMotion]:
+        """By what was recorded."""
+        return {}
+
+    def _new_motion(self, recorded: tuple[int, ...]) -> SteppedMotion:
+        size, count, states = len(self.names), len(self.model.inputs), len(self.model.states)
+        z, inputs, width = ca.SX.sym("z", size), ca.SX.sym("u", count, 3), ca.SX.sym("h")
+        flag, taken = ca.SX.sym("flag"), ca.SX.sym("taken", len(recorded))
+        given = ca.vertcat(ca.vec(inputs), width, flag, taken)
+        begin = ca.SX(z)
+        for k, index in enumerate(recorded):
+            begin[index] = ca.if_else(flag, taken[k], z[index])
+        u, constants = [inputs[:, k] for k in range(3)], ca.DM(self.constants)
+        _, slope = self.rates.function(z, u[0], constants)
+        if self.model.discrete:
+            end = self.rates.function(begin, u[0], constants)[0]
+            spread = [slope, ca.SX(ca.DM(self.density))]
+        else:
+            end = self.moved.function(begin, *u, constants, width)
+            nothing = ca.DM.zeros(size, size)
+            spread = self.advance.function(z, ca.DM.eye(size), nothing, *u, constants, width)[1:]
+        return SteppedMotion(
+            ca.Function("step", [z, given], [end]),
+            ca.Function("slopes", [z, given], list(spread)),
+            ca.Function("modes", [z, given], [ca.SX(slope)[:states, :states]]),
+        )
+
+    def _blocks(
+        self, z: Float[np.ndarray, " n"], recorded: Mapping[int, Float[np.ndarray, " t"]]
+    ) -> Iterator[SteppedIntervals]:
+        """The motion from a start, some intervals at a time."""
+        motion, times, widths = self._motion(*recorded), self.times, np.diff(self.times)
+        columns = np.stack([*recorded.values()], axis=1) if recorded else np.zeros((len(times), 0))
+
+        def given(first: int, number: int, steps: int) -> Float[np.ndarray, "i s p"]:
+            """Inputs, widths and records of the steps."""
+            if steps > MOST_STEPS:
+                fastest = steps * STEP_SIZE / widths[first]
                 raise InputError(
-                    f"{self.model.name}: the trajectory leaves the numbers at t = {time:g} s; check values and times"
+                    f"{self.model.name}: a mode of {fastest:.3g} 1/s needs {steps} steps between two times at "
+                    f"t = {times[first]:g} s; give closer times, or leave out the fast mode"
                 )
-        return LinearisedCourse(np.stack(values), np.stack(transitions), entries, np.stack(slopes))
+            parts = 2 * steps
+            shares = np.arange(parts + 1) / parts
+            at = times[first : first + number, np.newaxis] + np.multiply.outer(
+                widths[first : first + number], shares
+            )
+            if self.model.discrete:
+                at[:] = times[first : first + number, np.newaxis]
+            at[:, -1] = at[:, -1] if self.model.discrete else times[first + 1 : first + 1 + number]
+            inputs = np.stack([self.input_table(name, at) for name in self.model.inputs] or [at])
+            inputs = np.moveaxis(inputs, 0, -1)[..., : len(self.model.inputs)]
+            flag = np.zeros((number, steps, 1))
+            flag[:, 0] = 1.0
+            width = np.broadcast_to(
+                widths[first : first + number, np.newaxis, np.newaxis] / steps, flag.shape
+            )
+            taken = np.repeat(columns[first : first + number, np.newaxis], steps, axis=1)
+            return np.concatenate(
+                [inputs[:, :-2:2], inputs[:, 1:-1:2], inputs[:, 2::2], width, flag, taken], axis=2
+            )
+
+        def steps_needed(first: int, z: Float[np.ndarray, "i n"]) -> np.ndarray:
+            """From the fastest mode of the states."""
+            if self.model.discrete:
+                return np.ones(len(z), dtype=int)
+            number = len(z)
+            fastest = motion.fastest(z, given(first, number, 1)[:, 0])
+            counts = np.ceil(widths[first : first + number] * fastest / STEP_SIZE)
+            return np.maximum(FEWEST_STEPS, np.minimum(counts, 1e9)).astype(int)
+
+        def with_records(first: int, z: Float[np.ndarray, "i n"]) -> Float[np.ndarray, "i n"]:
+            """What was recorded takes the place of what was simulated."""
+            z = z.copy()
+            z[:, list(recorded)] = columns[first : first + len(z)]
+            return z
+
+        return motion.blocks(z, len(times) - 1, steps_needed, given, with_records)
 
     @cached_property
     def advance(self) -> Compiled:
@@ -275,6 +371,21 @@ class Experiment:
         """Known inputs at a time."""
         return np.array([self._value(name, self.inputs[name], time) for name in self.model.inputs])
 
+    def input_table(self, name: str, times: Float[np.ndarray, "*b"]) -> Float[np.ndarray, "*b"]:
+        """A known input or recorded state at several times."""
+        course = self.inputs[name] if name in self.inputs else self.trajectory[name]
+        if not callable(course):
+            values = np.broadcast_to(np.asarray(course, dtype=float), self.times.shape)
+            return np.interp(times, self.times, values)
+        at_times = getattr(course, "at_times", None)
+        if at_times is None:
+            found = [self._value(name, course, time) for time in times.ravel().tolist()]
+            return np.array(found).reshape(times.shape)
+        values = np.asarray(at_times(times.ravel())).reshape(times.shape)
+        if not np.isfinite(values).all():
+            self._value(name, course, float(times[~np.isfinite(values)].min()))
+        return values
+
     def _value(self, name: str, course: Course, time: float) -> float:
         if callable(course):
             return _number_of(course, time, f"{self.model.name}: the course of {name}")
@@ -296,10 +407,14 @@ class Experiment:
         """z at the next time, the transition to it, and the covariance of the process noise in between; of several at once, too."""
         if self.model.discrete:
             following, transition = self.rates(z, self.input_values(first), self.constants)
-            return following, transition, self.density
-        transition, noise = np.eye(z.shape[-1]), np.zeros((z.shape[-1], z.shape[-1]))
+            return following, transition.reshape(*z.shape, z.shape[-1]), self.density
+        square = (*z.shape, z.shape[-1])
+        transition, noise = np.broadcast_to(np.eye(z.shape[-1]), square), np.zeros(square)
         for given in self._given(z, first, last):
-            z, transition, noise = self.advance(z, transition, noise, *given)
+            if z.shape[-1] == 1:
+                transition, noise = transition[..., 0], noise[..., 0]
+            z, transition, noise = (part for part in self.advance(z, transition, noise, *given))
+            transition, noise = transition.reshape(square), noise.reshape(square)
         return z, transition, noise
 
     def following(self, z: Float[np.ndarray, "*b n"], first: float, last: float) -> Float[np.ndarray, "*b n"]:
@@ -323,7 +438,7 @@ class Experiment:
     def _steps(self, z: Float[np.ndarray, "*b n"], first: float, last: float) -> int:
         """Runge-Kutta steps, from the fastest mode of the states."""
         _, slope = self.rates(z, self.input_values(first), self.constants)
-        moving = slope[..., : len(self.model.states), : len(self.model.states)]
+        moving = slope.reshape(*z.shape, z.shape[-1])[..., : len(self.model.states), : len(self.model.states)]
         if not np.isfinite(moving).all():
             return FEWEST_STEPS
         fastest = float(np.abs(np.linalg.eigvals(moving)).max(initial=0.0))
@@ -340,7 +455,15 @@ class Experiment:
     ) -> tuple[Float[np.ndarray, " o"], Float[np.ndarray, "o n"]]:
         """Outputs and their Jacobian."""
         values, slopes = self.sensing(z, self.input_values(time), self.constants)
-        return values, slopes
+        return values, slopes.reshape(len(values), len(z))
+
+    def sensed_at(
+        self, z: Float[np.ndarray, "*b n"], times: Float[np.ndarray, "*b"]
+    ) -> tuple[Float[np.ndarray, "*b o"], Float[np.ndarray, "*b o n"]]:
+        """Outputs and their Jacobians at several times."""
+        inputs = np.stack([self.input_table(name, times) for name in self.model.inputs] or [times], axis=-1)
+        values, slopes = self.sensing(z, inputs[..., : len(self.model.inputs)], self.constants)
+        return values, slopes.reshape(*values.shape, z.shape[-1])
 
     def measured(self, k: int) -> list[tuple[int, float]]:
         """Indices of the outputs that are measured at a time, with their standard deviations."""
@@ -351,17 +474,26 @@ class Experiment:
         ]
 
     def simulated(self, z: Float[np.ndarray, "b n"]) -> Float[np.ndarray, "b m"]:
-        """All measurements from unknowns at the first time, each in its standard deviation, for several at once."""
-        found, known = [], [self.names.index(name) for name in self.model.known_initial_values]
+        """All measurements from unknowns at the first time, each in its standard deviation, for several at once.
+
+        All take the steps of the first.
+        """
+        known = [self.names.index(name) for name in self.model.known_initial_values]
         if known:
             z = z.copy()
             z[:, known] = self.known_start(z, self.constants)[0]
-        for k, time in enumerate(self.times.tolist()):
-            if k:
-                z = self.following(z, float(self.times[k - 1]), time)
-            outputs, _ = self.sensing(z, self.input_values(time), self.constants)
-            found += [outputs[:, index] / deviation for index, deviation in self.measured(k)]
-        return np.stack(found, axis=1)
+        blocks = [block.given for block in self._blocks(z[0], {})]
+        ends = [z[np.newaxis], *self._motion().run_several(z, blocks)]
+        passed = np.concatenate(ends)
+        outputs, _ = self.sensed_at(passed, np.repeat(self.times[:, np.newaxis], len(z), axis=1))
+        return np.stack(
+            [
+                outputs[k, :, index] / deviation
+                for k in range(len(self.times))
+                for index, deviation in self.measured(k)
+            ],
+            axis=1,
+        )
 
     def outputs_between(self, intervals: int, parts: int) -> Float[np.ndarray, "m o"]:
         """Outputs of the trajectory in the first intervals, at so many times an interval."""
@@ -372,6 +504,15 @@ class Experiment:
                 found.append(self.sensed(z, now)[0])
                 z = self.following(z, now, end)
         return np.array(found)
+
+
+def _entries(noise: Float[np.ndarray, "i n n"]) -> list[Float[np.ndarray, "n q"]]:
+    """Of covariances, by which independent noises of unit variance enter."""
+    if not noise.any():
+        return [np.zeros((noise.shape[-1], 0))] * len(noise)
+    sizes, axes = np.linalg.eigh(noise)
+    kept = sizes > 1e-14 * np.maximum(sizes[:, -1:], 0.0)
+    return [axis[:, some] * np.sqrt(size[some]) for axis, some, size in zip(axes, kept, sizes, strict=True)]
 
 
 def _number_of(course: Callable[[float], float], time: float, where: str) -> float:

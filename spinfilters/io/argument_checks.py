@@ -199,8 +199,9 @@ def by_name(cure: str, each: Check | None = None) -> Check:
         """Whether it is one."""
         if not isinstance(value, Mapping):
             refuse(name, value, cure)
-        for key, part in value.items() if each is not None else ():
-            each(f"{name} of {key}", part)
+        if each is not None:
+            for key, part in value.items():
+                each(f"{name} of {key}", part)
 
     return check
 

@@ -56,6 +56,7 @@ def model_figure(found: ModelAnalysis, stated: StatedBound | None = None) -> Fig
                     axes.set_axis_off()
                 else:
                     _bound_panel(axes, stated, name)
+            row[0].set_ylabel("standard deviation", fontsize="small")
         _gain_panel(parts[-1].subplots(), stated)
     figure.suptitle(found.model.name, fontsize="large")
     return figure
@@ -107,7 +108,8 @@ def _bound_panel(axes: Axes, stated: StatedBound, name: str) -> None:
         passed = float(time[-1])
     prior = stated.last.priors.get(name)
     if prior is not None:
-        axes.axhline(prior, color=GREY, linestyle="--", linewidth=0.9)
+        axes.axhline(prior, color=GREY, linestyle="--", linewidth=0.9, label="prior")
+        axes.legend(loc="best", frameon=False, fontsize="x-small")
     axes.set(xlim=(-0.02 * passed, 1.02 * passed), ylim=(lowest / 1.5 if np.isfinite(lowest) else None, None))
     if not np.isfinite(stated.last.final[name]):
         axes.text(

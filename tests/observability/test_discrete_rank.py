@@ -144,3 +144,18 @@ def test_the_bound_of_discrete_steps_is_their_kalman_filter() -> None:
 def test_what_is_wrong_is_named(changes: dict[str, Any], words: str) -> None:
     with pytest.raises(InputError, match=words):
         analyse(STEP | changes)
+
+
+def test_the_answer_says_that_generators_are_of_continuous_time() -> None:
+    model = {
+        "states": ["x"],
+        "parameters": ["a", "b"],
+        "equations": {"x": "a*b*x"},
+        "outputs": {"y": "x"},
+        "time": "discrete",
+    }
+    text = str(analyse(model))
+    assert (
+        "1 direction, told by the unknowns that move: generators and null vectors are not looked for" in text
+    )
+    assert "no generator was found" not in text

@@ -126,6 +126,55 @@ def test_a_manoeuvre_that_loses_an_unknown_has_no_gain_for_it() -> None:
     assert table["weak"]["a"] == pytest.approx(0.5)
 
 
+@pytest.mark.parametrize("recorded", [{}, {"x": lambda t: np.cos(2 * t)}])
+@pytest.mark.parametrize("time", ["continuous", "discrete"])
+def test_steps_taken_together_are_single_steps(recorded: dict[str, Any], time: str) -> None:
+    model = {
+        "states": ["x", "v"],
+        "parameters": ["k"],
+        "inputs": ["F"],
+        "equations": {"x": "x + 0.01*v", "v": "0.9*v - 0.1*k*sin(x) + F"},
+        "outputs": {"y": "x*v"},
+        "time": time,
+    }
+    values, times = {"x": 1.0, "v": 0.5, "k": 4.0}, np.linspace(0, 1, 601)
+    noise, inputs = {"v": 0.1}, {"F": np.cos}
+    own = bound(
+        model, values, {"y": 0.1}, times, process_noise=noise, inputs=inputs, trajectory=recorded
+    ).experiment
+    z, course = own.start(), own.course
+    for k in range(1, len(times)):
+        z, transition, entered = own.step(z, float(times[k - 1]), float(times[k]))
+        if recorded:
+            z = np.array([np.cos(2 * times[k]), *z[1:]])
+        np.testing.assert_allclose(course.values[k], z, rtol=1e-9)
+        np.testing.assert_allclose(course.transitions[k - 1], transition, rtol=1e-9, atol=1e-12)
+        entry = course.entries[k - 1]
+        np.testing.assert_allclose(entry @ entry.T, entered, rtol=1e-7, atol=1e-12)
+    if not recorded:
+        several = own.simulated(np.stack([own.start(), own.start()]))
+        np.testing.assert_allclose(several[1], course.values[:, 0] * course.values[:, 1] / 0.1, rtol=1e-9)
+
+
+def test_a_mode_that_becomes_fast_takes_more_steps() -> None:
+    drawn = {
+        "states": ["x"],
+        "inputs": ["u"],
+        "equations": {"x": "u*(1 - x)"},
+        "outputs": {"y": "x"},
+    }
+    found = bound(drawn, {"x": 3}, {"y": 0.1}, np.linspace(0, 1, 11), inputs={"u": lambda t: 1 + 1000 * t})
+    assert found.experiment.course.values[-1, 0] == pytest.approx(1.0, abs=1e-6)
+    assert found.final["x"] < 1e-6
+
+
+def test_one_unknown_alone_has_a_bound() -> None:
+    place = {"states": ["x"], "equations": {"x": 0}, "outputs": {"y": "x"}}
+    assert bound(place, {"x": 1}, {"y": 0.2}, [0, 1, 2, 3]).final == {"x": pytest.approx(0.1)}
+    step = place | {"time": "discrete", "equations": {"x": "x"}}
+    assert bound(step, {"x": 1}, {"y": 0.2}, [0, 1, 2, 3]).final == {"x": pytest.approx(0.1)}
+
+
 def test_an_output_at_a_lower_rate_says_less() -> None:
     often = bound(DECAY, {"x": 2, "k": 0.7}, {"y": 0.02}, TIMES)
     seldom = bound(DECAY, {"x": 2, "k": 0.7}, {"y": 0.02}, TIMES, every={"y": 10})
