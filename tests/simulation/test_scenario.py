@@ -176,7 +176,7 @@ def test_the_truth_says_the_inertia_that_was_asked_for() -> None:
 @pytest.mark.parametrize(
     "wrong",
     [
-        {"kind": "lidar"},
+        {"kind": "radar"},
         {"epochs": 1},
         {"interval": 0.0},
         {"interval": np.nan},
