@@ -11,6 +11,8 @@ from typing import Final
 
 import numpy as np
 
+from experiments.command_line import run_study
+
 ROOT: Final = Path(__file__).parents[1]
 PAGES: Final = ("README.md", "CHANGELOG.md", "docs/**/*.md", "observability/README.md")
 FEWEST_WORDS: Final = 3
@@ -33,9 +35,11 @@ def sentence_lengths(text: str) -> list[int]:
     return found
 
 
-def main(pages: list[str]) -> None:
-    """Print the table of these pages, or of all."""
-    paths = [Path(page) for page in pages] or sorted(path for each in PAGES for path in ROOT.glob(each))
+def main() -> None:
+    """Print the table of the named pages, or of all."""
+    paths = [Path(page) for page in sys.argv[1:]] or sorted(
+        path for each in PAGES for path in ROOT.glob(each)
+    )
     rows = []
     for path in paths:
         lengths = sentence_lengths(path.read_text(encoding="utf-8"))
@@ -48,4 +52,4 @@ def main(pages: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    run_study(main)
