@@ -171,4 +171,4 @@ def test_memory_stays_flat_over_three_thousand_epochs() -> None:
         tracemalloc.stop()
     assert updates.kept_epochs == 32
     assert updates.counts == dict.fromkeys(Outcome, 0) | {Outcome.TAKEN: 3000, Outcome.INSERTED: 200}
-    assert max(sizes[7:]) < 1.05 * sizes[6]  # tables, and the tuples that Python keeps, have grown to their size by then
+    assert max(sizes[7:]) < 1.05 * sizes[6]  # Python keeps tuples and tables until then
