@@ -11,7 +11,6 @@ Cramer-Rao bound, with the disturbances that there are, puts each moment within 
 """
 
 import argparse
-import json
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -20,7 +19,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from experiments.command_line import run_study
+from experiments.command_line import rows_of_seeds, run_study
 from spinfilters.core.errors import SpinfiltersError
 from spinfilters.evaluation.consistency import chi_square_band
 from spinfilters.evaluation.estimator_evaluation import Evaluation
@@ -157,13 +156,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--true-noise", action="store_true", help="state the noise and the densities")
     parser.add_argument("-o", "--output", type=Path, default=None)
     options = parser.parse_args(arguments)
-    rows: list[dict[str, Any]] = []
-    for seed in range(options.first, options.first + options.seeds):
-        new = list(rows_of(seed, options.disturbance, options.true_noise))
-        if options.output is not None:
-            with options.output.open("a", encoding="utf-8") as file:
-                file.writelines(json.dumps(row) + "\n" for row in new)
-        rows += new
+    seeds = range(options.first, options.first + options.seeds)
+    rows = rows_of_seeds(
+        lambda seed: rows_of(seed, options.disturbance, options.true_noise), seeds, options.output
+    )
     for line in lines_of(rows):
         print(line)
 

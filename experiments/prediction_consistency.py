@@ -8,14 +8,13 @@ far off the motion was as a multiple of the root mean square that is stated. ``-
 """
 
 import argparse
-import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from experiments.command_line import run_study
+from experiments.command_line import rows_of_seeds, run_study
 from spinfilters.evaluation.consistency import chi_square_band
 from spinfilters.evaluation.prediction_errors import errors_ahead
 from spinfilters.io.dataset import Segment
@@ -84,13 +83,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--ahead", type=float, default=17.0, help="seconds predicted")
     parser.add_argument("-o", "--output", type=Path, default=None)
     options = parser.parse_args(arguments)
-    rows: list[dict[str, Any]] = []
-    for seed in range(options.first, options.first + options.seeds):
-        new = list(rows_of(seed, options.measured, options.ahead))
-        if options.output is not None:
-            with options.output.open("a", encoding="utf-8") as file:
-                file.writelines(json.dumps(row) + "\n" for row in new)
-        rows += new
+    seeds = range(options.first, options.first + options.seeds)
+    rows = rows_of_seeds(lambda seed: rows_of(seed, options.measured, options.ahead), seeds, options.output)
     for line in lines_of(rows):
         print(line)
 

@@ -28,7 +28,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from experiments.command_line import run_study
+from experiments.command_line import rows_of_seeds, run_study
 from spinfilters.core.errors import SpinfiltersError
 from spinfilters.evaluation.stated_errors import LARGEST_STATED_ERROR, quantity_errors
 from spinfilters.io.dataset import Dataset
@@ -99,16 +99,16 @@ def main() -> None:
     asked = range(options.first, options.first + options.runs)
     if not options.report:
         known = {row["run"] for row in rows}
-        for number in (each for each in asked if each not in known):
-            recording = drawn(number)
-            if options.quick and recording.kind == NO_MAP:
-                continue
-            new = list(rows_of(number, recording))
-            with path.open("a", encoding="utf-8") as file:
-                file.writelines(json.dumps(row) + "\n" for row in new)
-            rows += new
+        missing = (each for each in asked if each not in known)
+        rows += rows_of_seeds(lambda number: _rows(number, options.quick), missing, path)
     for line in lines_of([row for row in rows if row["run"] in asked]):
         print(line)
+
+
+def _rows(number: int, without_long: bool) -> Iterator[dict[str, Any]]:
+    recording = drawn(number)
+    if not (without_long and recording.kind == NO_MAP):
+        yield from rows_of(number, recording)
 
 
 def _read(path: Path) -> list[dict[str, Any]]:

@@ -52,7 +52,7 @@ class StatedBound:
 
     @cached_property
     def gains(self) -> dict[str, dict[str, float]]:
-        """What each sensor and manoeuvre adds."""
+        """Standard deviations without over those with each sensor and manoeuvre, by unknown."""
         return gain_table(self.last, self.manoeuvres)
 
     @property
@@ -85,7 +85,7 @@ class StatedBound:
 
 
 def stated_bound(document: Mapping[str, Any], name: str, folder: Path) -> StatedBound | None:
-    """What a model's document asks about its bound, or None where it does not.
+    """Flights and manoeuvres of the tables ``bound`` of a model's document; None without such a table.
 
     Parameters
     ----------
@@ -190,7 +190,7 @@ class _Section:
 
     @property
     def _others(self) -> str:
-        """What to do instead of leaving something out where other experiments use it."""
+        """End of a complaint: where to state a key that other experiments need."""
         return (
             ", or give it to each experiment that has no recording, as [experiments.NAME.bound]"
             if self._is_one_of_several

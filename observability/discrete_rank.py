@@ -1,6 +1,5 @@
 """Exact rank of a model in discrete time, x[k+1] = f, y[k] = h: gradients of the outputs carried from step to step."""
 
-import math
 from collections.abc import Iterator
 from typing import Final
 
@@ -16,11 +15,12 @@ from observability.model_rank import (
     draw_point,
     drawn_values,
     exact_rank,
+    reduced_without_jets,
     start_values,
     with_tangents,
 )
 from observability.power_series import Series
-from observability.residue_matrices import Echelon, null_vectors, rank_of, reduce_columns
+from observability.residue_matrices import Echelon, null_vectors, rank_of
 from observability.tape import PIECEWISE
 from spinfilters.core.errors import InputError
 
@@ -52,7 +52,7 @@ def discrete_rank(part: ReachedModel, seed: int = 0) -> ExactRank:
         raise InputError(
             f"{model.name}: abs, min and max in discrete time are not analysed; write the branch that holds"
         )
-    period = math.lcm(*[model.every.get(name, 1) for name in model.outputs])
+    period = model.period
     if period > LONGEST_PERIOD:
         raise InputError(
             f"{model.name}: the outputs' rates meet again after {period} steps only; choose rates that meet within {LONGEST_PERIOD}"
@@ -78,16 +78,14 @@ class _NoExactValueError(Exception):
 
 def _rank_at(part: ReachedModel, point: DrawnPoint, period: int, generator: np.random.Generator) -> ExactRank:
     names, unknown, field = part.unknowns, len(part.unknown_inputs), point.field
-    periods = len(names) + 2 + len(part.states)
+    periods = part.most_orders
     width = 1 + len(names) + unknown * (periods * period - 1)
     generic = not (part.model.point or part.model.known_initial_values or unknown)
     rows, ranks, taken, regular = Echelon(len(names), field), [], [], False
     for step, (slope, gradients) in enumerate(_steps(part, point, periods * period, width, generator)):
         if step == 0:
             regular = generic and rank_of(slope, field) == len(part.states)
-        measured = [
-            k for k, name in enumerate(part.model.outputs) if step % part.model.every.get(name, 1) == 0
-        ]
+        measured = part.model.measured_at(step)
         if unknown:
             taken.append(gradients[measured])
             continue
@@ -100,11 +98,7 @@ def _rank_at(part: ReachedModel, point: DrawnPoint, period: int, generator: np.r
             return ExactRank(names, tuple(ranks), rows.null_space(), True, field)
     if not unknown:
         return ExactRank(names, tuple(ranks), rows.null_space(), False, field)
-    whole = np.concatenate(taken)
-    jets = whole.shape[1] - len(names)
-    ordered = np.concatenate([whole[:, len(names) :], whole[:, : len(names)]], axis=1)
-    rest = reduce_columns(ordered[np.newaxis], jets, field).rest[0, :, jets:]
-    last = reduce_columns(rest[rest.any(axis=1)][np.newaxis], len(names), field)
+    last = reduced_without_jets(np.concatenate(taken), len(names), field)
     rank = int(last.rank[0])
     return ExactRank(names, (rank,), null_vectors(last, len(names), field), rank == len(names), field)
 
@@ -141,5 +135,5 @@ def _unknown_inputs(part: ReachedModel, values: Residues, step: int, width: int)
     count = len(part.unknown_inputs)
     given = np.zeros((count, 1, width), dtype=np.uint64)
     given[..., 0] = values.p
-    given[np.arange(count), :, 1 + len(part.unknowns) + (step - 1) * count + np.arange(count)] = 1
+    given[np.arange(count), :, part.jet_columns(step)] = 1
     return given

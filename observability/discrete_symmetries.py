@@ -52,7 +52,7 @@ class DiscreteSymmetry:
 
     @property
     def sentence(self) -> str:
-        """What it is, as far as that is known."""
+        """The solution in words, called isolated where it is known to be."""
         return f"Another solution{', isolated' if self.isolated else ''}: {self}."
 
 

@@ -137,7 +137,7 @@ class InvariantSet:
 def invariants(
     generators: Sequence[Generator], unknowns: Sequence[str], divisors: Sequence[str] = ()
 ) -> InvariantSet:
-    """What no generator changes, of the unknowns that some generator moves.
+    """Functions of the unknowns that no generator changes, such as the ratio of two scaled ones.
 
     Parameters
     ----------

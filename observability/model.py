@@ -1,6 +1,7 @@
 """A dynamic system of a user: x' = f(x, p, u, w), y = h(x, p, u, w), with what is unknown of it."""
 
 import inspect
+import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -104,6 +105,15 @@ class Model:
     def is_generic(self) -> bool:
         """Whether every value is a generic one and every input known."""
         return not (self.point or self.known_initial_values or self.unknown_inputs)
+
+    @property
+    def period(self) -> int:
+        """Steps after which outputs of several rates meet again."""
+        return math.lcm(*[self.every.get(each, 1) for each in self.outputs])
+
+    def measured_at(self, step: int) -> list[int]:
+        """Indices of the outputs that are measured at a step."""
+        return [k for k, each in enumerate(self.outputs) if step % self.every.get(each, 1) == 0]
 
     @cached_property
     def reached(self) -> frozenset[str]:

@@ -132,7 +132,7 @@ class ModelAnalysis:
 
     @cached_property
     def invariants(self) -> InvariantSet:
-        """What is determined of the unknowns that are not, such as J2/J1.
+        """Functions of unobservable unknowns that are determined, such as J2/J1.
 
         Where some directions lack a generator, those invariants are left out that these directions change.
         """
@@ -152,7 +152,7 @@ class ModelAnalysis:
 
     @cached_property
     def _kept_by_generators(self) -> InvariantSet:
-        """What no generator found changes."""
+        """Functions of unknowns that none of the generators found changes."""
         fixed = self.reparametrisation.fixed if self.reparametrisation else ()
         return invariants(self.symmetries, self.model.unknowns, tuple(fixed))
 

@@ -246,12 +246,7 @@ class Experiment:
 
         def given(first: int, number: int, steps: int) -> Float[np.ndarray, "i s p"]:
             """Inputs, widths and records of the steps."""
-            if steps > MOST_STEPS:
-                fastest = steps * STEP_SIZE / widths[first]
-                raise InputError(
-                    f"{self.model.name}: a mode of {fastest:.3g} 1/s needs {steps} steps between two times at "
-                    f"t = {times[first]:g} s; give closer times, or leave out the fast mode"
-                )
+            self._require_few(steps, steps * STEP_SIZE / widths[first], times[first])
             parts = 2 * steps
             shares = np.arange(parts + 1) / parts
             at = times[first : first + number, np.newaxis] + np.multiply.outer(
@@ -443,19 +438,16 @@ class Experiment:
             return FEWEST_STEPS
         fastest = float(np.abs(np.linalg.eigvals(moving)).max(initial=0.0))
         count = max(FEWEST_STEPS, int(np.ceil((last - first) * fastest / STEP_SIZE)))
-        if count > MOST_STEPS:
-            raise InputError(
-                f"{self.model.name}: a mode of {fastest:.3g} 1/s needs {count} steps between two times at t = {first:g} s; "
-                "give closer times, or leave out the fast mode"
-            )
+        self._require_few(count, fastest, first)
         return count
 
-    def sensed(
-        self, z: Float[np.ndarray, " n"], time: float
-    ) -> tuple[Float[np.ndarray, " o"], Float[np.ndarray, "o n"]]:
-        """Outputs and their Jacobian."""
-        values, slopes = self.sensing(z, self.input_values(time), self.constants)
-        return values, slopes.reshape(len(values), len(z))
+    def _require_few(self, steps: int, fastest: float, time: float) -> None:
+        """InputError: a mode so fast (1/s) that an interval from a time needs too many steps."""
+        if steps > MOST_STEPS:
+            raise InputError(
+                f"{self.model.name}: a mode of {fastest:.3g} 1/s needs {steps} steps between two times at t = {time:g} s; "
+                "give closer times, or leave out the fast mode"
+            )
 
     def sensed_at(
         self, z: Float[np.ndarray, "*b n"], times: Float[np.ndarray, "*b"]
@@ -497,13 +489,14 @@ class Experiment:
 
     def outputs_between(self, intervals: int, parts: int) -> Float[np.ndarray, "m o"]:
         """Outputs of the trajectory in the first intervals, at so many times an interval."""
-        found, z = [], self.start()
+        states, times, z = [], [], self.start()
         for first, last in pairwise(self.times[: intervals + 1].tolist()):
             z = self._recorded(z, first)
             for now, end in pairwise(np.linspace(first, last, parts + 1).tolist()):
-                found.append(self.sensed(z, now)[0])
+                states.append(z)
+                times.append(now)
                 z = self.following(z, now, end)
-        return np.array(found)
+        return self.sensed_at(np.array(states), np.array(times))[0]
 
 
 def _entries(noise: Float[np.ndarray, "i n n"]) -> list[Float[np.ndarray, "n q"]]:

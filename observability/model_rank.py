@@ -7,7 +7,7 @@ from functools import cache, cached_property
 
 import casadi as ca
 import numpy as np
-from jaxtyping import Bool, Num
+from jaxtyping import Bool, Int, Num
 
 from observability.exact_numbers import PRIME, NotRegularError, PrimeField, residue
 from observability.function_values import (
@@ -20,7 +20,7 @@ from observability.function_values import (
 from observability.invariant_manifold import staying
 from observability.model import Model
 from observability.power_series import Series
-from observability.residue_matrices import Echelon, null_vectors, reduce_columns
+from observability.residue_matrices import Echelon, Reduced, null_vectors, reduce_columns
 from observability.tape import PIECEWISE, Choices, Tape, float_choices, tape_of
 from spinfilters.core.errors import InputError
 
@@ -103,6 +103,22 @@ class ReachedModel:
     def groups(self) -> tuple[tuple[str, ...], ...]:
         """The names, group by group."""
         return (self.states, self.constants, self.inputs, self.unknown_inputs)
+
+    @property
+    def most_orders(self) -> int:
+        """Orders (in discrete time periods) that are taken where nothing tells that fewer are enough."""
+        return len(self.unknowns) + 2 + len(self.states)
+
+    @property
+    def orders_with_unknown_inputs(self) -> tuple[int, ...]:
+        """Numbers of orders after which a rank with unknown inputs is computed, ascending."""
+        most = self.most_orders
+        return tuple(sorted({most // 2 + 1, (3 * most) // 4 + 1, most}))
+
+    def jet_columns(self, order: int) -> Int[np.ndarray, " k"]:
+        """Columns of the unknown inputs' coefficients of an order from 1 on, behind the value and the unknowns' tangents."""
+        count = len(self.unknown_inputs)
+        return 1 + len(self.unknowns) + (order - 1) * count + np.arange(count)
 
 
 def reached(model: Model) -> ReachedModel:
@@ -382,7 +398,7 @@ def exact_rank(part: ReachedModel, seed: int = 0) -> ExactRank:
     point = draw_point(part, generator)
     if part.unknown_inputs:
         return _with_unknown_inputs(part, point, generator)
-    most = len(names) + 2 if part.is_invariant else len(names) + 2 + len(part.states)
+    most = len(names) + 2 if part.is_invariant else part.most_orders
     rows, ranks = Echelon(len(names), point.field), []
     for order_rows in output_rows(part, point, most, generator):
         rows.add(order_rows[:, 0])
@@ -397,22 +413,25 @@ def exact_rank(part: ReachedModel, seed: int = 0) -> ExactRank:
 def _with_unknown_inputs(part: ReachedModel, point: DrawnPoint, generator: np.random.Generator) -> ExactRank:
     """Derivatives of unknown inputs are unknown as well, and eliminated first."""
     names, field = part.unknowns, point.field
-    most = len(names) + 2 + len(part.states)
-    taken, ranks, tried = [], [], {most // 2, (3 * most) // 4, most - 1}
-    for order, rows in enumerate(output_rows(part, point, most, generator)):
+    most, taken, ranks = part.most_orders, [], []
+    for orders, rows in enumerate(output_rows(part, point, most, generator), start=1):
         taken.append(rows[:, 0])
-        if order not in tried:
+        if orders not in part.orders_with_unknown_inputs:
             continue
-        whole = np.concatenate(taken)
-        jets = whole.shape[1] - len(names)
-        ordered = np.concatenate([whole[:, len(names) :], whole[:, : len(names)]], axis=1)
-        rest = reduce_columns(ordered[np.newaxis], jets, field).rest[0, :, jets:]
-        last = reduce_columns(rest[rest.any(axis=1)][np.newaxis], len(names), field)
+        last = reduced_without_jets(np.concatenate(taken), len(names), field)
         ranks.append(int(last.rank[0]))
-        if ranks[-1] == len(names) or order == most - 1:
+        if ranks[-1] == len(names) or orders == most:
             space = null_vectors(last, len(names), field)
             return ExactRank(names, tuple(ranks), space, ranks[-1] == len(names), field)
     raise AssertionError
+
+
+def reduced_without_jets(rows: Num[np.ndarray, "r m"], unknowns: int, field: PrimeField) -> Reduced:
+    """Columns of the unknowns, which are the first, reduced behind an elimination of all others."""
+    jets = rows.shape[1] - unknowns
+    ordered = np.concatenate([rows[:, unknowns:], rows[:, :unknowns]], axis=1)
+    rest = reduce_columns(ordered[np.newaxis], jets, field).rest[0, :, jets:]
+    return reduce_columns(rest[rest.any(axis=1)][np.newaxis], unknowns, field)
 
 
 def output_rows(
@@ -478,14 +497,14 @@ def _given(
         values = np.zeros((count, point.count, width), dtype=np.uint64)
         values[..., 0] = generator.integers(0, LARGEST_INPUT, (count, point.count), dtype=np.uint64)
         if index == 3:
-            jets = 1 + len(part.unknowns) + (order - 1) * count + np.arange(count)
-            values[np.arange(count), :, jets] = 1
+            values[np.arange(count), :, part.jet_columns(order)] = 1
         yield index, values
 
 
 def with_tangents(
     part: ReachedModel, names: Sequence[str], p: Num[np.ndarray, "n b"], width: int
 ) -> Num[np.ndarray, "n b m"]:
+    """Values of these names with their derivatives by the unknowns: 1 by itself where a name is unknown."""
     values = np.zeros((*p.shape, width), dtype=p.dtype)
     values[..., 0] = p
     for k, name in enumerate(names):

@@ -219,12 +219,10 @@ def _rank_at(
 ) -> int:
     orders = exact.order + 2
     if part.model.discrete:
-        period = math.lcm(*[part.model.every.get(name, 1) for name in part.model.outputs])
-        periods = len(exact.names) + 2 + len(part.states)
-        orders = period * (periods if part.unknown_inputs else exact.order + 1)
+        periods = part.most_orders if part.unknown_inputs else exact.order + 1
+        orders = part.model.period * periods
     elif part.unknown_inputs:
-        most = len(exact.names) + 2 + len(part.states)
-        orders = 1 + sorted({most // 2, (3 * most) // 4, most - 1})[exact.order]
+        orders = part.orders_with_unknown_inputs[exact.order]
     jets = len(part.unknown_inputs) * (orders - 1)
     width = 1 + len(part.unknowns) + jets
     with np.errstate(all="ignore"):
@@ -281,8 +279,7 @@ def _gradients_of_steps(
 ) -> Num[np.ndarray, "r b n"]:
     """Gradients of the outputs measured at every step by the unknowns, then by later unknown inputs."""
     steps, width = shape
-    states, given = len(part.states), _firsts(part, values, arithmetic, width)
-    measured, found = list(part.model.outputs), []
+    states, given, found = len(part.states), _firsts(part, values, arithmetic, width), []
     for step in range(steps):
         if step:
             given[2:] = [_jets(part, index, step, width, generator) for index in (2, 3)]
@@ -290,7 +287,7 @@ def _gradients_of_steps(
         for index, each in enumerate(given):
             series.put(index, 0, each)
         rows = series.advance(0)
-        seen = [states + k for k, name in enumerate(measured) if step % part.model.every.get(name, 1) == 0]
+        seen = [states + k for k in part.model.measured_at(step)]
         found.append(rows[seen, :, 1:])
         given[0] = rows[:states]
     return np.concatenate(found)
@@ -320,8 +317,7 @@ def _jets(
     given = np.zeros((count, TIMES, width), dtype=COMPLEX)
     given[..., 0] = generator.uniform(0.5, 1.5, count)[:, np.newaxis]
     if index == 3:
-        columns = 1 + len(part.unknowns) + (order - 1) * count + np.arange(count)
-        given[np.arange(count), :, columns] = 1
+        given[np.arange(count), :, part.jet_columns(order)] = 1
     return given
 
 

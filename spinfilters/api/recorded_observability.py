@@ -14,7 +14,7 @@ from observability.cramer_rao import Bound, bounded_quantities, cramer_rao_bound
 from observability.prior_dependence import quantity_bounds
 from observability.reference_trajectory import ReferenceTrajectory, SensorSchedule
 from observability.system import analysed
-from spinfilters.api.analysis import ObservabilityResult
+from spinfilters.api.analysis import MOST_EPOCHS, ObservabilityResult
 from spinfilters.api.blas_threads import on_one_blas_thread
 from spinfilters.api.comparison import given_dataset
 from spinfilters.api.given_settings import SETTINGS_GIVEN, AnySettings, chosen_settings
@@ -35,8 +35,6 @@ from spinfilters.run.estimation import Progress
 from spinfilters.settings.run_settings import FILTER, Settings
 
 SMOOTHER: Final = "smoother"
-MOST_EPOCHS: Final = 5000
-"""Beyond it the bound takes minutes."""
 MOST_LANDMARKS: Final = 60
 """Unknown landmarks in the bound, those that are seen most often: time grows with the cube of their number."""
 RANKED_LANDMARKS: Final = 4

@@ -174,7 +174,7 @@ def _lead(figure_data: FigureData) -> str:
     verdict = escape(str(status.verdict))
     words = f'<p class="lead"><span class="badge {verdict}">{verdict}</span> {escape(evaluation.name)}'
     moments = evaluation.body.principal_moments
-    if np.isfinite(moments).all() and status.holds.get("moments") in (None, Holds.OK, Holds.DOUBTFUL):
+    if np.isfinite(moments).all() and status.holds.get("moments") is not Holds.NOT_DETERMINED:
         ratios = " : ".join(f"{each:.2f}" for each in moments[:2])
         edges = " x ".join(f"{edge:.2f}" for edge in box_of_equal_inertia(evaluation.body))
         words += f". Moments {ratios} : 1, as a uniform box of {edges}, its longest edge being 1"
@@ -243,9 +243,9 @@ def _pictures(figure_data: FigureData, folder: Path) -> Iterator[str]:
     captions |= {
         PREDICTION_PICTURE: "Predicted motion.",
         PREDICTION_ERRORS_PICTURE: "Predicted minus true motion.",
+        RACE_PICTURE: "Several inertias from the last state.",
+        CONVERGENCE_PICTURE: "How estimates settle.",
     }
-    captions |= {RACE_PICTURE: "Several inertias from the last state."}
-    captions |= {CONVERGENCE_PICTURE: "How estimates settle."}
     for name in names:
         values, differences = reference_pictures(name)
         captions[values] = f"{name} and the reference, in the same axes."

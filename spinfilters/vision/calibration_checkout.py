@@ -240,7 +240,7 @@ def calibration_changes(
         values = 1e3 * float(first.relative_position[k]), 1e3 * float(second.relative_position[k])
         std = None if joined is None or k else 1e3 * joined.baseline
         changes.append(ParameterChange(f"translation {axis}", "mm", *values, std))
-    turn = np.rad2deg(rotation_vector(second.relative_rotation @ first.relative_rotation.T))
+    turn = np.rad2deg(_turn(first, second))
     std = None if joined is None else float(np.rad2deg(joined.rotation))
     changes += [
         ParameterChange(f"rotation change about {axis}", "deg", 0.0, float(turn[k]), std)
@@ -251,6 +251,11 @@ def calibration_changes(
 
 def rotation_change(first: RawRig, second: RawRig) -> tuple[float, Float[np.ndarray, "3"]]:
     """Angle, rad, and unit axis of the rotation from the first relative attitude of the cameras to the second."""
-    turn = rotation_vector(second.relative_rotation @ first.relative_rotation.T)
+    turn = _turn(first, second)
     angle = float(np.linalg.norm(turn))
     return angle, turn / angle if angle > 0 else np.array([1.0, 0.0, 0.0])
+
+
+def _turn(first: RawRig, second: RawRig) -> Float[np.ndarray, "3"]:
+    """Rotation vector from the first relative attitude of the cameras to the second, rad."""
+    return rotation_vector(second.relative_rotation @ first.relative_rotation.T)

@@ -47,7 +47,17 @@ def disparity_map(
         speckleRange=2,
         mode=cv2.STEREO_SGBM_MODE_HH,
     )
-    # columns left of the image let the matcher look for large disparities at its rim
+    return _matched(matcher, left, right, count, smallest)
+
+
+def _matched(
+    matcher: cv2.StereoMatcher,
+    left: UInt8[np.ndarray, "h w"],
+    right: UInt8[np.ndarray, "h w"],
+    count: int,
+    smallest: int,
+) -> Float[np.ndarray, "h w"]:
+    """Disparities of a matcher that looks for so many, px; columns left of the images let it look for large ones at the rim."""
     padded = [cv2.copyMakeBorder(image, 0, 0, count, 0, cv2.BORDER_REPLICATE) for image in (left, right)]
     found = matcher.compute(*padded)[:, count:].astype(float) / 16
     found[found < smallest] = np.nan
@@ -72,10 +82,7 @@ def local_disparity_map(
     """
     count = -(-(largest + 1) // 16) * 16
     matcher = cv2.StereoBM.create(numDisparities=count, blockSize=LOCAL_BLOCK)
-    padded = [cv2.copyMakeBorder(image, 0, 0, count, 0, cv2.BORDER_REPLICATE) for image in (left, right)]
-    found = matcher.compute(*padded)[:, count:].astype(float) / 16
-    found[found < 0] = np.nan
-    return found
+    return _matched(matcher, left, right, count, 0)
 
 
 LEAST_CONTRAST: Final = 4.0

@@ -4,6 +4,7 @@ Filters that begin after few epochs beside the smoother; an inspector that moves
 without dynamics that are added afterwards; motions that leave parameters open; several recordings of one body in one inertia.
 """
 
+import math
 from dataclasses import replace
 from typing import Final
 
@@ -16,6 +17,7 @@ from spinfilters.core.camera_trajectory import CameraTrajectory
 from spinfilters.evaluation.consistency import true_states
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.evaluation.stated_errors import stated_errors
+from spinfilters.evaluation.trajectory_errors import root_mean_square
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.measurement_log import MeasurementLog
 from spinfilters.models.body import bodies_of
@@ -100,7 +102,7 @@ def make_late_filters() -> ItemResult:
 def _attitude_rms(evaluation: Evaluation) -> float:
     """Of the last epochs, deg."""
     assert evaluation.errors is not None
-    return float(np.rad2deg(np.sqrt(np.square(evaluation.errors.attitude[-LAST:]).sum(axis=1).mean())))
+    return float(np.rad2deg(root_mean_square(evaluation.errors.attitude[-LAST:])))
 
 
 def make_inspector_treatments() -> ItemResult:
@@ -117,17 +119,14 @@ def make_inspector_treatments() -> ItemResult:
             del treatments["1, images stabilised"], treatments["2, taken as static"]
         for treatment, dataset in treatments.items():
             evaluation = compare_dataset(dataset, Settings(estimators=("smoother",))).evaluations[0]
-            errors = evaluation.errors
+            rms = None if evaluation.errors is None else evaluation.errors.rms
+            position, attitude = (None, None) if rms is None else (rms.position, rms.attitude)
             table.append(
                 {
                     "inspector": inspector,
                     "treatment": treatment,
-                    "position_rms_mm": float("nan")
-                    if errors is None or errors.position is None
-                    else 1e3 * float(np.sqrt(np.square(errors.position).sum(axis=1).mean())),
-                    "attitude_rms_deg": float("nan")
-                    if errors is None
-                    else float(np.rad2deg(np.sqrt(np.square(errors.attitude).sum(axis=1).mean()))),
+                    "position_rms_mm": math.nan if position is None else 1e3 * position,
+                    "attitude_rms_deg": math.nan if attitude is None else math.degrees(attitude),
                     "verdict": evaluation.history.status.verdict.value,
                 }
             )

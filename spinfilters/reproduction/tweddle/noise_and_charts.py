@@ -19,6 +19,7 @@ from spinfilters.core.inertia_charts import (
     moments_from_log_ratios,
 )
 from spinfilters.core.mass_distribution import from_inertia
+from spinfilters.evaluation.trajectory_errors import root_mean_square
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.models.state_layout import ROTATION_BLOCKS, StateLayout
 from spinfilters.plots.style import BLACK, BLUE, GREEN, RED, tidy
@@ -205,7 +206,7 @@ def make_charts() -> ItemResult:
         ),
         ComparedNumber(
             "Eq. 4.96 as printed: root mean square length of z",
-            float(np.sqrt(np.square(printed).sum(axis=1).mean())),
+            root_mean_square(printed),
             printed=1.0,
             tolerance=1e-9,
             why="a slip in print: the third column of a rotation is 2(q2 q3 - q1 q0) and q0^2 - q1^2 - q2^2 + q3^2",
