@@ -370,7 +370,7 @@ def _runtime_panel(axes: Axes, evaluations: Sequence[Evaluation], lines: list[Es
     axes.set_xlim(0.0, 1.4 * max(*runtimes, 1e-9))
     axes.invert_yaxis()
     axes.set_xlabel("[ms]")
-    axes.set_title("time per epoch, median", loc="left", fontsize="medium")
+    axes.set_title("processor time per epoch, median", loc="left", fontsize="medium")
     tidy(axes)
 
 
