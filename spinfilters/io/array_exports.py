@@ -160,10 +160,10 @@ def _number_sets(group: Any, before: str = "") -> dict[str, Any]:
     for name in group:
         if name.startswith("#") or not isinstance(group.get(name, getlink=True), h5py.HardLink):
             continue  # "#refs#" holds the cells of MATLAB
-        held = group[name]
-        if isinstance(held, h5py.Group) and before.count(".") < _DEEPEST_GROUP:
+        held, kind = group[name], group.get(name, getclass=True)
+        if kind is h5py.Group and before.count(".") < _DEEPEST_GROUP:
             found |= _number_sets(held, f"{before}{name}.")
-        elif isinstance(held, h5py.Dataset) and held.dtype.kind in "iuf" and held.shape:
+        elif kind is h5py.Dataset and held.dtype.kind in "iuf" and held.shape:
             is_text = bytes(held.attrs.get("MATLAB_class", b"")) == b"char"
             found |= {} if held.is_virtual or held.external or is_text else {f"{before}{name}": held}
     return found
