@@ -17,6 +17,7 @@ from spinfilters.core.errors import InputError
 from spinfilters.evaluation.comparison_table import comparison_cells
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.evaluation.metrics import held_text
+from spinfilters.evaluation.spin_regime import spin_verdict
 from spinfilters.io.input_file import printable, read_bytes, read_settings_text
 from spinfilters.io.output_files import write_text
 from spinfilters.io.ply_files import read_ply
@@ -93,7 +94,10 @@ def _verdict_section(figure_data: FigureData) -> str:
         wide = (f'<span style="white-space:normal">{text}</span>' for text in (holds, reasons))
         rows.append([escape(evaluation.name), marked, *wide])
     log = figure_data.dataset.log
+    best = figure_data.most_exact
+    spin = None if best is None else spin_verdict(best)
     told = {
+        "motion": "" if spin is None else spin.sentence,
         "measurements": ", ".join(f"{len(stream)} of {stream.sensor}" for stream in log.streams),
         "epochs": str(max(len(each.history.time) for each in figure_data.evaluations)),
         "noise": " ".join(figure_data.conditions),
