@@ -6,12 +6,14 @@ Nothing heavy is imported here, so that help and refusals are quick.
 import argparse
 from collections.abc import Callable
 from dataclasses import MISSING, dataclass
-from typing import Any, Generic, TypeVar
+from typing import Any, Final, Generic, TypeVar
 
 from spinfilters.io.argument_fields import GivenField, given_fields, numbers_by_name, record_from
 from spinfilters.io.stated_values import NumberRange
 
 R = TypeVar("R")
+VERBOSE: Final = "print warnings of numbers, the trace of an unexpected error, time and memory"
+"""Of every command."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +49,7 @@ class Command(Generic[R]):
         """Add the description, the arguments and what runs it to a parser."""
         parser.description = self.description or None
         add_arguments(parser, self.arguments)
+        parser.add_argument("-v", "--verbose", action="store_true", help=VERBOSE)
         parser.required = {}
         for each in given_fields(self.arguments):
             if each.default is MISSING:

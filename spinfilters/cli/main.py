@@ -11,7 +11,6 @@ import traceback
 import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from difflib import get_close_matches
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final, NoReturn
@@ -20,7 +19,7 @@ from spinfilters import __version__
 from spinfilters.cli.commands import COMMAND_GROUPS, COMMANDS, ListedCommand
 from spinfilters.cli.interrupts import noted_interrupts
 from spinfilters.core.errors import SpinfiltersError
-from spinfilters.io.input_file import printable, value_text
+from spinfilters.io.input_file import nearest_text, printable, value_text
 
 EXIT_OK, EXIT_BAD_INPUT = 0, 2
 INTERRUPTED: Final[str] = "interrupted; nothing unfinished is left behind, run the command again"
@@ -62,12 +61,17 @@ def _run(options: argparse.Namespace, pressed: Sequence[int]) -> int:
         Not empty once Ctrl-C was pressed.
     """
     _set_logging()
-    begun = time.time()
+    begun, is_verbose = time.time(), getattr(options, "verbose", False)
     try:
         with warnings.catch_warnings():
-            # of numbers that are not finite: a status tells of them; whoever asks for warnings (-W) has asked before
-            warnings.filterwarnings("ignore", category=RuntimeWarning, append=True)
-            return options.command.run_parsed(options)
+            # of numbers that are not finite: a status tells of them; whoever asks for warnings (-W, -v) has asked before
+            warnings.filterwarnings(
+                "default" if is_verbose else "ignore", category=RuntimeWarning, append=True
+            )
+            code = options.command.run_parsed(options)
+            if is_verbose:
+                _say_what_it_took(begun)
+            return code
     except SpinfiltersError as error:
         return _complain(str(error))
     except KeyboardInterrupt:
@@ -84,12 +88,27 @@ def _run(options: argparse.Namespace, pressed: Sequence[int]) -> int:
     except Exception as error:  # the last resort: what comes here is a fault of this program
         if pressed:  # a library that is interrupted while it loads may call it an error of its own
             return _complain(_of_interrupt(options, begun))
-        if os.environ.get(DEBUG):
+        if is_verbose or os.environ.get(DEBUG):
             raise
         return _complain(
             f"unexpected {type(error).__name__} in {_place(error)}; this is a fault of spinfilters: please report it "
             f"with what {DEBUG}=1 shows"
         )
+
+
+def _say_what_it_took(begun: float) -> None:
+    """Time by the clock, processor time and memory of a command that is done, on standard error."""
+    import resource
+    from importlib.metadata import version
+
+    kilobyte = 1024.0 if sys.platform == "darwin" else 1.0  # there the largest size is counted in bytes
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024 / kilobyte
+    packages = ", ".join(f"{name} {version(name)}" for name in ("numpy", "scipy", "casadi"))
+    print(
+        f"spinfilters {__version__}, Python {sys.version.split()[0]}, {packages}: {time.time() - begun:.2f} s by the clock, "
+        f"{time.process_time():.2f} s of processor time, at most {memory:.0f} MB of memory",
+        file=sys.stderr,
+    )
 
 
 def _of_interrupt(options: argparse.Namespace, begun: float) -> str:
@@ -164,6 +183,7 @@ class _Parser(argparse.ArgumentParser):
     """The command whose arguments are added when it is parsed; None once they are there."""
     actions: tuple[str, ...] = ()
     default_action: str = ""
+    _words: tuple[str, ...] = ()
     required: Mapping[str, str] = MappingProxyType({})
     """How to give each required argument, by the name that argparse has for it."""
 
@@ -180,6 +200,7 @@ class _Parser(argparse.ArgumentParser):
         words = sys.argv[1:] if args is None else list(args)
         if self.default_action and words and words[0] not in (*self.actions, "-h", "--help"):
             words = [self.default_action, *words]
+        self._words = tuple(words)
         return super().parse_known_args(words, namespace)
 
     def parse_args(  # pyright: ignore[reportIncompatibleMethodOverride]
@@ -189,29 +210,36 @@ class _Parser(argparse.ArgumentParser):
         options, rest = self.parse_known_args(args, namespace)
         if rest:
             what = "is not for this command" if rest[0].startswith("-") else "is one argument too many"
-            meant = self._meant(rest[0], getattr(options, "flags", ()))
+            meant = nearest_text(rest[0].split("=", 1)[0], getattr(options, "flags", ()))
             self.error(f"{rest[0]} {what}; {meant or 'leave it out'}")
         return options
-
-    @staticmethod
-    def _meant(word: str, known: Sequence[str]) -> str:
-        """A hint at the known word that is nearest to another; empty where none is near."""
-        near = get_close_matches(word.split("=", 1)[0], known, n=1, cutoff=0.6)
-        return f"did you mean {near[0]}" if near else ""
 
     def error(self, message: str) -> NoReturn:
         """End the command with one line on wrong arguments, exit code 2."""
         unknown = re.search(r"invalid choice: '([^']*)'.*\(choose from (.*)\)", message)
         if unknown is not None:
             known = [word.strip(" '\"") for word in unknown[2].split(",")]
-            if meant := self._meant(unknown[1], known):
+            if meant := nearest_text(unknown[1], known):
                 message = f"{value_text(unknown[1])} is unknown; {meant}"
         start, required, names = message.partition("required: ")
-        if required:
+        if required and (
+            misspelled := self._misspelled()
+        ):  # what is missing may have been given under another name
+            message = misspelled
+        elif required:
             message = (
                 f"{start}{required}{', '.join(self.required.get(name, name) for name in names.split(', '))}"
             )
         raise SystemExit(_complain(f"{message}; see '{self.prog} --help'"))
+
+    def _misspelled(self) -> str:
+        """The first given option that is unknown and near to a known one; empty where there is none."""
+        known = [flag for action in self._actions for flag in action.option_strings]
+        for word in self._words:
+            flag = word.split("=", 1)[0]
+            if flag.startswith("--") and flag not in known and (meant := nearest_text(flag, known)):
+                return f"{flag} is not for this command; {meant}"
+        return ""
 
 
 def parser() -> argparse.ArgumentParser:

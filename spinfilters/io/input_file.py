@@ -13,8 +13,9 @@ import reprlib
 import stat
 import threading
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Final
 
@@ -223,3 +224,11 @@ def ignored_warnings(category: type[Warning]) -> Iterator[None]:
     with _LOCK, warnings.catch_warnings():
         warnings.simplefilter("ignore", category)
         yield
+
+
+def nearest_text(word: str, known: Iterable[str]) -> str:
+    """A hint at the known word that is nearest to another, such as "did you mean mekf"; empty where none is near."""
+    words = list(known)
+    begun = [each for each in words if each.startswith(word) and len(word) > 2]
+    near = begun if len(begun) == 1 else get_close_matches(word, words, n=1, cutoff=0.7)
+    return f"did you mean {near[0]}" if near else ""

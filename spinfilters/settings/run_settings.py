@@ -19,7 +19,7 @@ from spinfilters.filters.shared_modes import LandmarkOptions
 from spinfilters.filters.timeline import Timeline, times_of
 from spinfilters.io.consider_parameter import consider_parameters
 from spinfilters.io.dataset import DENSITIES
-from spinfilters.io.input_file import path_text, read_toml, value_text
+from spinfilters.io.input_file import nearest_text, path_text, read_toml, value_text
 from spinfilters.io.sensor_format import noise_options
 from spinfilters.io.stated_values import NumberRange, plain_number
 from spinfilters.models.process import ProcessNoise
@@ -485,9 +485,10 @@ class Settings:
         known = estimator_names() if self.estimators != DEFAULT_ESTIMATORS else DEFAULT_ESTIMATORS
         unknown = [name for name in self.estimators if name not in known]
         if unknown or not self.estimators:
+            meant = nearest_text(unknown[0], estimator_names()) if unknown else ""
             raise InputError(
-                f"unknown estimator {value_text(unknown[0]) if unknown else '(none given)'}; choose from "
-                f"{', '.join(estimator_names())}"
+                f"unknown estimator {value_text(unknown[0]) if unknown else '(none given)'}; "
+                f"{meant or 'choose from ' + ', '.join(estimator_names())}"
             )
         if len(set(self.estimators)) < len(self.estimators):
             raise InputError(f"estimators {value_text(list(self.estimators))} name one twice; name each once")
@@ -556,7 +557,9 @@ def settings_from(document: Mapping[str, Any], source: str) -> Settings:
     known = [each.name for each in fields(Settings)]
     for key in values:
         if key not in known:
-            raise InputError(f"{source}: unknown key {value_text(key)}; known are {', '.join(known)}")
+            meant = nearest_text(key, known)
+            hint = f"; {meant}" if meant else ""
+            raise InputError(f"{source}: unknown key {value_text(key)}; known are {', '.join(known)}{hint}")
     try:
         return Settings(**values)
     except InputError as error:

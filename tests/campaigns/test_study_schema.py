@@ -4,9 +4,12 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from jsonschema import Draft202012Validator
 
 from spinfilters.campaigns.study_schema import study_schema
+
+Draft202012Validator = pytest.importorskip(
+    "jsonschema", reason="needs jsonschema of the extra test"
+).Draft202012Validator
 
 STUDIES = sorted((Path(__file__).parents[2] / "experiments" / "studies").glob("*.toml"))
 SMALL = {"study": {"name": "small", "seeds": 2}, "factors": {"estimator": ["mekf"]}}

@@ -4,10 +4,13 @@ import json
 from pathlib import Path
 
 import pytest
-from jsonschema import Draft202012Validator
 
 import spinfilters
 from spinfilters.cli.main import main
+
+Draft202012Validator = pytest.importorskip(
+    "jsonschema", reason="needs jsonschema of the extra test"
+).Draft202012Validator
 
 
 def printed(of: str, capsys: pytest.CaptureFixture[str]) -> dict:

@@ -4,12 +4,15 @@ import json
 from pathlib import Path
 
 import pytest
-from jsonschema import Draft202012Validator
 
 from spinfilters.core.errors import InputError
 from spinfilters.settings.run_settings import Settings, settings_from
 from spinfilters.settings.settings_page import main, page
 from spinfilters.settings.settings_schema import settings_schema
+
+Draft202012Validator = pytest.importorskip(
+    "jsonschema", reason="needs jsonschema of the extra test"
+).Draft202012Validator
 
 DOCS = Path(__file__).parents[2] / "docs"
 

@@ -95,6 +95,9 @@ COMMANDS: Final = (
         "schema", "JSON Schema of settings, studies and summary.json", "spinfilters.cli.commands.schema"
     ),
     ListedCommand(
+        "completion", "complete words of these commands in a shell", "spinfilters.cli.commands.completion"
+    ),
+    ListedCommand(
         "doctor", "print versions and check that everything works", "spinfilters.cli.commands.doctor"
     ),
 )
@@ -103,6 +106,6 @@ COMMAND_GROUPS: Final[dict[str, tuple[str, ...]]] = {
     "estimate": ("compare", "estimate", "segments", "live", "plot"),
     "make data": ("simulate", "lidar", "track", "calibrate", "checkout", "depth", "rig", "reconstruct"),
     "study": ("observe", "campaign", "condition", "polhode", "threshold", "reproduce"),
-    "deliver": ("embed", "schema", "doctor"),
+    "deliver": ("embed", "schema", "completion", "doctor"),
 }
 """Commands by what they are for, as ``spinfilters --help`` lists them; others stand behind these."""
