@@ -131,7 +131,14 @@ def errors_section(cells: Sequence[CellSummary], varied: Sequence[str], picture:
 
 def _error_cells(cell: CellSummary, metric: Metric) -> tuple[str, str]:
     name = metric.column_name
-    return _interval(cell.numbers[name], metric.scale), _interval(cell.over_bound[name])
+    shown = _interval(cell.numbers[name], metric.scale), _interval(cell.over_bound[name])
+    if cell.determines(metric):
+        return shown
+    return f'<span style="{_HATCHED}" title="not determined">{shown[0]}</span>', shown[1]
+
+
+_HATCHED: Final = "background:repeating-linear-gradient(45deg,#8886 0 2px,transparent 2px 6px)"
+"""Of a number of what most runs of a cell do not determine."""
 
 
 def further_section(cells: Sequence[CellSummary], varied: Sequence[str]) -> str:
@@ -386,6 +393,8 @@ def _picture(folder: Path, name: str, figure: Figure | None, words: str) -> str:
     return image(page_png, words)
 
 
+HATCHED: Final[dict[str, Any]] = {"hatch": "///", "facecolor": "none", "edgecolor": "0.45", "linewidth": 0.0}
+"""Of what most runs of a cell do not determine."""
 MOST_PANELS: Final = 9
 MOST_CELLS: Final = 40
 PARTS: Final = {
@@ -469,6 +478,9 @@ def bound_figure(cells: Sequence[CellSummary], varied: Sequence[str]) -> Figure 
         axes.errorbar(
             value, places, xerr=np.nan_to_num(np.abs(width)), fmt="o", color=BLUE, markersize=4, linewidth=1.2
         )
+        for place, cell in zip(places, shown, strict=True):
+            if not cell.determines(metric):
+                axes.axhspan(place - 0.45, place + 0.45, **HATCHED)
         axes.set_title(metric.label.removesuffix(" error"), fontsize="small")
         axes.set_xlabel("rms error / bound [-]")
         if np.nanmax(value, initial=1.0) > 10:
@@ -476,6 +488,8 @@ def bound_figure(cells: Sequence[CellSummary], varied: Sequence[str]) -> Figure 
         tidy(axes)
     panels[0].set_yticks(places, [label_of(cell, varied) or "all" for cell in shown], fontsize="x-small")
     panels[0].set_ylim(-0.7, len(shown) - 0.3)
+    if not all(cell.determines(metric) for cell in shown for metric in errors):
+        legend_below(figure, [Patch(label="not determined in most runs", **HATCHED)])
     return figure
 
 
@@ -490,6 +504,18 @@ def verdict_figure(cells: Sequence[CellSummary], varied: Sequence[str]) -> Figur
         axes.barh(places, share, left=left, color=colour, label=label, height=0.75)
         left += share
     axes.barh(places, 1.0 - left, left=left, color="0.75", label="failed, or no result", height=0.75)
+    hatched = [
+        place for place, cell in zip(places, shown, strict=True) if max(cell.undetermined.values()) > 0.5
+    ]
+    if hatched:
+        axes.barh(
+            hatched,
+            1.0,
+            height=0.75,
+            label="most runs leave a quantity not determined",
+            fill=False,
+            **HATCHED,
+        )
     axes.set_yticks(places, [label_of(cell, varied) or "all" for cell in shown], fontsize="x-small")
     axes.set(
         xlim=(0, 1),
@@ -497,7 +523,7 @@ def verdict_figure(cells: Sequence[CellSummary], varied: Sequence[str]) -> Figur
         xlabel=f"share of runs [-]; right: within {LARGEST_STATED_ERROR:g} deviations",
     )
     tidy(axes)
-    figure.legend(loc="outside lower center", ncols=5, fontsize="small", frameon=False)
+    figure.legend(loc="outside lower center", ncols=3, fontsize="small", frameon=False)
     return figure
 
 

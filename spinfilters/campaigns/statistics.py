@@ -13,7 +13,16 @@ from spinfilters.campaigns.row_columns import TIMES
 from spinfilters.campaigns.study import Study
 from spinfilters.evaluation.consistency import chi_square_band
 from spinfilters.evaluation.metrics import Metric, metrics
+from spinfilters.models.status import CENTRE, QUANTITIES, Holds
 
+QUANTITY_OF: Final = {
+    **{f"error_{name}": name for name in QUANTITIES},
+    "error_moment": "moments",
+    "error_k": "moments",
+    "error_axis": "axes",
+    "error_center_of_mass": CENTRE,
+}
+"""Quantity of a verdict by the beginning of the column of an error."""
 QUANTILE: Final = float(ndtri(0.975))
 
 
@@ -124,6 +133,8 @@ class CellSummary:
         In which the mean over runs of the last epoch's lies with 95 % for a consistent estimator.
     seconds : Interval
         Of processor time.
+    undetermined : Mapping[str, float]
+        Share of the runs whose measurements do not determine a quantity, by its name.
     """
 
     cell: int
@@ -139,6 +150,12 @@ class CellSummary:
     band: tuple[float, float]
     seconds: Interval
     over_time: NeesOverTime
+    undetermined: Mapping[str, float]
+
+    def determines(self, metric: Metric) -> bool:
+        """Whether at least half of the runs determine what an error is of."""
+        name = next((each for start, each in QUANTITY_OF.items() if metric.column_name.startswith(start)), "")
+        return self.undetermined.get(name, 0.0) <= 0.5
 
     @property
     def nees(self) -> Interval:
@@ -194,6 +211,7 @@ def _summary(cell: int, levels: Mapping[str, str], rows: Any, over_time: NeesOve
         _band(int(np.nanmax(dof)) if np.isfinite(dof).any() else 0, numbers["nees_last"].count),
         mean(np.sum([_numbers(rows, f"time_{part}_s") for part in TIMES], axis=0)),
         over_time,
+        {name: float((rows[f"holds_{name}"] == str(Holds.NOT_DETERMINED)).mean()) for name in QUANTITIES},
     )
 
 

@@ -1,7 +1,7 @@
 """Sensors that the embedded filter can take."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Final
 
@@ -39,6 +39,9 @@ class EmittedSensor:
         scene.
     example_std : tuple of float
         Deviations of the numbers of a value with these parameters.
+    stated : Callable[[Mapping[str, float]], tuple[ndarray, tuple[float, ...]]] or None
+        Parameters and deviations as ``example`` and ``example_std`` from the noise of a run by its options; None of a sensor whose
+        parameters come with the scene.
     quaternion : int or None
         First of four numbers of a value that are a unit quaternion.
     """
@@ -51,7 +54,18 @@ class EmittedSensor:
     macros: Callable[[MeasurementModel, int], Mapping[str, int]] = lambda model, landmarks: {}
     example: Float[np.ndarray, " p"] | None = None
     example_std: tuple[float, ...] = ()
+    stated: "Callable[[Mapping[str, float]], ExampleNoise] | None" = None
     quaternion: int | None = None
+
+    def with_noise(self, noise: Mapping[str, float]) -> "EmittedSensor":
+        """The sensor with the noise of a run in place of the example's; itself where that does not state all of it."""
+        if self.stated is None:
+            return self
+        try:
+            parameters, deviations = self.stated(noise)
+        except KeyError:
+            return self
+        return replace(self, example=parameters, example_std=deviations)
 
     @property
     def taken(self) -> tuple[str, ...]:
@@ -65,6 +79,23 @@ class EmittedSensor:
         unit = value.copy()
         unit[self.quaternion :] /= np.linalg.norm(value[self.quaternion :])
         return unit
+
+
+ExampleNoise = tuple[np.ndarray, tuple[float, ...]]
+"""Parameters of a measurement, and deviations of its numbers."""
+
+
+def _pose_noise(noise: Mapping[str, float]) -> ExampleNoise:
+    """Of standard deviations of position (m) and rotation (rad); a quaternion's numbers have half of the latter."""
+    place, turn = noise["pose_position_std"], noise["pose_rotation_std"]
+    covariance = np.diag([place**2] * 3 + [turn**2] * 3)
+    return pose_parameters(covariance[None])[0], (place,) * 3 + (turn / 2,) * 4
+
+
+def _gyro_noise(noise: Mapping[str, float]) -> ExampleNoise:
+    """Of the standard deviation of the rate (rad/s), and of the part that is proportional to the rate."""
+    std = noise["gyro_noise_std"]
+    return np.array([std, noise.get("gyro_scale_std", 0.0)]), (std,) * 3
 
 
 def _stereo_macros(model: MeasurementModel, landmarks: int) -> Mapping[str, int]:
@@ -88,6 +119,7 @@ EMITTED_SENSORS: Final = MappingProxyType(
                 FULL_BLOCKS,
                 example=pose_parameters(_POSE_NOISE[None])[0],
                 example_std=_POSE_STD,
+                stated=_pose_noise,
                 quaternion=3,
             ),
             EmittedSensor(
@@ -105,6 +137,7 @@ EMITTED_SENSORS: Final = MappingProxyType(
                 macros=_gyro_macros,
                 example=np.array([0.01, 0.0]),
                 example_std=(0.01,) * 3,
+                stated=_gyro_noise,
             ),
         )
     }

@@ -1,7 +1,9 @@
 """What the program ``main.c`` of the embedded filter begins from and runs on: a start state, and a short recording."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 
 import casadi as ca
 import numpy as np
@@ -37,15 +39,25 @@ class StartState:
         Of its error.
     source : str
         Where it is from, for people.
+    noise : Mapping[str, float]
+        Of a run, by its options: densities of the disturbances, deviations of the sensors; what it lacks is that of the example.
     """
 
     mean: Float[np.ndarray, " m"]
     covariance: Float[np.ndarray, "n n"]
     source: str
+    noise: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def densities(self) -> tuple[float, float]:
+        """Of the disturbances, (m/s^2)^2/Hz and (rad/s^2)^2/Hz."""
+        return self.noise.get("force_psd", PSD[0]), self.noise.get("torque_psd", PSD[1])
 
 
-def start_from_belief(belief: Gaussian, layout: StateLayout, source: str) -> StartState:
-    """The start state of a filter's layout from a belief whose state has at least its blocks.
+def start_from_belief(
+    belief: Gaussian, layout: StateLayout, source: str, noise: Mapping[str, float] = MappingProxyType({})
+) -> StartState:
+    """The start state of a filter's layout from a belief whose state has at least its blocks, with the noise of its run.
 
     Raises
     ------
@@ -65,12 +77,15 @@ def start_from_belief(belief: Gaussian, layout: StateLayout, source: str) -> Sta
     covariance = belief.covariance[np.ix_(places, places)]
     if not (np.isfinite(mean).all() and np.isfinite(covariance).all()):
         raise InputError(f"{source}: its last state is not finite; choose an estimator that did not fail")
-    return StartState(mean, covariance, source)
+    return StartState(mean, covariance, source, noise)
 
 
 def program_texts(options: EmbedOptions, start: StartState) -> dict[str, str]:
     """``start_state.h`` and ``recording.h`` by name."""
-    sensor = next(each for each in options.emitted if each.example is not None)
+    sensor = next(each for each in options.emitted if each.example is not None).with_noise(start.noise)
+    ours = (
+        "put the one of yours here" if not start.noise else "that of the run, where it states this sensor's"
+    )
     interval, values = _recording(sensor, options.layout, start)
     columns = ",".join(
         column for block in options.layout.members for column in _columns(block.symbol, block.mean_size)
@@ -83,8 +98,8 @@ def program_texts(options: EmbedOptions, start: StartState) -> dict[str, str]:
         "/* Covariance of the error, row by row. */",
         _array("start_covariance", start.covariance),
         "/* Disturbances: (m/s^2)^2/Hz, (rad/s^2)^2/Hz. */",
-        _array("start_psd", np.array(PSD)),
-        "/* Noise of the sensor, as its update takes it (spinfilter.h); put the one of yours here. */",
+        _array("start_psd", np.array(start.densities)),
+        f"/* Noise of the sensor, as its update takes it (spinfilter.h); {ours}. */",
         _array("start_parameters", sensor.example),
     ]
     recorded = [
@@ -128,7 +143,7 @@ def _recording(
     truth = layout.retract(start.mean, root @ rng.normal(size=layout.error_dim))
     rate = float(np.linalg.norm(truth[layout.mean_slice("w")]))
     interval = min(LONGEST_INTERVAL, TURN / rate) if rate > 0 else LONGEST_INTERVAL
-    process, model = TorqueFreeProcess(layout, ProcessNoise(*PSD), 1e-12), sensor.model(layout)
+    process, model = TorqueFreeProcess(layout, ProcessNoise(*start.densities), 1e-12), sensor.model(layout)
     assert sensor.example is not None
     values: list[np.ndarray] = []
     for epoch in range(EPOCHS):

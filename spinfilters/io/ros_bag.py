@@ -3,9 +3,10 @@
 import os
 import struct
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, BinaryIO, Final
+from typing import Any, BinaryIO, Final, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -155,8 +156,53 @@ def _rows(path: Path, bag: Any, connection: Any) -> list[list[float]]:
 
 def _messages(path: Path, topic: str | None) -> tuple[str, str, Float[np.ndarray, "n m"]]:
     """Topic, type, and rows of stamp (s) and numbers. InputError: unreadable."""
+    with _opened(path) as bag:
+        connection = _connection(path, bag.connections, topic)
+        rows = _rows(path, bag, connection)
+    if len(rows) < 2:
+        raise InputError(
+            f"{path_text(path)}: topic {printable(connection.topic)} has {len(rows)} messages; record more"
+        )
+    return connection.topic, connection.msgtype, np.array(rows)
+
+
+class BagMessage(NamedTuple):
+    """A message of a bag: its topic and type, time of measurement in ns, and content."""
+
+    topic: str
+    kind: str
+    stamp: int
+    content: Any
+
+
+def bag_topics(path: Path, kinds: Collection[str]) -> list[str]:
+    """Topics of a bag whose messages are of one of these types, by name. InputError: as `bag_messages`."""
+    with _opened(path) as bag:
+        return sorted({each.topic for each in bag.connections if each.msgtype in kinds})
+
+
+def bag_messages(path: Path, topics: Collection[str]) -> Iterator[BagMessage]:
+    """Messages of some topics, one by one in the order of the bag.
+
+    Raises
+    ------
+    InputError
+        The package rosbags is missing, or the bag is damaged.
+    """
+    with _opened(path) as bag:
+        for found, recorded, raw in bag.messages([each for each in bag.connections if each.topic in topics]):
+            content = bag.deserialize(raw, found.msgtype)
+            stamp = content.header.stamp
+            yield BagMessage(
+                found.topic, found.msgtype, stamp.sec * 1_000_000_000 + stamp.nanosec or recorded, content
+            )
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """An open bag; what its parsers raise becomes an InputError."""
     try:
-        from rosbags.highlevel import AnyReader, AnyReaderError  # pyright: ignore[reportMissingImports]
+        from rosbags.highlevel import AnyReader  # pyright: ignore[reportMissingImports]
         from rosbags.typesys import Stores, get_typestore  # pyright: ignore[reportMissingImports]
     except ImportError:
         raise InputError(
@@ -166,19 +212,11 @@ def _messages(path: Path, topic: str | None) -> tuple[str, str, Float[np.ndarray
         require_bag(path)
     try:
         with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as bag:
-            connection = _connection(path, bag.connections, topic)
-            rows = _rows(path, bag, connection)
+            yield bag
     except InputError:
         raise
-    except AnyReaderError as error:
-        raise _broken(path, error) from None
     except Exception as error:  # the package meets a damaged bag with whatever its parsers raise
         raise _broken(path, error) from None
-    if len(rows) < 2:
-        raise InputError(
-            f"{path_text(path)}: topic {printable(connection.topic)} has {len(rows)} messages; record more"
-        )
-    return connection.topic, connection.msgtype, np.array(rows)
 
 
 def _broken(path: Path, error: Exception) -> InputError:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -199,25 +199,35 @@ def read_histories(folder: Path, names: Sequence[str]) -> list[EstimateHistory]:
     return histories
 
 
-def last_belief(folder: Path) -> tuple[str, Gaussian]:
-    """Where it is from, and a belief after the last epoch: of a run's first estimator, or of the estimator whose folder it is.
+class LastBelief(NamedTuple):
+    """Where a belief is from, the belief after the last epoch, and the noise that its estimator rests on, by option."""
+
+    source: str
+    belief: Gaussian
+    noise: dict[str, float]
+
+
+def last_belief(folder: Path) -> LastBelief:
+    """Belief after the last epoch of a run's first estimator, or of the estimator whose folder it is, with its noise.
 
     Raises
     ------
     InputError
         No run, or a damaged one.
     """
-    run = folder.resolve()
+    run, name = folder.resolve(), ""
     if (run / HISTORY_FILE).exists():
         run, name = run.parent, run.name
-    else:
-        document = read_summary(folder)
-        try:
-            name = str(next(iter(document["estimators"])))
-        except (KeyError, StopIteration, TypeError) as error:
-            raise not_whole(folder, error) from None
+    document = read_summary(run)
+    try:
+        name = name or str(next(iter(document["estimators"])))
+        told = document["estimators"][name]["noise"]
+        noise = {key: float(each["value"]) for key, each in told.items() if each["value"] is not None}
+    except (KeyError, StopIteration, TypeError, ValueError) as error:
+        raise not_whole(run, error) from None
     (history,) = read_histories(run, [name])
-    return f"the last state of {name} in {run.name}", history.belief(len(history.time) - 1)
+    belief = history.belief(len(history.time) - 1)
+    return LastBelief(f"the last state of {name} in {run.name}", belief, noise)
 
 
 def figure_data_of(comparison: Comparison) -> FigureData:

@@ -43,6 +43,11 @@ def _row(study: Study, run: int, generator: np.random.Generator) -> dict:
         | found
         | told
         | {"bound_rate_rad_s": 1.0, "reason": ""}
+        | (
+            {"holds_rate": "not determined"}
+            if study.cells[study.run(run).cell].levels["motion"] == "short"
+            else {}
+        )
     )
 
 
@@ -66,6 +71,17 @@ def test_the_page_needs_nothing_else_and_escapes_what_it_was_given(folder: Path)
     assert not re.search(r"""(src|href)=["'](?!data:)""", page)
     assert "Content-Security-Policy" in page
     assert len(page) < 10_000_000
+
+
+def test_what_a_cell_does_not_determine_is_hatched(folder: Path) -> None:
+    study, rows = read_rows(folder)
+    for cell in cell_summaries(study, rows):
+        assert (cell.undetermined["rate"] > 0.5) == (cell.levels["motion"] == "short")
+        assert cell.undetermined["moments"] == 0.0
+    page = (folder / "report" / "index.html").read_text()
+    hatched = page.count('title="not determined"')
+    assert hatched == sum(cell.undetermined["rate"] > 0.5 for cell in cell_summaries(study, rows))
+    assert "not determined in most runs" in (folder / "report" / "bound.svg").read_text()
 
 
 def test_pictures_are_there_as_png_and_svg(folder: Path) -> None:

@@ -106,7 +106,8 @@ def test_a_filter_begins_from_the_last_state_of_a_run(tmp_path: Path) -> None:
     assert (
         main(["simulate", "-o", data, "--kind", "gyro", "--rate-rpm", "4", "9", "3", "--frames", "70"]) == 0
     )
-    assert main(["compare", data, "-o", str(run), "--estimators", "mekf", "--no-figures"]) == 0
+    noise = ["--set", "sensors.gyro_noise_std=0.0123", "--set", "process.torque_psd=3e-7"]
+    assert main(["compare", data, "-o", str(run), "--estimators", "mekf", "--no-figures", *noise]) == 0
     first = rows_of(built(tmp_path / "filter", "--sensor", "gyro", "--from-run", str(run)))[0]
     last = list(csv.DictReader((run / "mekf" / "trajectory.csv").read_text().splitlines()))[-1]
     speed = np.linalg.norm([float(last[name]) for name in ("wx", "wy", "wz")])
@@ -119,6 +120,10 @@ def test_a_filter_begins_from_the_last_state_of_a_run(tmp_path: Path) -> None:
     begun = [(tmp_path / name / "start_state.h").read_text() for name in ("filter", "same")]
     assert begun[0] == begun[1]
     assert "the last state of mekf in run" in begun[0]
+    assert (
+        "(sf_real)2.9999999999999999e-07}" in begun[0]
+    )  # density of the torque, and the noise of the gyro: those of the run
+    assert "(sf_real)0.0123, (sf_real)0}" in begun[0]
 
 
 @pytest.mark.skipif(shutil.which("cmake") is None, reason="cmake is not installed")

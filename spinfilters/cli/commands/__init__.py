@@ -44,6 +44,11 @@ COMMANDS: Final = (
     ListedCommand(
         "rig", "how well a stereo rig can measure, before it is built", "spinfilters.cli.commands.rig"
     ),
+    ListedCommand(
+        "unpack",
+        "images and clouds of bags, videos of a stereo pair, as data sets",
+        "spinfilters.cli.commands.unpack",
+    ),
     ListedCommand("track", "stereo images to tracks of landmarks", "spinfilters.cli.commands.track"),
     ListedCommand(
         "depth", "disparity and depth of one stereo pair, local and global", "spinfilters.cli.commands.depth"
@@ -104,7 +109,17 @@ COMMANDS: Final = (
 
 COMMAND_GROUPS: Final[dict[str, tuple[str, ...]]] = {
     "estimate": ("compare", "estimate", "segments", "live", "plot"),
-    "make data": ("simulate", "lidar", "track", "calibrate", "checkout", "depth", "rig", "reconstruct"),
+    "make data": (
+        "simulate",
+        "lidar",
+        "unpack",
+        "track",
+        "calibrate",
+        "checkout",
+        "depth",
+        "rig",
+        "reconstruct",
+    ),
     "study": ("observe", "campaign", "condition", "polhode", "threshold", "reproduce"),
     "deliver": ("embed", "schema", "completion", "doctor"),
 }

@@ -17,7 +17,7 @@ class EmbedArguments:
     from_run: Annotated[
         str | None,
         Argument(
-            "run whose last state the filter begins from: a run folder, of which the first estimator, or its estimator's folder",
+            "run whose last state and noise the filter begins from: a run folder (its first estimator) or an estimator's folder",
             metavar="RUN",
         ),
     ] = None
@@ -37,8 +37,8 @@ def embed(options: EmbedArguments) -> int:
     refuse_foreign(folder, COMMAND.name)
     start = None
     if options.from_run is not None:
-        source, belief = last_belief(Path(options.from_run))
-        start = start_from_belief(belief, chosen.layout, source)
+        source, belief, noise = last_belief(Path(options.from_run))
+        start = start_from_belief(belief, chosen.layout, source, noise)
     with output_folder(folder, COMMAND.name) as place:
         files = write_library(chosen, place, start)
     size = sum(len((folder / file.name).read_bytes()) for file in files)

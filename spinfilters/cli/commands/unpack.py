@@ -1,0 +1,112 @@
+"""The command ``unpack``: images and point clouds of bags, and videos of a stereo pair, as data sets."""
+
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from spinfilters.cli.command import Command
+from spinfilters.core.errors import InputError
+from spinfilters.io.input_file import path_text, printable
+from spinfilters.io.stated_values import Argument, NumberRange
+
+
+@dataclass(frozen=True, kw_only=True)
+class UnpackArguments:
+    """Arguments of ``unpack``."""
+
+    source: Annotated[
+        str,
+        Argument(
+            "ROS bag, or video: of the left camera, or both side by side", positional=True, metavar="SOURCE"
+        ),
+    ]
+    right: Annotated[str | None, Argument("video of the right camera", positional=True, metavar="RIGHT")] = (
+        None
+    )
+    output: Annotated[str, Argument("folder of the data set", short="-o", metavar="DATASET")]
+    topic: Annotated[
+        tuple[str, ...],
+        Argument("of a bag: the left and the right camera, or the point cloud", metavar="TOPIC"),
+    ] = ()
+    rate: Annotated[
+        float | None,
+        NumberRange(0.01, 1e5, "Hz"),
+        Argument("images a second of a video (default: as it says)", metavar="HZ"),
+    ] = None
+    rig: Annotated[
+        str | None,
+        Argument(
+            "folder with cam0/sensor.yaml and cam1/sensor.yaml, of calibrate, to copy", metavar="FOLDER"
+        ),
+    ] = None
+
+
+def unpack(options: UnpackArguments) -> int:
+    """Write the data set."""
+    from spinfilters.io.output_files import output_folder, refuse_foreign
+    from spinfilters.vision.unpacked_images import VIDEO_SUFFIXES, unpack_videos
+
+    source, folder = Path(options.source), Path(options.output)
+    refuse_foreign(folder, COMMAND.name)
+    is_video = source.suffix.lower() in VIDEO_SUFFIXES
+    if is_video and options.topic:
+        raise InputError("--topic is of bags; leave it out with a video")
+    if not is_video and (options.right is not None or options.rate is not None):
+        raise InputError("a second file and --rate are of videos; leave them out with a bag")
+    with output_folder(folder, COMMAND.name) as place:
+        if is_video:
+            paths = [source] if options.right is None else [source, Path(options.right)]
+            found = unpack_videos(paths, options.rate, place)
+            said = f"{found.pairs} pairs of images"
+        else:
+            said = _unpack_bag(source, options.topic, place)
+        if options.rig is not None:
+            _copy_rig(Path(options.rig), place)
+    print(f"{said} in {printable(str(folder))}")
+    return 0
+
+
+def _unpack_bag(source: Path, topics: tuple[str, ...], place: Path) -> str:
+    from spinfilters.io.output_files import write_toml
+    from spinfilters.io.ros_bag import bag_topics
+    from spinfilters.lidar.unpacked_clouds import CLOUD_TYPE, unpack_bag_clouds
+    from spinfilters.vision.unpacked_images import IMAGE_TYPES, unpack_bag_images
+
+    images, clouds = bag_topics(source, IMAGE_TYPES), bag_topics(source, (CLOUD_TYPE,))
+    chosen = topics or (tuple(images) if images else tuple(clouds))
+    listed = ", ".join(printable(each) for each in (*images, *clouds)[:8]) or "no images and no clouds"
+    if len(chosen) == 2 and set(chosen) <= set(images):
+        found = unpack_bag_images(source, chosen, place)
+        alone = f" ({found.alone} images without a partner)" if found.alone else ""
+        return f"{found.pairs} pairs of images, left {printable(chosen[0])}, right {printable(chosen[1])},{alone}"
+    if len(chosen) == 1 and chosen[0] in clouds:
+        count = unpack_bag_clouds(source, chosen[0], place)
+        write_toml(
+            place / "dataset.toml",
+            {"kind": "lidar-scans", "description": f"clouds of {printable(source.name)}"},
+        )
+        return f"{count} scans"
+    raise InputError(
+        f"{path_text(source)}: has {listed}; give --topic with two of images, left first, or one of clouds"
+    )
+
+
+def _copy_rig(rig: Path, place: Path) -> None:
+    for camera in ("cam0", "cam1"):
+        file = rig / camera / "sensor.yaml"
+        if not file.is_file():
+            raise InputError(
+                f"{path_text(file)}: no such file; give the folder that spinfilters calibrate wrote"
+            )
+        (place / camera).mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(file, place / camera / "sensor.yaml")
+
+
+COMMAND = Command(
+    "unpack",
+    UnpackArguments,
+    unpack,
+    "Images become a folder for track and compare (cam0, cam1); point clouds one of kind lidar-scans. Of a bag with two image "
+    "topics the first by name is the left camera, unless --topic says otherwise.",
+)

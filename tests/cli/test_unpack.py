@@ -1,0 +1,177 @@
+"""Images and clouds of bags, and videos of a stereo pair, become data sets; what cannot is refused in one line."""
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from spinfilters.cli.main import main
+from spinfilters.lidar.scan import read_scan
+from spinfilters.vision.image_folder import LossCount, read_image, stamped_pairs
+
+COUNT, SIZE = 5, (24, 32)
+START = 1_700_000_000_000_000_000
+GENERATOR = np.random.default_rng(3)
+GREY = GENERATOR.integers(0, 255, (2, COUNT, *SIZE), dtype=np.uint8)
+POINTS = GENERATOR.normal((0.0, 0.0, 5.0), size=(COUNT, 40, 3)).astype(np.float32)
+
+
+def _header(types: Any, stamp: int) -> Any:
+    time = types["builtin_interfaces/msg/Time"](sec=stamp // 10**9, nanosec=stamp % 10**9)
+    return types["std_msgs/msg/Header"](stamp=time, frame_id="camera")
+
+
+def _image(types: Any, stamp: int, grey: np.ndarray, encoding: str) -> Any:
+    pixels = {"mono8": grey, "rgb8": np.repeat(grey[..., None], 3, 2), "mono16": grey.astype("<u2") * 256}[
+        encoding
+    ]
+    lines = pixels.reshape(SIZE[0], -1).view(np.uint8)
+    padded = np.hstack([lines, np.zeros((SIZE[0], 7), np.uint8)])  # a step longer than a line
+    return types["sensor_msgs/msg/Image"](
+        header=_header(types, stamp),
+        height=SIZE[0],
+        width=SIZE[1],
+        encoding=encoding,
+        is_bigendian=0,
+        step=padded.shape[1],
+        data=padded.reshape(-1),
+    )
+
+
+def _compressed(types: Any, stamp: int, grey: np.ndarray) -> Any:
+    data = cv2.imencode(".png", grey)[1].reshape(-1)
+    return types["sensor_msgs/msg/CompressedImage"](header=_header(types, stamp), format="png", data=data)
+
+
+def _cloud(types: Any, stamp: int, points: np.ndarray) -> Any:
+    """Points with an intensity between y and z, and one that is none."""
+    rows = np.zeros(len(points) + 1, np.dtype([("x", "<f4"), ("y", "<f4"), ("i", "<f4"), ("z", "<f4")]))
+    rows["x"], rows["y"], rows["z"] = np.vstack([points, [np.nan] * 3]).T
+    field = types["sensor_msgs/msg/PointField"]
+    return types["sensor_msgs/msg/PointCloud2"](
+        header=_header(types, stamp),
+        height=1,
+        width=len(rows),
+        fields=[field(name=name, offset=4 * k, datatype=7, count=1) for k, name in enumerate("xyiz")],
+        is_bigendian=False,
+        point_step=16,
+        row_step=16 * len(rows),
+        data=np.frombuffer(rows.tobytes(), np.uint8),
+        is_dense=False,
+    )
+
+
+def bag(folder: Path, version: int, encoding: str) -> Path:
+    """Two cameras whose stamps differ by 20 us, the last right image missing, and clouds."""
+    from rosbags.rosbag1 import Writer as Writer1
+    from rosbags.rosbag2 import Writer as Writer2
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS1_NOETIC if version == 1 else Stores.ROS2_HUMBLE)
+    types, path = store.types, folder / ("two.bag" if version == 1 else "two")
+    if version == 1:
+        header = types["std_msgs/msg/Header"]
+        types = {
+            **types,
+            "std_msgs/msg/Header": lambda stamp, frame_id: header(seq=0, stamp=stamp, frame_id=frame_id),
+        }
+    with Writer1(path) if version == 1 else Writer2(path, version=9) as writer:
+        serialise = store.serialize_ros1 if version == 1 else store.serialize_cdr
+        kinds = ["sensor_msgs/msg/CompressedImage" if encoding == "png" else "sensor_msgs/msg/Image"] * 2
+        topics = dict(
+            zip(("/left", "/right", "/points"), (*kinds, "sensor_msgs/msg/PointCloud2"), strict=True)
+        )
+        opened = {
+            topic: writer.add_connection(topic, kind, typestore=store) for topic, kind in topics.items()
+        }
+        for k in range(COUNT):
+            stamp = START + k * 100_000_000
+            for camera, topic in enumerate(("/left", "/right")):
+                if camera == 1 and k == COUNT - 1:
+                    continue
+                own, grey = stamp + 20_000 * camera, GREY[camera, k]
+                made = (
+                    _compressed(types, own, grey) if encoding == "png" else _image(types, own, grey, encoding)
+                )
+                writer.write(opened[topic], own, serialise(made, topics[topic]))
+            writer.write(
+                opened["/points"], stamp, serialise(_cloud(types, stamp, POINTS[k]), topics["/points"])
+            )
+    return path
+
+
+def require_images(folder: Path) -> None:
+    pairs = stamped_pairs(folder, LossCount())
+    assert [pair.stamp for pair in pairs] == [START + k * 100_000_000 for k in range(COUNT - 1)]
+    for k, pair in enumerate(pairs):
+        for camera, path in enumerate((pair.left, pair.right)):
+            image, cause = read_image(path)
+            assert image is not None, cause
+            np.testing.assert_allclose(image.astype(int), GREY[camera, k].astype(int), atol=1)
+
+
+@pytest.mark.parametrize(
+    ("version", "encoding"), [(1, "mono8"), (2, "rgb8"), (2, "mono16"), (1, "png"), (2, "png")]
+)
+def test_images_of_a_bag_become_a_folder_of_pairs(
+    version: int, encoding: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = bag(tmp_path, version, encoding)
+    assert main(["unpack", str(path), "-o", str(tmp_path / "images")]) == 0
+    assert "4 pairs of images" in capsys.readouterr().out
+    require_images(tmp_path / "images")
+
+
+def test_clouds_of_a_bag_become_scans(tmp_path: Path) -> None:
+    path = bag(tmp_path, 2, "png")
+    assert main(["unpack", str(path), "-o", str(tmp_path / "scans"), "--topic", "/points"]) == 0
+    files = sorted((tmp_path / "scans" / "scans").iterdir())
+    assert len(files) == COUNT
+    for k, file in enumerate(files):
+        scan = read_scan(file)
+        np.testing.assert_allclose(scan.points, POINTS[k], atol=1e-6)
+        np.testing.assert_allclose(scan.time, 0.1 * k, atol=1e-9)
+    assert (tmp_path / "scans" / "dataset.toml").read_text().startswith('kind = "lidar-scans"')
+
+
+def video(path: Path, images: np.ndarray) -> Path:
+    film = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10.0, images.shape[:0:-1])
+    for image in images:
+        film.write(cv2.cvtColor(image, cv2.COLOR_GRAY2BGR))
+    film.release()
+    return path
+
+
+@pytest.mark.parametrize("is_side_by_side", [True, False])
+def test_videos_become_a_folder_of_pairs(is_side_by_side: bool, tmp_path: Path) -> None:
+    smooth = np.stack(
+        [np.tile(np.arange(0, 240, 5, dtype=np.uint8), (48, 1)) // (1 + camera) for camera in (0, 1)]
+    )
+    films = np.repeat(smooth[:, None], 4, axis=1)
+    if is_side_by_side:
+        given = [str(video(tmp_path / "both.avi", np.concatenate(films, axis=2)))]
+    else:
+        given = [str(video(tmp_path / f"{name}.avi", film)) for name, film in zip("lr", films, strict=True)]
+    assert main(["unpack", *given, "-o", str(tmp_path / "images")]) == 0
+    pairs = stamped_pairs(tmp_path / "images", LossCount())
+    np.testing.assert_allclose([pair.time for pair in pairs], [0.0, 0.1, 0.2, 0.3])
+    for camera, path in enumerate((pairs[0].left, pairs[0].right)):
+        image, cause = read_image(path)
+        assert image is not None, cause
+        assert np.abs(image.astype(int) - smooth[camera]).mean() < 4
+
+
+def test_what_cannot_be_unpacked_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path, nothing = bag(tmp_path, 2, "png"), tmp_path / "none.avi"
+    nothing.write_bytes(b"RIFF nothing")
+    for given, why in (
+        ([str(path), "--topic", "/left"], "two of images"),
+        ([str(path), "--topic", "/left", "--topic", "/other"], "two of images"),
+        ([str(path), "--rate", "10"], "of videos"),
+        ([str(nothing)], "no decoder"),
+    ):
+        assert main(["unpack", *given, "-o", str(tmp_path / "out")]) == 2
+        assert why in capsys.readouterr().err
+        assert not (tmp_path / "out" / "cam0").exists()
