@@ -74,7 +74,8 @@ def test_the_page_needs_nothing_else_and_escapes_what_it_was_given(folder: Path)
 
 
 def test_what_a_cell_does_not_determine_is_hatched(folder: Path) -> None:
-    study, rows = read_rows(folder)
+    study = _study()
+    rows = read_rows(folder, study.columns)
     for cell in cell_summaries(study, rows):
         assert (cell.undetermined["rate"] > 0.5) == (cell.levels["motion"] == "short")
         assert cell.undetermined["moments"] == 0.0

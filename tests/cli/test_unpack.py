@@ -168,7 +168,7 @@ def test_what_cannot_be_unpacked_is_refused(tmp_path: Path, capsys: pytest.Captu
     nothing.write_bytes(b"RIFF nothing")
     for given, why in (
         ([str(path), "--topic", "/left"], "two of images"),
-        ([str(path), "--topic", "/left", "--topic", "/other"], "two of images"),
+        ([str(path), "--topic", "/left", "/other"], "two of images"),
         ([str(path), "--rate", "10"], "of videos"),
         ([str(nothing)], "no decoder"),
     ):
