@@ -20,14 +20,14 @@ says of each quantity whether it is `ok`, `doubtful` or `not determined`. A quan
 concerns it ([how](../theory/verdict.md#what-still-holds)). Words in italics are numbers of the finding.
 
 A false alarm is a failure although nothing is wrong; its probability follows from the distribution of the test. Measured rates on
-simulated recordings are printed by `python -m experiments.what_holds` (every check, mixed motions) and `python -m experiments.honesty`
-(model errors, campaigns of right recordings).
+simulated recordings come from `python -m experiments.what_holds` (every check, mixed motions) and
+`python -m experiments.honesty` (model errors, campaigns of right recordings).
 """
 MODEL_ERRORS = """
 ## Errors of the models
 
-`model-error` tests each of these on the smoothed motion. A finding has the name of the error, such as `model-error:drag`. Errors that
-look alike are joined by `/`. Sizes are in the unit.
+`model-error` tests each of these on the smoothed motion. A finding has the name of the error, such as `model-error:drag`. Errors
+that look alike are joined by `/`. Sizes are in the unit.
 
 | name | sentence | unit | cure |
 |---|---|---|---|
