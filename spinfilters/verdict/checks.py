@@ -157,7 +157,7 @@ CHECKS: Final[tuple[Check, ...]] = (
         "Are the inspector's poses dense enough for its path? Errors of interpolation at most the pixel noise over "
         "the root of the number of observations in an image",
         CERTAIN,
-        "the inspector's poses, {interval:.3g} s apart, are too sparse for its path: interpolation is wrong by about "
+        "the inspector's poses are too sparse for its path: {interval:.3g} s apart, their interpolation is wrong by about "
         "{millimetres:.2g} mm and {rotation:.2g} rad, which is {pixels:.2g} px",
         "give poses at the stamps of the images, or more of them (inspector.tum)",
     ),
