@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import PurePath
 from typing import Any, Final
 
 import numpy as np
@@ -200,7 +201,8 @@ def errors_against_reference(
             np.hypot(_turned(found.rotation_std, R_im), stated),
         )
     why = "a reference does not tell every block of the state"
-    return PredictionErrors(reference.name, found.time - float(predicted.time[0]), courses, None, 0, why)
+    judge = PurePath(reference.name).name
+    return PredictionErrors(judge, found.time - float(predicted.time[0]), courses, None, 0, why)
 
 
 def _turned(std: Float[np.ndarray, "k 3"], R: Float[np.ndarray, "*k 3 3"]) -> Float[np.ndarray, "k 3"]:
