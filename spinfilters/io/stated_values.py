@@ -87,6 +87,13 @@ class NumberRange(FieldNote):
         plain = core_schema.no_info_before_validator_function(plain_number, number)
         return core_schema.no_info_after_validator_function(self._checked, plain)
 
+    def __get_pydantic_json_schema__(self, core: Any, handler: Any) -> dict[str, Any]:
+        """JSON Schema of a number of the range."""
+        limits = {"minimum": self.smallest, "maximum": self.largest}
+        if not self.zero or self.smallest <= 0:
+            return {**handler(core), **limits}
+        return {"anyOf": [{**handler(core), **limits}, {"const": 0}]}
+
     def _checked(self, value: float) -> float:
         if value not in self:
             raise ValueError(f"give {self}")

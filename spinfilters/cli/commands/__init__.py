@@ -92,6 +92,9 @@ COMMANDS: Final = (
     ListedCommand("embed", "write the filter as C for a microcontroller", "spinfilters.cli.commands.embed"),
     ListedCommand("plot", "draw the figures of a run folder again", "spinfilters.cli.commands.plot"),
     ListedCommand(
+        "schema", "JSON Schema of settings, studies and summary.json", "spinfilters.cli.commands.schema"
+    ),
+    ListedCommand(
         "doctor", "print versions and check that everything works", "spinfilters.cli.commands.doctor"
     ),
 )
@@ -100,6 +103,6 @@ COMMAND_GROUPS: Final[dict[str, tuple[str, ...]]] = {
     "estimate": ("compare", "estimate", "segments", "live", "plot"),
     "make data": ("simulate", "lidar", "track", "calibrate", "checkout", "depth", "rig", "reconstruct"),
     "study": ("observe", "campaign", "condition", "polhode", "threshold", "reproduce"),
-    "deliver": ("embed", "doctor"),
+    "deliver": ("embed", "schema", "doctor"),
 }
 """Commands by what they are for, as ``spinfilters --help`` lists them; others stand behind these."""
