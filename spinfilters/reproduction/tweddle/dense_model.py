@@ -8,13 +8,13 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d import Axes3D
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
+from spinfilters.lidar.mesh import TriangleMesh
 from spinfilters.plots.scene import equal_scales
 from spinfilters.reproduction.item import ComparedNumber, Item, ItemResult, tweddle_item
 from spinfilters.reproduction.tweddle.rendered_recording import RADIUS, RENDERED, rendered_recording
-
-SHOWN: Final = 6000
-"""Vertices of a picture."""
 
 
 def make_model() -> ItemResult:
@@ -31,16 +31,25 @@ def make_model() -> ItemResult:
         for name, extent in zip(("minor", "intermediate", "major"), extents, strict=True)
     ]
     figure = Figure(figsize=(10.0, 5.2), layout="constrained")
-    chosen = np.linspace(0, len(model.vertices) - 1, min(SHOWN, len(model.vertices))).astype(int)
+    surface = TriangleMesh(model.vertices, model.triangles)
+    shade = model.grey[model.triangles].mean(axis=1) / 255.0
     for number, (elevation, azimuth, title) in enumerate(
         ((20.0, -60.0, "from the front"), (20.0, 120.0, "from behind")), start=1
     ):
         axes = figure.add_subplot(1, 2, number, projection="3d")
-        points = 100.0 * model.vertices[chosen]
-        axes.scatter(*points.T, c=model.grey[chosen], cmap="gray", s=3)
+        assert isinstance(axes, Axes3D)
         axes.view_init(elevation, azimuth)
-        axes.set(xlabel="minor [cm]", ylabel="intermediate [cm]", zlabel="major [cm]", title=title)
-        equal_scales(axes, points)
+        up, around = np.deg2rad([elevation, azimuth])
+        viewer = np.array([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)])
+        # the inside of what no camera closed is drawn dark, farther triangles first
+        facing = surface.normals @ viewer > 0
+        for chosen, colours in ((~facing, 0.25 * shade), (facing, shade)):
+            grey = np.repeat(np.clip(colours[chosen], 0.0, 1.0)[:, np.newaxis], 3, axis=1)
+            faces = Poly3DCollection((100.0 * surface.corners[chosen]).tolist(), facecolors=grey.tolist())
+            axes.add_collection3d(faces)
+        axes.set(xlabel="minor [cm]", ylabel="intermediate [cm]", zlabel="major [cm]")
+        equal_scales(axes, 100.0 * model.vertices)
+        axes.text2D(0.08, 0.93, title, transform=axes.transAxes, fontsize="large")
     return ItemResult(rows, {"model": figure}, note=RENDERED)
 
 

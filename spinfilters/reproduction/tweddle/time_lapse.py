@@ -28,6 +28,8 @@ ASSOCIATION: Final = 196.0 + 74.0
 THESIS_PAIRS, THESIS_FACTORS, THESIS_LANDMARKS = 115, 24723, 2447
 SHOWN_COLOURS: Final = (RED, ORANGE, SKY)
 """Of the axes, in the order of their moments; bright enough for dark images."""
+SHOWN_PX: Final = 160.0
+"""Half width of the part of an image that is shown."""
 SECONDS: Final = 100.0
 """Of the rendered recording, which all its items share."""
 
@@ -57,6 +59,8 @@ def make_time_lapse() -> ItemResult:
                 axes, projected(found.rig, estimated)[side, row], projected(found.rig, true)[side, row]
             )
             axes.set_title(f"{name} image at {time:.1f} s", loc="left", fontsize="medium")
+            u, v = projected(found.rig, estimated)[side, row, 0]
+            axes.set(xlim=(u - SHOWN_PX, u + SHOWN_PX), ylim=(v + 0.75 * SHOWN_PX, v - 0.75 * SHOWN_PX))
             axes.set_axis_off()
     handles = [
         Line2D([], [], color=colour, linewidth=2.2, label=f"{name} axis")
