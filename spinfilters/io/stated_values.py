@@ -268,19 +268,19 @@ class ReadingOptions:
         ),
     ] = None
     rate: Annotated[
-        float | None, SAMPLING_RATE, Argument("samples a second, in place of a clock", metavar="HZ")
+        float | None, SAMPLING_RATE, Argument("samples a second, instead of a clock", metavar="HZ")
     ] = None
     topic: Annotated[
         str | None,
         Argument(
-            "of a ROS bag, where it has several that can be read", metavar="NAME", cure="the name of a topic"
+            "topic of a ROS bag with several that can be read", metavar="NAME", cure="the name of a topic"
         ),
     ] = None
 
     columns: Annotated[
         str | None,
         Argument(
-            "of a table without a header, in order, such as t,x,y,z; - leaves a column out",
+            "columns of a table without a header, such as t,x,y,z; - leaves one out",
             metavar="NAMES",
             cure='names of columns with commas, such as "t,x,y,z"',
         ),

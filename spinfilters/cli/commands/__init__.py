@@ -38,7 +38,7 @@ COMMANDS: Final = (
     ),
     ListedCommand(
         "checkout",
-        "a stored calibration against new images, or against another calibration",
+        "check a stored calibration on new images, or compare it with another",
         "spinfilters.cli.commands.checkout",
     ),
     ListedCommand(
@@ -55,7 +55,7 @@ COMMANDS: Final = (
     ),
     ListedCommand(
         "reconstruct",
-        "dense model of the body of a run made of stereo images",
+        "dense model of the body, from a run on stereo images",
         "spinfilters.cli.commands.reconstruct",
     ),
     ListedCommand(
@@ -68,25 +68,25 @@ COMMANDS: Final = (
     ),
     ListedCommand(
         "observe",
-        "what a sensor can determine of a motion, proved, and how well",
+        "what sensors can determine of a motion, with proof, and how well",
         "spinfilters.cli.commands.observe",
     ),
     ListedCommand(
-        "campaign", "a table of factors times seeds, run and reported", "spinfilters.cli.commands.campaign"
+        "campaign", "run a table of factors times seeds, and report", "spinfilters.cli.commands.campaign"
     ),
     ListedCommand(
         "condition",
-        "how well conditioned covariances are, by time step and units",
+        "conditioning of covariances by time step and units",
         "spinfilters.cli.commands.condition",
     ),
     ListedCommand(
         "polhode",
-        "how a body of given moments turns freely: polhode, herpolhode, cones, stability",
+        "free rotation of a body with given moments: polhode, herpolhode, cones, stability",
         "spinfilters.cli.commands.free_spin",
     ),
     ListedCommand(
         "threshold",
-        "does a target tumble or spin, for a mission's thrust and propellant",
+        "whether a target tumbles or spins, for a mission's thrust and propellant",
         "spinfilters.cli.commands.threshold",
     ),
     ListedCommand(

@@ -19,7 +19,7 @@ class CompletionArguments:
 
 def print_completion(options: CompletionArguments) -> int:
     """Print the script."""
-    from spinfilters.cli.completion import SHELLS
+    from spinfilters.cli.shell_scripts import SHELLS
 
     print(SHELLS[options.shell](), end="")
     return 0
