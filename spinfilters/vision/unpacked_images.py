@@ -57,15 +57,17 @@ def unpack_bag_images(path: Path, topics: Sequence[str], folder: Path) -> Unpack
         An encoding that is not read, no pairs, a damaged bag.
     """
     _make_folders(folder)
-    stamps: tuple[list[int], list[int]] = ([], [])
+    left: list[int] = []
+    right: list[int] = []
     for message in bag_messages(path, topics):
         camera = topics.index(message.topic)
-        if len(stamps[camera]) >= MOST_IMAGES:
+        stamps = (left, right)[camera]
+        if len(stamps) >= MOST_IMAGES:
             raise InputError(f"{path_text(path)}: has more than {MOST_IMAGES} images of a camera; cut it")
         name, data = _image_file(path, message)
         write_bytes(folder / CAMERAS[camera] / IMAGES / name, data)
-        stamps[camera].append(message.stamp)
-    return _write_lists(path, folder, stamps)
+        stamps.append(message.stamp)
+    return _write_lists(path, folder, left, right)
 
 
 def _image_file(path: Path, found: BagMessage) -> tuple[str, bytes]:
@@ -113,19 +115,19 @@ def unpack_videos(paths: Sequence[Path], rate: float | None, folder: Path) -> Un
     """
     films = [_frames(path) for path in paths]
     _make_folders(folder)
-    stamps: tuple[list[int], list[int]] = ([], [])
+    left: list[int] = []
     rate = rate or _rate(paths[0])
     for number, images in enumerate(zip(*films, strict=False)):
+        stamp = round(number / rate * 1e9)
         if number >= MOST_IMAGES:
             raise InputError(f"{path_text(paths[0])}: has more than {MOST_IMAGES} images; cut it")
         pair = (
             images if len(images) == 2 else np.split(images[0][:, : images[0].shape[1] // 2 * 2], 2, axis=1)
         )
         for camera, image in enumerate(pair):
-            stamp = round(number / rate * 1e9)
             write_bytes(folder / CAMERAS[camera] / IMAGES / f"{stamp}.png", _png(image))
-            stamps[camera].append(stamp)
-    return _write_lists(paths[0], folder, stamps)
+        left.append(stamp)
+    return _write_lists(paths[0], folder, left, left)
 
 
 def _make_folders(folder: Path) -> None:
@@ -163,9 +165,9 @@ def _png(image: np.ndarray) -> bytes:
     return cv2.imencode(".png", image)[1].tobytes()
 
 
-def _write_lists(path: Path, folder: Path, stamps: tuple[list[int], list[int]]) -> UnpackedPairs:
+def _write_lists(path: Path, folder: Path, lefts: Sequence[int], rights: Sequence[int]) -> UnpackedPairs:
     """Write data.csv of both cameras with the stamp of the left image of each pair."""
-    left, right = (np.unique(np.array(each, np.int64)) for each in stamps)
+    left, right = (np.unique(np.array(each, np.int64)) for each in (lefts, rights))
     if not len(left) or not len(right):
         raise InputError(
             f"{path_text(path)}: has {len(left)} left and {len(right)} right images; give both cameras"
