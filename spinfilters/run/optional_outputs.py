@@ -152,7 +152,7 @@ def _sentences(found: TestedModels, refits: Sequence[Explanation]) -> list[str]:
     findings = model_findings(found, None)
     beside = [f"explain: {each.reason}" for each in findings if base_name(each.check) != "model-error"]
     if not found.named:
-        return beside or ["explain: no error of the models is found"]
+        return beside or ["explain: no error of the models was found"]
     held = [each.sentence for each in refits]
     others = [each.error for each in found.named if not each.error.held_by]
     return [
@@ -235,7 +235,9 @@ class OptionalOutputs:
     ) -> None:
         """Write into the folder of a written run; `lacking` tells what could not be made. Raises InputError."""
         if self.predict_s is not None:
-            write_predictions(folder, comparison.setup.process, comparison.evaluations, self.predict_s)
+            write_predictions(
+                folder, comparison.setup.process, comparison.evaluations, self.predict_s, self.reference
+            )
             if self.race:
                 write_race(folder, self.race, comparison.evaluations, self.predict_s)
         if self.convergence:
@@ -278,7 +280,7 @@ class OptionalOutputs:
         if self.predict_s is not None:
             process = read_process(folder, settings.process.tolerance)
             evaluations = read_figure_data(folder).evaluations
-            made += write_predictions(folder, process, evaluations, self.predict_s)
+            made += write_predictions(folder, process, evaluations, self.predict_s, self.reference)
             if self.race:
                 made += write_race(folder, self.race, evaluations, self.predict_s)
         if self.reference is not None:
@@ -299,7 +301,7 @@ class OptionalOutputs:
         """Requested outputs that a folder lacks, and why; None where nothing is missing."""
         if self.predict_s is None or (folder / PREDICTION_PICTURE).exists():
             return None
-        return "no prediction was made: every estimator failed, or what follows from its last epoch is not finite"
+        return "no prediction was made: every estimator failed, or the prediction is not finite"
 
 
 def draw_optional_outputs(folder: Path, evaluations: Sequence[Evaluation], truth: Truth | None) -> list[str]:

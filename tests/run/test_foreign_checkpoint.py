@@ -197,7 +197,7 @@ def test_a_checkpoint_of_another_version_names_both(checkpoint: Path) -> None:
 
 def test_a_checkpoint_of_another_start_is_refused(checkpoint: Path) -> None:
     other = replace(fingerprint("mekf"), start="0" * 64)
-    with pytest.raises(InputError, match="start that comes out differently"):
+    with pytest.raises(InputError, match="initialisation gives other numbers"):
         load_checkpoint(checkpoint, fresh("mekf"), other)
 
 
