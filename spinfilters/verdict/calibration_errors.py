@@ -25,11 +25,10 @@ from spinfilters.settings.run_settings import Settings
 from spinfilters.smoother.batch_smoother import NO_LANDMARKS, smooth_problem
 from spinfilters.smoother.motion_factors import STRETCH
 from spinfilters.smoother.problem import problem_of
-from spinfilters.verdict.model_errors.alternatives import table
+from spinfilters.verdict.model_errors.alternatives import CLOCK_DRIFT, table
 from spinfilters.verdict.model_errors.hypotheses import solved_near
 from spinfilters.verdict.model_errors.linear_rows import Columns, LinearRows, Sensitivity
 from spinfilters.verdict.model_errors.score_tests import ScoreTest
-from spinfilters.verdict.model_errors.sensor_alternatives import ClockDrift
 from spinfilters.verdict.model_errors.smoothed_motion import KnownCamera, SmoothedMotion, displaced_camera
 from spinfilters.verdict.model_tests import MOST_EPOCHS_WITH_MAP, landmarks_placed, linear_problem
 
@@ -393,11 +392,10 @@ def possible_clock_drift(
     motion = SmoothedMotion(times_of(setup.timeline[: len(solved.here.trajectory)]), solved)
     if not all(each.model.reads_rate for each in motion.measured):
         return None
-    error = ClockDrift()
-    columns = error.columns(motion)
+    columns = CLOCK_DRIFT.columns(motion)
     if columns is None:
         return None
-    test = next((each for each in tests if each.error.name == error.name), None)
+    test = next((each for each in tests if each.error.name == CLOCK_DRIFT.name), None)
     size, std = (0.0, np.inf) if test is None else (float(test.size[0]), float(test.std[0]))
     span = float(motion.time[-1] - motion.time[0])
     deviation = possible_deviation(size, std, clock.std * span, LARGEST_DRIFT * span)

@@ -19,11 +19,8 @@ from spinfilters.filters.timeline import build_timeline, times_of
 from spinfilters.inference.setup import Setup, camera_view
 from spinfilters.smoother.problem import Problem
 from spinfilters.verdict.flywheel_refit import DoubtedMotion, at_own_levels
-from spinfilters.verdict.model_errors.camera_alternatives import (
-    HIGHEST_DEGREE,
-    InspectorMissing,
-    smooth_paths,
-)
+from spinfilters.verdict.model_errors.alternatives import INSPECTOR_MISSING
+from spinfilters.verdict.model_errors.error_columns import HIGHEST_DEGREE, smooth_paths
 from spinfilters.verdict.model_errors.hypotheses import minus_twice_log_likelihood
 from spinfilters.verdict.model_errors.score_tests import TELLING
 from spinfilters.verdict.model_errors.smoothed_motion import KnownCamera, SmoothedMotion, displaced_camera
@@ -36,7 +33,7 @@ STEPS: Final = 3
 
 def with_camera_refit(models: TestedModels, motion: DoubtedMotion) -> TestedModels:
     """Score tests with that of a moving camera from a fit, where it explains more than its score promises."""
-    test = next((each for each in models.tests if each.error.name == InspectorMissing.name), None)
+    test = next((each for each in models.tests if each.error.name == INSPECTOR_MISSING.name), None)
     if test is None or not (models.contradicted or test.p_value < TELLING) or models.tests[0] is test:
         return models
     gain, dof, farthest, std = fitted_camera(motion)
@@ -108,7 +105,7 @@ def _path(
     """The most probable displacement of the camera at every epoch, its deviation, and of how many numbers it is made."""
     own = motion.rows.residual(displaced_camera(motion, paths, camera))
     F, u = own.gram(own), own.gram(motion.rows.left)[:, 0]
-    covariance = np.linalg.inv(F + np.eye(len(F)) / InspectorMissing.plausible**2)
+    covariance = np.linalg.inv(F + np.eye(len(F)) / INSPECTOR_MISSING.plausible**2)
     made = paths(motion.time, camera.poses)
     std = np.sqrt(np.einsum("kim,mn,kin->ki", made, covariance, made))
     return made @ (covariance @ u), std, float(len(F))

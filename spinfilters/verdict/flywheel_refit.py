@@ -32,13 +32,13 @@ from spinfilters.smoother.linear_system import Marginals
 from spinfilters.smoother.priors import FirstStatePrior
 from spinfilters.smoother.problem import Problem, problem_of
 from spinfilters.smoother.solver import SolverOptions, solve
+from spinfilters.verdict.model_errors.alternatives import FLYWHEEL
 from spinfilters.verdict.model_errors.hypotheses import (
     minus_twice_log_likelihood,
     solved_near,
     with_identified,
 )
 from spinfilters.verdict.model_errors.linear_rows import LinearRows
-from spinfilters.verdict.model_errors.motion_alternatives import Rotor
 from spinfilters.verdict.model_errors.score_tests import ScoreTest
 from spinfilters.verdict.model_errors.smoothed_motion import is_steady
 from spinfilters.verdict.model_tests import landmarks_placed, linear_problem
@@ -87,10 +87,10 @@ def with_flywheel_refit(models: TestedModels, settings: Settings, motion: Doubte
             test = _fitted(motion, _samples_as_one(setup, settings))
     except (InputError, *NUMERICAL_ERRORS):
         return models
-    linear = next((each for each in models.tests if each.error.name == Rotor.name), None)
+    linear = next((each for each in models.tests if each.error.name == FLYWHEEL.name), None)
     if test is None or (linear is not None and linear.gain >= test.gain):
         return models
-    others = [each for each in models.tests if each.error.name != Rotor.name]
+    others = [each for each in models.tests if each.error.name != FLYWHEEL.name]
     return replace(models, tests=tuple(sorted((*others, test), key=lambda each: -each.merit)))
 
 
@@ -134,7 +134,7 @@ def _fitted(motion: DoubtedMotion, samples_as_one: float) -> ScoreTest | None:
     size = found.here.trajectory[0, layout.mean_slice(ROTOR.name)]
     beyond = float(chi_square_tail(gain, float(ROTOR.dimension)))
     return ScoreTest(
-        Rotor(),
+        FLYWHEEL,
         size,
         np.linalg.norm(factor, axis=1),
         gain,

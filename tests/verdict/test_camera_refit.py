@@ -12,7 +12,7 @@ from spinfilters.verdict import model_tests
 from spinfilters.verdict.camera_refit import fitted_camera
 from spinfilters.verdict.flywheel_refit import DoubtedMotion
 from spinfilters.verdict.model_errors.alternatives import table
-from spinfilters.verdict.model_errors.motion_alternatives import jumps
+from spinfilters.verdict.model_errors.jumps import jumps
 
 AT_REST = Scenario.simplified(
     rate_rpm=RICH_RPM, epochs=60, landmarks=100, noise=ProcessNoise(1e-6, 1e-6), seed=0
