@@ -20,7 +20,6 @@ from spinfilters.inference.estimator_entry import AnyEntry
 from spinfilters.inference.setup import Setup
 from spinfilters.inference.stated_noise import PRIOR
 from spinfilters.io.consider_parameter import ConsideredDeviation, ConsiderParameter, Displaced
-from spinfilters.models.status import Verdict
 from spinfilters.settings.run_settings import Settings
 from spinfilters.smoother.batch_smoother import NO_LANDMARKS, smooth_problem
 from spinfilters.smoother.motion_factors import STRETCH
@@ -104,7 +103,7 @@ class CalibrationErrors:
 
     def counted(self, history: EstimateHistory, entry: AnyEntry) -> EstimateHistory:
         """History with calibration errors counted in its covariance, ``degraded`` where that cannot be computed."""
-        if not self.considered or history.status.verdict is Verdict.FAILED:
+        if not self.considered or history.has_failed:
             return history
         try:
             with np.errstate(all="ignore"):  # what is not finite becomes a status
@@ -203,7 +202,7 @@ class CalibrationErrors:
         estimator = entry.build(moved, self.settings)
         entry.begin(estimator, moved)
         found = run(estimator, moved.end_of_initialisation, timeline[len(mean) :])
-        return None if found.status.verdict is Verdict.FAILED else found.mean
+        return None if found.has_failed else found.mean
 
     def _timelines(self, epochs: Timeline) -> Iterator[Timeline]:
         """The epochs under each independent error, by one deviation."""

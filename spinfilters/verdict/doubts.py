@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate
+from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate, not_failed
 from spinfilters.evaluation.trajectory_errors import Alignment
 from spinfilters.filters.history import EstimateHistory
 from spinfilters.inference.estimator_entry import AnyEntry
@@ -211,7 +211,7 @@ def measurement_findings(
     leaves out more is its own failing.
     """
     histories = [*smoothers] or [each.history for each in evaluations]
-    finished = [each for each in histories if each.status.verdict is not Verdict.FAILED]
+    finished = [each for each in histories if not each.has_failed]
     if not finished:
         return []
     best = min(finished, key=lambda each: int(each.rejected[each.own].sum()))
@@ -231,7 +231,7 @@ def with_verdicts(doubts: Doubts, settings: Settings, entries: Mapping[str, AnyE
     setup = doubts.setup
     widened = {each.name: _widened(each, doubts) for each in doubts.evaluations}
     peers = [each for each in widened.values() if not entries[each.name].is_baseline]
-    others = [peer for peer in peers if peer.history.status.verdict is not Verdict.FAILED]
+    others = not_failed(peers)
     found = []
     for evaluation in doubts.evaluations:
         entry, wider = entries[evaluation.name], widened[evaluation.name]
@@ -249,7 +249,7 @@ def with_verdicts(doubts: Doubts, settings: Settings, entries: Mapping[str, AnyE
 def _widened(evaluation: Evaluation, doubts: Doubts) -> Evaluation:
     """With covariances that hold with possibly correlated errors, and with possible ones of the calibration."""
     setup, history = doubts.setup, evaluation.history
-    if history.status.verdict is Verdict.FAILED or history.layout != setup.process.layout:
+    if history.has_failed or history.layout != setup.process.layout:
         return evaluation
     widening = doubts.models.correlated.widening
     if widening is not None:

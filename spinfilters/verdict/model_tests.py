@@ -18,7 +18,6 @@ from spinfilters.inference.setup import Setup
 from spinfilters.io.input_file import reason
 from spinfilters.io.sensor_format import sensor_format
 from spinfilters.models.sensor_registry import sensor_of
-from spinfilters.models.status import Verdict
 from spinfilters.smoother.batch_smoother import GATE
 from spinfilters.smoother.landmark_factors import OBSERVATIONS_NEEDED, reinitialised, seen_ids
 from spinfilters.smoother.problem import Problem, problem_of
@@ -207,7 +206,7 @@ def tested_history(setup: Setup, evaluations: Sequence[Evaluation]) -> EstimateH
     good = [
         each.history
         for each in evaluations
-        if each.history.status.verdict is not Verdict.FAILED
+        if not each.history.has_failed
         and each.history.layout == setup.process.layout
         and np.isfinite(each.history.mean).all()
     ]

@@ -19,7 +19,7 @@ from spinfilters.inference.noise_model import NoiseModel
 from spinfilters.inference.setup import Setup
 from spinfilters.io.input_file import reason
 from spinfilters.io.sensor_format import sensor_format
-from spinfilters.models.status import ALL, NOTHING, Finding, Verdict
+from spinfilters.models.status import ALL, NOTHING, Finding
 from spinfilters.settings.run_settings import Settings
 from spinfilters.smoother.batch_smoother import NO_LANDMARKS, NO_POINTS
 from spinfilters.smoother.landmark_factors import OBSERVATIONS_NEEDED
@@ -48,7 +48,7 @@ def filter_noise_diagnostics(history: EstimateHistory, setup: Setup, settings: S
     None of one that has failed or that adapts its noise, and none without innovations, as of a smoother's history.
     """
     adapts = settings.adaptation.measurement or settings.adaptation.process
-    if adapts or not history.dof[history.own].any() or history.status.verdict is Verdict.FAILED:
+    if adapts or not history.dof[history.own].any() or history.has_failed:
         return []
     with np.errstate(all="ignore"):
         try:
@@ -175,7 +175,7 @@ class _Levels:
         start = setup.initial
         trajectory, ids, points, needed, used = start.mean, start.ids, start.points, OBSERVATIONS_NEEDED, None
         if not start.has_landmarks:
-            history = next((h for h in histories if h.status.verdict is not Verdict.FAILED), None)
+            history = next((h for h in histories if not h.has_failed), None)
             if history is None or history.layout != setup.process.layout:
                 return None
             mean = history.mean[:STRETCH]
