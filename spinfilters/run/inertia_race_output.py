@@ -37,7 +37,11 @@ def require_inertias(names: Sequence[str], estimators: Sequence[str]) -> None:
 
 
 def write_race(
-    folder: Path, names: Sequence[str], evaluations: Sequence[Evaluation], seconds: float
+    folder: Path,
+    names: Sequence[str],
+    evaluations: Sequence[Evaluation],
+    seconds: float,
+    with_figures: bool = True,
 ) -> list[str]:
     """Write race.json, race.csv and race.png; returns the names of the pictures.
 
@@ -72,6 +76,9 @@ def write_race(
         reference = PropagatedInertia(TRUTH, q, rotate(inverse(q), truth.rate_i[true]))
         compared_with = "the true motion"
     _write(folder, compared_with, time, found, reference, first.name)
+    if not with_figures:
+        (folder / RACE_PICTURE).unlink(missing_ok=True)  # of an earlier race
+        return []
     draw_figure(lambda: inertia_race_figure(time, found, reference), folder / RACE_PICTURE)
     return [RACE_PICTURE]
 

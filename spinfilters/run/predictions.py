@@ -90,7 +90,11 @@ def stamps_ahead(
 
 
 def write_predictions(
-    folder: Path, process: TorqueFreeProcess, evaluations: Sequence[Evaluation], seconds: float
+    folder: Path,
+    process: TorqueFreeProcess,
+    evaluations: Sequence[Evaluation],
+    seconds: float,
+    with_figures: bool = True,
 ) -> list[str]:
     """Write prediction.csv of each estimator and prediction.png of all, and their errors where the truth goes on.
 
@@ -120,7 +124,16 @@ def write_predictions(
             (folder / each.name / TABLE).unlink(missing_ok=True)
     compared = _compared_with_truth(good, predicted)
     _write_errors(folder, seconds, good, compared)
-    return _draw(folder, good, predicted, compared)
+    if with_figures:
+        return _draw(folder, good, predicted, compared)
+    for name in (PREDICTION_PICTURE, PREDICTION_ERRORS_PICTURE):  # of an earlier prediction
+        (folder / name).unlink(missing_ok=True)
+    return []
+
+
+def is_predicted(folder: Path) -> bool:
+    """Whether any estimator of a run folder predicts more than its last epoch."""
+    return any(folder.glob(f"*/{TABLE}"))
 
 
 def draw_predictions(folder: Path, evaluations: Sequence[Evaluation]) -> list[str]:
