@@ -373,7 +373,7 @@ class NoisyModels:
         model = noise_model(problem, self.noise, unstated)
         if model is None:
             return None
-        first = None if from_residuals else np.zeros(len(model.components) + len(model.densities))
+        first = None if from_residuals else model.stated
         found = identify(model, start.mean, start.points, first)
         return found if found is not None and found.converged else None
 

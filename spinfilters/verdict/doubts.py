@@ -25,14 +25,13 @@ from spinfilters.verdict.agreement_tests import (
     reference_smoother,
 )
 from spinfilters.verdict.calibration_errors import enlargements, possible_clock_drift
-from spinfilters.verdict.camera_refit import with_camera_refit
 from spinfilters.verdict.check import LARGEST_MOMENT_STD, LEFT_OUT, Evidence, rejected_share
 from spinfilters.verdict.checks import MOST_MOMENTUM, finding
-from spinfilters.verdict.flywheel_refit import DoubtedMotion, with_flywheel_refit
 from spinfilters.verdict.judge import judge
 from spinfilters.verdict.model_tests import tested_epochs, tested_history, tested_models
 from spinfilters.verdict.noise_diagnostics import filter_noise_diagnostics, stated_level_diagnostics
 from spinfilters.verdict.recording_tests import front_end_slips, pose_findings, wrong_units
+from spinfilters.verdict.refits import DoubtedMotion, with_camera_refit, with_flywheel_refit
 from spinfilters.verdict.tested_models import NOT_TESTED, TestedModels, model_findings
 
 
