@@ -19,7 +19,7 @@ from spinfilters.io.input_file import path_text, read_toml, value_text
 from spinfilters.io.output_files import write_json
 from spinfilters.io.text_table import write_csv
 from spinfilters.io.truth import Truth
-from spinfilters.plots.race_figure import inertia_race_figure
+from spinfilters.plots.prediction_figures import inertia_race_figure
 from spinfilters.plots.style import draw_figure
 from spinfilters.run.predictions import stamps_ahead
 from spinfilters.run.run_folder import RACE_FILE, RACE_PICTURE, RACE_TABLE

@@ -20,7 +20,7 @@ from spinfilters.io.text_table import write_csv
 from spinfilters.models.body import body_estimate
 from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.models.status import EstimatorStatus
-from spinfilters.plots.predicted_errors import prediction_errors_figure
+from spinfilters.plots.prediction_figures import prediction_errors_figure
 from spinfilters.plots.style import draw_figure
 from spinfilters.plots.time_courses import PAST, PredictionCurves, prediction_figure
 from spinfilters.run.array_files import finite_document, read_history, write_history
