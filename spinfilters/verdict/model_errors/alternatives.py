@@ -307,7 +307,7 @@ ALTERNATIVES: Final[tuple[Alternative, ...]] = (
         "parts that move inside (a hinge, an elbow)",
         "of the moments",
         columns_of.hinge,
-        "lock the joint: of a body that is not rigid the moments cannot be told",
+        "lock the joint: a body that is not rigid has no constant moments",
         plausible=0.3,
     ),
     Alternative(
