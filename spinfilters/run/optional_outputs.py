@@ -237,7 +237,9 @@ class OptionalOutputs:
         """Write into the folder of a written run; `lacking` tells what could not be made. Raises InputError."""
         if self.predict_s is not None:
             setup, evaluations = comparison.setup, comparison.evaluations
-            write_predictions(folder, setup.process, evaluations, self.predict_s, with_figures)
+            write_predictions(
+                folder, setup.process, evaluations, self.predict_s, self.reference, with_figures
+            )
             if self.race:
                 write_race(folder, self.race, evaluations, self.predict_s, with_figures)
         if self.convergence:
@@ -282,7 +284,9 @@ class OptionalOutputs:
         if self.predict_s is not None:
             process = read_process(folder, settings.process.tolerance)
             evaluations = read_figure_data(folder).evaluations
-            made += write_predictions(folder, process, evaluations, self.predict_s, with_figures)
+            made += write_predictions(
+                folder, process, evaluations, self.predict_s, self.reference, with_figures
+            )
             if self.race:
                 made += write_race(folder, self.race, evaluations, self.predict_s, with_figures)
         if self.reference is not None:
