@@ -225,7 +225,7 @@ def make_corners() -> ItemResult:
             f"{1e9 * RANGE_NOISE.range_std * 1e-7 / min(kept, default=np.inf):.1g} nm",
         ),
     ]
-    figure = Figure(figsize=(10.0, 5.2), layout="constrained")
+    figure = Figure(figsize=(10.0, 5.8), layout="constrained")
     for axes, (name, each) in zip(figure.subplots(1, 2), found.items(), strict=True):
         if each is not None:
             draw_labels(axes, each.surfaces.features, 6.0)
