@@ -17,7 +17,7 @@ class EmbedArguments:
     from_run: Annotated[
         str | None,
         Argument(
-            "run whose last state the filter begins from: a run folder, of which the first estimator, or its estimator's folder",
+            "run whose last state the filter starts from: a run folder (its first estimator) or an estimator's folder",
             metavar="RUN",
         ),
     ] = None
