@@ -176,7 +176,7 @@ def _draw(
     compared: Mapping[str, PredictionErrors],
     keeps: bool = False,
 ) -> list[str]:
-    """Draw the predictions, and their errors where there are any; a picture of an earlier prediction goes unless it is kept."""
+    """Draw the predictions, and their errors where there are any; a picture of an earlier one goes, but for kept errors."""
     motions = _predicted_motion([each.history for each in good], predicted)
     drawn = []
     for name, draw, what in (
@@ -186,7 +186,7 @@ def _draw(
         if what:
             draw_figure(draw, folder / name)
             drawn.append(name)
-        elif not keeps:
+        elif not (keeps and name == PREDICTION_ERRORS_PICTURE):
             (folder / name).unlink(missing_ok=True)
     return drawn
 
@@ -312,7 +312,7 @@ def _read(path: Path, history: EstimateHistory) -> EstimateHistory:
     whole = len(time) > 1 or (len(time) == 1 and predicted.has_failed)
     sound = alike and whole and np.isfinite(mean).all() and np.isfinite(predicted.factor).all()
     if not (sound and time[0] == history.time[-1] and np.array_equal(mean[0], history.mean[-1])):
-        raise InputError(f"{path_text(path)}: does not go on from the last epoch of this run; {CURE}")
+        raise InputError(f"{path_text(path)}: does not continue from the last epoch of this run; {CURE}")
     return predicted
 
 
