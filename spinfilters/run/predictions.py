@@ -307,7 +307,7 @@ def _read(path: Path, history: EstimateHistory) -> EstimateHistory:
     whole = len(time) > 1 or (len(time) == 1 and predicted.status.verdict is Verdict.FAILED)
     sound = alike and whole and np.isfinite(mean).all() and np.isfinite(predicted.factor).all()
     if not (sound and time[0] == history.time[-1] and np.array_equal(mean[0], history.mean[-1])):
-        raise InputError(f"{path_text(path)}: does not go on from the last epoch of this run; {CURE}")
+        raise InputError(f"{path_text(path)}: does not continue from the last epoch of this run; {CURE}")
     return predicted
 
 

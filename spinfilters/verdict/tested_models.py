@@ -229,7 +229,7 @@ class TestedModels:
         if not found or self.classes or self.slips or self.slow is not None:
             return []
         return [
-            f"the residuals are beyond chance (chi-square {found[0].statistic:.0f}), and no error that is looked for explains "
+            f"the residuals are beyond chance (chi-square {found[0].statistic:.0f}), and no tested error explains "
             "them: look for jumps (a touch, a joint at its stop, wrong measurements)"
         ]
 

@@ -72,13 +72,13 @@ def no_epochs(name: str) -> Change:
 NOT_A_NUMBER = np.full(FRAMES, np.nan)
 FAULTS = {
     "no prediction": (lambda run: (run / PREDICTION).unlink(), "is no history of a run (no such file); run"),
-    "prediction of no epoch": (no_epochs(PREDICTION), "does not go on from"),
+    "prediction of no epoch": (no_epochs(PREDICTION), "does not continue from"),
     "prediction cut off": (cut_off(PREDICTION), PREDICTION),
     "prediction without time": (without_array(PREDICTION, "time"), "time is missing"),
     "prediction at no time": (changed(PREDICTION, time=np.full(11, np.nan)), "time does not run forwards"),
     "prediction of another": (
         lambda run: shutil.copy(run / "smoother/prediction.npz", run / PREDICTION),
-        "does not go on from",
+        "does not continue from",
     ),
     "no convergence": (
         lambda run: (run / CONVERGENCE).unlink(),

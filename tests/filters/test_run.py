@@ -117,7 +117,7 @@ def test_an_epoch_whose_time_is_no_number_is_refused() -> None:
 
 
 def test_rows_that_end_elsewhere_are_refused() -> None:
-    with pytest.raises(InputError, match=r"go on from there, not from"):
+    with pytest.raises(InputError, match=r"continue from there, not from"):
         run(ekf(), begin(), rest(), None, GrowingHistory(FULL, begin() - 1.0))
 
 
