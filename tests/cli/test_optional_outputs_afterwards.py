@@ -197,6 +197,18 @@ def test_a_damaged_convergence_is_made_again(resumed: Resumed, unmapped: Path) -
     _assert_same_but_for_times(run, unmapped)
 
 
+@pytest.mark.usefixtures("unrendered")
+def test_without_figures_the_numbers_are_written_and_drawn_when_asked_for(
+    resumed: Resumed, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = resumed("--predict", "5", "--race", "mekf,smoother", "--convergence", "--no-figures")
+    assert "no prediction was made" not in capsys.readouterr().out
+    assert all((run / name).exists() for name in (PREDICTION, CONVERGENCE, "race.json"))
+    assert not [*run.glob("*.png"), *run.glob("smoother/*.png"), *run.glob("smoother/*.gif")]
+    assert main(["plot", str(run)]) == 0
+    assert pictures(run).keys() == {"prediction.png", "convergence.png"}
+
+
 def _assert_same_but_for_times(run: Path, other: Path) -> None:
     """Arrays of convergence are the same, but for the measured seconds of the solves."""
     own, others = (read_arrays(folder / CONVERGENCE) for folder in (run, other))
