@@ -10,7 +10,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from time import perf_counter
+from time import thread_time
 from typing import Any, Final, Generic, TypeVar, overload
 
 T = TypeVar("T")
@@ -32,8 +32,11 @@ _building = _Building()
 
 
 def working_seconds() -> float:
-    """A clock that stands still while this thread builds functions, or waits for another that does."""
-    return perf_counter() - _building.seconds
+    """Processor time of this thread, without what it spends on building functions [s].
+
+    A busy machine does not make it longer; waiting for a disk or for another thread's building is not counted.
+    """
+    return thread_time() - _building.seconds
 
 
 def is_building() -> bool:
@@ -44,7 +47,7 @@ def is_building() -> bool:
 @contextmanager
 def building() -> Iterator[None]:
     """Within it this thread alone builds functions; it may be nested."""
-    begin = perf_counter()
+    begin = thread_time()
     with _LOCK:
         _building.depth += 1
         try:
@@ -52,7 +55,7 @@ def building() -> Iterator[None]:
         finally:
             _building.depth -= 1
             if not _building.depth:
-                _building.seconds += perf_counter() - begin
+                _building.seconds += thread_time() - begin
 
 
 class built_property(Generic[T]):  # noqa: N801  (a decorator, as functools.cached_property)

@@ -459,7 +459,7 @@ METRICS: Final[tuple[Metric, ...]] = (
 
     # what it took
     Metric("runtime_s.total", "", "s", _history(lambda h: h.runtime.sum()), section=COST, column=""),
-    Metric("runtime_s.per_frame_median", "ms per epoch (median)", "", _runtime(np.median), 1e3, section=COST,
+    Metric("runtime_s.per_frame_median", "processor ms per epoch", "", _runtime(np.median), 1e3, section=COST,
            column="time_per_epoch_s"),
     Metric("runtime_s.per_frame_max", "", "s", _runtime(np.max), section=COST, column=""),
 )

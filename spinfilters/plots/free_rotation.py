@@ -18,7 +18,7 @@ from spinfilters.core.conventions import RPM
 from spinfilters.core.polhode import Polhode, are_of_rigid_body, polhode_of_moments
 from spinfilters.core.rolling_motion import Cones, RollingMotion, cones, rolling_motion
 from spinfilters.core.spin_threshold import InspectionMission, spin_threshold
-from spinfilters.plots.scene import draw_ellipsoid, draw_wires
+from spinfilters.plots.scene import draw_ellipsoid, draw_on_ellipsoid, draw_wires, faces_viewer
 from spinfilters.plots.style import AXIS_COLOURS, BLACK, BLUE, GREEN, GREY, PURPLE, RED, legend_below, tidy
 
 ELEVATION, AZIMUTH = 24.0, -40.0
@@ -186,33 +186,16 @@ def spin_threshold_figure(
 
 def _draw_polhode(axes: Axes3D, curves: Polhode, rate: Float[np.ndarray, "3"]) -> None:
     """Both ellipsoids and both curves; what lies behind the ellipsoid is drawn faintly."""
+    axes.view_init(elev=ELEVATION, azim=AZIMUTH)
     draw_ellipsoid(axes, curves.energy_semi_axes, BLUE)
     draw_wires(axes, curves.momentum_semi_axes, RED)
     for curve in curves.curves:
-        front = _faces_viewer(curve, curves.energy_semi_axes)
-        for shown, alpha in ((front, 1.0), (~front, 0.25)):
-            part = np.where(shown[:, np.newaxis], curve, np.nan)
-            axes.plot(*part.T, color=BLACK, linewidth=2.2, alpha=alpha, zorder=3)
-    faint = 1.0 if _faces_viewer(rate[np.newaxis], curves.energy_semi_axes)[0] else 0.45
+        draw_on_ellipsoid(axes, curve, curves.energy_semi_axes, BLACK, 2.2)
+    faint = 1.0 if faces_viewer(axes, rate[np.newaxis], curves.energy_semi_axes)[0] else 0.45
     axes.plot(*np.stack([np.zeros(3), rate]).T, color=GREEN, linewidth=2.0, alpha=faint, zorder=4)
     axes.scatter(*rate, color=GREEN, s=45, alpha=faint, depthshade=False, zorder=5)
     extent = np.maximum(curves.energy_semi_axes, curves.momentum_semi_axes)
     _space_axes(axes, np.stack([-extent, extent]), "body")
-
-
-def _faces_viewer(
-    points: Float[np.ndarray, "n 3"], semi_axes: Float[np.ndarray, "3"]
-) -> Bool[np.ndarray, " n"]:
-    """Whether points of an ellipsoid are on its near side: the outward normal has a part towards the viewer."""
-    elevation, azimuth = math.radians(ELEVATION), math.radians(AZIMUTH)
-    viewer = np.array(
-        [
-            math.cos(elevation) * math.cos(azimuth),
-            math.cos(elevation) * math.sin(azimuth),
-            math.sin(elevation),
-        ]
-    )
-    return (points / np.square(semi_axes)) @ viewer >= 0.0
 
 
 def _draw_herpolhode(axes: Axes, motion: RollingMotion) -> None:

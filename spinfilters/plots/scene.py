@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from matplotlib.collections import PathCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -108,9 +108,72 @@ def draw_wires(axes: Axes3D, semi_axes: Float[np.ndarray, "3"], colour: str) -> 
     colour : str
         Of matplotlib.
     """
-    axes.plot_wireframe(
-        *_ellipsoid(semi_axes), color=colour, alpha=0.6, linewidth=0.7, rstride=4, cstride=4, zorder=2
+    surface = np.moveaxis(_ellipsoid(semi_axes), 0, -1)
+    meridians, parallels = np.moveaxis(surface[:, ::4], 1, 0), surface[::4]
+    for line in (*meridians, *parallels):
+        draw_on_ellipsoid(axes, line, semi_axes, colour, 0.7, 2)
+
+
+def draw_on_ellipsoid(
+    axes: Axes3D,
+    curve: Float[np.ndarray, "n 3"],
+    semi_axes: Float[np.ndarray, "3"],
+    colour: str,
+    width: float,
+    order: int = 3,
+) -> None:
+    """A curve on an ellipsoid about the origin, faint where it lies on the far side.
+
+    Parameters
+    ----------
+    axes : Axes3D
+        Three-dimensional, seen from where it shall be drawn (`Axes3D.view_init`).
+    curve : ndarray of float, shape (n, 3)
+        Points of the ellipsoid.
+    semi_axes : ndarray of float, shape (3,)
+        Along the axes, in their unit.
+    colour : str
+        Of matplotlib.
+    width : float
+        Of the line, points.
+    order : int
+        Above what lower numbers have.
+    """
+    near = faces_viewer(axes, curve, semi_axes)
+    for shown, alpha in ((near, 1.0), (~near, 0.25)):
+        # the first hidden point joins the last one seen, so that no gap opens between both parts
+        part = np.where((shown | np.roll(shown, 1) & ~near)[:, np.newaxis], curve, np.nan)
+        axes.plot(*part.T, color=colour, linewidth=width, alpha=alpha, zorder=order)
+
+
+def faces_viewer(
+    axes: Axes3D, points: Float[np.ndarray, "n 3"], semi_axes: Float[np.ndarray, "3"]
+) -> Bool[np.ndarray, " n"]:
+    """Whether points of an ellipsoid are on its near side: the outward normal has a part towards the viewer.
+
+    Parameters
+    ----------
+    axes : Axes3D
+        Whose elevation and azimuth say where the viewer is.
+    points : ndarray of float, shape (n, 3)
+        Of the ellipsoid.
+    semi_axes : ndarray of float, shape (3,)
+        Along the axes, in their unit.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+        False for what the ellipsoid hides.
+    """
+    elevation, azimuth = np.deg2rad(axes.elev), np.deg2rad(axes.azim)
+    viewer = np.array(
+        [
+            np.cos(elevation) * np.cos(azimuth),
+            np.cos(elevation) * np.sin(azimuth),
+            np.sin(elevation),
+        ]
     )
+    return (points / np.square(semi_axes)) @ viewer >= 0.0
 
 
 def frustum_edges(rig: Rig, depth: float) -> Float[np.ndarray, "8 2 3"]:
@@ -415,15 +478,15 @@ def estimated_polhode_figure(rates: BodyRates, body: BodyEstimate, initialisatio
         )
     curve = polhode(body.principal_moments, path[-1])
     figure, axes = space_figure(8.6, 6.8)
+    axes.view_init(elev=22, azim=-52)
     draw_ellipsoid(axes, curve.energy_semi_axes, BLUE)
     draw_wires(axes, curve.momentum_semi_axes, RED)
     for branch in curve.curves:
-        axes.plot(*branch.T, color=BLACK, linewidth=1.6, zorder=3)
+        draw_on_ellipsoid(axes, branch, curve.energy_semi_axes, BLACK, 1.6)
     dots = _draw_rates(axes, rates.time, path, initialisation)
     figure.colorbar(dots, ax=axes, shrink=0.6, pad=0.12, label="estimated rate at time [s]")
     extent = np.maximum(curve.energy_semi_axes, curve.momentum_semi_axes)
     equal_scales(axes, np.stack([-extent, extent]), zoom=1.0)
-    axes.view_init(elev=22, azim=-52)
     for axis, name in zip((axes.xaxis, axes.yaxis, axes.zaxis), PRINCIPAL_NAMES, strict=True):
         axis.set_label_text(f"{name} axis [deg/s]")
         axis.labelpad = 8.0

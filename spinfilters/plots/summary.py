@@ -56,7 +56,7 @@ def inertia_figure(
     evaluations: Sequence[Evaluation],
     true_moments: Float[np.ndarray, "3"] | None = None,
 ) -> Figure:
-    """Both ratios with +-3 sigma for every estimator, truth (any scale and order) dashed.
+    """Both ratios with +-3 sigma for every estimator, truth (any scale and order) dashed; beside them what estimators differ by.
 
     Parameters
     ----------
@@ -70,8 +70,10 @@ def inertia_figure(
     Figure
         Not yet saved or shown.
     """
-    figure = Figure(figsize=(10.0, 6.4), layout="constrained")
-    panels = figure.subplots(2, 1, sharex=True)
+    several = len(evaluations) > 1
+    figure = Figure(figsize=(14.0 if several else 10.0, 6.4), layout="constrained")
+    columns = figure.subplots(2, 1 + several, sharex=True, squeeze=False)
+    panels = columns[:, 0]
     lines = estimator_lines([evaluation.name for evaluation in evaluations])
     drawn = [evaluation.history.thinned(MOST_DRAWN) for evaluation in evaluations]
     histories = [body_history(history) for history in drawn]
@@ -89,7 +91,11 @@ def inertia_figure(
         axes.set_title(f"ratio {RATIO_LABELS[index]}", loc="left", fontsize="medium")
         axes.set_ylabel(f"{RATIO_LABELS[index]}  [-]")
         tidy(axes)
-    panels[-1].set_xlabel("time [s]")
+    for index in range(2 if several else 0):
+        _ratio_differences(columns[index, 1], histories, lines, index)
+        mark_start(columns[index, 1], time[0], end_of_initialisation)
+    for axes in columns[-1]:
+        axes.set_xlabel("time [s]")
     first = evaluations[0]
     at_end = f"{' : '.join(first.moment_texts)} : 1  ({first.name.upper()} at the end, 1 σ)"
     figure.suptitle(f"Principal moments of inertia: {at_end}", fontsize="large")
@@ -112,6 +118,27 @@ def _ratio(axes: Axes, bodies: BodyHistory, index: int, line: EstimatorLine) -> 
     value, band = bodies.principal_moments[:, index], SIGMAS * bodies.principal_moments_std[:, index]
     line.fill(axes, bodies.time, value, band)
     line.draw(axes, bodies.time, value)
+
+
+def _ratio_differences(
+    axes: Axes, histories: Sequence[BodyHistory], lines: Sequence[EstimatorLine], index: int
+) -> None:
+    """What all estimators but the last differ by from the last, whose deviations are the band: curves that coincide show here."""
+    last, name = histories[-1], lines[-1].name.upper()
+    half = SIGMAS * last.principal_moments_std[:, index]
+    lines[-1].fill(axes, last.time, np.zeros_like(half), half)
+    reach = [finite_quantile(half, 0.5)]
+    for bodies, line in zip(histories[:-1], lines, strict=False):
+        time, rows, own = np.intersect1d(bodies.time, last.time, return_indices=True)
+        apart = bodies.principal_moments[rows, index] - last.principal_moments[own, index]
+        line.draw(axes, time, apart)
+        reach.append(finite_quantile(np.abs(apart), 0.9))
+    axes.axhline(0.0, color=BLACK, linewidth=0.5)
+    limit = 1.3 * max(reach)
+    axes.set_ylim(*((-limit, limit) if limit > 0 else (-1.0, 1.0)))
+    axes.set_title(f"ratio {RATIO_LABELS[index]}, less {name}", loc="left", fontsize="medium")
+    axes.set_ylabel("difference [-]")
+    tidy(axes)
 
 
 def _limits(axes: Axes, histories: Sequence[BodyHistory], index: int) -> None:
@@ -200,7 +227,7 @@ def headline(evaluations: Sequence[Evaluation]) -> str:
     """
     standing = [each for each in evaluations if each.history.status.verdict is not Verdict.FAILED]
     if not standing:
-        return "Every estimator failed: nothing here tells how the body spins"
+        return "Every estimator failed: the motion of the body is unknown"
     evaluation = standing[0]
     rates, body = estimated_rates(evaluation.history), evaluation.body
     speed = np.linalg.norm(rates.rate, axis=1) * 30.0 / np.pi
@@ -343,7 +370,7 @@ def _runtime_panel(axes: Axes, evaluations: Sequence[Evaluation], lines: list[Es
     axes.set_xlim(0.0, 1.4 * max(*runtimes, 1e-9))
     axes.invert_yaxis()
     axes.set_xlabel("[ms]")
-    axes.set_title("time per epoch, median", loc="left", fontsize="medium")
+    axes.set_title("processor time per epoch, median", loc="left", fontsize="medium")
     tidy(axes)
 
 

@@ -17,6 +17,7 @@ from spinfilters.core.errors import InputError
 from spinfilters.evaluation.comparison_table import comparison_cells
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.evaluation.metrics import held_text
+from spinfilters.evaluation.spin_regime import spin_verdict
 from spinfilters.io.input_file import printable, read_bytes, read_settings_text
 from spinfilters.io.output_files import write_text
 from spinfilters.io.ply_files import read_ply
@@ -93,7 +94,10 @@ def _verdict_section(figure_data: FigureData) -> str:
         wide = (f'<span style="white-space:normal">{text}</span>' for text in (holds, reasons))
         rows.append([escape(evaluation.name), marked, *wide])
     log = figure_data.dataset.log
+    best = figure_data.most_exact
+    spin = None if best is None else spin_verdict(best)
     told = {
+        "motion": "" if spin is None else spin.sentence,
         "measurements": ", ".join(f"{len(stream)} of {stream.sensor}" for stream in log.streams),
         "epochs": str(max(len(each.history.time) for each in figure_data.evaluations)),
         "noise": " ".join(figure_data.conditions),
@@ -215,7 +219,7 @@ def _dense_sections(folder: Path) -> dict[str, str]:
         sections["Dimensions"] = _dimensions(document)
     except (InputError, ValueError, KeyError, TypeError, RecursionError):
         return sections
-    picture = _file(place / ANIMATION_FILE, "left image and the model where the estimate puts it")
+    picture = _file(place / ANIMATION_FILE, "left image and the model at the estimated pose")
     if picture:
         sections["Images and reprojected model"] = picture
     return sections
@@ -244,7 +248,7 @@ def _pictures(figure_data: FigureData, folder: Path) -> Iterator[str]:
         PREDICTION_PICTURE: "Predicted motion.",
         PREDICTION_ERRORS_PICTURE: "Predicted minus true motion.",
         RACE_PICTURE: "Several inertias from the last state.",
-        CONVERGENCE_PICTURE: "How estimates settle.",
+        CONVERGENCE_PICTURE: "How estimates converge.",
     }
     for name in names:
         values, differences = reference_pictures(name)

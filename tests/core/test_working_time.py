@@ -16,7 +16,7 @@ from spinfilters.models.state_layout import FULL_BLOCKS, StateLayout
 def passes(monkeypatch: pytest.MonkeyPatch) -> Callable[[float], None]:
     """Lets seconds pass on a clock that nothing else moves."""
     now = [0.0]
-    monkeypatch.setattr(working_time, "perf_counter", lambda: now[0])
+    monkeypatch.setattr(working_time, "thread_time", lambda: now[0])
     monkeypatch.setattr(working_time._building, "seconds", 0.0)
 
     def wait(seconds: float) -> None:

@@ -144,10 +144,18 @@ def test_rates_are_those_of_the_estimators_in_degrees_per_second() -> None:
 
 
 def test_true_ratios_are_inside_the_panels_of_the_inertia() -> None:
-    for axes, ratio in zip(inertia_figure(FULL.with_truth, 3 * MOMENTS[::-1]).axes, (0.6, 0.85), strict=True):
+    values = inertia_figure(FULL.with_truth, 3 * MOMENTS[::-1]).axes[::2]
+    for axes, ratio in zip(values, (0.6, 0.85), strict=True):
         assert any(np.allclose(np.asarray(line.get_ydata(), dtype=float), ratio) for line in axes.lines)
         low, high = axes.get_ylim()
         assert low < ratio < high
+
+
+def test_estimators_that_coincide_are_drawn_as_differences_of_their_inertia() -> None:
+    first, second = (each.body.principal_moments[:2] for each in FULL.with_truth)
+    beside = inertia_figure(FULL.with_truth).axes[1::2]
+    for index, axes in enumerate(beside):
+        assert axes.lines[0].get_ydata()[-1] == pytest.approx(first[index] - second[index], abs=1e-12)  # pyright: ignore[reportIndexIssue]
 
 
 def test_a_body_of_which_nothing_is_known_is_drawn_too() -> None:

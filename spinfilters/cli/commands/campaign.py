@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from spinfilters.campaigns.engine import Advance
 
 NO_SHARDS: Final = (
-    "campaigns have no shards any more; let the workers of a Dask scheduler share the runs, with --scheduler"
+    "campaigns have no shards any more; distribute runs to the workers of a Dask scheduler with --scheduler"
 )
 
 

@@ -4,7 +4,7 @@ The thesis prints pictures and says what they show; the numbers here are counts 
 """
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Final
 
@@ -12,9 +12,10 @@ import numpy as np
 from jaxtyping import Float, Int
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from spinfilters.lidar.scan import RayPattern
-from spinfilters.plots.style import BLUE, GREY, RED, SKY
+from spinfilters.plots.style import BLUE, GREY, RED, SKY, legend_below
 from spinfilters.reproduction.decoust.scan_features import Parameters, find_bndry_points, find_edge_points
 from spinfilters.reproduction.decoust.sequences import PLACE
 from spinfilters.reproduction.decoust.surfaces import surf_segm
@@ -165,11 +166,14 @@ def make_normal_tolerance() -> ItemResult:
         found = find_bndry_points(find_edge_points(cloud(), parameters), parameters)
         surfaces.append(surf_segm(found, parameters).of_point)
     counts = [float(len(set(each[each >= 0].tolist()))) for each in surfaces]
-    figure = Figure(figsize=(3.2 * len(values), 3.4), layout="constrained")
+    figure = Figure(figsize=(max(3.2 * len(values), 7.0), 3.9), layout="constrained")
     for axes, number, value in zip(figure.subplots(1, len(values)), surfaces, values, strict=True):
         _scatter(
             axes, np.where(number < 0, GREY, np.array([f"C{k % 10}" for k in number])), f"tolerance {value:g}"
         )
+    most = int(max(each.max() for each in surfaces)) + 1
+    surface_colours = {f"surface {k + 1}": f"C{k}" for k in range(min(most, 10))}
+    legend_below(figure, _dots(surface_colours | {"edge or boundary": GREY}))
     return ItemResult(
         [
             ComparedNumber("surfaces at 0.1, as large a tolerance as the cube bears", counts[0], printed=3.0),
@@ -197,12 +201,23 @@ def _clouds(
     labels: Sequence[Int[np.ndarray, " n"]], values: Sequence[float], name: str, colours: dict[int, str]
 ) -> Figure:
     """The cloud with the points of one label in colour, a panel a value."""
-    figure = Figure(figsize=(3.2 * len(values), 3.4), layout="constrained")
+    figure = Figure(figsize=(max(3.2 * len(values), 7.0), 3.9), layout="constrained")
     for axes, label, value in zip(
         figure.subplots(1, len(values), squeeze=False)[0], labels, values, strict=True
     ):
         _scatter(axes, np.array([colours.get(int(each), SKY) for each in label]), f"{name} {value:g}")
+    names = {EDGE: "edge", BOUNDARY: "boundary"}
+    shown = {"other points": SKY} | {f"{names[kind]} points": colour for kind, colour in colours.items()}
+    legend_below(figure, _dots(shown))
     return figure
+
+
+def _dots(colours: Mapping[str, str]) -> list[Line2D]:
+    """Legend entries of points by their names."""
+    return [
+        Line2D([], [], linestyle="none", marker="o", color=colour, label=name)
+        for name, colour in colours.items()
+    ]
 
 
 def _scatter(axes: Axes, colours: np.ndarray, title: str) -> None:

@@ -21,7 +21,7 @@ from spinfilters.lidar.mesh import TriangleMesh, box, mass_properties, read_mesh
 from spinfilters.lidar.scan import RayPattern, Scan, rvs_noise
 from spinfilters.plots.measurement_figures import scan_figure
 from spinfilters.plots.scene import equal_scales, space_figure
-from spinfilters.plots.style import BLACK, BLUE, GREEN, GREY, ORANGE, RED, tidy
+from spinfilters.plots.style import BLACK, BLUE, GREEN, GREY, ORANGE, RED, legend_below, tidy
 from spinfilters.reproduction.item import ComparedNumber, ItemResult, decoust_item
 from spinfilters.simulation.lidar_scanner import LidarSettings, Scanner, Still, thesis_rotation
 from spinfilters.simulation.lidar_sequence import (
@@ -190,10 +190,10 @@ def make_rays() -> ItemResult:
     """Figure 2.8: directions of rays without windows and with two."""
     pattern = preset_of("table-2.1").pattern
     plain = RayPattern(pattern.field_of_view, pattern.rays)
-    figure = Figure(figsize=(6.4, 9.6), layout="constrained")
+    figure = Figure(figsize=(11.0, 6.0), layout="constrained")
     counts = []
     for axes, each, title in zip(
-        figure.subplots(2, 1), (plain, pattern), ("without windows", "with two windows"), strict=True
+        figure.subplots(1, 2), (plain, pattern), ("without windows", "with two windows"), strict=True
     ):
         rays = each.directions()
         for number, colour in enumerate((GREY, BLUE, RED)):
@@ -218,9 +218,9 @@ def make_rays() -> ItemResult:
             title=title,
             aspect="equal",
         )
-        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
         tidy(axes)
         counts.append(rays)
+    legend_below(figure, figure.axes[-1].get_legend_handles_labels()[0])
     inside = counts[1].window == 1
     density = len(np.unique(counts[1].azimuth[inside])) - 1
     steps = [np.diff(grid)[0] for grid in pattern.grid]
@@ -455,7 +455,9 @@ def _mesh_figure(meshes: Sequence[TriangleMesh], colours: Sequence[str], title: 
         )
         axes.add_collection3d(faces)
     equal_scales(axes, np.concatenate([mesh.vertices for mesh in meshes]))
-    axes.set(xlabel="x [m]", ylabel="y [m]", zlabel="z [m]")
+    for axis, name in zip((axes.xaxis, axes.yaxis, axes.zaxis), "xyz", strict=True):
+        axis.set_label_text(f"{name} [m]")
+        axis.labelpad = 10.0
     axes.set_title(title, fontsize="medium")
     axes.view_init(elev=25, azim=-120)
     return figure

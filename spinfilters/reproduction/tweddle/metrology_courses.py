@@ -14,6 +14,8 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 
 from spinfilters.core.attitude_conversions import (
     angle_between,
@@ -30,7 +32,18 @@ from spinfilters.core.torque_free import torque_free_motion
 from spinfilters.evaluation.kinetic_energy import EnergyCourse, quadratic_energy
 from spinfilters.evaluation.reference_fit import reference_rates
 from spinfilters.io.reference_motion import ReferenceMotion, relative_reference
-from spinfilters.plots.style import AXIS_COLOURS, BLACK, BLUE, GREY, SIGMAS, fill_band, tidy
+from spinfilters.plots.style import (
+    AXIS_COLOURS,
+    BLACK,
+    BLUE,
+    GREY,
+    SIGMAS,
+    fill_band,
+    legend_below,
+    plot_truth,
+    tidy,
+    truth_handle,
+)
 from spinfilters.reproduction.item import ComparedNumber, Item, ItemResult, tweddle_item
 from spinfilters.reproduction.tweddle.metrology_comparison import GYRO, REPEATABLE, SPEED, STEP
 from spinfilters.reproduction.tweddle.reference_inertia import ESLINGER, RATE, principal_axes
@@ -276,6 +289,7 @@ def make_rotational_energy() -> ItemResult:
     """Figure 6-7: energy with its band, and what is lost in free motion."""
     course = rotational_energy()
     true = _blocks(target(), "rate")[1]
+    held = np.einsum("ki,ij,kj->k", true, ESLINGER, true) / 2
     change, std = course.change(SPUN, END)
     rows = [
         ComparedNumber(
@@ -287,9 +301,9 @@ def make_rotational_energy() -> ItemResult:
             bound=100 * std,
             why=CHOSEN,
         ),
-        _held(course, np.einsum("ki,ij,kj->k", true, ESLINGER, true) / 2),
+        _held(course, held),
     ]
-    figure = _energy_figure(course, 1e3, "energy [mJ]", "Rotational kinetic energy of the target")
+    figure = _energy_figure(course, held, 1e3, "energy [mJ]", "Rotational kinetic energy of the target")
     return ItemResult(rows, {"energy": figure}, {"energy": _energy_table(course)}, note=NOTE)
 
 
@@ -298,8 +312,9 @@ def make_translational_energy() -> ItemResult:
     measured, true = _blocks(target(), "velocity")
     covariance = np.tile(SPEED**2 * np.eye(3), (len(measured), 1, 1))
     course = quadratic_energy(target().measured.time, measured, covariance, MASS * np.eye(3))
-    rows = [_held(course, MASS * np.sum(true**2, axis=1) / 2)]
-    figure = _energy_figure(course, 1e6, "energy [uJ]", "Translational kinetic energy of the target")
+    held = MASS * np.sum(true**2, axis=1) / 2
+    rows = [_held(course, held)]
+    figure = _energy_figure(course, held, 1e6, "energy [uJ]", "Translational kinetic energy of the target")
     return ItemResult(rows, {"energy": figure}, {"energy": _energy_table(course)}, note=NOTE)
 
 
@@ -410,15 +425,20 @@ def _draw(
     tidy(axes)
 
 
-def _energy_figure(course: EnergyCourse, scale: float, label: str, title: str) -> Figure:
-    figure = Figure(figsize=(7.0, 3.6), layout="constrained")
+def _energy_figure(
+    course: EnergyCourse, true: Float[np.ndarray, " k"], scale: float, label: str, title: str
+) -> Figure:
+    figure = Figure(figsize=(7.0, 4.0), layout="constrained")
     axes = figure.subplots()
     fill_band(axes, course.time, scale * course.energy, SIGMAS * scale * course.std, BLUE)
     axes.plot(course.time, scale * course.energy, color=BLUE, linewidth=1.0)
+    plot_truth(axes, course.time, scale * true)
     axes.set_xlabel("time [s]")
     axes.set_ylabel(label)
-    axes.set_title(f"{title}, ±{SIGMAS:g} σ", loc="left", fontsize="medium")
+    axes.set_title(title, loc="left", fontsize="medium")
     tidy(axes)
+    band = Patch(color=BLUE, alpha=0.3, label=f"±{SIGMAS:g} σ")
+    legend_below(figure, [Line2D([], [], color=BLUE, label="metrology"), band, truth_handle()])
     return figure
 
 

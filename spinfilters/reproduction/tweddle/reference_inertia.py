@@ -160,7 +160,7 @@ def race(
 def _motions(rate_rpm: Float[np.ndarray, " 3"], time: Float[np.ndarray, " n"]) -> list[PropagatedInertia]:
     """The motion of the reference's inertia and of the estimated one."""
     inertias = []
-    for name, J in (("reference", ESLINGER), ("estimate", estimated_inertia())):
+    for name, J in (("Eslinger's inertia", ESLINGER), ("estimated", estimated_inertia())):
         moments, R = principal_axes(J)
         inertias.append(NamedInertia(name, moments, R.T))
     return propagate_inertias(inertias, np.array([0.0, 0.0, 0.0, 1.0]), rate_rpm * RPM, time)
@@ -202,7 +202,7 @@ def _with_motions(found: ItemResult, seconds: float) -> ItemResult:
     """The numbers of a race with the rates of both inertias."""
     time = np.linspace(0.0, seconds, int(20 * seconds) + 1)
     motions = _motions(RATE, time)
-    figure = inertia_race_figure(time, motions, motions[0])
+    figure = inertia_race_figure(time, motions[1:], motions[0])
     return ItemResult(found.rows, {"rates": figure}, note=found.note)
 
 
