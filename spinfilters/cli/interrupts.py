@@ -53,15 +53,6 @@ def noted_interrupts() -> Iterator[list[int]]:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-def take_interrupt() -> None:
-    """Let the process end with its own exit code behind a Ctrl-C that was caught.
-
-    Where Ctrl-C comes while Python evaluates a text, as for every dataclass and named tuple that an import makes, Python notes
-    that it was not caught, and in the end kills the process by SIGINT whatever happened meanwhile. The next text clears the note.
-    """
-    exec("")
-
-
 def require_uninterrupted() -> None:
     """Raise a Ctrl-C that was pressed and got lost. KeyboardInterrupt: there was one."""
     if _pressed:

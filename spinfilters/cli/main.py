@@ -18,7 +18,7 @@ from typing import Any, Final, NoReturn
 
 from spinfilters import __version__
 from spinfilters.cli.commands import COMMAND_GROUPS, COMMANDS, ListedCommand
-from spinfilters.cli.interrupts import noted_interrupts, take_interrupt
+from spinfilters.cli.interrupts import noted_interrupts
 from spinfilters.core.errors import SpinfiltersError
 from spinfilters.core.plugins import plugin_in
 from spinfilters.io.input_file import printable, value_text
@@ -47,7 +47,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         try:
             options = parser().parse_args(arguments)
         except KeyboardInterrupt:
-            take_interrupt()
             return _complain(INTERRUPTED)
         code = _run(options, pressed)
     if pressed and code == EXIT_OK:
@@ -73,7 +72,6 @@ def _run(options: argparse.Namespace, pressed: Sequence[int]) -> int:
     except SpinfiltersError as error:
         return _complain(str(error))
     except KeyboardInterrupt:
-        take_interrupt()
         return _complain(_of_interrupt(options, begun))
     except BrokenPipeError:
         return EXIT_BAD_INPUT

@@ -62,24 +62,6 @@ def test_ctrl_c_while_the_arguments_are_read_is_one_line(
     assert "interrupted" in refusal(capsys, "compare")
 
 
-PRESSED_IN_A_TEXT = """
-import signal, sys
-from spinfilters.cli import main
-signal.signal(signal.SIGINT, signal.default_int_handler)
-main.%s = lambda *_: exec("signal.raise_signal(signal.SIGINT)")
-sys.exit(main.main(["condition"]))
-"""
-
-
-@pytest.mark.parametrize("where", ["parser", "_set_logging"], ids=["arguments", "command"])
-def test_ctrl_c_while_a_dataclass_is_made_leaves_the_exit_code(where: str) -> None:
-    """Python makes dataclasses from texts, and ends itself by SIGINT where one of them was interrupted."""
-    ended = subprocess.run(
-        [sys.executable, "-c", PRESSED_IN_A_TEXT % where], capture_output=True, text=True, check=False
-    )
-    assert (ended.returncode, len(ended.stderr.splitlines())) == (2, 1), ended.stderr
-
-
 def test_a_swallowed_ctrl_c_is_told(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
