@@ -70,6 +70,11 @@ COMMANDS: Final = (
         "campaign", "a table of factors times seeds, run and reported", "spinfilters.cli.commands.campaign"
     ),
     ListedCommand(
+        "study",
+        "filters beside smoothers: which to fly when, with intervals",
+        "spinfilters.cli.commands.study",
+    ),
+    ListedCommand(
         "condition",
         "how well conditioned covariances are, by time step and units",
         "spinfilters.cli.commands.condition",
@@ -99,7 +104,7 @@ COMMANDS: Final = (
 COMMAND_GROUPS: Final[dict[str, tuple[str, ...]]] = {
     "estimate": ("compare", "estimate", "segments", "live", "plot"),
     "make data": ("simulate", "lidar", "track", "calibrate", "checkout", "depth", "rig", "reconstruct"),
-    "study": ("observe", "campaign", "condition", "polhode", "threshold", "reproduce"),
+    "study": ("observe", "campaign", "study", "condition", "polhode", "threshold", "reproduce"),
     "deliver": ("embed", "doctor"),
 }
 """Commands by what they are for, as ``spinfilters --help`` lists them; others stand behind these."""
