@@ -35,6 +35,7 @@ docs:
 	$(environment) docs
 	@$(bin)/python -m spinfilters.verdict.checks_page docs/reference/checks.md
 	@$(bin)/python -m spinfilters.cli.commands_page docs/reference/commands.md
+	@$(bin)/python -m spinfilters.settings.settings_page docs/reference/settings.md
 	@NO_MKDOCS_2_WARNING=1 $(bin)/mkdocs build --quiet --config-file .mkdocs.yml
 	@echo build/site/index.html
 

@@ -497,8 +497,8 @@ def singularity_sentences(case: Case) -> list[str]:
             lines.append(_regular_chart(case) if case.has_attitude else AXES_GIVEN)
     if close:
         lines.append(
-            f"Nearly singular: moments differ little ({', '.join(close)}). Ratios and principal axes are then told apart slowly; "
-            "the rank does not show that, the bound does."
+            f"Nearly singular: moments differ little ({', '.join(close)}). Ratios and principal axes are then distinguished "
+            "slowly; the rank does not show that, the bound does."
         )
     return lines
 

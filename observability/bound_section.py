@@ -177,7 +177,7 @@ class _Section:
             twice = [key for key in ("duration", "interval") if key in self._section]
             if twice:
                 raise InputError(
-                    f"{self._name}: bound has {twice[0]} beside a recording, which has times of its own; leave it out{self._others}"
+                    f"{self._name}: bound has {twice[0]} with a recording, which has its own times; leave it out{self._others}"
                 )
             return self._recorded[0]
         duration, interval = (self._positive(key) for key in ("duration", "interval"))

@@ -7,7 +7,7 @@ from typing import Final
 import casadi as ca
 import numpy as np
 
-from observability.model_rank import THOUSANDTHS, ReachedModel, draw_point
+from observability.model_rank import THOUSANDTHS, ReachedModel, draw_point, projected
 from observability.tape import NAMES, PIECEWISE
 from observability.written_formulas import written
 from spinfilters.core.errors import InputError
@@ -56,16 +56,20 @@ def _sides(rows: Sequence[ca.SX]) -> Iterator[tuple[ca.SX, ca.SX]]:
 def _point(part: ReachedModel) -> list[list[float]]:
     """The point that the exact rank was found at, as floats."""
     point = draw_point(part, np.random.default_rng(0))
-    prime, given = point.field.prime, part.model.point
-    return [
-        [
-            float(given[name])
-            if name in given
-            else float(Fraction(int(p) * THOUSANDTHS % prime, THOUSANDTHS))
-            for name, p in zip(names, values.p[:, 0], strict=True)
-        ]
-        for names, values in zip(part.groups, point.values, strict=True)
-    ]
+    prime, given, found = point.field.prime, part.model.point, []
+    for names, values in zip(part.groups, point.values, strict=True):
+        numbers = values.p[:, 0].tolist()
+        vectors = part.drawn_unit_vectors(names)
+        for where in vectors:  # u = x / (1 + x_last), as drawn
+            over = pow(1 + numbers[where[-1]], -1, prime)
+            for k in where[:-1]:
+                numbers[k] = numbers[k] * over % prime
+        floats = np.array([float(Fraction(p * THOUSANDTHS % prime, THOUSANDTHS)) for p in numbers])
+        for where in vectors:
+            floats[where] = projected(floats[where[:-1], np.newaxis])[:, 0]
+        pairs = zip(names, floats.tolist(), strict=True)
+        found.append([float(given[name]) if name in given else value for name, value in pairs])
+    return found
 
 
 def _text(expression: ca.SX) -> str:

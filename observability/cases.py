@@ -133,7 +133,7 @@ class Case:
             raise InputError(f"{self.landmarks} landmarks; give at least 1")
         if self.has_torque and self.chart == "filter":
             raise InputError(
-                "a known torque tells the scale of the inertia, which the filters' state does not hold; use another chart"
+                "a known torque determines the scale of the inertia, which the filters' state does not hold; use another chart"
             )
         if self.has_bias and (
             self.chart != "filter" or not any(analysed(each).bias for each in self.sensors)

@@ -147,7 +147,7 @@ class Chart(ABC):
                     f"block {block.name} of the chart {self.name} takes {block.size} numbers, got {len(values)}"
                 )
             exact = rationals(values)
-            numbers += unit_quaternion(exact) if _is_attitude(block) and _norm(exact) != 1 else exact
+            numbers += unit_quaternion(exact) if is_attitude(block) and _norm(exact) != 1 else exact
         return tuple(numbers)
 
     def _changed(self, block: Block, value: Expression, moved: Expression) -> Expression:
@@ -157,17 +157,18 @@ class Chart(ABC):
         return self._block_change(block, value, moved)
 
     def _block_directions(self, block: Block, value: Expression) -> Expression:
-        if not _is_attitude(block):
+        if not is_attitude(block):
             return ca.SX.eye(block.size)
         return ca.horzcat(*[product(value, ca.vertcat(ca.DM.eye(3)[:, axis] / 2, 0)) for axis in range(3)])
 
     def _block_change(self, block: Block, value: Expression, moved: Expression) -> Expression:
-        if not _is_attitude(block):
+        if not is_attitude(block):
             return moved - value
         return 2 * product(conjugate(value), moved)[:3]
 
 
-def _is_attitude(block: Block) -> bool:
+def is_attitude(block: Block) -> bool:
+    """Whether a block is a unit quaternion."""
     return block.size == 4 and len(block.components) == 3
 
 

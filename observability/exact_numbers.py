@@ -75,10 +75,15 @@ def unit_quaternion(q: Sequence[float | Fraction] | Float[np.ndarray, " 4"]) -> 
     pole = int(np.argmax(np.abs(values)))
     sign = 1 if values[pole] > 0 else -1
     others = [rational(float(v)) for v in np.delete(values * sign, pole) / (norm + abs(values[pole]))]
-    square = sum((v * v for v in others), Fraction(0))
-    unit = [sign * 2 * v / (1 + square) for v in others]
-    unit.insert(pole, sign * (1 - square) / (1 + square))
+    *unit, last = (sign * value for value in unit_vector(others))
+    unit.insert(pole, last)
     return tuple(unit)
+
+
+def unit_vector(others: Sequence[Fraction]) -> Rationals:
+    """A vector of exactly unit norm by stereographic projection: (2 u, 1 - u.u) / (1 + u.u)."""
+    square = sum((v * v for v in others), Fraction(0))
+    return (*[2 * v / (1 + square) for v in others], (1 - square) / (1 + square))
 
 
 def as_floats(values: Sequence[Fraction]) -> Float[np.ndarray, " n"]:

@@ -40,6 +40,7 @@ def restricted(model: Model, values: Mapping[str, Fraction]) -> Model:
             name: each for name, each in model.known_initial_values.items() if name not in values
         },
         point={name: each for name, each in model.point.items() if name not in values},
+        unit_vectors=tuple(each for each in model.unit_vectors if not set(each) & set(values)),
     )
 
 

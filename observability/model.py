@@ -10,12 +10,15 @@ from functools import cached_property
 from typing import Any, Final
 
 import casadi as ca
+import numpy as np
 
 from observability.model_text import FUNCTIONS, NAME, exact_number, formula
 from spinfilters.core.errors import InputError
 from spinfilters.io.argument_checks import refuse
 
 LISTS: Final = ("states", "parameters", "inputs", "unknown_inputs", "known_constants")
+VECTORS: Final = "unit_vectors"
+"""Groups of states of norm 1."""
 TABLES: Final = ("equations", "outputs", "known_initial_values", "point", "courses", "every", "experiments")
 OF_EXPERIMENTS: Final = ("known_initial_values", "point", "courses", "every", "bound")
 """What an experiment may have of its own."""
@@ -26,6 +29,9 @@ CLOCK: Final = "t"
 FROM_FILE: Final = re.compile(r"\s*from\s+(.+?)\s*")
 """A course that a table holds."""
 MOST_NAMES: Final = 400
+NORM_POINTS: Final = 8
+"""Random points at which the norm of a unit vector is tried."""
+NORM_ROUNDING: Final = 1e-9
 
 
 @dataclass(frozen=True)
@@ -52,6 +58,8 @@ class Model:
         Whether equations give the next value, x[k+1] = f, in place of the rate.
     every : Mapping[str, int]
         An output measured at every so many steps or times only.
+    unit_vectors : tuple[tuple[str, ...], ...]
+        States whose squares add up to 1, such as the four of a quaternion, group by group: one unknown less in each.
     """
 
     states: tuple[str, ...]
@@ -67,6 +75,7 @@ class Model:
     name: str = "the system"
     discrete: bool = False
     every: Mapping[str, int] = field(default_factory=dict)
+    unit_vectors: tuple[tuple[str, ...], ...] = ()
 
     def __post_init__(self) -> None:
         if not self.outputs:
@@ -94,6 +103,7 @@ class Model:
                 raise InputError(
                     f"{self.name}: {each!r} has a known initial value and a value of the point; give one of them"
                 )
+        _check_unit_vectors(self)
 
     @property
     def unknowns(self) -> tuple[str, ...]:
@@ -104,7 +114,7 @@ class Model:
     @property
     def is_generic(self) -> bool:
         """Whether every value is a generic one and every input known."""
-        return not (self.point or self.known_initial_values or self.unknown_inputs)
+        return not (self.point or self.known_initial_values or self.unknown_inputs or self.unit_vectors)
 
     @property
     def period(self) -> int:
@@ -127,6 +137,50 @@ class Model:
                 if each in self.states:
                     waiting.append(each)
         return frozenset(found)
+
+
+def _check_unit_vectors(model: Model) -> None:
+    """Refuse groups that are no states, overlap, or whose equations change their norm."""
+    seen: set[str] = set()
+    for group in model.unit_vectors:
+        where = f"{model.name}: the unit vector {', '.join(group) or '()'}"
+        foreign = [each for each in group if each not in model.states or each in model.known_initial_values]
+        if foreign or len(group) < 2 or seen & set(group) or len(set(group)) < len(group):
+            raise InputError(
+                f"{where} is no group of states; give two or more states without known initial values, each in one group"
+            )
+        seen |= set(group)
+        given = [model.point[each] for each in group if each in model.point]
+        if given and (len(given) < len(group) or sum(each * each for each in given) != 1):
+            raise InputError(
+                f"{where} has a norm other than 1 at the point; give all its values there, as exact fractions, or none"
+            )
+        if not _keeps_norm(model, group):
+            raise InputError(
+                f"{where} changes its norm along the motion; check its equations, or take it out of {VECTORS}"
+            )
+
+
+def with_norms(model: Model) -> Model:
+    """The model with the norms of its unit vectors among the outputs: they are known, and tell one direction each."""
+    norms = {
+        f"norm of {', '.join(group)}": ca.sumsqr(ca.vertcat(*[model.symbols[each] for each in group]))
+        for group in model.unit_vectors
+    }
+    return replace(model, outputs={**model.outputs, **norms}) if norms else model
+
+
+def _keeps_norm(model: Model, group: tuple[str, ...]) -> bool:
+    """Whether x.f = 0 (or f.f = 1 in discrete time) where x.x = 1, at random points in floats."""
+    x, f = (ca.vertcat(*[values[each] for each in group]) for values in (model.symbols, model.rates))
+    symbols = ca.vertcat(*model.symbols.values())
+    change = ca.dot(f, f) - 1 if model.discrete else ca.dot(x, f) / (1 + ca.norm_2(f))
+    evaluate, random = ca.Function("norm", [symbols], [change]), np.random.default_rng(0)
+    points = random.uniform(0.1, 1, (symbols.numel(), NORM_POINTS))
+    where = [[*model.symbols].index(each) for each in group]
+    points[where] /= np.linalg.norm(points[where], axis=0)
+    found = np.asarray(evaluate(points))
+    return bool(np.all(np.abs(found[np.isfinite(found)]) < NORM_ROUNDING))
 
 
 def _names_in(expression: ca.SX) -> set[str]:
@@ -163,7 +217,7 @@ def model_of_text(document: Mapping[str, Any], name: str = "the model") -> Model
     document : Mapping
         Lists ``states``, ``parameters``, ``inputs``, ``unknown_inputs``, ``known_constants`` of names, and tables ``equations``,
         ``outputs``, ``known_initial_values``, ``point``, ``courses`` of formulas by name, as a TOML file has them; ``time``,
-        ``every`` and ``experiments``.
+        ``every`` and ``experiments``; ``unit_vectors``, a list of lists of states of norm 1.
     name : str
         For complaints and titles.
 
@@ -173,9 +227,9 @@ def model_of_text(document: Mapping[str, Any], name: str = "the model") -> Model
         One line with the name and the cure.
     """
     for key in document:
-        if key not in (*LISTS, *TABLES, *WORDS):
+        if key not in (*LISTS, *TABLES, *WORDS, VECTORS):
             raise InputError(
-                f"{name}: {key!r} is unknown; use {', '.join((*LISTS, *TABLES, 'time', 'bound'))}"
+                f"{name}: {key!r} is unknown; use {', '.join((*LISTS, *TABLES, VECTORS, 'time', 'bound'))}"
             )
     experiments = document.get("experiments")
     if experiments is not None:
@@ -216,6 +270,7 @@ def model_of_text(document: Mapping[str, Any], name: str = "the model") -> Model
         name=name,
         discrete=document.get("time") == "discrete",
         every={each: _whole(count, f"{name}: every of {each}") for each, count in tables["every"].items()},
+        unit_vectors=_groups(document.get(VECTORS, ()), f"{name}: {VECTORS}"),
     )
     return with_courses(model, tables["courses"])
 
@@ -303,6 +358,7 @@ def joined(documents: Mapping[str, Mapping[str, Any]], name: str) -> Model:
     tables: dict[str, dict[str, Any]] = {
         key: {} for key in ("rates", "outputs", "known_initial_values", "point", "every")
     }
+    vectors: list[tuple[str, ...]] = []
     for experiment, model in models.items():
         names = {key: f"{key}_{experiment}" for key in model.symbols if key not in shared}
         own = {key: ca.SX.sym(each) for key, each in names.items()}
@@ -319,6 +375,7 @@ def joined(documents: Mapping[str, Mapping[str, Any]], name: str) -> Model:
             }
         tables["point"] |= {names.get(each, each): value for each, value in model.point.items()}
         tables["every"] |= {f"{each}_{experiment}": count for each, count in model.every.items()}
+        vectors += [tuple(names[each] for each in group) for group in model.unit_vectors]
     if len(symbols) > MOST_NAMES:
         raise InputError(
             f"{name}: {len(symbols)} names in {len(models)} experiments; give at most {MOST_NAMES}"
@@ -326,7 +383,12 @@ def joined(documents: Mapping[str, Mapping[str, Any]], name: str) -> Model:
     if len(symbols) != len(shared) + sum(len(model.symbols) - len(shared) for model in models.values()):
         raise InputError(f"{name}: names of experiments make two names alike; choose other names for them")
     return replace(
-        first, **{key: tuple(group) for key, group in groups.items()}, **tables, symbols=symbols, name=name
+        first,
+        **{key: tuple(group) for key, group in groups.items()},
+        **tables,
+        symbols=symbols,
+        name=name,
+        unit_vectors=tuple(vectors),
     )
 
 
@@ -342,6 +404,7 @@ def model_of_expressions(
     at: Mapping[str, Any] | None = None,
     name: str = "the system",
     time: str = "continuous",
+    unit_vectors: Sequence[Any] = (),
 ) -> Model:
     """A model of CasADi expressions of scalar or vector symbols, or of functions of (x, parameters, inputs, unknown inputs).
 
@@ -401,6 +464,7 @@ def model_of_expressions(
         point=point,
         name=name,
         discrete=time == "discrete",
+        unit_vectors=tuple(tuple(each.name() for each in _scalars(group, VECTORS)) for group in unit_vectors),
     )
 
 
@@ -448,6 +512,14 @@ def _names(value: Any, where: str) -> tuple[str, ...]:
                 f"{where}: {each!r} is no name; use letters, digits and _, and no name of a function"
             )
     return names
+
+
+def _groups(value: Any, where: str) -> tuple[tuple[str, ...], ...]:
+    if isinstance(value, str | Mapping) or not isinstance(value, Iterable):
+        raise InputError(
+            f'{where} is {value!r}; give a list of lists of states, such as [["q1", "q2", "q3", "q4"]]'
+        )
+    return tuple(_names(each, where) for each in value)
 
 
 def _whole(value: Any, where: str) -> int:

@@ -16,7 +16,7 @@ from observability.input_inversion import InvertedModel, invert
 from observability.invariant_manifold import known_numbers, restricted, staying
 from observability.invariants import Invariant, InvariantSet, Reparametrisation, invariants, reparametrised
 from observability.lie_derivatives import ObservabilityMatrix, observability_matrix
-from observability.model import Model, model_of
+from observability.model import Model, model_of, with_norms
 from observability.model_rank import ExactRank, reached
 from observability.null_vectors import RationalNullSpace, rational_null_space, symbolic_null_vectors
 from observability.other_solutions import NOT_SEARCHED, OtherSolutions, other_solutions
@@ -48,7 +48,8 @@ class ModelAnalysis:
     model : Model
         What was asked.
     core : Model
-        The same without states whose known initial values stay as they are.
+        The same without states whose known initial values stay as they are; norms of unit vectors are outputs of it, which
+        are known.
     exact : ExactRank
         Of the unknowns that outputs depend on.
     unreached : tuple[str, ...]
@@ -62,13 +63,13 @@ class ModelAnalysis:
 
     @property
     def dimension(self) -> int:
-        """Unknowns: parameters, states at time 0 and unknown inputs at time 0."""
-        return len(self.model.unknowns)
+        """Unknowns: parameters, states at time 0 and unknown inputs at time 0, one less for each unit vector."""
+        return len(self.model.unknowns) - len(self.model.unit_vectors)
 
     @property
     def rank(self) -> int:
         """Dimensions that the outputs and all their derivatives determine."""
-        return self.exact.rank
+        return self.exact.rank - len(self.model.unit_vectors)
 
     @property
     def null_dimension(self) -> int:
@@ -96,7 +97,8 @@ class ModelAnalysis:
         """Rank at generic points, where a special one was asked for."""
         if not self.model.point:
             return None
-        return outputs_rank(reached(replace(self.model, point={}))).rank
+        generic = outputs_rank(reached(with_norms(replace(self.model, point={}))))
+        return generic.rank - len(self.model.unit_vectors)
 
     @property
     def unidentifiable(self) -> set[str]:
@@ -146,7 +148,7 @@ class ModelAnalysis:
         """Whether an invariant as one more output determines nothing more."""
         outputs = {**self.core.outputs, "the invariant": invariant.expression(self.core.symbols)}
         try:
-            return outputs_rank(reached(replace(self.core, outputs=outputs))).rank == self.rank
+            return outputs_rank(reached(replace(self.core, outputs=outputs))).rank == self.exact.rank
         except InputError:
             return False
 
@@ -233,7 +235,7 @@ class ModelAnalysis:
             if self.core.discrete:
                 return ModelProof.STEPS
             return ModelProof.GENERIC if self.core.is_generic else ModelProof.MANIFOLD
-        if self.inverted is not None and self.inverted.rank == self.rank:
+        if self.inverted is not None and self.inverted.rank == self.exact.rank:
             return ModelProof.INVERSION
         known = len(self.symmetries) == self.null_dimension
         return ModelProof.GENERATORS if known else ModelProof.OPEN
@@ -386,7 +388,8 @@ def analyse(f: Any, h: Any = None, x: Any = None, **roles: Any) -> ModelAnalysis
         States, with expressions.
     **roles : Any
         ``parameters``, ``inputs``, ``unknown_inputs``, ``known_constants`` as symbols; ``known_initial_values`` and ``at``, values
-        by name; ``name``. With a dictionary only ``at`` and ``name``.
+        by name; ``unit_vectors``, a list of vectors of states whose norm is 1; ``name``. With a dictionary only ``at`` and
+        ``name``.
 
     Raises
     ------
@@ -410,7 +413,7 @@ def analyse(f: Any, h: Any = None, x: Any = None, **roles: Any) -> ModelAnalysis
 def analysis_of(model: Model) -> ModelAnalysis:
     """The analysis of a model."""
     still = {} if model.discrete else staying(model, known_numbers(model))
-    core = restricted(model, still) if still else model
+    core = with_norms(restricted(model, still) if still else model)
     part = reached(core)
     unreached = tuple(name for name in model.unknowns if name not in part.unknowns)
     return ModelAnalysis(model, core, outputs_rank(part), unreached)

@@ -115,6 +115,13 @@ class ReachedModel:
         most = self.most_orders
         return tuple(sorted({most // 2 + 1, (3 * most) // 4 + 1, most}))
 
+    def drawn_unit_vectors(self, names: Sequence[str]) -> list[list[int]]:
+        """Places among these names of the unit vectors whose values are drawn."""
+        vectors = [
+            each for each in self.model.unit_vectors if each[0] in names and each[0] not in self.model.point
+        ]
+        return [[names.index(name) for name in each] for each in vectors]
+
     def jet_columns(self, order: int) -> Int[np.ndarray, " k"]:
         """Columns of the unknown inputs' coefficients of an order from 1 on, behind the value and the unknowns' tangents."""
         count = len(self.unknown_inputs)
@@ -294,7 +301,7 @@ def _tried(part: ReachedModel, field: PrimeField, batch: int, generator: np.rand
     start = function_values(part.start, field, given, {}) if part.model.known_initial_values else None
     if start is not None:
         given[0] = start.output
-    choices = float_choices(part.tape, floats) if piecewise else {}
+    choices = float_choices(part.tape, _on_spheres(part, floats)) if piecewise else {}
     motion = function_values(part.tape, field, given, choices)
     good = motion.regular if start is None else start.regular & motion.regular
     if not good.any():
@@ -314,7 +321,7 @@ def _decisions(found: FunctionValues, choices: Choices, good: Bool[np.ndarray, "
 def _floats(
     part: ReachedModel, names: Sequence[str], batch: int, generator: np.random.Generator
 ) -> Num[np.ndarray, "n b"]:
-    """Thousandths between 0.5 and 2 that floats hold nearly, where branches are to be decided."""
+    """Thousandths between 0.5 and 2 that floats hold nearly, where branches are to be decided; unit vectors before projection."""
     drawn = generator.integers(THOUSANDTHS // 2, 2 * THOUSANDTHS, (len(names), batch)) / THOUSANDTHS
     for k, name in enumerate(names):
         if name in part.model.point:
@@ -324,6 +331,21 @@ def _floats(
                 f"{part.model.name}: abs, min and max together with known initial values are not analysed; give a point instead"
             )
     return drawn
+
+
+def _on_spheres(part: ReachedModel, floats: Sequence[Num[np.ndarray, "n b"]]) -> list[Num[np.ndarray, "n b"]]:
+    """The same values with those of unit vectors projected as `unit_residues` does."""
+    found = [each.copy() for each in floats]
+    for names, values in zip(part.groups, found, strict=True):
+        for where in part.drawn_unit_vectors(names):
+            values[where] = projected(values[where[:-1]])
+    return found
+
+
+def projected(u: Num[np.ndarray, "n b"]) -> Num[np.ndarray, "m b"]:
+    """Vectors of norm 1 by stereographic projection, in floats."""
+    s = (u * u).sum(axis=0)
+    return np.concatenate([2 * u, (1 - s)[np.newaxis]]) / (1 + s)
 
 
 def drawn_values(
@@ -346,7 +368,17 @@ def drawn_values(
             for j in range(batch):
                 value = Fraction(round(THOUSANDTHS * floats[k, j]), THOUSANDTHS)
                 p[k, j], q[k, j] = residue(value, field.prime), residue(value, field.order)
+    for where in part.drawn_unit_vectors(names):
+        p[where], q[where] = unit_residues(p[where], field.prime), unit_residues(q[where], field.order)
     return Residues(p, q)
+
+
+def unit_residues(given: Num[np.ndarray, "n b"], modulus: int) -> Num[np.ndarray, "n b"]:
+    """Vectors of norm 1 of all entries but the last, by stereographic projection (`exact_numbers.unit_vector`)."""
+    m, u = np.uint64(modulus), given[:-1]
+    s = (u * u % m).sum(axis=0) % m
+    over = powers((s + np.uint64(1)) % m, modulus - 2, modulus)
+    return np.concatenate([np.uint64(2) * u % m, ((np.uint64(1) + m - s) % m)[np.newaxis]]) * over % m
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Num
 
-from observability.exact_numbers import NotRegularError, PrimeField, residue
+from observability.exact_numbers import NotRegularError, PrimeField, residue, unit_vector
 from observability.generators import INTERPOLATION_SECONDS, Generator, as_generator
 from observability.generators import MOST_PRIMES as GENERATOR_PRIMES
 from observability.invariant_manifold import at_values
@@ -105,8 +105,10 @@ def rational_null_space(part: ReachedModel, exact: ExactRank, seed: int = 0) -> 
 def _integers(part: ReachedModel, random: np.random.Generator) -> dict[str, Fraction]:
     names = [name for group in part.groups for name in group]
     drawn = random.choice(np.arange(2, 2 + max(LARGEST_INTEGER, len(names))), len(names), replace=False)
-    given = part.model.point
-    return {name: given.get(name, Fraction(int(value))) for name, value in zip(names, drawn, strict=True)}
+    found = {name: Fraction(int(value)) for name, value in zip(names, drawn, strict=True)}
+    for group in part.model.unit_vectors:
+        found |= dict(zip(group, unit_vector([found[each] for each in group[:-1]]), strict=True))
+    return found | {name: part.model.point[name] for name in names if name in part.model.point}
 
 
 def _lifted(

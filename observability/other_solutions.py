@@ -106,7 +106,7 @@ class OtherSolutions:
         if self.chance_missed > LARGEST_CHANCE:
             return [
                 *lines,
-                f"Local only: whether there are {more} isolated solutions the search cannot tell.",
+                f"Local only: whether there are {more} isolated solutions the search cannot decide.",
             ]
         chance = max(self.chance_missed, LEAST_CHANCE)
         return [

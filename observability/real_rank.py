@@ -205,6 +205,9 @@ def _drawn(
         for k, name in enumerate(names):
             if name in part.model.point:
                 values[k] = float(part.model.point[name])
+        for vector in part.model.unit_vectors:
+            where = [k for k, name in enumerate(names) if name in vector]
+            values[where] /= max(TINY, float(np.linalg.norm(values[where])))
         groups.append(np.repeat(values[:, np.newaxis], TIMES, axis=1))
     return groups
 

@@ -26,28 +26,26 @@ class RunArguments:
     resume: Annotated[
         bool,
         Argument(
-            "go on from what an interrupted run has left in RUN, to the same numbers; a finished one gets what it lacks"
+            "continue an interrupted run in RUN, to the same numbers; a finished run gets missing outputs"
         ),
     ] = False
     predict: Annotated[
         float | None,
         NumberRange(1e-9, 1e9, "s"),
         Argument(
-            "go on for so long after the last epoch: <estimator>/prediction.csv and .npz, prediction.png",
+            "predict so long after the last epoch: <estimator>/prediction.csv and .npz, prediction.png",
             metavar="SECONDS",
         ),
     ] = None
     convergence: Annotated[
         bool,
         Argument(
-            "show how the smoother's estimates settle on tracks without a map: convergence.png, smoother/convergence.npz"
+            "show how the smoother converges on tracks without a map: convergence.png, smoother/convergence.npz"
         ),
     ] = False
     explain: Annotated[
         bool,
-        Argument(
-            "test the models, and run again with the errors that are found where the state can hold them: explanations.json"
-        ),
+        Argument("run again with each named model error that the state can include: explanations.json"),
     ] = False
 
     reference: Annotated[
@@ -61,8 +59,8 @@ class RunArguments:
     reference_shares: Annotated[
         tuple[str, ...],
         Argument(
-            "what of --reference need not be fitted: frame, its inertial frame is that of the data set; origin, it is the centre "
-            "of mass",
+            "do not fit these of --reference: frame (its inertial frame is that of the data set), origin (it is the centre of "
+            "mass)",
             metavar="frame,origin",
             cure='"frame", "origin" or "frame,origin"',
         ),
@@ -70,7 +68,7 @@ class RunArguments:
     reference_inspector: Annotated[
         str | None,
         Argument(
-            "poses of the inspector from the same instrument as --reference, which is then seen from the inspector",
+            "poses of the inspector from the same instrument; --reference is then relative to it",
             metavar="FILE",
         ),
     ] = None
@@ -88,17 +86,17 @@ class RunArguments:
     verdict: Annotated[
         Literal["full", "filter"] | None,
         Argument(
-            "judge by all checks (full, the default), or by those alone that need no smoothed motion (filter): these take less "
-            "time, and leave every estimate degraded at best",
+            "full (default): all checks; filter: only those that need no smoothed motion, which is faster, and every estimate "
+            "is degraded at best",
             cure='"full" or "filter"',
         ),
     ] = None
-    no_figures: Annotated[bool, Argument("write the numbers alone, no pictures and no page")] = False
+    no_figures: Annotated[bool, Argument("write numbers only, no figures and no report")] = False
     from_truth: Annotated[
         int | None,
         NumberRange(0, 2**63 - 1, whole=True),
         Argument(
-            "begin from a belief about the truth, whose error is drawn with this seed, and smooth no first epochs",
+            "start from the truth with an error drawn with this seed, instead of smoothed first epochs",
             metavar="SEED",
         ),
     ] = None
@@ -151,7 +149,7 @@ class ObserveArguments:
     sensors: Annotated[
         tuple[str, ...],
         Argument(
-            "one or several together, as kinds of data sets are called: stereo-tracks (or stereo), mono-tracks (or monocular), "
+            "one or several sensors: stereo-tracks (or stereo), mono-tracks (or monocular), "
             "lidar-points (range, azimuth and elevation of points of the body; or lidar), lidar-poses (of registered scans), pose, "
             "attitude, gyro, magnetometer",
             flag="--sensor",
@@ -162,7 +160,7 @@ class ObserveArguments:
     landmarks: Annotated[
         int,
         NumberRange(1, 200, whole=True),
-        Argument("that each camera or lidar sees, its own", metavar="N"),
+        Argument("number of landmarks of each camera or lidar", metavar="N"),
     ] = 4
     known_map: Annotated[bool, Argument("the landmarks are known")] = False
     chart: Annotated[
@@ -176,8 +174,7 @@ class ObserveArguments:
     unknowns: Annotated[
         str,
         Argument(
-            "of the inertia in the principal chart: ratios, or moments (all three, with their scale, as in chapter 3 of the "
-            "thesis)",
+            "inertia in the principal chart: ratios, or moments (all three, with their scale, as in chapter 3 of the thesis)",
             cure='"ratios" or "moments"',
         ),
     ] = "ratios"

@@ -573,9 +573,9 @@ def _whole(comparison: Comparison, folder: Path | None) -> Comparison:
     """A comparison that Ctrl-C has not cut short."""
     if comparison.interrupted:
         raise KeyboardInterrupt(
-            "nothing was written; give output to go on from there next time"
+            "nothing was written; give output to continue from it next time"
             if folder is None
-            else f"what was estimated is in {folder}; resume=True goes on from there"
+            else f"the finished part is in {folder}; resume=True continues from it"
         )
     return comparison
 

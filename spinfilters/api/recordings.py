@@ -99,7 +99,7 @@ def load(
         return _in_memory(path, kind, options, segment)
     if kind is not None:
         raise InputError(
-            f"kind {value_text(kind)} is of tables in memory; a file tells its own: leave it out"
+            f"kind {value_text(kind)} is for tables in memory; a file states its own: leave it out"
         )
     if segment is not None:
         if not isinstance(segment, str):

@@ -36,7 +36,7 @@ def open_folder(folder: Path, study: Study, resume: bool) -> None:
         _require_same(folder, study)
         if not resume and any((folder / ROWS).glob("*")):
             raise InputError(
-                f"{path_text(folder)}: holds rows of this study; give --resume to go on, or another folder with -o"
+                f"{path_text(folder)}: holds rows of this study; give --resume to continue, or another folder with -o"
             )
     if not (folder / BEGUN_FILE).exists():
         write_json(folder / BEGUN_FILE, begun(study))

@@ -161,7 +161,7 @@ def pairs_section(
 ) -> str:
     """Ratios of estimators over the reference on the same recordings."""
     if not ratios:
-        return "<p>One estimator alone, or no recording that two of them have.</p>"
+        return "<p>There is only one estimator, or no recording in common.</p>"
     quantities = list(dict.fromkeys(each.quantity for each in ratios))
     found: dict[tuple[tuple[str, ...], str], dict[str, Interval]] = {}
     for each in ratios:
@@ -194,7 +194,7 @@ def verdict_section(cells: Sequence[CellSummary], picture: str) -> str:
                 rows.append([escape(name), said, str(counts[0]), wrong, str(counts[2]), _shares(known)])
     remark = (
         f"Right: every published quantity of the last epoch is within {LARGEST_STATED_ERROR:g} of its stated standard deviations "
-        "of the truth. Said ok and wrong is what must not happen."
+        "of the truth. A run that is ok and wrong is a defect."
     )
     return note(remark) + table(head, rows, 2) + picture
 
@@ -217,7 +217,7 @@ def failures_section(
             f"{escape(_why(row))}</summary><pre>{escape(command)}\n{escape(compare)}</pre></details>"
         )
     more = "" if total <= len(items) else note(f"{len(items)} of {total} are listed; all are in the rows.")
-    remark = "A click shows the command that makes the run again and writes its data set, and one that looks at that."
+    remark = "A click shows the commands that repeat the run and compare its data set."
     return note(remark) + more + "".join(items)
 
 

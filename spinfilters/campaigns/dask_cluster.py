@@ -288,7 +288,7 @@ def _client(address: str, patience: float) -> Client:
             why = reason(error)
         time.sleep(1.0)
     raise InputError(
-        f"no Dask scheduler answers at {value_text(address)} ({why}); start 'dask scheduler', or go on with --resume"
+        f"no Dask scheduler answers at {value_text(address)} ({why}); start 'dask scheduler', or continue with --resume"
     )
 
 

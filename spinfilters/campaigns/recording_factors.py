@@ -354,6 +354,6 @@ def require_frames(sensor: SensorFactor) -> None:
     """
     if not sensor.known_map and not sensor_of(dataset_kinds()[sensor.kind].name).tells_frames:
         raise InputError(
-            "a drawn belief needs a sensor that tells the frames of the truth; give sensor.known_map = true, or "
+            "a drawn belief needs a sensor whose frames are those of the truth; give sensor.known_map = true, or "
             'initialisation = "data"'
         )

@@ -182,7 +182,7 @@ class RowsFolder:
                 raise OSError(28, os.strerror(28))
         except OSError as error:
             raise InputError(
-                f"{path_text(self.folder)}: cannot be written ({reason(error)}); free space, then go on with --resume"
+                f"{path_text(self.folder)}: cannot be written ({reason(error)}); free space, then continue with --resume"
             ) from None
         self._journal_length += 1
         if self._journal_length >= PART_ROWS:

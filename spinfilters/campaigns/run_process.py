@@ -155,7 +155,7 @@ def _read_line(process: "subprocess.Popen[bytes]") -> bytes:
 def _cause(code: int) -> str:
     """Cause of a process's death, in words."""
     if code == -signal.SIGKILL:
-        return "killed, by the system short of memory or by somebody (SIGKILL)"
+        return "killed (SIGKILL), by the system when memory was short or by a user"
     with suppress(ValueError):
         return f"signal {signal.Signals(-code).name}"
     return f"exit code {code}"

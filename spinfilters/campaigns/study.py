@@ -191,14 +191,14 @@ def study_options(document: Mapping[str, Any]) -> StudyOptions:
     for key, example in (("name", 'name = "known map"'), ("seeds", "seeds = 100")):
         if key not in table:
             raise InputError(f"study.{key} is missing; give it in [study], such as {example}")
-    given = validated(_StudyFile, {"study": dict(table)})["study"]
+    given = validated(StudyFile, {"study": dict(table)})["study"]
     if not given.name.strip() or not given.name.isprintable() or len(given.name) > 200:
         raise InputError(f"study.name is {value_text(given.name)}; give one line of at most 200 characters")
     return given
 
 
 @dataclass(frozen=True)
-class _StudyFile:
+class StudyFile:
     """Tables that are checked as dataclasses."""
 
     study: StudyOptions
@@ -210,7 +210,7 @@ class _StudyFile:
     belief: BeliefFactor = field(default_factory=BeliefFactor)
 
 
-_TABLES: Final = tuple(each.name for each in fields(_StudyFile) if each.name != "study")
+_TABLES: Final = tuple(each.name for each in fields(StudyFile) if each.name != "study")
 
 
 def check_tables(document: Mapping[str, Any]) -> None:
@@ -349,13 +349,13 @@ class _TableMaker:
         if kind != "settings":
             drawn = () if kind == "belief" else drawn_numbers(kind, table)
             for number in drawn:
-                _ = validated(_StudyFile, {kind: _nested(number.key.split("."), number.largest)})
+                _ = validated(StudyFile, {kind: _nested(number.key.split("."), number.largest)})
             fixed: dict[str, Any] = table
             for number in drawn:
                 key, _, inner = number.key.partition(".")
                 smallest = {**fixed[key], inner: number.smallest} if inner else number.smallest
                 fixed = fixed | {key: smallest}
-            return _Part(validated(_StudyFile, {kind: fixed})[kind], drawn)
+            return _Part(validated(StudyFile, {kind: fixed})[kind], drawn)
         if "estimators" in table:
             raise InputError("settings.estimators is given by the factor estimator; leave it out")
         return _Part(settings_from(table, "settings"))

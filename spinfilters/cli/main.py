@@ -95,7 +95,7 @@ def _run(options: argparse.Namespace, pressed: Sequence[int]) -> int:
 def _of_interrupt(options: argparse.Namespace, begun: float) -> str:
     output = options.output if hasattr(options, "resume") else None
     if output is not None and _has_finished(Path(output), begun):
-        return "interrupted; what was finished before is kept, the same command with --resume goes on from it"
+        return "interrupted; finished parts are kept, and the same command with --resume continues"
     return INTERRUPTED
 
 
@@ -227,7 +227,7 @@ def parser() -> argparse.ArgumentParser:
         title="commands",
         required=True,
         metavar="COMMAND",
-        help="one of those below; COMMAND --help tells more",
+        help="one of those below; COMMAND --help has its options",
     )
     for listed in COMMANDS:
         subparsers.add_parser(listed.name).listed = listed

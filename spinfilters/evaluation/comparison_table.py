@@ -19,16 +19,16 @@ from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.evaluation.metrics import Metric, Section, metrics
 
 PARTS_CAPTION: Final = (
-    "random / calibration: parts of the standard deviation after the last epoch, whose squares add up; the second is what the "
-    "calibration's own uncertainty adds. If it is exact, as of a simulation of your own, state in the settings' table "
-    "[calibration] that the deviations named above are 0."
+    "random / calibration: the two parts of the standard deviation after the last epoch; their squares add up. The second comes "
+    "from the uncertainty of the calibration. If it is exact, as in your own simulation, set the deviations named above to 0 in "
+    "the table [calibration] of the settings."
 )
 
 
 BOUND_COLUMN = "BOUND"
 BOUND_CAPTION = (
-    "BOUND: Cramer-Rao, the least standard deviation given all epochs; of what moves a smoother can reach it, a filter in its last "
-    "epoch only."
+    "BOUND: Cramer-Rao bound, the smallest possible standard deviation with all epochs. A smoother can reach it at every epoch, a "
+    "filter only at the last."
 )
 
 

@@ -97,7 +97,7 @@ def true_states(truth: Truth, layout: StateLayout) -> Float[np.ndarray, "n m"]:
     """
     if not knows_state(truth, layout):
         raise InputError(
-            f"the truth does not tell all of the blocks {', '.join(layout.blocks)}; give what truth.toml can hold of "
+            f"the truth does not contain all of the blocks {', '.join(layout.blocks)}; give what truth.toml can hold of "
             f"{', '.join(BODY_KEYS)}"
         )
     values = _fields(truth) | {RATE.name: rotate(inverse(truth.q_ig), truth.rate_i)}

@@ -171,12 +171,12 @@ def epoch_sentences(evaluations: Sequence[Evaluation]) -> list[str]:
         return []
     own = {e.name: int(np.count_nonzero(e.history.time[e.history.own] >= begin)) for e in evaluations}
     if len(set(own.values())) == 1:
-        epochs = f"the {next(iter(own.values()))} epochs from t = {begin:.6g} s on, which every estimator made itself"
+        epochs = f"the {next(iter(own.values()))} epochs from t = {begin:.6g} s on, which every estimator computed itself"
     else:
         each = ", ".join(f"{name.upper()} {number}" for name, number in own.items())
         epochs = f"every estimator's own epochs from t = {begin:.6g} s on ({each})"
     if count == 1:  # smoothed ones are more
-        return [f"Errors, NEES, NIS and counts: over {epochs}. The one before is the stated belief."]
+        return [f"Errors, NEES, NIS and counts: over {epochs}. The epoch before is the stated belief."]
     return [
-        f"Errors, NEES, NIS and counts: over {epochs}. The {count} before are the filters' initialisation, made by a smoother."
+        f"Errors, NEES, NIS and counts: over {epochs}. The {count} epochs before are the initialisation, by a smoother."
     ]

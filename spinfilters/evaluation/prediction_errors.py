@@ -147,7 +147,7 @@ def errors_ahead(predicted: EstimateHistory, evaluation: Evaluation) -> Predicti
     why = (
         ""
         if nees is not None
-        else "the truth does not tell every block of the state in the estimate's frames"
+        else "the truth does not contain every block of the state in the estimate's frames"
     )
     return PredictionErrors("truth", errors.time - now, courses, nees, dof, why)
 

@@ -109,7 +109,7 @@ def bound_or_reason(setup: Setup, truth: Truth, evaluation: Evaluation) -> tuple
     try:
         states = _states(setup, truth, evaluation)
         if states is None:
-            return None, "the truth does not tell the whole state at every epoch in frames that are known"
+            return None, "the truth does not contain the whole state at every epoch in known frames"
         factors, missing = _factors(setup, states)
     except (
         InputError,

@@ -48,7 +48,7 @@ class SpinVerdict:
         )
         return (
             f"at {self.rate / RPM:.3g} +- {self.std / RPM:.2g} rpm, mostly about the {self.axis} axis, the target {told}; "
-            "spinfilters threshold takes other missions"
+            "spinfilters threshold has other missions"
         )
 
     @property

@@ -300,7 +300,7 @@ def truth_in_first_frame(history: EstimateHistory, truth: Truth) -> Truth:
     """
     if not tells_first_frame(history, truth) or truth.center_of_mass_g is None:
         raise InputError(
-            "the first frame does not tell how the frames g of estimate and truth differ; give center_of_mass_g in truth.toml, a "
+            "the first frame does not show how the frames g of estimate and truth differ; give center_of_mass_g in truth.toml, a "
             f"true pose at {history.time[0]:.6f} s and an estimate that defines g there, or use {Alignment.BODY_FRAME.name}"
         )
     row, layout, first = common_stamps(history.time[:1], truth.time)[1][0], history.layout, history.mean[0]

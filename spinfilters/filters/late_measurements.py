@@ -251,7 +251,7 @@ class OutOfSequenceUpdates:
         if self._last_unusable:
             count = self._counts[Outcome.UNUSABLE]
             status = status.degraded(
-                f"{count} measurements broke the estimate and were taken back, the last {self._last_unusable}",
+                f"{count} measurements made the estimate infinite and were removed, the last {self._last_unusable}",
                 "broken-measurements",
             )
         return status

@@ -125,6 +125,15 @@ class SigmaPointOptions:
     """Options of Van der Merwe's scaled sigma points.
 
     No covariance weight may be negative: with beta = 2 that asks for alpha >= 0.518.
+
+    Attributes
+    ----------
+    alpha : float
+        Spread of the points about the mean.
+    beta : float
+        Weight of the mean in the covariance; 2 is best for a Gaussian.
+    kappa : float
+        Further spread, in coordinates of the state.
     """
 
     alpha: Annotated[float, NumberRange(1e-3, 1e3)] = 0.6

@@ -334,12 +334,12 @@ def initial_samples(
         fixed = [s.sensor for s in streams if sensor_of(s.sensor).tells_frames]
         if samples.attitude is None and fixed:
             raise InputError(
-                f"{' and '.join(fixed)} measurements refer to frame i, and {stream.sensor} measurements do not tell the attitude "
+                f"{' and '.join(fixed)} measurements refer to frame i, and {stream.sensor} measurements do not show the attitude "
                 "in it; give poses or attitudes too"
             )
         return samples
     raise InputError(
-        f"{' and '.join(s.sensor for s in streams)} measurements do not tell how the body moves at first; "
+        f"{' and '.join(s.sensor for s in streams)} measurements do not determine the initial motion; "
         "give those of another sensor too"
     )
 

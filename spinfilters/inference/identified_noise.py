@@ -113,8 +113,8 @@ def recorded_gyro_noise(
     require_motion(len(rates))
     if rates.any() and (rates == rates[0]).all():
         raise InputError(
-            f"the {sensor.name}'s rates never change, so nothing tells its noise from a motion: the body is held at one rate or "
-            "the sensor hangs; choose a part where the body tumbles (--segment), or another recording"
+            f"the {sensor.name}'s rates never change, so its noise cannot be distinguished from a motion: the body is held at one "
+            "rate or the sensor hangs; choose a part where the body tumbles (--segment), or another recording"
         )
     layout = process.layout.without_translation
     rotation = process if layout == process.layout else TorqueFreeProcess(layout, process.noise)

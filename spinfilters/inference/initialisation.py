@@ -119,7 +119,8 @@ def initialise(
     status = found.status
     if not found.converged:
         status = status.degraded(
-            f"the initialisation did not settle in {found.iterations} iterations", "initialisation-unsettled"
+            f"the initialisation did not converge in {found.iterations} iterations",
+            "initialisation-unsettled",
         )
     return replace(
         found,

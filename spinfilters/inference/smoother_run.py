@@ -110,7 +110,7 @@ NAME = "smoother"
 NOT_GAUSSIAN = "posterior-not-gaussian"
 """Name of the check in the verdict."""
 NO_FILTER = (
-    "the filter that the smoother sets out from failed: it began from what the measurements say directly"
+    "the filter for the initial guess of the smoother failed: it started directly from the measurements"
 )
 SOME_DIRECTIONS = "some directions are not determined at all, so that the estimate has no covariance"
 ANNEALED_ITERATIONS = 30
@@ -210,7 +210,7 @@ def _not_gaussian(shape: float) -> Finding:
     """The finding that a Gaussian does not describe the posterior of the mass distribution."""
     return Finding(
         NOT_GAUSSIAN,
-        f"the posterior of the moments is not Gaussian (Pareto shape {shape:.2g}, at most {LARGEST_SHAPE:g} is of use): mean and "
+        f"the posterior of the moments is not Gaussian (Pareto shape {shape:.2g}, limit {LARGEST_SHAPE:g}): mean and "
         "interval of the moments are those of its samples, axes those of its mode",
         "record a motion that wobbles",
         {"shape": shape},
@@ -246,7 +246,7 @@ def _smoothed_at_once(setup: Setup, settings: Settings, on_epoch: OnEpoch) -> _S
     whole, found, levels = _smoothed(epochs, trajectory, annealed, setup, settings)
     if not found.solved.converged:
         status = status.degraded(
-            f"the smoother did not settle in {found.solved.iterations} iterations", "smoother-unsettled"
+            f"the smoother did not converge in {found.solved.iterations} iterations", "smoother-unsettled"
         )
     share = (working_seconds() - begin) / len(epochs)
     runtime = np.full(len(epochs), share)

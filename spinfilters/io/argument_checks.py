@@ -215,7 +215,7 @@ def truth(name: str, value: Any) -> None:
 def called(name: str, value: Any) -> None:
     """A function."""
     if not callable(value):
-        refuse(name, value, "a function, which is called as the work goes on")
+        refuse(name, value, "a function, which is called during the work")
 
 
 def is_path(value: Any) -> bool:

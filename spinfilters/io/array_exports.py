@@ -1,4 +1,4 @@
-"""Recordings that programs save as arrays: NumPy .npz, MATLAB .mat, Parquet, and JSON as Sensor Logger exports it."""
+"""Recordings that programs save as arrays: NumPy .npz, MATLAB .mat, HDF5, Parquet, and JSON as Sensor Logger exports it."""
 
 import json
 import math
@@ -33,6 +33,8 @@ LARGEST: Final = 2 * 1024**3
 """Bytes of a file, and of the numbers in it."""
 SMALL, LARGEST_RATIO = 64 << 20, 100
 """A packed file may unpack to so many bytes more than so many times its size: arrays of zeros shrink further, measurements less."""
+MATLAB_HDF5: Final = b"MATLAB 7.3 MAT-file"
+"""First bytes of a .mat that is HDF5."""
 LARGEST_JSON: Final = 512 * 1024**2
 _SENSORS: Final = ("gyroscope", "gyroscopeuncalibrated", "gyro", "imu")
 """Values of the key "sensor" in JSON whose rows are body rates, in the order in which they are taken."""
@@ -42,7 +44,7 @@ class ArrayExportReader(StatedReader):
     """A file of named arrays; its columns are known by their names as those of a text table."""
 
     name, order = "array-export", 45
-    words = "a .npz, .mat, .parquet or .json of arrays"
+    words = "a .npz, .mat, .h5, .parquet or .json of arrays"
 
     def recognises(self, path: Path) -> bool:
         """Whether a file is named as one of them."""
@@ -90,11 +92,14 @@ def _require_whole(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> None:
 
 
 def _mat(path: Path) -> ArrayColumns:
-    """Arrays of a .mat up to version 7, and those of its structures by name."""
+    """Arrays of a .mat of any version, and those of its structures by name."""
     from scipy.io import loadmat, whosmat
 
+    content = read_bytes(path, LARGEST)
+    if content.startswith(MATLAB_HDF5):
+        return _hdf5(path)
     try:
-        _require_sound_mat(read_bytes(path, LARGEST))
+        _require_sound_mat(content)
         with ignored_warnings(UserWarning):
             variables = whosmat(path)
             if any(min(shape, default=0) < 0 for _, shape, _ in variables):
@@ -105,21 +110,66 @@ def _mat(path: Path) -> ArrayColumns:
             held = loadmat(path, simplify_cells=True)
     except InputError:
         raise
-    except NotImplementedError:
-        raise InputError(
-            f"{path_text(path)}: is a .mat of version 7.3; save it in MATLAB with save(..., '-v7')"
-        ) from None
     except Exception as error:  # as above
         raise InputError(
             f"{path_text(path)}: is no whole .mat ({reason(error)}); save it in MATLAB with save(..., '-v7')"
         ) from None
-    flat = _flat(held)
-    last = [name.rsplit(".", 1)[-1] for name in flat]
-    if len(set(last)) == len(last):  # no two structures have a field of one name
-        flat = dict(zip(last, flat.values(), strict=True))
-    return _columns_of(path, flat)
+    return _columns_of(path, _by_last_name(_flat(held)))
 
 
+def _by_last_name(arrays: Mapping[str, np.ndarray]) -> Mapping[str, np.ndarray]:
+    """Arrays without the names of the structures that hold them, unless two structures have a field of one name."""
+    last = [name.rsplit(".", 1)[-1] for name in arrays]
+    return dict(zip(last, arrays.values(), strict=True)) if len(set(last)) == len(last) else arrays
+
+
+def _hdf5(path: Path) -> ArrayColumns:
+    """Arrays of an HDF5 file, such as a .mat of version 7.3, and those of its groups by name.
+
+    MATLAB keeps arrays column by column, so that HDF5 sees them transposed. Links to other files are not followed.
+    """
+    try:
+        import h5py
+    except ImportError:
+        raise InputError(
+            f"{path_text(path)}: HDF5 (a .mat of version 7.3 is one) needs the package h5py; install it with "
+            "pip install 'spinfilters[hdf5]', or save it in MATLAB with save(..., '-v7')"
+        ) from None
+    is_matlab = path.suffix.lower() == ".mat"
+    try:
+        with h5py.File(path, "r") as file:
+            sets = _number_sets(file)
+            _require_size(path, sum(8 * each.size for each in sets.values()))
+            arrays = {name: np.asarray(each[()]) for name, each in sets.items()}
+    except InputError:
+        raise
+    except Exception as error:  # what the library raises of damaged bytes is not documented
+        raise InputError(
+            f"{path_text(path)}: is no whole HDF5 file ({reason(error)}); save it again"
+        ) from None
+    if is_matlab:
+        arrays = {name: array.T for name, array in arrays.items()}
+    return _columns_of(path, _by_last_name(arrays))
+
+
+def _number_sets(group: Any, before: str = "") -> dict[str, Any]:
+    """Data sets of numbers within a group and its groups, by their names with dots; neither links nor data in other files."""
+    import h5py
+
+    found: dict[str, Any] = {}
+    for name in group:
+        if name.startswith("#") or not isinstance(group.get(name, getlink=True), h5py.HardLink):
+            continue  # "#refs#" holds the cells of MATLAB
+        held, kind = group[name], group.get(name, getclass=True)
+        if kind is h5py.Group and before.count(".") < _DEEPEST_GROUP:
+            found |= _number_sets(held, f"{before}{name}.")
+        elif kind is h5py.Dataset and held.dtype.kind in "iuf" and held.shape:
+            is_text = bytes(held.attrs.get("MATLAB_class", b"")) == b"char"
+            found |= {} if held.is_virtual or held.external or is_text else {f"{before}{name}": held}
+    return found
+
+
+_DEEPEST_GROUP: Final = 3
 _DEEPEST: Final = 20
 """Cells and structures of a .mat within one another."""
 _MATRIX, _COMPRESSED = 14, 15
@@ -172,7 +222,7 @@ def _flat(held: Mapping[str, Any], before: str = "") -> dict[str, np.ndarray]:
     for name, value in held.items():
         if name.startswith("__"):
             continue
-        if isinstance(value, dict) and before.count(".") < 3:
+        if isinstance(value, dict) and before.count(".") < _DEEPEST_GROUP:
             found |= _flat(value, f"{before}{name}.")
         elif isinstance(value, np.ndarray) and value.dtype.kind in "iuf":
             found[f"{before}{name}"] = value
@@ -280,5 +330,13 @@ def _require_size(path: Path, size: int) -> None:
         )
 
 
-_READERS: Final = {".npz": _npz, ".mat": _mat, ".parquet": _parquet, ".pq": _parquet, ".json": _json}
+_READERS: Final = {
+    ".npz": _npz,
+    ".mat": _mat,
+    ".h5": _hdf5,
+    ".hdf5": _hdf5,
+    ".parquet": _parquet,
+    ".pq": _parquet,
+    ".json": _json,
+}
 """By suffix."""

@@ -150,9 +150,7 @@ def _columns(table: Any, form: SensorFormat | None, options: ReadingOptions) -> 
     if _is_frame(table):
         return array_columns(_frame_columns(table))
     if form is None:
-        raise InputError(
-            f"an array does not tell what its columns are; give kind=..., one of {', '.join(dataset_kinds())}"
-        )
+        raise InputError(f"an array has no column names; give kind=..., one of {', '.join(dataset_kinds())}")
     header = form.header[1:] if options.rate is not None else form.header
     return array_columns(dict(zip(header, _array(table, form.kind, header), strict=True)))
 

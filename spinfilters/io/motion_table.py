@@ -358,6 +358,6 @@ def _quantities(
     if "rate" in found:
         return ("rate",)
     raise InputError(
-        f"{path_text(path)}: header {value_text(', '.join(names))}: tells no body rate about each of x, y, z; name the columns "
+        f"{path_text(path)}: header {value_text(', '.join(names))}: contains no body rate about each of x, y, z; name the columns "
         f"such as {EXAMPLE} (rad/s) or time_s,wx_dps,wy_dps,wz_dps"
     )

@@ -201,7 +201,7 @@ class _AsciiRows:
         lines = self._lines[self._at : self._at + count]
         self._at += count
         if len(lines) < count:
-            raise ValueError("fewer lines than the header tells")
+            raise ValueError("fewer lines than the header announces")
         return lines
 
     def table(self, element: _Element) -> dict[str, np.ndarray]:
@@ -246,7 +246,7 @@ class _BinaryRows:
 
     def _take(self, layout: np.dtype, count: int) -> np.ndarray:
         if not 0 <= count * layout.itemsize <= len(self._data) - self._at:
-            raise ValueError(f"{count} numbers are told where {len(self._data) - self._at} bytes are left")
+            raise ValueError(f"{count} numbers do not fit in {len(self._data) - self._at} bytes")
         taken = np.frombuffer(self._data, layout, count, self._at) if count else np.empty(0, layout)
         self._at += count * layout.itemsize
         return taken

@@ -76,7 +76,7 @@ class ReferenceMotion:
     def __post_init__(self) -> None:
         if self.attitude is None and self.rate is None:
             raise InputError(
-                f"{self.name}: holds neither attitudes nor rates; give columns qx,qy,qz,qw or wx,wy,wz beside the time"
+                f"{self.name}: has neither attitudes nor rates; give columns qx,qy,qz,qw or wx,wy,wz with the time"
             )
         if len(self.time) < FEWEST_ROWS:
             raise InputError(

@@ -87,6 +87,13 @@ class NumberRange(FieldNote):
         plain = core_schema.no_info_before_validator_function(plain_number, number)
         return core_schema.no_info_after_validator_function(self._checked, plain)
 
+    def __get_pydantic_json_schema__(self, core: Any, handler: Any) -> dict[str, Any]:
+        """JSON Schema of a number of the range."""
+        limits = {"minimum": self.smallest, "maximum": self.largest}
+        if not self.zero or self.smallest <= 0:
+            return {**handler(core), **limits}
+        return {"anyOf": [{**handler(core), **limits}, {"const": 0}]}
+
     def _checked(self, value: float) -> float:
         if value not in self:
             raise ValueError(f"give {self}")
@@ -261,19 +268,19 @@ class ReadingOptions:
         ),
     ] = None
     rate: Annotated[
-        float | None, SAMPLING_RATE, Argument("samples a second, in place of a clock", metavar="HZ")
+        float | None, SAMPLING_RATE, Argument("samples a second, instead of a clock", metavar="HZ")
     ] = None
     topic: Annotated[
         str | None,
         Argument(
-            "of a ROS bag, where it has several that can be read", metavar="NAME", cure="the name of a topic"
+            "topic of a ROS bag with several that can be read", metavar="NAME", cure="the name of a topic"
         ),
     ] = None
 
     columns: Annotated[
         str | None,
         Argument(
-            "of a table without a header, in order, such as t,x,y,z; - leaves a column out",
+            "columns of a table without a header, such as t,x,y,z; - leaves one out",
             metavar="NAMES",
             cure='names of columns with commas, such as "t,x,y,z"',
         ),

@@ -410,9 +410,7 @@ def _remarks(
     """Remarks on scans and points left out; ``isolated`` is the share of such points."""
     remarks = [f"{left_out} scans with fewer than {FEWEST} points are left out"] if left_out else []
     if isolated > TOLD_ISOLATED:
-        remarks.append(
-            f"{100 * isolated:.2g} % of the points stand apart from those beside them (dust, clutter) and are left out"
-        )
+        remarks.append(f"{100 * isolated:.2g} % of the points are isolated (dust, clutter) and are left out")
     if faces is not None and faces.contradicted:
         remarks.append(_describe_contradictions(faces.contradicted, len(poses)))
     blind = [pose for pose in poses if pose.undetermined]

@@ -134,7 +134,7 @@ def _left_out(counts: Sequence[_Counts]) -> str:
     left_out, measured = sum(each.left_out for each in counts), sum(each.measured for each in counts)
     if left_out <= LARGEST_REJECTED * measured:
         return ""
-    return f"{left_out} of {measured} measurements of the last {len(counts)} epochs could not be used or were not believed"
+    return f"{left_out} of {measured} measurements of the last {len(counts)} epochs could not be used or were rejected"
 
 
 def _innovations(counts: Sequence[_Counts]) -> str:
@@ -255,7 +255,9 @@ class Executive:
         rehearse(estimator, self.track.time, epochs)
         ahead = self._options.ahead
         if ahead > 0 and self._carried(estimator.belief, ahead) is None:
-            raise InputError(f"--predict {ahead:g}: at this rate nothing can be said so far ahead; give less")
+            raise InputError(
+                f"--predict {ahead:g}: at this rate the prediction has no meaning so far ahead; give less"
+            )
         if len(epochs):
             self._rehearse_gaps(epochs[0].time - self.track.time)
         estimator.restore(before)
@@ -377,7 +379,7 @@ class Executive:
         instant, status = arrived.time, self.track.estimator.status
         if self._options.smoother and self.supervisor.trouble:
             status = status.degraded(
-                f"the filter goes on without the smoother: {self.supervisor.trouble}", "no-smoother"
+                f"the filter continues without the smoother: {self.supervisor.trouble}", "no-smoother"
             )
         for reason in self._verdict.reasons:
             status = status.degraded(reason, "live")
@@ -425,10 +427,10 @@ class Executive:
         events = self.summary.events
         if not self.track.has(given.time):
             events["hand-over too old"] += 1
-            self.supervisor.end("smoother too slow", "it is further behind than the filter can go back")
+            self.supervisor.end("smoother too slow", "it is older than the epochs that the filter keeps")
             return
         if given.verdict == Verdict.DEGRADED:  # it says itself that it is not to be relied upon yet
-            events["hand-over not settled yet"] += 1
+            events["hand-over not converged yet"] += 1
             return
         why = self._doubt(given)
         if why is not None:
@@ -443,7 +445,7 @@ class Executive:
             self.track.begin_rebase(given.time, lambda filter_: filter_.rebase(given.belief))
             self._rebasing_to = given.time
         except (*NUMERICAL_ERRORS, InputError):
-            events["hand-over refused, the filter cannot begin from it"] += 1
+            events["hand-over refused, the filter cannot start from it"] += 1
 
     def _doubt(self, given: HandOver) -> str | None:
         if not given.is_finite:

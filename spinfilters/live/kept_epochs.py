@@ -102,7 +102,7 @@ class FinalVerdict:
 
     epochs: int = 0
     status: EstimatorStatus | None = None
-    text: str = "not judged: the run was ended before its measurements were"
+    text: str = "not judged: the run ended before its measurements"
 
     @property
     def sentence(self) -> str:

@@ -19,15 +19,15 @@ class LiveArguments:
             "- (standard input), tcp:HOST:PORT, unix:PATH, a named pipe or a growing file", metavar="PLACE"
         ),
     ] = None
-    speed: Annotated[float, NumberRange(1e-3, 1e6), Argument("of the replay")] = 1.0
-    filter: Annotated[Literal["mekf", "ukf", "embedded", "embedded-double"], Argument("that answers")] = (
-        "mekf"
-    )
+    speed: Annotated[float, NumberRange(1e-3, 1e6), Argument("speed of the replay, 1 is real time")] = 1.0
+    filter: Annotated[
+        Literal["mekf", "ukf", "embedded", "embedded-double"], Argument("filter that answers")
+    ] = "mekf"
     no_smoother: Annotated[bool, Argument("the filter alone")] = False
     patience: Annotated[
         float,
         NumberRange(0.05, 1e4, "s"),
-        Argument("without a word of the smoother, after which it begins anew", metavar="SECONDS"),
+        Argument("silence of the smoother after which it is restarted", metavar="SECONDS"),
     ] = 5.0
     smoother_memory: Annotated[
         float | None,
@@ -36,11 +36,11 @@ class LiveArguments:
     ] = None
     format: Annotated[Literal["lines", "tum"], Argument("JSON lines or TUM")] = "lines"
     predict: Annotated[
-        float, NumberRange(0, 1e4, "s"), Argument("say every answer so far ahead too", metavar="SECONDS")
+        float, NumberRange(0, 1e4, "s"), Argument("also predict every answer so far ahead", metavar="SECONDS")
     ] = 0.0
     deadline_ms: Annotated[
-        float, NumberRange(1e-3, 1e6, "ms"), Argument("from an epoch's arrival to its answer, ms")
+        float, NumberRange(1e-3, 1e6, "ms"), Argument("time from an epoch's arrival to its answer, ms")
     ] = 20.0
     config: Annotated[str | None, Argument("TOML file with settings", metavar="FILE")] = None
-    summary: Annotated[str | None, Argument("write the counts as JSON, too", metavar="FILE")] = None
+    summary: Annotated[str | None, Argument("also write the counts as JSON", metavar="FILE")] = None
     view: Annotated[bool, Argument("show a table in the terminal")] = False

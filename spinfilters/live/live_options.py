@@ -105,7 +105,7 @@ def live_setup(dataset: Dataset, settings: Settings, name: str) -> LiveSetup:
     setup = prepare(dataset, settings)
     if setup.initial.has_failed:
         why = "; ".join(setup.initial.status.reasons)
-        raise InputError(f"the first epochs tell no state ({why}); give other ones")
+        raise InputError(f"the first epochs determine no state ({why}); give other ones")
     entry = estimator_entries()[name]
     estimator = entry.build(setup, settings)
     assert estimator is not None

@@ -118,7 +118,7 @@ def convergence_figure(found: Convergence) -> Figure:
         axes.set_xlabel("after epoch")
     what = "error" if found.known else "distance from the last solve's estimate"
     figure.suptitle(
-        f"How the smoother settles: {what} and σ of every epoch, solved again after every epoch",
+        f"Convergence of the smoother: {what} and σ of every epoch, solved again after every epoch",
         fontsize="large",
     )
     _legend(figure, found)

@@ -144,7 +144,7 @@ def surfaces_figure(
     for axes in panels[:, 0]:
         axes.set_ylabel("time of the epoch [s]")
     figure.suptitle(
-        f"How the {quantity.label} of every epoch settles: standard deviation and value", fontsize="large"
+        f"Convergence of the {quantity.label} of every epoch: standard deviation and value", fontsize="large"
     )
     if closure is not None:
         legend_below(figure, [_closure_handle()])
@@ -188,7 +188,7 @@ def constants_figure(constants: Sequence[SettlingConstant], closure: int | None 
             tidy(axes)
     for axes in panels[-1]:
         axes.set_xlabel("after epoch")
-    figure.suptitle("How the constants of the body settle", fontsize="large")
+    figure.suptitle("How the constants of the body converge", fontsize="large")
     handles = [Patch(color=GREY, alpha=0.3, label="±1 σ")]
     handles += [truth_handle()] if any(each.truth is not None for each in constants) else []
     legend_below(figure, [*handles, *([_closure_handle()] if closure is not None else [])])

@@ -227,7 +227,7 @@ def headline(evaluations: Sequence[Evaluation]) -> str:
     """
     standing = [each for each in evaluations if each.history.status.verdict is not Verdict.FAILED]
     if not standing:
-        return "Every estimator failed: nothing here tells how the body spins"
+        return "Every estimator failed: the motion of the body is unknown"
     evaluation = standing[0]
     rates, body = estimated_rates(evaluation.history), evaluation.body
     speed = np.linalg.norm(rates.rate, axis=1) * 30.0 / np.pi

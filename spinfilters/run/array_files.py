@@ -215,7 +215,7 @@ def _status(arrays: Mapping[str, np.ndarray]) -> EstimatorStatus:
             told = [json.loads(str(text)) for text in arrays[FINDINGS]]
             found = tuple(finding_from(each) for each, _ in zip(told, reasons, strict=True))
         except (AttributeError, RecursionError) as error:
-            raise ValueError(f"its findings are not as they were written ({error})") from None
+            raise ValueError(f"its findings are damaged ({error})") from None
     pairs = [str(text).rsplit("=", 1) for text in arrays.get(HOLDS, ())]
     holds = {name: Holds(state) for name, state in pairs if name in ALL}
     return EstimatorStatus(verdict, found, holds)

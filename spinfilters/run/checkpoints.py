@@ -35,7 +35,7 @@ from spinfilters.run.array_files import (
 from spinfilters.run.provenance import provenance
 from spinfilters.settings.run_settings import Settings, estimator_names
 
-ANEW = "or run without --resume to begin anew"
+ANEW = "or run without --resume to start again"
 
 
 @dataclass(frozen=True)
@@ -103,8 +103,8 @@ def _differences(there: Mapping[str, Any], here: Mapping[str, Any]) -> Iterator[
         )
     if there["start"] != here["start"]:
         yield (
-            "goes on from a start that comes out differently here (another machine or number of threads); resume where it was "
-            f"made, {ANEW}"
+            "its initialisation gives other numbers here (another machine or number of threads); resume where it was made, "
+            f"{ANEW}"
         )
 
 
@@ -248,7 +248,7 @@ def _restore(estimator: Estimator, state: dict[str, np.ndarray], rows: GrowingHi
     if noted is not None and not (
         np.array_equal(belief.mean, noted.mean) and np.array_equal(belief.factor, noted.factor)
     ):
-        raise ValueError("the state is not the one that its last epoch ended with")
+        raise ValueError("the state differs from that of its last epoch")
 
 
 CHECKPOINT_FILE = "checkpoint.npz"
@@ -329,7 +329,7 @@ class CheckpointFile(CheckpointStore):
         done = found.rows.arrays()["time"]
         if not np.array_equal(done, self.time[: len(done)]):
             raise InputError(
-                f"{path_text(self.path)}: is no whole checkpoint (its epochs are not the first of this run); delete it, {ANEW}"
+                f"{path_text(self.path)}: is no complete checkpoint (its epochs are not the first of this run); delete it, {ANEW}"
             )
         return found
 

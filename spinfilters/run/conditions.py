@@ -50,11 +50,11 @@ def _of_rotation(truth: Truth) -> Iterator[str]:
     if len(truth.time) <= FEWEST:
         return
     if _is_in_degrees(truth):
-        yield _sentence("its rates turn its attitudes 57 times too far, as if they were in degrees")
+        yield _sentence("its rates are 57 times too large for its attitudes, as if they were in degrees")
         return
     apart = _typically_apart(truth)
     if apart is not None and apart > APART:
-        yield _sentence(f"its rates do not turn its attitudes ({apart:.2g} rad apart within a radian)")
+        yield _sentence(f"its rates contradict its attitudes ({apart:.2g} rad apart within a radian)")
 
 
 def _of_translation(truth: Truth) -> Iterator[str]:
@@ -67,12 +67,12 @@ def _of_translation(truth: Truth) -> Iterator[str]:
     summed = _noise(velocity) * np.sqrt(len(dt)) * float(np.median(dt))
     if off > SHARE * extent and off > NOISE * (_noise(truth.center_of_mass) + summed):
         yield _sentence(
-            f"its velocities do not carry its centre of mass ({off:.2g} m apart on a path of {extent:.2g} m)"
+            f"its velocities contradict its positions ({off:.2g} m apart on a path of {extent:.2g} m)"
         )
 
 
 def _sentence(why: str) -> str:
-    return f"THE TRUTH CONTRADICTS ITSELF: {why}. Errors against it mean little."
+    return f"THE TRUTH CONTRADICTS ITSELF: {why}. Errors relative to it mean little."
 
 
 def _is_in_degrees(truth: Truth) -> bool:
@@ -254,7 +254,7 @@ class Conditions:
         grown = enlarged_words(self.calibration)
         if grown:
             calibration.append(
-                f"Those of {', '.join(grown)} count for more where the residuals leave larger ones possible."
+                f"Those of {', '.join(grown)} count for more if the residuals allow larger ones."
             )
         if assumed:
             keys = ", ".join(f"{name} = 0" for name in assumed)
@@ -264,7 +264,7 @@ class Conditions:
         absent = [_absent(each) for each in self.sensors if each.is_absent]
         if self.belief_at is not None:
             first.append(
-                f"Every estimator begins from the stated belief at t = {self.belief_at:.6g} s; no first epochs are smoothed."
+                f"Every estimator starts from the stated belief at t = {self.belief_at:.6g} s; no first epochs are smoothed."
             )
         return [*([" ".join(first)] if first else []), noise, *absent, *calibration, *self.contradictions]
 

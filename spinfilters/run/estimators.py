@@ -243,7 +243,7 @@ class LatestSmootherEntry(SmootherEntry):
             Measurements without landmarks to be found, all of whose epochs the smoother takes at once.
         """
         if not setup.initial.has_landmarks:
-            raise InputError(f"{self.name} takes tracks without a map alone; choose smoother")
+            raise InputError(f"{self.name} takes only tracks without a map; choose smoother")
         return None
 
     def final(self, estimator: RecursiveSmoother, passed: EstimateHistory, setup: Setup) -> None:

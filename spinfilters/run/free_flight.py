@@ -137,7 +137,7 @@ def find_flights(dataset: Dataset) -> list[FreeFlight]:
     if finder is None:
         raise InputError(
             f"{dataset.name}: free flight is found in body rates and poses, these are {dataset.kind}; "
-            "give the stretch as --segment START:END"
+            "give its times as --segment START:END"
         )
     return finder(dataset, dataset.log.stream(dataset.sensor))
 

@@ -35,7 +35,7 @@ def given_belief(dataset: Dataset, options: InitialisationOptions) -> GivenIniti
         dataset
     ):
         raise InputError(
-            "a belief is stated in frames that unknown landmarks do not tell; give their map (landmarks.csv, --known-map)"
+            "a belief needs frames that unknown landmarks do not define; give their map (landmarks.csv, --known-map)"
         )
     if not options.from_truth:
         return lambda layout: stated_start(layout, options)

@@ -152,7 +152,7 @@ def _sentences(found: TestedModels, refits: Sequence[Explanation]) -> list[str]:
     findings = model_findings(found, None)
     beside = [f"explain: {each.reason}" for each in findings if base_name(each.check) != "model-error"]
     if not found.named:
-        return beside or ["explain: no error of the models is found"]
+        return beside or ["explain: no error of the models was found"]
     held = [each.sentence for each in refits]
     others = [each.error for each in found.named if not each.error.held_by]
     return [
@@ -299,7 +299,7 @@ class OptionalOutputs:
         """Requested outputs that a folder lacks, and why; None where nothing is missing."""
         if self.predict_s is None or (folder / PREDICTION_PICTURE).exists():
             return None
-        return "no prediction was made: every estimator failed, or what follows from its last epoch is not finite"
+        return "no prediction was made: every estimator failed, or the prediction is not finite"
 
 
 def draw_optional_outputs(folder: Path, evaluations: Sequence[Evaluation], truth: Truth | None) -> list[str]:

@@ -152,9 +152,7 @@ def images_of(folder: Path, images: Path | None) -> Path:
     """Folder of a run's images. InputError: none is known, or it has no images."""
     told = read_summary(folder)["dataset"].get("images") if images is None else None
     if images is None and not isinstance(told, str):
-        raise InputError(
-            f"{path_text(folder)}: does not tell the images that it was made of; give their folder with --images"
-        )
+        raise InputError(f"{path_text(folder)}: does not name its images; give their folder with --images")
     source = Path(str(told)) if images is None else images
     if not has_images(source):
         raise InputError(

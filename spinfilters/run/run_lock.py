@@ -33,7 +33,7 @@ def locked_run(folder: Path) -> Iterator[None]:
             held = _locked(path)
     except BlockingIOError:
         raise InputError(
-            f"{path_text(folder)}: another run is writing into it; wait until it has ended, or choose another folder with -o"
+            f"{path_text(folder)}: another run is writing into it; wait until it ends, or choose another folder with -o"
         ) from None
     except OSError as error:
         raise InputError(

@@ -219,7 +219,7 @@ def _dense_sections(folder: Path) -> dict[str, str]:
         sections["Dimensions"] = _dimensions(document)
     except (InputError, ValueError, KeyError, TypeError, RecursionError):
         return sections
-    picture = _file(place / ANIMATION_FILE, "left image and the model where the estimate puts it")
+    picture = _file(place / ANIMATION_FILE, "left image and the model at the estimated pose")
     if picture:
         sections["Images and reprojected model"] = picture
     return sections
@@ -248,7 +248,7 @@ def _pictures(figure_data: FigureData, folder: Path) -> Iterator[str]:
         PREDICTION_PICTURE: "Predicted motion.",
         PREDICTION_ERRORS_PICTURE: "Predicted minus true motion.",
         RACE_PICTURE: "Several inertias from the last state.",
-        CONVERGENCE_PICTURE: "How estimates settle.",
+        CONVERGENCE_PICTURE: "How estimates converge.",
     }
     for name in names:
         values, differences = reference_pictures(name)

@@ -378,9 +378,9 @@ class ProcessSettings:
     Attributes
     ----------
     force_psd : float or "auto"
-        (m/s^2)^2/Hz.
+        Density of the disturbing force, (m/s^2)^2/Hz.
     torque_psd : float or "auto"
-        (rad/s^2)^2/Hz. "auto" takes the data set's own; where it is silent it is identified
+        Density of the disturbing torque, (rad/s^2)^2/Hz. "auto" takes the data set's own; where it is silent it is identified
         (`spinfilters.inference.identified_noise`), but for the torque of a gyro of correlated unknown error: what the disturbances
         of thrown bodies were found to be (`spinfilters.inference.identified_noise`).
     drag : bool, "linear", "quadratic" or "auto"

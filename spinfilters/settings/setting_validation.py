@@ -56,28 +56,30 @@ def _line(record: type, error: ValidationError) -> str:
     table, *inner = map(str, fault["loc"])
     kind = get_type_hints(record, include_extras=True)[table]
     if not is_dataclass(kind):
-        return f"{table} {'holds' if inner else 'is'} {value}; give {_wanted(kind)}"
+        return f"{table} {'holds' if inner else 'is'} {value}; give {wanted(kind)}"
     if not inner:
         return f"{table} is {value}; it must be a table [{table}]"
     key, keys = inner[0], get_type_hints(kind, include_extras=True)
     if key not in keys:
         return f"unknown key {table}.{value_text(key)[1:-1]}; known are {', '.join(keys)}"
-    return f"{table}.{key} is {value}; give {_wanted(keys[key])}"
+    return f"{table}.{key} is {value}; give {wanted(keys[key])}"
 
 
-def _wanted(kind: Any) -> str:
+def wanted(kind: Any) -> str:
     """Values that a type admits, in words."""
     origin, parts = get_origin(kind), get_args(kind)
     if origin is Literal:
         return " or ".join(f'"{part}"' for part in parts)
     if origin is tuple and parts[0] is not str:
         return (
-            f"{len(parts)} times {_wanted(parts[0])}"
+            f"{len(parts)} times {wanted(parts[0])}"
             if Ellipsis not in parts
-            else f"a list, each {_wanted(parts[0])}"
+            else f"a list, each {wanted(parts[0])}"
         )
     if origin is tuple:
         return "a list of names"
     if origin is Annotated:
         return str(parts[1])
-    return "a name" if kind is str else " or ".join(map(_wanted, parts))
+    if kind is dict or origin is dict:
+        return "a table"
+    return {str: "a name", float: "a number"}.get(kind, "") or " or ".join(map(wanted, parts))

@@ -256,7 +256,7 @@ INSPECTOR_ERRORS: Final[Mapping[str, InspectorError]] = MappingProxyType(
             "attitudes drift by so many rad over the recording", _turning, largest=np.pi
         ),
         "drifting": InspectorError(
-            "places drift by so many m over the recording", _drifting, largest=FARTHEST
+            "positions drift by so many m over the recording", _drifting, largest=FARTHEST
         ),
         "lever": InspectorError(
             "poses are of a point of the inspector that is so many m from its camera",
@@ -265,7 +265,7 @@ INSPECTOR_ERRORS: Final[Mapping[str, InspectorError]] = MappingProxyType(
         ),
         "sparse": InspectorError("a pose every so many s only", _sparse, smallest=1e-3, largest=SPARSEST),
         "missing": InspectorError(
-            "no poses at all, as of a forgotten inspector.tum", lambda told, size: None, largest=0.0
+            "no poses at all, as if inspector.tum were forgotten", lambda told, size: None, largest=0.0
         ),
     }
 )

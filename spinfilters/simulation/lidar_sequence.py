@@ -103,7 +103,9 @@ def write_sequence(folder: Path, scans: list[Scan], truth: Truth, description: s
     InputError: disk full, no permission, nothing returned in any scan.
     """
     if not any(scan.is_return.any() for scan in scans):
-        raise InputError("no ray of any scan met the body; aim at it, or give a wider field of view")
+        raise InputError(
+            "no ray of any scan met the body; point the lidar at it, or give a wider field of view"
+        )
     make_folder(folder / SCAN_FOLDER)
     digits = len(str(len(scans)))
     for number, scan in enumerate(scans):

@@ -77,7 +77,7 @@ class RayArguments:
     ] = ()
     multiplier: Annotated[int, NumberRange(1, 1000, whole=True), Argument("density within windows")] = 2
     scan_seconds: Annotated[
-        float, NumberRange(0.0, 1e5, "s"), Argument("duration of a scan, in which the body moves")
+        float, NumberRange(0.0, 1e5, "s"), Argument("duration of a scan during which the body moves")
     ] = 0.0
 
 
@@ -88,21 +88,19 @@ class ErrorArguments:
     noise: Annotated[
         Literal["none", "jitter", "encoder", "thesis"] | None,
         Argument(
-            "noise of range and angles; of the angles: the beam leaves its direction unknown, is read wrongly, or leaves it and is "
-            "read rightly (default none, or that of the preset)"
+            "noise of range and angles; jitter: the beam deviates unreported; encoder: its reported direction is wrong; thesis: it "
+            "deviates and is reported rightly (default none, or that of the preset)"
         ),
     ] = None
     long_range: Annotated[bool, Argument("0.1 m (3 sigma) of range noise instead of 0.01 m")] = False
-    bias: Annotated[bool, Argument("with the largest biases of the specification")] = False
-    dust: Annotated[float, SHARE, Argument("share of the beams that dust absorbs")] = 0.0
-    clutter: Annotated[float, SHARE, Argument("share of the returns that come from dust before the body")] = (
-        0.0
-    )
+    bias: Annotated[bool, Argument("add the largest biases of the specification")] = False
+    dust: Annotated[float, SHARE, Argument("share of beams absorbed by dust")] = 0.0
+    clutter: Annotated[float, SHARE, Argument("share of returns from dust before the body")] = 0.0
     reflectivity: Annotated[float, SHARE, Argument("of the surface")] = 1.0
     weakest: Annotated[
         float,
         POWER,
-        Argument("received power that is still measured; 1 is a white surface met head-on at 500 m"),
+        Argument("smallest received power that is measured; 1 is a white surface met head-on at 500 m"),
     ] = 0.0
     strongest: Annotated[float | None, POWER, Argument("received power that saturates the detector")] = None
     sun: Annotated[
@@ -126,9 +124,9 @@ class ScanArguments:
     ] = None
     preset: Annotated[
         str | None,
-        Argument("the thesis' own inputs: table-2.1, table-3.2, figure-2.12 ... figure-2.18", metavar="NAME"),
+        Argument("inputs of the thesis: table-2.1, table-3.2, figure-2.12 ... figure-2.18", metavar="NAME"),
     ] = None
-    seed: Annotated[int, SEED, Argument("of everything random")] = 0
+    seed: Annotated[int, SEED, Argument("seed of all random numbers")] = 0
     body: Annotated[BodyArguments, ArgumentGroup("the body")] = field(default_factory=BodyArguments)
     beams: Annotated[RayArguments, ArgumentGroup("the rays")] = field(default_factory=RayArguments)
     errors: Annotated[ErrorArguments, ArgumentGroup("errors, those of Jena-Optronik's RVS")] = field(

@@ -176,8 +176,8 @@ class Scenario:
     inspector: Annotated[
         str,
         Argument(
-            "how the camera moves, as inspector.tum says: circle, about the body; sway, it swings; dead-band, pulses of thrusters "
-            "keep its place",
+            "motion of the camera, written to inspector.tum: circle (about the body), sway, or dead-band (held in place by pulses "
+            "of thrusters)",
             metavar="static|circle|sway|dead-band",
             cure='"static", "circle", "sway" or "dead-band"',
         ),
@@ -185,7 +185,7 @@ class Scenario:
     inspector_errors: Annotated[
         tuple[tuple[str, float], ...],
         Argument(
-            "what is wrong with inspector.tum: late S, turning RAD or drifting M over the recording, lever M, sparse S, missing; "
+            "error of inspector.tum: late S, turning RAD or drifting M over the recording, lever M, sparse S, missing; "
             "may be repeated",
             flag="--inspector-error",
             metavar=("NAME", "SIZE"),
@@ -196,12 +196,12 @@ class Scenario:
     beside: Annotated[
         tuple[tuple[str, float], ...],
         Argument(
-            "another sensor on the same motion and its interval, such as gyro 0.01; may be repeated",
+            "another sensor for the same motion, with its interval, such as gyro 0.01; may be repeated",
             metavar=("KIND", "SECONDS"),
             cure="its interval in s, such as 0.01",
         ),
     ] = ()
-    seed: Annotated[int, SEED, Argument("of everything random")] = 0
+    seed: Annotated[int, SEED, Argument("seed of all random numbers")] = 0
 
     def __post_init__(self) -> None:
         from spinfilters.io.sensor_format import SensorNoise, kind_called
@@ -237,13 +237,13 @@ class Scenario:
                     f"kind {value_text(kind)} is unknown; use one of {', '.join([*forms, IMAGE_KIND])}"
                 )
         if IMAGE_KIND in kinds and len(kinds) > 1:
-            raise InputError(f"{IMAGE_KIND} are rendered alone; leave out other sensors beside them")
+            raise InputError(f"{IMAGE_KIND} are rendered alone; leave out other sensors")
         if len(set(kinds)) < len(kinds):
             raise InputError(f"a scenario of {', '.join(kinds)} holds a kind twice; name each once")
         for kind, step in self.beside:
             if not (isfinite(step) and step >= SHORTEST_INTERVAL):
                 raise InputError(
-                    f"{kind} beside it every {step} s; give an interval of {SHORTEST_INTERVAL:g} s or more"
+                    f"{kind} every {step} s; give an interval of {SHORTEST_INTERVAL:g} s or more"
                 )
         seeing = [kind for kind in kinds if kind in forms and forms[kind].has_landmarks]
         if len(seeing) > 1:

@@ -94,9 +94,7 @@ def initial_motion(samples: MotionSamples, epochs: int) -> InitialMotion:
     samples = consistent_samples(replace(samples, time=samples.time[:epochs], shared=shared, **given))
     time, positions = samples.time, samples.positions
     if samples.attitude is None and samples.rates is None:
-        raise InputError(
-            "a motion needs attitudes or body rates; give measurements of a sensor that tells them"
-        )
+        raise InputError("a motion needs attitudes or body rates; give measurements of such a sensor")
     if samples.attitude is None:
         assert samples.rates is not None
         attitude = integrate_gyro(time, samples.rates, np.array([0.0, 0.0, 0.0, 1.0]))
@@ -355,7 +353,7 @@ def fit_momentum(
     speed = np.linalg.norm(rates, axis=1)
     if not speed.max() * (time[-1] - time[0]) > 1e-3:
         raise InputError(
-            "the body does not rotate in the first epochs, so its inertia leaves no trace; choose a part where it does"
+            "the body does not rotate in the first epochs, so its inertia cannot be estimated; choose a part where it rotates"
         )
     angle = np.concatenate([[0.0], np.cumsum(np.diff(time) * (speed[1:] + speed[:-1]) / 2)])
     drag, decay, largest = 0.0, angle, LARGEST_DRAG

@@ -251,7 +251,7 @@ class Problem:
         """The linear problem about a point, solved."""
         eliminated = None
         if here.assembled is not None:
-            assert stage.inflation == 1.0, "disturbances are inflated where there are landmarks alone"
+            assert stage.inflation == 1.0, "disturbances are inflated only with landmarks"
             return NormalEquations(
                 stage, None, *solve_schur_system(self.ordering, here.assembled.copy(), None, damping)
             )

@@ -10,7 +10,7 @@ from spinfilters.verdict.check import Check, Needs, base_name
 MOST_MOMENTUM: Final = 0.2
 """Relative change of the angular momentum of measured rates, from which no free body before a camera at rest is likely."""
 CERTAIN: Final = "none: what it finds is a fact"
-LIMIT: Final = "none by chance: a limit of what is of use"
+LIMIT: Final = "none by chance: a limit of usefulness"
 MORE: Final = "give a longer recording, a richer motion or a larger initialisation.share"
 STATE_ANOTHER: Final = "state another, or leave it out to have it identified"
 
@@ -19,20 +19,20 @@ CHECKS: Final[tuple[Check, ...]] = (
     Check(
         "not-finite", ALL, Needs.ESTIMATE, "Are all numbers finite, and can the motion be integrated?", CERTAIN,
         "the estimate stopped being finite, or could not be computed",
-        "look for wrong measurements, units and noise in the data set, or take another estimator",
+        "look for wrong measurements, units and noise in the data set, or choose another estimator",
         leaves=Holds.NOT_DETERMINED,
     ),
     Check(
         "interrupted", NOTHING, Needs.ESTIMATE, "Did the estimator take all epochs?", CERTAIN,
-        "interrupted after some of the epochs", "go on with --resume",
+        "interrupted after some of the epochs", "continue with --resume",
     ),
     Check(
         "late-measurements", NOTHING, Needs.ESTIMATE, "Did all measurements come in time to be used?", CERTAIN,
         "some measurements came too late and were left out", "keep more epochs for late measurements",
     ),
     Check(
-        "broken-measurements", ALL, Needs.ESTIMATE, "Did every measurement leave the estimate finite?", CERTAIN,
-        "measurements broke the estimate and were taken back", "look for gross errors in what that sensor sends",
+        "broken-measurements", ALL, Needs.ESTIMATE, "Did the estimate stay finite after every measurement?", CERTAIN,
+        "measurements made the estimate infinite and were removed", "look for gross errors in what that sensor sends",
     ),
     Check(
         "fast-rotation", ALL, Needs.ESTIMATE, "Is each step of the embedded filter short enough for its integration?",
@@ -44,19 +44,19 @@ CHECKS: Final[tuple[Check, ...]] = (
     ),
     Check(
         "smoother-unsettled", ALL, Needs.SMOOTHER, "Did the smoother's iterations converge?", CERTAIN,
-        "the smoother did not settle", "raise smoother.iterations, or look for wrong measurements",
+        "the smoother did not converge", "raise smoother.iterations, or look for wrong measurements",
     ),
     Check(
-        "filter-failed", ALL, Needs.SMOOTHER, "Did the filter finish that the smoother sets out from?", CERTAIN,
-        "the filter that the smoother sets out from failed",
-        "look for the epoch at which the filter fails, and for wrong measurements there",
+        "filter-failed", ALL, Needs.SMOOTHER, "Did the filter finish that gives the smoother its initial guess?", CERTAIN,
+        "the filter that gives the smoother its initial guess failed",
+        "look for wrong measurements at the epoch where the filter fails",
     ),
     Check(
         "posterior-not-gaussian", frozenset({AXES}), Needs.SMOOTHER,
         "Does the Gaussian belief of the mass distribution propose samples of its posterior? Pareto shape at most 0.7, where one "
         "direction has a deviation above 0.1", LIMIT,
-        "the posterior of the moments is not Gaussian (Pareto shape {shape:.2g}, at most 0.7 is of use): mean and interval of the "
-        "moments are those of its samples, axes those of its mode",
+        "the posterior of the moments is not Gaussian (Pareto shape {shape:.2g}, limit 0.7): mean and interval of the "
+        "moments come from its samples, axes from its mode",
         "record a motion that wobbles",
     ),
     Check(
@@ -66,32 +66,32 @@ CHECKS: Final[tuple[Check, ...]] = (
         leaves=Holds.NOT_DETERMINED,
     ),
     Check(
-        "calibration-uncounted", ALL, Needs.ESTIMATE, "Could the errors of the calibration be counted in the deviations?",
-        CERTAIN, "what errors of the calibration make of the estimates could not be computed",
+        "calibration-uncounted", ALL, Needs.ESTIMATE, "Could deviations include the errors of the calibration?",
+        CERTAIN, "the effect of calibration errors on the estimates could not be computed",
         "state the calibration as exact, or choose the smoother",
     ),
     Check(
-        "inertia-not-yet", BODY, Needs.SMOOTHER, "Does the smoother on line know the mass distribution already?", LIMIT,
+        "inertia-not-yet", BODY, Needs.SMOOTHER, "Does the smoother already know the mass distribution?", LIMIT,
         "the inertia is not determined yet", "wait for more epochs, or for a motion that wobbles",
         leaves=Holds.NOT_DETERMINED,
     ),
     Check(
         "poor-fit", ALL, Needs.SMOOTHER, "Does the latest solution explain its observations within their noise?",
         "of the order of 1e-3 an epoch", "the motion found does not explain the observations within their noise",
-        "wait for more epochs; if it stays, state a larger noise of the sensor",
+        "wait for more epochs; if it remains, state a larger noise of the sensor",
     ),
     Check(
         "no-pose", ALL, Needs.SMOOTHER, "Do the latest epoch's observations agree on one pose?", CERTAIN,
         "the latest epoch's observations agree on no pose", "wait for the next epoch, or look for wrong associations",
     ),
     Check(
-        "live", ALL, Needs.FILTER, "Running tests of a filter's latest epochs: NIS, refusals, levels of noise",
-        "of the order of 1e-6 a window", "the filter's latest epochs are not as they are expected",
-        "look at what the sentence names: noise, clock and gross errors of the source",
+        "live", ALL, Needs.FILTER, "Running tests of a filter's latest epochs: NIS, rejected measurements, noise levels",
+        "of the order of 1e-6 a window", "the filter's latest epochs contradict its model",
+        "check what the sentence names: noise, clock and gross errors of the source",
     ),
     Check(
-        "no-smoother", NOTHING, Needs.SMOOTHER, "Is the smoother alive that a live filter is rebased on?", CERTAIN,
-        "the filter goes on without the smoother", "see why it ended; begin the live run again to have it back",
+        "no-smoother", NOTHING, Needs.SMOOTHER, "Is the smoother running that a live filter is rebased on?", CERTAIN,
+        "the filter continues without the smoother", "see why it ended; restart the live run to have it back",
     ),
     Check(
         "epoch-unused", ALL, Needs.FILTER, "Was any measurement of a live filter's latest epoch used?",
@@ -110,11 +110,11 @@ CHECKS: Final[tuple[Check, ...]] = (
         "live-disagrees", ALL, Needs.FILTER,
         "Is the last answer of a live run within 4 joint deviations of the estimate of its kept epochs?",
         "below 1e-4 a component",
-        "the last answer is {deviations:.2g} joint deviations away from what the kept epochs together say",
+        "the last answer is {deviations:.2g} joint deviations away from the estimate of the kept epochs",
         "rely on the estimate of the recording (spinfilters compare)",
     ),
     Check(
-        OWN_STATUS, ALL, Needs.ESTIMATE, "What an estimator, a plug-in for instance, says of itself", "as its author states",
+        OWN_STATUS, ALL, Needs.ESTIMATE, "Statement of an estimator or plug-in about itself", "as its author states",
         "the estimator doubts its result", "read its documentation",
     ),
     # ---- the recording and its initialisation
@@ -125,20 +125,20 @@ CHECKS: Final[tuple[Check, ...]] = (
     ),
     Check(
         "camera-may-move", ALL, Needs.INITIALISATION,
-        "Where the smoother of the first epochs did not converge: does the angular momentum, as a camera at rest sees it, change "
+        "Where the smoother of the first epochs did not converge: does the angular momentum change "
         f"by at most {100 * MOST_MOMENTUM:.0f} %?",
-        "none but where the initialisation did not settle",
-        "the initialisation did not settle, and the angular momentum changes by {percent:.2g} % as a camera at rest sees it: the "
-        "camera may have moved",
+        "none unless the initialisation did not converge",
+        "the initialisation did not converge, and the angular momentum seems to change by {percent:.2g} %: the camera may have "
+        "moved",
         "give its known poses (inspector.tum), or fix it",
     ),
     Check(
         "initialisation-unsettled", ALL, Needs.INITIALISATION, "Did the smoother of the first epochs converge?", CERTAIN,
-        "the initialisation did not settle in its iterations", "raise initialisation.iterations or initialisation.share",
+        "the initialisation did not converge in its iterations", "raise initialisation.iterations or initialisation.share",
     ),
     Check(
-        "data-set", ALL, Needs.RECORDING, "Does the reader or the front end trust what it made of raw data?", CERTAIN,
-        "the measurements that were made of raw data are doubtful", "check the raw data, and what their reader remarks",
+        "data-set", ALL, Needs.RECORDING, "Does the reader or the front end trust its result from raw data?", CERTAIN,
+        "the measurements derived from raw data are doubtful", "check the raw data, and the remarks of their reader",
         is_cause=True,
     ),
     Check(
@@ -149,27 +149,27 @@ CHECKS: Final[tuple[Check, ...]] = (
         "not-a-free-flight", ALL, Needs.RECORDING,
         "Does torque-free motion explain a gyro of unknown noise to 4 % of the rate?", LIMIT,
         "not a free flight: torque-free motion leaves {percent:.2g} % of the rate unexplained, at most "
-        "{limit:.2g} % is a gyro's error",
+        "{limit:.2g} % can be errors of the gyro",
         "cut the recording to the flight (--segment), or check axes, range and unit of the gyro",
     ),
     Check(
         "sparse-inspector-poses", ALL, Needs.RECORDING,
-        "Are the inspector's poses dense enough for the bends of its path? Errors of interpolation at most the pixel noise over "
-        "the root of an image's observations",
+        "Are the inspector's poses dense enough for its path? Errors of interpolation at most the pixel noise over "
+        "the root of the number of observations in an image",
         CERTAIN,
-        "the inspector's poses are too sparse for the bends of its path: between them, {interval:.3g} s apart, it is off by about "
+        "the inspector's poses are too sparse for its path: {interval:.3g} s apart, their interpolation is wrong by about "
         "{millimetres:.2g} mm and {rotation:.2g} rad, which is {pixels:.2g} px",
         "give poses at the stamps of the images, or more of them (inspector.tum)",
     ),
     Check(
         "repeated-inspector-poses", ALL, Needs.RECORDING,
         "Does a moving inspector's pose repeat exactly over 3 intervals, without coming to rest before?", CERTAIN,
-        "inspector.tum repeats its pose from t = {begin:.3f} s to {end:.3f} s, and the camera moves right before or behind",
+        "inspector.tum repeats its pose from t = {begin:.3f} s to {end:.3f} s, but the camera moves just before or after",
         "give the poses of that time, or cut the recording there (--segment)",
     ),
     Check(
         "motion-shows-no-moments", BODY, Needs.FILTER,
-        "Does the estimated body predict the epochs behind the initialisation better than a sphere does? "
+        "Does the estimated body predict the epochs after the initialisation better than a sphere does? "
         "Twice the log likelihood ratio is at least 30",
         "below 1e-6 of motions that wobble",
         "the motion does not determine the moments of inertia: a sphere predicts {epochs} epochs as well "
@@ -180,37 +180,36 @@ CHECKS: Final[tuple[Check, ...]] = (
     # ---- errors of the models
     Check(
         "front-end-slip", ALL, Needs.RECORDING,
-        "Does the attitude jump by more than 60 deg, 6 times its usual departure, with the same rate before and behind?",
+        "Does the attitude jump by more than 60 deg, 6 times its usual departure, with the same rate before and after?",
         "below 1e-6 of white errors of attitudes", "{text}", "{cure}",
         is_cause=True,
     ),
     Check(
         "correlated-errors", ALL, Needs.RESIDUALS,
-        "Are errors of the measurements that last as likely as disturbances? Probability above 0.8 and an expected NEES above 2",
-        "at most 0.2 of the cases in which it speaks",
+        "Are measurement errors correlated in time, rather than disturbances? Probability above 0.8 and an expected NEES above 2",
+        "at most 0.2 of the cases in which it fails",
         "errors of the measurements are correlated over {time:.2g} s ({sizes}; -2 ln likelihood falls by {advantage:.2g}) and "
-        "pass for disturbances; deviations allow for {inflation:.2g} times the variance",
+        "resemble disturbances; deviations allow for {inflation:.2g} times the variance",
         "take measurements further apart, or a longer recording",
     ),
     Check(
         "correlated-observations", ALL, Needs.RESIDUALS,
         "Are a landmark's residuals correlated from epoch to epoch? 5 deviations of chance and an expected NEES above 2", "3e-7",
         "errors of a landmark's observations are correlated ({correlation:.2g} from epoch to epoch, {score:.2g} deviations of "
-        "chance): squared errors of the estimates may be {inflation:.2g} times what is stated",
+        "chance): squared errors of the estimates may be {inflation:.2g} times the stated variances",
         "use images further apart, or state the covariances of the rows with covariance_inflation",
     ),
     Check(
         "correlation-undecided", BODY, Needs.RESIDUALS,
-        "Are the moments known whether errors of the measurements last or disturbances act?", LIMIT,
+        "Are the moments known, both with correlated measurement errors and with disturbances?", LIMIT,
         "disturbances cannot be distinguished from errors of the measurements that are correlated over {time:.2g} s ({sizes}), and "
-        "deviations hold with both",
+        "deviations allow for both",
         "state process.torque_psd if it is known, or give a longer recording",
         leaves=Holds.NOT_DETERMINED,
     ),
     Check(
         "wrong-unit", ALL, Needs.RECORDING,
-        "Are intervals, rates, baselines and distances such as recordings have, and do places follow the attitudes as "
-        "they are read?",
+        "Are intervals, rates, baselines and distances plausible, and do positions agree with attitudes as they are read?",
         CERTAIN, "{text}", "{cure}",
         is_cause=True,
     ),
@@ -221,21 +220,21 @@ CHECKS: Final[tuple[Check, ...]] = (
     ),
     Check(
         "unexplained-residuals", ALL, Needs.RESIDUALS,
-        "Are residuals beyond chance that no possible error of the list explains?",
+        "Are residuals within chance, or explained by an error of the list?",
         "1 % of recordings, with all other model errors", "{text}", "",
     ),
     Check(
-        "models-not-tested", ALL, Needs.RESIDUALS, "Could errors of the models be looked for?", CERTAIN,
-        "errors of the models could not be looked for ({text})", "check the data set and its noise",
+        "models-not-tested", ALL, Needs.RESIDUALS, "Could errors of the models be tested?", CERTAIN,
+        "errors of the models could not be tested ({text})", "check the data set and its noise",
     ),
     Check(
         "smoothed-checks-left-out", ALL, Needs.ESTIMATE, "Were the models and the noise tested about the smoothed motion?", CERTAIN,
-        "errors of models and noise were looked for in the filters' own epochs alone, as verdict = \"filter\" asks",
-        "judge by all checks (--verdict full)",
+        "models and noise were tested only in the filters' own epochs (verdict = \"filter\")",
+        "use all checks (--verdict full)",
     ),
     Check(
         "model-error", ALL, Needs.RESIDUALS,
-        "Score test of each error of the list about the smoothed motion; those are named that matter to an estimate",
+        "Score test of each error of the list about the smoothed motion; those that affect an estimate are named",
         "1 % of recordings for all errors together, 0.2 % for one that moves a state by 4 deviations; "
         "measured: python -m experiments.honesty",
         "{text}", "",
@@ -248,43 +247,44 @@ CHECKS: Final[tuple[Check, ...]] = (
     ),
     Check(
         "row-noise", ALL, Needs.RESIDUALS,
-        "The same of deviations that rows of a sensor state", "6e-5 of each level",
+        "The same for deviations stated in the rows of a sensor", "6e-5 of each level",
         "{name}: the data have {times:.3g} +- {std:.1g} times the deviations that the rows state{inflated} "
         "({score:.2g} deviations of chance)",
-        "state others, or leave them out to have them identified",
+        "state other ones, or leave them out to have them identified",
     ),
     Check(
         "identified-noise", ALL, Needs.RESIDUALS,
-        "The same of levels that were identified from the first epochs", "3e-5 of each level",
+        "The same for levels identified from the first epochs", "3e-5 of each level",
         "{name} was identified as {stated:.3g} from the first epochs, all data have {seen} ({score:.2g} deviations of chance)",
         "the noise changes or a model is wrong: state the level, or cut the recording",
     ),
     Check(
-        "noise-not-tested", ALL, Needs.RESIDUALS, "Could the levels of noise be tested?", CERTAIN,
-        "its noise could not be tested ({text})", "check the data set and its noise",
+        "noise-not-tested", ALL, Needs.RESIDUALS, "Could the noise levels be tested?", CERTAIN,
+        "the noise could not be tested ({text})", "check the data set and its noise",
     ),
     Check(
         "vague-initialisation", ALL, Needs.FILTER,
-        "Do the first epochs know the moments to 0.12 of the largest, where no smoother can judge the filter?", LIMIT,
-        "the first {epochs} epochs leave the moments uncertain by {std:.2g}: what follows is over-confident", MORE,
+        "If no smoother can judge the filter: do the first epochs determine the moments to 0.12 of the largest?", LIMIT,
+        "the first {epochs} epochs leave the moments uncertain by {std:.2g}: the filter becomes over-confident", MORE,
     ),
     Check(
         "over-confident", ALL, Needs.SMOOTHER,
-        "Is the NEES that a filter is expected to have, with the smoother as the truth, that of a consistent filter? Of the whole "
-        "error and of the mass distribution, mean over its epochs and in the last",
+        "Is a filter's expected NEES, with the smoother as the truth, that of a consistent filter? Whole "
+        "error and mass distribution, mean over its epochs and at the last",
         "1 % of consistent filters at most",
         "over-confident: its errors{which} {where} are {times:.2g} times its stated standard deviations (root mean square), "
         "judged by the smoother",
-        f"take the smoother, or {MORE}",
+        f"use the smoother, or {MORE}",
     ),
     Check(
         "filter-noise", ALL, Needs.FILTER,
-        "Chi-square of what no state explains in a filter's innovations: 5 deviations of chance and a variance 1.5 times wrong",
+        "Chi-square of the part of a filter's innovations that no state explains: 5 deviations of chance and a variance "
+        "1.5 times wrong",
         "6e-7", "the errors of the {name} have {times:.2g} times the {level} ({score:.2g} deviations of chance)", "{cure}",
     ),
     Check(
         "filter-disturbance", ALL, Needs.FILTER,
-        "Chi-square of a filter's corrections by what its densities add: 5 deviations of chance and a density 1.5 times wrong",
+        "Chi-square of a filter's corrections along the disturbances: 5 deviations of chance and a density 1.5 times wrong",
         "6e-7",
         "disturbances have {times:.2g} times the {level} ({score:.2g} deviations of chance): process.{name} is {ratio:.2g} times "
         "{before}, or the model is wrong",
@@ -294,22 +294,22 @@ CHECKS: Final[tuple[Check, ...]] = (
         "correlated-corrections", ALL, Needs.FILTER,
         "Are a filter's corrections of neighbouring epochs correlated? 5 deviations of chance and 0.15", "3e-7",
         "corrections of neighbouring epochs are correlated ({correlation:.2g}, {score:.2g} deviations of chance): an error of "
-        "model, clock or calibration that is no noise, or disturbances that are understated",
+        "model, clock or calibration, or disturbances that are stated too small",
         "compare with --explain, or raise process.force_psd and process.torque_psd",
     ),
     # ---- the estimate itself
     Check(
         "moments-undetermined", frozenset({MOMENTS}), Needs.ESTIMATE,
         f"Is each moment's deviation at most {of_estimate.LARGEST_MOMENT_STD} of the largest moment?", LIMIT,
-        "the moments of inertia are not determined: their standard deviation is {std:.2g} of the largest moment, at most "
-        "{limit:.2g} is of use",
+        "the moments of inertia are not determined: their standard deviation is {std:.2g} of the largest moment (limit "
+        "{limit:.2g})",
         "record a motion that wobbles, or a longer one", of_estimate.moments_undetermined, Holds.NOT_DETERMINED,
     ),
     Check(
         "moment-may-be-zero", frozenset({MOMENTS}), Needs.ESTIMATE,
         f"Is the smallest moment {of_estimate.CLEAR_OF_ZERO:g} deviations above zero?", LIMIT,
         "the smallest moment of inertia, {moment:.2g} ± {std:.2g} of the largest, may be zero: the body is a needle, and its "
-        "ratio k2 may be any larger number",
+        "ratio k2 has no upper bound",
         "record a motion with more rotation about the long axis, or a longer one", of_estimate.moment_may_be_zero,
     ),
     Check(
@@ -321,16 +321,16 @@ CHECKS: Final[tuple[Check, ...]] = (
     ),
     Check(
         "measurements-left-out", ALL, Needs.ESTIMATE,
-        f"Are at most {of_estimate.LARGEST_REJECTED:.0%} of the measurements refused?", "below 1e-6 of any recording of use",
-        "{rejected} of {total} measurements ({percent:.2g} %) could not be used or were refused",
+        f"Are at most {of_estimate.LARGEST_REJECTED:.0%} of the measurements rejected?", "below 1e-6",
+        "{rejected} of {total} measurements ({percent:.2g} %) could not be used or were rejected",
         "look for gross errors, wrong associations or too small a stated noise", of_estimate.measurements_left_out,
     ),
     Check(
         "epochs-refused", ALL, Needs.ESTIMATE,
-        "Are no more epochs refused as a whole, or in a row, than false alarms of the gate account for?",
+        "Are no more whole epochs rejected, in all or in a row, than false alarms of the gate explain?",
         f"{of_estimate.FALSE_ALARM:.0e} of recordings of any length",
-        "{count} of {epochs} epochs told nothing, {longest} in a row ({expected:.2g} by chance): all of their measurements were "
-        "refused, or they only repeated the epoch before",
+        "{count} of {epochs} epochs gave no information, {longest} in a row ({expected:.2g} by chance): all their measurements "
+        "were rejected, or only repeated the previous epoch",
         "cut the recording there, or look for gross errors and repeated images", of_estimate.epochs_refused,
     ),
     Check(
@@ -345,7 +345,7 @@ CHECKS: Final[tuple[Check, ...]] = (
         f"{of_estimate.DISAGREEMENT}?",
         "6e-5 of independent estimators, less of those of the same measurements",
         "its moments differ from those of {other} by up to {difference:.2g} of the largest",
-        "take the one that is ok, the smoother before filters", of_estimate.estimators_disagree,
+        "use the one that is ok, the smoother rather than a filter", of_estimate.estimators_disagree,
     ),
 )  # fmt: skip
 """Every check, by the order of its sentences in a verdict."""

@@ -15,19 +15,19 @@ HEAD = """# All checks of the verdict
 
 This page is made from the code by `python -m spinfilters.verdict.checks_page docs/reference/checks.md`; a test compares the two.
 
-An estimate is `ok` when none of these checks fails. `summary.json` names those that fail under `checks`, with their numbers, and
-says under `holds` of each quantity whether it is `ok`, `doubtful` or `not determined`. A quantity holds where it is determined and
-no failed check is about it ([how](../theory/verdict.md#what-still-holds)). Words in italics are numbers of the finding.
+An estimate is `ok` if none of these checks fails. In `summary.json`, `checks` names the failed ones with their numbers, and `holds`
+says of each quantity whether it is `ok`, `doubtful` or `not determined`. A quantity holds if it is determined and no failed check
+concerns it ([how](../theory/verdict.md#what-still-holds)). Words in italics are numbers of the finding.
 
-False alarms are probabilities that a check fails although nothing is wrong, by the distribution of its test. Measured on simulated
-recordings they are printed by `python -m experiments.what_holds` (every check, mixed motions) and `python -m experiments.honesty`
-(model errors, campaigns of right recordings).
+A false alarm is a failure although nothing is wrong; its probability follows from the distribution of the test. Measured rates on
+simulated recordings come from `python -m experiments.what_holds` (every check, mixed motions) and
+`python -m experiments.honesty` (model errors, campaigns of right recordings).
 """
 MODEL_ERRORS = """
 ## Errors of the models
 
-`model-error` looks for each of these about the smoothed motion; its finding is called by the name behind a colon, such as
-`model-error:drag`, with those that look alike joined by `/`. Sizes are in the unit.
+`model-error` tests each of these on the smoothed motion. A finding has the name of the error, such as `model-error:drag`. Errors
+that look alike are joined by `/`. Sizes are in the unit.
 
 | name | sentence | unit | cure |
 |---|---|---|---|
@@ -47,7 +47,7 @@ def _section(check: Check) -> str:
         "sentence": _shown(check.sentence),
         "cure": _shown(check.cure),
         "about": _about(check),
-        "order": "first, and what follows from it is stated without a cure" if check.is_cause else "",
+        "order": "first; its consequences are stated without a cure" if check.is_cause else "",
     }
     lines = "".join(f"- **{name}**: {text}\n" for name, text in rows.items() if text)
     return f"\n## `{check.name}`\n\n{lines}"
@@ -56,7 +56,7 @@ def _section(check: Check) -> str:
 def _about(check: Check) -> str:
     left = "not determined" if check.leaves is Holds.NOT_DETERMINED else "doubtful"
     if not check.about:
-        return "no quantity, unless the finding names some: what it finds does not reach the estimates"
+        return "no quantity, unless the finding names some"
     own = ", ".join(LABELS[name] for name in QUANTITIES if name in check.about)
     return f"{'all quantities' if check.about == ALL else own}, {left} then"
 
@@ -64,7 +64,7 @@ def _about(check: Check) -> str:
 def _shown(template: str) -> str:
     """A template with its numbers by name."""
     if template in ("{text}", "{cure}"):
-        return "that of what was found, in words of its own"
+        return "that of the finding"
     return re.sub(r"\{(\w+)[^}]*\}", r"*\1*", template).replace("{", "").replace("}", "")
 
 

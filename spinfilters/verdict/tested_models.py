@@ -345,8 +345,8 @@ NOT_TESTED: Final = TestedModels()
 def slow_phrase(test: ScoreTest) -> str:
     """Slow changes of a spin about one axis, of which the likeliest explanation is given."""
     return (
-        f"the rates change slowly by more than the noise explains (chi-square {test.statistic:.0f}): a spin about one axis does "
-        "not tell a torque (air, contact) from a bias of the gyro that drifts or from parts that move inside"
+        f"the rates change slowly by more than the noise explains (chi-square {test.statistic:.0f}): a spin about one axis cannot "
+        "distinguish a torque (air, contact), a drifting gyro bias and parts that move inside"
     )
 
 

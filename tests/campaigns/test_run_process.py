@@ -58,7 +58,9 @@ def test_a_run_that_its_process_dies_of_has_a_row_and_one_killed_by_chance_is_ma
     rows = _rows(RunProcess(gyro_study(), command), [0, 1, 2, 3, 4, 5])
     outcomes = ["done", "killed", "timeout", "done", "killed", "done"]
     assert [(row["run"], row["outcome"]) for row in rows] == list(enumerate(outcomes))
-    assert rows[1]["reason"].startswith("its process ended 3 times: killed, by the system short of memory")
+    assert rows[1]["reason"].startswith(
+        "its process ended 3 times: killed (SIGKILL), by the system when memory was short"
+    )
     assert rows[4]["reason"] == "its process ended 3 times: exit code 7"
     assert rows[1]["estimator"] == "ukf"
 

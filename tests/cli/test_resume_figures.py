@@ -29,7 +29,7 @@ def test_a_run_whose_figures_were_interrupted_gets_those_it_lacks(
     with monkeypatch.context() as patch:
         patch.setattr(style, "save_figure", interrupted_at_rates)
         assert main(arguments) == 2
-    assert "--resume goes on from it" in capsys.readouterr().err
+    assert "the same command with --resume continues" in capsys.readouterr().err
     assert [path.name for path in run.glob("*.png")] == ["summary.png"]
     stamp = (run / "summary.png").stat().st_mtime_ns
     monkeypatch.setattr(comparison_run, "compare_estimators", None)

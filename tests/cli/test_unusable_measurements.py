@@ -35,7 +35,7 @@ UNUSABLE = {
     "rest.csv": (gyro(TENTHS, lambda t: (0, 0, 0)), "does not rotate"),
     "constant.csv": (
         gyro(TENTHS, lambda t: (1, 2, 3)),
-        "rates never change, so nothing tells its noise from",
+        "rates never change, so its noise cannot be distinguished from",
     ),
     "one.csv": (gyro(TENTHS[:1]), "has 1 epoch, a motion needs at least 5"),
     "short.csv": (gyro(TENTHS[:3]), "has 3 epochs, a motion needs at least 5"),

@@ -195,7 +195,7 @@ def reason_of(comparison: Comparison, truth: Truth) -> str | None:
 def test_why_there_is_none_is_in_table_and_summary(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     whole, truth, stream = without_map(), truth_of(without_map()), StringIO()
     assert reason_of(whole, truth) is None
-    assert "does not tell all" in str(reason_of(whole, replace(truth, principal_moments=None)))
+    assert "does not contain all" in str(reason_of(whole, replace(truth, principal_moments=None)))
     monkeypatch.setattr(recording_bound, "MOST_WITH_LANDMARKS", 39)
     bare = with_bounds([replace(each, bound=None) for each in whole.evaluations], whole.setup)
     assert bare[0].bound_missing == "with unknown landmarks it is computed of at most 39 epochs, these are 40"

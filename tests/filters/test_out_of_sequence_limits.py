@@ -114,7 +114,7 @@ def test_a_measurement_that_breaks_the_estimate_is_taken_back() -> None:
     assert np.isfinite(updates.belief.factor).all()
     if outcomes[0] is Outcome.UNUSABLE:
         assert_same_bits(updates.belief, before)
-    assert "taken back" in updates.status.reasons[-1]
+    assert "were removed" in updates.status.reasons[-1]
 
 
 def test_a_measurement_that_does_not_suit_the_estimator_changes_nothing() -> None:

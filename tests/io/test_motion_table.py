@@ -171,7 +171,7 @@ def test_poses_are_found_by_name_whatever_the_order_of_the_quaternion(tmp_path: 
 @pytest.mark.parametrize(
     ("header", "says"),
     [
-        ("time,wx,wy,other", "tells no body rate about each of x, y, z"),
+        ("time,wx,wy,other", "contains no body rate about each of x, y, z"),
         ("time,x,y,z", "such as time_s,wx,wy,wz"),
         ("step,wx,wy,wz", "--rate HZ"),
         ("time,wx,wy (deg/s),wz", "no unit known here is that of"),

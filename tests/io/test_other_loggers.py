@@ -218,6 +218,34 @@ def mat_structure(folder: Path) -> Path:
     return path
 
 
+def mat_of_version_7_3(folder: Path) -> Path:
+    """As MATLAB writes with -v7.3: HDF5 behind 512 bytes of header, arrays transposed, a structure as a group, text as numbers."""
+    import h5py
+
+    path = folder / "run73.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:
+        imu = file.create_group("imu")
+        imu.attrs["MATLAB_class"] = np.bytes_("struct")
+        for name, values in (("time", TIME[None]), ("omega", RATES.T)):
+            stored = imu.create_dataset(name, data=values, compression="gzip")
+            stored.attrs["MATLAB_class"] = np.bytes_("double")
+        name = imu.create_dataset("name", data=np.frombuffer(b"xsens", np.uint8)[:, None].astype(np.uint16))
+        name.attrs["MATLAB_class"] = np.bytes_("char")
+    with path.open("r+b") as stream:
+        stream.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
+    return path
+
+
+def hdf5(folder: Path) -> Path:
+    import h5py
+
+    path = folder / "run.h5"
+    with h5py.File(path, "w") as file:
+        file["imu/time"], file["imu/omega"] = TIME, RATES
+        file["elsewhere"] = h5py.ExternalLink("/etc/hostname", "/")
+    return path
+
+
 def parquet(folder: Path) -> Path:
     pyarrow = pytest.importorskip("pyarrow")
     from pyarrow import parquet as files
@@ -314,7 +342,7 @@ AS_IT_IS: tuple[Callable[[Path], Path], ...] = (
         betaflight,
     ),
     *(rostopic_echo, rosbag, sensor_logger_json, sensor_logger_csv, phyphox_csv),
-    *(npz_named, npz_columns, mat_variables, mat_structure, parquet),
+    *(npz_named, npz_columns, mat_variables, mat_structure, mat_of_version_7_3, hdf5, parquet),
     *(blanks_with_names, tabs, semicolons, body_rates_in_degrees, roll_rate_in_degrees, motion_capture),
 )
 WITH_A_HINT: tuple[tuple[Callable[[Path], Path], dict[str, str], str], ...] = (
@@ -357,7 +385,7 @@ def test_what_a_recording_does_not_say_is_asked_for(
     require_motion(spinfilters.load(path, **given))
 
 
-@pytest.mark.parametrize("suffix", [".npz", ".mat", ".parquet", ".json", ".ulg"])
+@pytest.mark.parametrize("suffix", [".npz", ".mat", ".h5", ".parquet", ".json", ".ulg"])
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04 nothing", b"\x00" * 300, b"[[1, 2], [3]]", b"{}"])
 def test_a_damaged_file_is_refused_in_one_line(suffix: str, content: bytes, tmp_path: Path) -> None:
     path = tmp_path / f"mine{suffix}"
@@ -368,7 +396,7 @@ def test_a_damaged_file_is_refused_in_one_line(suffix: str, content: bytes, tmp_
     assert len(str(refusal.value).splitlines()) == 1
 
 
-@pytest.mark.parametrize("make", [ulog, npz_named, mat_variables, sensor_logger_json])
+@pytest.mark.parametrize("make", [ulog, npz_named, mat_variables, mat_of_version_7_3, sensor_logger_json])
 def test_a_truncated_file_is_read_or_refused_in_one_line(
     make: Callable[[Path], Path], tmp_path: Path
 ) -> None:

@@ -141,8 +141,8 @@ def test_a_face_with_other_numbers_before_its_corners_is_read(tmp_path: Path) ->
         ("python.obj", obj(box()) + b"\nv 1_0 2 3\n", "no vertex or face"),
         ("beyond.txt", counted(box())[:-1] + b"9" * 30 + b"\n", "no table of vertices and faces"),
         ("minus.txt", b"-1 " + counted(box()), "no table of vertices and faces"),
-        ("minus.ply", _lists_of(-1), "numbers are told where"),
-        ("many.ply", _lists_of(2**31 - 1), "numbers are told where"),
+        ("minus.ply", _lists_of(-1), "numbers do not fit in"),
+        ("many.ply", _lists_of(2**31 - 1), "numbers do not fit in"),
         ("format.ply", ply(box()).replace(b"format", b"comment", 1), "names the format"),
         ("twice.ply", ply(box()).replace(b" y\n", b" x\n", 1), "property twice"),
     ],
@@ -212,5 +212,5 @@ def test_binary_faces_of_mixed_lengths_are_read_in_their_order(tmp_path: Path) -
     expected = [(face[0], face[k], face[k + 1]) for face in faces for k in range(1, len(face) - 1)]
     assert read_ply(path).triangles.tolist() == [list(map(int, each)) for each in expected]
     path.write_bytes(path.read_bytes()[:-1])
-    with pytest.raises(InputError, match="numbers are told where"):
+    with pytest.raises(InputError, match="numbers do not fit in"):
         read_ply(path)

@@ -230,7 +230,7 @@ def test_returns_of_dust_and_clutter_are_left_out_and_told() -> None:
     scans = [scanner.scan(Still(R, np.array([30.0, 0, 0])), float(k), generator) for k in range(2)]
     found = scan_poses(scans)
     assert found.by_faces
-    assert "% of the points stand apart" in found.remarks[0]
+    assert "% of the points are isolated" in found.remarks[0]
     off = found.scans[0].points @ R - np.array([30.0, 0, 0]) @ R
     beyond = (np.abs(off) > np.array([0.5, 0.65, 0.4]) + 0.02).any(axis=1)
     assert np.count_nonzero(beyond) < 0.05 * len(off)  # of one half

@@ -95,7 +95,7 @@ def test_landmarks_that_are_made_anew_count_as_left_out() -> None:
     report = UpdateReport(0.0, 0, 10, 0, map_change=MapChange(ids[:0], np.zeros(0), ids, ids))
     verdict.take(FilterEpoch(belief, belief, INTERVAL, 0.0, 0), [report], 1.0)
     assert verdict.reasons == [
-        "10 of 10 measurements of the last 1 epochs could not be used or were not believed"
+        "10 of 10 measurements of the last 1 epochs could not be used or were rejected"
     ]
 
 

@@ -82,7 +82,7 @@ def test_a_pose_beside_attitudes_adds_the_place() -> None:
 def test_one_camera_without_a_map_is_refused_in_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with pytest.raises(InputError, match=r"one camera cannot tell the scale; give landmarks\.csv"):
+    with pytest.raises(InputError, match=r"one camera does not show the scale; give landmarks\.csv"):
         prepare(without_map(simulate(TRACKS)), Settings())
     assert main(["simulate", "-o", str(tmp_path / "data"), "--kind", "mono-tracks", "--frames", "5"]) == 0
     assert main(["compare", str(tmp_path / "data"), "-o", str(tmp_path / "run")]) == 2

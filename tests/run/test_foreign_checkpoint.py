@@ -156,7 +156,7 @@ def test_a_damaged_checkpoint_is_refused_in_one_line(
     with pytest.raises(InputError) as refused:
         load_checkpoint(path, fresh("mekf"), fingerprint("mekf"))
     text = str(refused.value)
-    assert text.startswith(f"{path}: is no whole checkpoint (")
+    assert text.startswith(f"{path}: is no complete checkpoint (")
     assert "without --resume" in text
     assert len(text) < len(str(path)) + 320
     assert text.isprintable()
@@ -197,7 +197,7 @@ def test_a_checkpoint_of_another_version_names_both(checkpoint: Path) -> None:
 
 def test_a_checkpoint_of_another_start_is_refused(checkpoint: Path) -> None:
     other = replace(fingerprint("mekf"), start="0" * 64)
-    with pytest.raises(InputError, match="start that comes out differently"):
+    with pytest.raises(InputError, match="initialisation gives other numbers"):
         load_checkpoint(checkpoint, fresh("mekf"), other)
 
 

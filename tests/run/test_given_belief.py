@@ -41,8 +41,8 @@ def test_a_filter_begins_at_the_first_epoch_from_the_belief(poses: spinfilters.D
     assert history.initialisation == 1
     np.testing.assert_allclose(history.mean[0][:3], belief["mean"]["position"], atol=1e-15)
     said = " ".join(str(run).split())
-    assert "The one before is the stated belief" in said
-    assert "begins from the stated belief" in said
+    assert "The epoch before is the stated belief" in said
+    assert "starts from the stated belief" in said
 
 
 def test_no_smoother_is_called_for_a_filter_from_a_belief(

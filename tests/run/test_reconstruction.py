@@ -119,6 +119,4 @@ def test_a_run_without_images_takes_an_earlier_model_away_and_says_how_to_give_i
     assert "The surface" not in text
     capsys.readouterr()
     assert main(["reconstruct", str(folder)]) == 2
-    assert "does not tell the images that it was made of; give their folder with --images" in (
-        capsys.readouterr().err
-    )
+    assert "does not name its images; give their folder with --images" in (capsys.readouterr().err)

@@ -68,7 +68,7 @@ def test_a_finding_has_sentence_cure_and_numbers() -> None:
 
 def test_a_number_that_misses_its_limit_does_not_read_like_it() -> None:
     sentence = finding("moments-undetermined", {"std": 0.10034, "limit": 0.1}).sentence
-    assert sentence.endswith("deviation is 0.1003 of the largest moment, at most 0.1 is of use")
+    assert sentence.endswith("deviation is 0.1003 of the largest moment (limit 0.1)")
     assert "deviation is 0.12 of" in finding("moments-undetermined", {"std": 0.1234, "limit": 0.1}).sentence
     numbers = {"epochs": 30, "evidence": 29.96, "limit": 30.0, "why": "a steady spin"}
     assert "(evidence 29.96, at least 30" in finding("motion-shows-no-moments", numbers).sentence

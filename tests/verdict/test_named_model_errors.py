@@ -127,7 +127,7 @@ def test_tests_that_cannot_be_made_are_a_reason_for_doubt(monkeypatch: pytest.Mo
     (evaluation,) = comparison.evaluations
     status = evaluation.history.status
     assert status.verdict == "degraded"
-    assert any("could not be looked for (no factor" in each for each in status.reasons)
+    assert any("could not be tested (no factor" in each for each in status.reasons)
     assert comparison.models.names == ()
 
 

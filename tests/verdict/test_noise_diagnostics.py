@@ -221,7 +221,7 @@ def test_noise_that_cannot_be_tested_is_a_doubt(monkeypatch: pytest.MonkeyPatch)
     (of_filter,) = filter_noise_diagnostics(mekf.history, run.setup, SETTINGS)
     (of_levels,) = stated_level_diagnostics(run.setup, SETTINGS, [smoother.history])
     for doubt in reasons([of_filter, of_levels]):
-        assert doubt == "its noise could not be tested (no factor): check the data set and its noise"
+        assert doubt == "the noise could not be tested (no factor): check the data set and its noise"
 
 
 def test_a_level_that_nobody_states_is_not_said_to_be_stated() -> None:

@@ -38,7 +38,7 @@ COMMANDS: Final = (
     ),
     ListedCommand(
         "checkout",
-        "a stored calibration against new images, or against another calibration",
+        "check a stored calibration on new images, or compare it with another",
         "spinfilters.cli.commands.checkout",
     ),
     ListedCommand(
@@ -50,7 +50,7 @@ COMMANDS: Final = (
     ),
     ListedCommand(
         "reconstruct",
-        "dense model of the body of a run made of stereo images",
+        "dense model of the body, from a run on stereo images",
         "spinfilters.cli.commands.reconstruct",
     ),
     ListedCommand(
@@ -63,11 +63,11 @@ COMMANDS: Final = (
     ),
     ListedCommand(
         "observe",
-        "what a sensor can determine of a motion, proved, and how well",
+        "what sensors can determine of a motion, with proof, and how well",
         "spinfilters.cli.commands.observe",
     ),
     ListedCommand(
-        "campaign", "a table of factors times seeds, run and reported", "spinfilters.cli.commands.campaign"
+        "campaign", "run a table of factors times seeds, and report", "spinfilters.cli.commands.campaign"
     ),
     ListedCommand(
         "study",
@@ -76,17 +76,17 @@ COMMANDS: Final = (
     ),
     ListedCommand(
         "condition",
-        "how well conditioned covariances are, by time step and units",
+        "conditioning of covariances by time step and units",
         "spinfilters.cli.commands.condition",
     ),
     ListedCommand(
         "polhode",
-        "how a body of given moments turns freely: polhode, herpolhode, cones, stability",
+        "free rotation of a body with given moments: polhode, herpolhode, cones, stability",
         "spinfilters.cli.commands.free_spin",
     ),
     ListedCommand(
         "threshold",
-        "does a target tumble or spin, for a mission's thrust and propellant",
+        "whether a target tumbles or spins, for a mission's thrust and propellant",
         "spinfilters.cli.commands.threshold",
     ),
     ListedCommand(
@@ -97,6 +97,9 @@ COMMANDS: Final = (
     ListedCommand("embed", "write the filter as C for a microcontroller", "spinfilters.cli.commands.embed"),
     ListedCommand("plot", "draw the figures of a run folder again", "spinfilters.cli.commands.plot"),
     ListedCommand(
+        "schema", "JSON Schema of settings, studies and summary.json", "spinfilters.cli.commands.schema"
+    ),
+    ListedCommand(
         "doctor", "print versions and check that everything works", "spinfilters.cli.commands.doctor"
     ),
 )
@@ -105,6 +108,6 @@ COMMAND_GROUPS: Final[dict[str, tuple[str, ...]]] = {
     "estimate": ("compare", "estimate", "segments", "live", "plot"),
     "make data": ("simulate", "lidar", "track", "calibrate", "checkout", "depth", "rig", "reconstruct"),
     "study": ("observe", "campaign", "study", "condition", "polhode", "threshold", "reproduce"),
-    "deliver": ("embed", "doctor"),
+    "deliver": ("embed", "schema", "doctor"),
 }
 """Commands by what they are for, as ``spinfilters --help`` lists them; others stand behind these."""

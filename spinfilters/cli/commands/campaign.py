@@ -13,7 +13,7 @@ from spinfilters.core.errors import InputError
 from spinfilters.io.stated_values import Argument, ArgumentGroup, NumberRange
 
 NO_SHARDS: Final = (
-    "campaigns have no shards any more; let the workers of a Dask scheduler share the runs, with --scheduler"
+    "campaigns have no shards any more; distribute runs to the workers of a Dask scheduler with --scheduler"
 )
 
 

@@ -43,16 +43,14 @@ class ComparisonArguments(RunArguments):
     segment: Annotated[
         str | None,
         Argument(
-            "a segment by its number or by its times, s; all that are marked; or all free flights that are found",
+            "one segment by number or times in s; all: every marked one; auto: every free flight found",
             metavar="N|START:END|all|auto",
         ),
     ] = None
     drag: Annotated[bool, Argument("estimate an aerodynamic drag coefficient too")] = False
     drag_law: Annotated[
         Literal["quadratic", "linear", "auto"] | None,
-        Argument(
-            "of --drag: torques quadratic in the rate (as --drag alone) or linear, or the likelier of both, if any"
-        ),
+        Argument("law of --drag: quadratic in the rate (default), linear, or auto: the likelier, if any"),
     ] = None
     config: Annotated[
         str | None, Argument("TOML file with settings, such as config.toml of another run", metavar="FILE")
@@ -60,13 +58,13 @@ class ComparisonArguments(RunArguments):
     set: Annotated[
         tuple[tuple[str], ...],
         Argument(
-            "a setting by its key, such as sensors.pixel_std=0.5; which goes before all others; once for each",
+            "one setting, such as sensors.pixel_std=0.5; has precedence over all others; may be repeated",
             metavar="KEY=VALUE",
         ),
     ] = ()
-    quiet: Annotated[bool, Argument("print nothing but errors", short="-q")] = False
-    json: Annotated[bool, Argument("print the content of summary.json in place of the table")] = False
-    reading: Annotated[ReadingOptions, ArgumentGroup("what the recording does not tell")] = field(
+    quiet: Annotated[bool, Argument("print only errors", short="-q")] = False
+    json: Annotated[bool, Argument("print the content of summary.json instead of the table")] = False
+    reading: Annotated[ReadingOptions, ArgumentGroup("what the recording does not state")] = field(
         default_factory=ReadingOptions
     )
 
@@ -83,8 +81,8 @@ class CompareArguments:
             metavar="A,B",
         ),
     ] = None
-    seed: Annotated[int, SEED, Argument("of the bundled example")] = 0
-    known_map: Annotated[bool, Argument("of the bundled example: its landmarks are known")] = False
+    seed: Annotated[int, SEED, Argument("seed of the bundled example")] = 0
+    known_map: Annotated[bool, Argument("give the estimators the map of the bundled example")] = False
     how: Annotated[ComparisonArguments, ArgumentGroup()] = field(default_factory=ComparisonArguments)
 
 
@@ -138,7 +136,7 @@ def _read_with_bar(options: CompareArguments, choice: "SegmentChoice | None") ->
 def _without_table(how: ComparisonArguments, comparison: "Comparison | None", folder: Path) -> int:
     """Print the summary as JSON, or nothing. InputError: the run was interrupted."""
     if comparison is not None and comparison.interrupted:
-        raise InputError(f"interrupted; what was estimated is in {folder}, --resume goes on from there")
+        raise InputError(f"interrupted; the finished part is in {folder}, --resume continues from it")
     if how.json:
         from spinfilters.run.run_summary import SUMMARY_FILE
 
@@ -249,7 +247,7 @@ def _print_comparison(comparison: "Comparison", folder: Path) -> None:
         console.print(f"Tumbling or spinning: {spin.sentence}.", highlight=False)
     if comparison.interrupted:
         raise InputError(
-            f"interrupted; what was estimated is in {folder}, run the command again with --resume to go on from there"
+            f"interrupted; what was estimated is in {folder}, run the command again with --resume to continue"
         )
     console.print(f"run folder: {folder}   (look at {folder / REPORT_FILE})", highlight=False, soft_wrap=True)
 
@@ -301,7 +299,7 @@ def _compare_segments(recording: str, which: str, settings: "Settings", options:
     _print_segments(results, settings)
     if interrupted:
         raise InputError(
-            f"interrupted after {len(results)} of {len(datasets) + len(refused)} segments; run the command again to go on"
+            f"interrupted after {len(results)} of {len(datasets) + len(refused)} segments; run the command again to continue"
         )
     picture = folder / throws_picture(settings.estimators[0])
     look = f"   (look at {picture})" if picture.exists() else ""

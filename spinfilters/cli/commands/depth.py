@@ -23,7 +23,7 @@ class DepthArguments:
     largest: Annotated[
         int,
         NumberRange(16, 4096, "px", whole=True),
-        Argument("disparity up to which matches are looked for", metavar="PX"),
+        Argument("largest disparity of a match", metavar="PX"),
     ] = 128
     output: Annotated[str, Argument("arrays and picture", short="-o", metavar="OUT")]
 
@@ -51,8 +51,8 @@ def depth(options: DepthArguments) -> int:
     left, right = images
     if left.shape != right.shape or options.largest >= left.shape[1]:
         raise InputError(
-            f"{path_text(paths[1])}: is {right.shape[1]} x {right.shape[0]} px beside {left.shape[1]} x {left.shape[0]} px, "
-            f"disparities up to {options.largest} px; give a pair of one size that is wider"
+            f"{path_text(paths[1])}: is {right.shape[1]} x {right.shape[0]} px, the other {left.shape[1]} x {left.shape[0]} px, "
+            f"disparities up to {options.largest} px; give two images of one size, wider than that"
         )
     refuse_foreign(folder, COMMAND.name)
     scale = None

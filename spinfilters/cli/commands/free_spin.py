@@ -140,7 +140,7 @@ def _cone_sentences(found: "Cones | None") -> list[str]:
 def _stability_sentences(spins: "tuple[AxisStability, ...]", speed: float) -> list[str]:
     if not spins:
         return [
-            "No rigid body has these moments: the largest exceeds the sum of the other two. They are taken as numbers."
+            "No rigid body has these moments: the largest exceeds the sum of the other two. They are drawn anyway."
         ]
     for found in spins:
         if found.growth_rate > 0.0:

@@ -47,22 +47,24 @@ class ObserveCommandArguments(ObserveArguments):
     recording: Annotated[
         str | None,
         Argument(
-            "a data set in place of a motion: what its measurements can determine, at the smoother's estimate of it",
+            "a data set instead of a motion: what its measurements can determine, at the smoother's estimate",
             metavar="DATASET",
         ),
     ] = None
     segment: Annotated[
         str | None,
-        Argument("of --recording: a segment by its number or by its times, s", metavar="N|START:END"),
+        Argument("segment of --recording, by its number or by its times in s", metavar="N|START:END"),
     ] = None
     output: Annotated[str, Argument("text, JSON and pictures", short="-o", metavar="FOLDER")] = "runs/observe"
     symbols: Annotated[
         bool,
-        Argument("of your own equations: also Lie derivatives, their gradients and null vectors as formulas"),
+        Argument(
+            "for your own equations: print Lie derivatives, their gradients and null vectors as formulas"
+        ),
     ] = False
     solutions: Annotated[
         bool,
-        Argument("of your own equations: also search for other values of the unknowns with the same outputs"),
+        Argument("for your own equations: search for other values of the unknowns with the same outputs"),
     ] = False
     execute: Annotated[
         bool,
@@ -95,7 +97,7 @@ class ObserveCommandArguments(ObserveArguments):
     inputs: Annotated[
         str | None,
         Argument(
-            "known inputs over time in place of cosines: a CSV with time_s, torque_x, torque_y, torque_z (N m) and acceleration_x, "
+            "known inputs over time instead of cosines: a CSV with time_s, torque_x, torque_y, torque_z (N m) and acceleration_x, "
             "acceleration_y, acceleration_z (m/s^2), or some of them",
             metavar="FILE",
         ),
@@ -111,7 +113,7 @@ class ObserveCommandArguments(ObserveArguments):
     set: Annotated[
         tuple[tuple[str], ...],
         Argument(
-            "one such setting by its key, such as sensors.pixel_std=0.3; once for each",
+            "one such setting, such as sensors.pixel_std=0.3; may be repeated",
             metavar="KEY=VALUE",
         ),
     ] = ()

@@ -21,12 +21,12 @@ class PlotArguments:
         str | None,
         Argument("print figures into this folder and leave the run as it is", short="-o", metavar="FOLDER"),
     ] = None
-    format: Annotated[Literal["png", "svg", "pdf"], Argument("of printed figures")] = "pdf"
+    format: Annotated[Literal["png", "svg", "pdf"], Argument("file format of printed figures")] = "pdf"
     panels: Annotated[bool, Argument("one panel a file, cut out of its figure")] = False
     width: Annotated[
         float | None,
         NumberRange(20.0, 1000.0, "mm"),
-        Argument("of a printed figure or panel: 84 for a column, 174 for two", metavar="MM"),
+        Argument("width of a printed figure or panel, mm: 84 for a column, 174 for two", metavar="MM"),
     ] = None
     figures: Annotated[
         str | None, Argument("names of the figures to print, with commas", metavar="NAMES")
@@ -80,6 +80,6 @@ COMMAND = Command(
     "plot",
     PlotArguments,
     draw_again,
-    "Without -o the pictures and the report of the run are made again. With -o, figures are printed for a paper: as PDF, SVG or "
+    "Without -o the figures and the report of the run are made again. With -o, figures are printed for a paper: as PDF, SVG or "
     "PNG, at a column's width, one panel a file on demand; legends that panels share are files of their own.",
 )

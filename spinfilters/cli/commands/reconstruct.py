@@ -20,7 +20,7 @@ class ReconstructArguments:
     ]
     images: Annotated[
         str | None,
-        Argument("the stereo images, where the run does not name them or they have moved", metavar="FOLDER"),
+        Argument("folder of the stereo images, if they have moved", metavar="FOLDER"),
     ] = None
     voxels: Annotated[
         int, NumberRange(16, 256, whole=True), Argument("along each axis of the volume", metavar="N")

@@ -15,15 +15,15 @@ class ReproduceArguments:
     names: Annotated[
         tuple[str, ...],
         Argument(
-            "tables and figures, or how their names begin, such as tweddle-table or decoust; all, or list",
+            "names of tables and figures, or beginnings such as tweddle-table or decoust; all, or list",
             positional=True,
             metavar="NAME",
         ),
     ]
     output: Annotated[
-        str, Argument("results; what is there already is kept", short="-o", metavar="FOLDER")
+        str, Argument("folder of the results; existing ones are kept", short="-o", metavar="FOLDER")
     ] = "runs/reproduce"
-    again: Annotated[bool, Argument("make also what is there already")] = False
+    again: Annotated[bool, Argument("make existing ones again")] = False
 
 
 def reproduce_items(options: ReproduceArguments) -> int:
@@ -64,6 +64,6 @@ COMMAND = Command(
     "reproduce",
     ReproduceArguments,
     reproduce_items,
-    "Makes every table and figure with results of both theses from this package alone, and compares it with what is printed. "
-    "Items that are there already are kept, so that an interrupted call goes on where it ended.",
+    "Makes the tables and figures with results of both theses from this package alone, and compares them with the printed ones. "
+    "Existing items are kept, so an interrupted call continues where it ended.",
 )

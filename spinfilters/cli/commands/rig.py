@@ -18,9 +18,11 @@ class RigArguments:
     baseline: Annotated[float, NumberRange(1e-4, 1e3, "m"), Argument("between the cameras", metavar="M")] = (
         0.09
     )
-    width: Annotated[int, SIZE, Argument("of the images", metavar="PX")] = 640
-    height: Annotated[int, SIZE, Argument("of the images", metavar="PX")] = 480
-    distance: Annotated[float, NumberRange(1e-3, 1e6, "m"), Argument("of the point", metavar="M")] = 0.5
+    width: Annotated[int, SIZE, Argument("width of the images", metavar="PX")] = 640
+    height: Annotated[int, SIZE, Argument("height of the images", metavar="PX")] = 480
+    distance: Annotated[
+        float, NumberRange(1e-3, 1e6, "m"), Argument("distance of the point", metavar="M")
+    ] = 0.5
     pixel_std: Annotated[
         float, NumberRange(1e-3, 100, "px"), Argument("standard deviation of the noise", metavar="PX")
     ] = 1.0

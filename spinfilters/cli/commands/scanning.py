@@ -18,7 +18,9 @@ if TYPE_CHECKING:
 class ScanOutput:
     """What is written of a scan."""
 
-    format: Annotated[tuple[Literal["ply", "pcd", "csv"], ...], Argument("of a single scan")] = ("ply",)
+    format: Annotated[tuple[Literal["ply", "pcd", "csv"], ...], Argument("file format of a single scan")] = (
+        "ply",
+    )
     misses: Annotated[bool, Argument("write rays without a return too, with their flag")] = False
 
 
@@ -59,7 +61,9 @@ def _write_scan(options: ScanCommandArguments, scene: "ScannedScene", folder: Pa
     found = scene.scanner.scan(scene.at_rest, 0.0, np.random.default_rng(options.seed))
     found = _with_metadata(found, options, scene)
     if not found.is_return.any():
-        raise InputError(f"none of {len(found)} rays met {scene.mesh.name}; aim at it, or give a wider --fov")
+        raise InputError(
+            f"none of {len(found)} rays met {scene.mesh.name}; point the lidar at it, or give a wider --fov"
+        )
     with output_folder(folder, name) as place:
         for ending in dict.fromkeys(options.written.format):
             write_scan(place / f"scan.{ending}", found, options.written.misses)

@@ -14,7 +14,7 @@ class SegmentsArguments:
     dataset: Annotated[
         str, Argument("gyro .csv, phone export, poses, data set folder", positional=True, metavar="RECORDING")
     ]
-    reading: Annotated[ReadingOptions, ArgumentGroup("what the recording does not tell")] = field(
+    reading: Annotated[ReadingOptions, ArgumentGroup("what the recording does not state")] = field(
         default_factory=ReadingOptions
     )
 
@@ -56,6 +56,6 @@ COMMAND = Command(
     "segments",
     SegmentsArguments,
     list_segments,
-    "Finds where a body flies freely: in body rates, where some inertia tensor keeps the angular momentum; in poses, where some "
-    "point of the body falls on a parabola. No inertia need be known.",
+    "Finds free flight. In body rates, some inertia tensor conserves the angular momentum; in poses, some point of the body falls "
+    "on a parabola. The inertia need not be known.",
 )

@@ -23,7 +23,7 @@ class SimulateArguments:
     shape: Annotated[
         str | None,
         Argument(
-            "of the body in stereo-images: spheres (default), box, octahedron, or a mesh (.obj, binary .stl, .tab, .txt)"
+            "shape of the body in stereo-images: spheres (default), box, octahedron, or a mesh (.obj, binary .stl, .tab, .txt)"
         ),
     ] = None
     foil: Annotated[

@@ -28,7 +28,7 @@ class ThresholdArguments:
 
     mission: Annotated[
         Literal["spheres", "orbital-express"],
-        Argument("whose values hold where none is given (Tweddle 2013, Table 1.1)"),
+        Argument("mission with the default values (Tweddle 2013, Table 1.1)"),
     ] = "spheres"
     radius: Annotated[
         float | None, POSITIVE["m"], Argument("distance of station keeping, m", metavar="M")
@@ -39,9 +39,9 @@ class ThresholdArguments:
     force: Annotated[
         float | None, POSITIVE["N"], Argument("largest thrust towards the target, N", metavar="N")
     ] = None
-    specific_impulse: Annotated[float | None, POSITIVE["s"], Argument("of the thrusters, s", metavar="S")] = (
-        None
-    )
+    specific_impulse: Annotated[
+        float | None, POSITIVE["s"], Argument("specific impulse of the thrusters, s", metavar="S")
+    ] = None
     mass_fraction: Annotated[
         float | None,
         NumberRange(1e-9, 0.999999),
@@ -150,6 +150,6 @@ COMMAND = Command(
     "threshold",
     ThresholdArguments,
     threshold,
-    "An inspector that keeps station over a point of a turning target flies a circle (Tweddle 2013, section 1.2). The target "
+    "An inspector that keeps station over a point of a rotating target flies a circle (Tweddle 2013, section 1.2). The target "
     "tumbles while thrust and propellant suffice for that; otherwise it spins, and its rate must be estimated.",
 )

@@ -21,9 +21,7 @@ class TrackArguments:
     dataset: Annotated[str, Argument("folder of the images", positional=True, metavar="DATASET")]
     output: Annotated[str, Argument("folder of the data set of tracks", short="-o", metavar="TRACKS")]
     detector: Annotated[str, Argument("sift, or orb, which is faster and less exact")] = "sift"
-    online: Annotated[
-        bool, Argument("without looking ahead, as on a spacecraft: images in, observations out")
-    ] = False
+    online: Annotated[bool, Argument("use past images only, as on a spacecraft")] = False
     figures: Annotated[
         bool, Argument("draw stereo matches and where features were one pair before: matches.png")
     ] = False

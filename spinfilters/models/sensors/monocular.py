@@ -83,7 +83,7 @@ class MonocularSensor(Sensor):
         view, level = required_view(self.name, view), noise_level(stream, noise.pixel_std)
         if view.known_map is None:
             raise InputError(
-                "mono-tracks need a known map: one camera cannot tell the scale; give landmarks.csv "
+                "mono-tracks need a known map: one camera does not show the scale; give landmarks.csv "
                 "(simulate: --known-map), or stereo-tracks"
             )
         known, points = mapped_rows(stream, view.known_map)

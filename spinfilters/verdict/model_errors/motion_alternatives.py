@@ -131,7 +131,7 @@ class Hinge(Alternative):
 
     name, phrase, unit = "hinge", "parts that move inside (a hinge, an elbow)", "of the moments"
     plausible = 0.3
-    cure = "lock the joint: of a body that is not rigid the moments cannot be told"
+    cure = "lock the joint: a body that is not rigid has no constant moments"
 
     def columns(self, motion: SmoothedMotion) -> Columns | None:
         """Columns of the inertia's traceless linear changes."""
