@@ -15,6 +15,7 @@ from observability.model_rank import (
     draw_point,
     drawn_values,
     exact_rank,
+    later_inputs,
     reduced_without_jets,
     start_values,
     with_tangents,
@@ -119,21 +120,14 @@ def _steps(
         series = Series(part.tape, BranchDecisions({}, found.values), field, (1, 1, width))
         series.put(0, 0, state)
         series.put(1, 0, with_tangents(part, part.groups[1], values[1].p, width))
-        series.put(2, 0, with_tangents(part, part.groups[2], values[2].p, width))
-        series.put(3, 0, _unknown_inputs(part, values[3], step, width))
+        for index in (2, 3):
+            p, names = values[index].p, part.groups[index]
+            given = (
+                later_inputs(part, index, step, p, width) if step else with_tangents(part, names, p, width)
+            )
+            series.put(index, 0, given)
         moved = series.advance(0)
         columns = [1 + part.unknowns.index(name) for name in part.states if name in part.unknowns]
         yield moved[:states, 0][:, columns], moved[states:, 0, 1:]
         state = moved[:states]
         values[0] = Residues(found.output.p[:states], found.output.q[:states])
-
-
-def _unknown_inputs(part: ReachedModel, values: Residues, step: int, width: int) -> Num[np.ndarray, "n b m"]:
-    """Their values; each step's is an unknown of its own."""
-    if step == 0:
-        return with_tangents(part, part.groups[3], values.p, width)
-    count = len(part.unknown_inputs)
-    given = np.zeros((count, 1, width), dtype=np.uint64)
-    given[..., 0] = values.p
-    given[np.arange(count), :, part.jet_columns(step)] = 1
-    return given

@@ -526,11 +526,18 @@ def _given(
         count = len(part.groups[index])
         if not count:
             continue
-        values = np.zeros((count, point.count, width), dtype=np.uint64)
-        values[..., 0] = generator.integers(0, LARGEST_INPUT, (count, point.count), dtype=np.uint64)
-        if index == 3:
-            values[np.arange(count), :, part.jet_columns(order)] = 1
-        yield index, values
+        values = generator.integers(0, LARGEST_INPUT, (count, point.count), dtype=np.uint64)
+        yield index, later_inputs(part, index, order, values, width)
+
+
+def later_inputs(
+    part: ReachedModel, index: int, order: int, p: Num[np.ndarray, "n b"], width: int
+) -> Num[np.ndarray, "n b m"]:
+    """Coefficients of an order from 1 on of the inputs of a group; each of an unknown input is an unknown of its own."""
+    values = with_tangents(part, (), p, width)
+    if index == 3:
+        values[np.arange(len(p)), :, part.jet_columns(order)] = 1
+    return values
 
 
 def with_tangents(

@@ -17,7 +17,7 @@ from jaxtyping import Num
 
 from observability.exact_numbers import SIMPLE, Arithmetic
 from observability.function_values import BranchDecisions
-from observability.model_rank import ExactRank, ReachedModel, draw_point, with_tangents
+from observability.model_rank import ExactRank, ReachedModel, draw_point, later_inputs, with_tangents
 from observability.power_series import Series
 from observability.tape import PIECEWISE, TRANSCENDENTAL, Choices, float_choices
 from spinfilters.core.errors import InputError
@@ -316,12 +316,8 @@ def _jets(
     part: ReachedModel, index: int, order: int, width: int, generator: np.random.Generator
 ) -> Num[np.ndarray, "n b m"]:
     """Taylor coefficients of inputs, drawn; those of unknown inputs are unknowns."""
-    count = len(part.groups[index])
-    given = np.zeros((count, TIMES, width), dtype=COMPLEX)
-    given[..., 0] = generator.uniform(0.5, 1.5, count)[:, np.newaxis]
-    if index == 3:
-        given[np.arange(count), :, part.jet_columns(order)] = 1
-    return given
+    drawn = generator.uniform(0.5, 1.5, len(part.groups[index])).astype(COMPLEX)
+    return later_inputs(part, index, order, np.repeat(drawn[:, np.newaxis], TIMES, axis=1), width)
 
 
 def _eliminated(

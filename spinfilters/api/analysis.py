@@ -25,7 +25,7 @@ from spinfilters.io.input_file import path_text, value_text
 from spinfilters.io.output_files import output_folder, refuse_foreign, write_json, write_text
 from spinfilters.io.text_table import read_csv, read_header
 from spinfilters.models.process import THESIS_NOISE
-from spinfilters.settings.run_settings import AUTO, Settings
+from spinfilters.settings.run_settings import AUTO, InitialisationOptions, Settings
 from spinfilters.settings.stated_belief import block_named
 from spinfilters.simulation.scenario_record import Scenario
 
@@ -230,12 +230,19 @@ def levels_of(settings: Settings) -> Levels:
             raise InputError(
                 f"process.{name} is no part of this analysis, which is of free motion; leave it out"
             )
-    priors = {"s": initial.mass_std, "c": initial.centre_std, "v": initial.speed_std}
-    for word, std in initial.std.items():
-        priors[block_named("std", word).name] = float(np.sqrt(np.mean(np.square(std))))
+    options = {"s": initial.mass_std, "c": initial.centre_std, "v": initial.speed_std}
+    priors = options | stated_deviations(initial)
     noise = {name: std for name, std in asdict(settings.sensors).items() if std != AUTO}
     bias = priors.pop("b", initial.gyro_bias_std)
     return Levels(noise, process.noise(THESIS_NOISE), priors, gyro_bias_std=bias)
+
+
+def stated_deviations(initial: InitialisationOptions) -> dict[str, float]:
+    """Standard deviations of a stated belief of the first state, by block; of each block the root mean square."""
+    return {
+        block_named("std", word).name: float(np.sqrt(np.mean(np.square(std))))
+        for word, std in initial.std.items()
+    }
 
 
 @checked_arguments(

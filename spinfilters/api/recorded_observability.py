@@ -1,6 +1,5 @@
 """What a recording can determine: rank and bound at the smoother's estimate of it."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, Final
 
@@ -10,11 +9,11 @@ from jaxtyping import Float, Int
 from observability.analysis_report import Report
 from observability.canonical_motions import CanonicalMotion, motion
 from observability.cases import Case, Levels
-from observability.cramer_rao import Bound, bounded_quantities, cramer_rao_bound
+from observability.cramer_rao import bounded_quantities, cramer_rao_bound
 from observability.prior_dependence import quantity_bounds
 from observability.reference_trajectory import ReferenceTrajectory, SensorSchedule
 from observability.system import analysed
-from spinfilters.api.analysis import MOST_EPOCHS, ObservabilityResult
+from spinfilters.api.analysis import MOST_EPOCHS, ObservabilityResult, stated_deviations
 from spinfilters.api.blas_threads import on_one_blas_thread
 from spinfilters.api.comparison import given_dataset
 from spinfilters.api.given_settings import SETTINGS_GIVEN, AnySettings, chosen_settings
@@ -125,7 +124,9 @@ def recording_report(dataset: Dataset, settings: Settings, progress: Progress) -
     reference = ReferenceTrajectory(setup.process, times_of(setup.timeline), history.mean)
     case = _case(setup, settings, history.mean)
     schedules, remark = _schedules(setup, history.mean)
-    bound = _bound(case, reference, schedules, settings)
+    bound = cramer_rao_bound(
+        reference, schedules, case.prior_std, case.levels.landmark_std, defined=case.defined
+    )
     return Report(
         case,
         case.certificate(),
@@ -147,12 +148,13 @@ def _case(setup: Setup, settings: Settings, states: Float[np.ndarray, "k m"]) ->
     layout = setup.process.layout
     names = tuple(sensor_of(name).name for name in setup.log.sensors)
     options = {option for name in names for option in analysed(name).noise}
-    bias = settings.initialisation.prior_std(GYRO_BIAS) if layout.has(GYRO_BIAS) else 0.0
     priors = {
         name: settings.initialisation.prior_std(BLOCKS[name])
-        for name in ("v", "c", "s")
-        if name in layout.blocks
+        for name in layout.blocks
+        if name not in (*POSE_BLOCKS, "w")
     }
+    priors |= stated_deviations(settings.initialisation)
+    bias = priors.pop(GYRO_BIAS.name, 0.0)
     seeing = [name for name in names if analysed(name).sees_points]
     return Case(
         sensors=names,
@@ -175,21 +177,6 @@ def _motion(rates: Float[np.ndarray, "k 3"], s: Float[np.ndarray, " 5"]) -> Cano
     rate = np.round(rates[len(rates) // 2] @ axes, DIGITS).tolist()
     rpm = " ".join(f"{each / RPM:.3g}" for each in rate)
     return motion(f"{rpm} rpm in its middle", rate, np.round(moments / moments[-1], DIGITS).tolist())
-
-
-def _bound(
-    case: Case, reference: ReferenceTrajectory, schedules: Sequence[SensorSchedule], settings: Settings
-) -> Bound:
-    """Bound with the priors of all blocks that the estimators have."""
-    layout = reference.process.layout
-    own = {
-        name: settings.initialisation.prior_std(BLOCKS[name])
-        for name in layout.blocks
-        if name not in (*POSE_BLOCKS, "w")
-    }
-    return cramer_rao_bound(
-        reference, schedules, {**own, **case.prior_std}, case.levels.landmark_std, defined=case.defined
-    )
 
 
 def _schedules(setup: Setup, states: Float[np.ndarray, "k m"]) -> tuple[list[SensorSchedule], str]:

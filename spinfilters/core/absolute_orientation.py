@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float
 
-from spinfilters.core.attitude_conversions import matrix_from_quaternion
+from spinfilters.core.attitude_conversions import quaternion_from_matrix
 from spinfilters.core.errors import InputError
 from spinfilters.core.linear_algebra import SINGULAR, STRETCH
 
@@ -26,11 +26,10 @@ def absolute_orientation(
     """
     if len(points_a) < 3:
         raise InputError(f"absolute orientation needs at least 3 matched points, got {len(points_a)}")
-    w = np.ones(len(points_a)) if weights is None else weights
-    q, t, determined = absolute_orientations(points_a[None], points_b[None], w[None])
-    if not determined[0]:
+    found = absolute_orientations(points_a[None], points_b[None], None if weights is None else weights[None])
+    if not found.determined[0]:
         raise InputError("absolute orientation is undetermined: the matched points lie on one line")
-    return q[0], t[0]
+    return quaternion_from_matrix(found.R[0]), found.t[0]
 
 
 class AbsoluteOrientations(NamedTuple):
@@ -38,59 +37,61 @@ class AbsoluteOrientations(NamedTuple):
 
     Attributes
     ----------
-    q : Float[np.ndarray, 'h 4']
-        (h, 4) q_ab.
+    R : Float[np.ndarray, 'h 3 3']
+        (h, 3, 3) R_ab.
     t : Float[np.ndarray, 'h 3']
         (h, 3) t_ab, m.
     determined : Bool[np.ndarray, ' h']
         (h,) whether the points determine them: those not on one line do.
     """
 
-    q: Float[np.ndarray, "h 4"]
+    R: Float[np.ndarray, "h 3 3"]
     t: Float[np.ndarray, "h 3"]
     determined: Bool[np.ndarray, " h"]
+
+    @property
+    def poses(self) -> Float[np.ndarray, "h 7"]:
+        """Poses (t_ab, q_ab)."""
+        return np.concatenate([self.t, quaternion_from_matrix(self.R)], axis=1)
 
 
 def absolute_orientations(
     points_a: Float[np.ndarray, "h n 3"],
     points_b: Float[np.ndarray, "h n 3"],
-    weights: Float[np.ndarray, "h n"],
+    weights: Float[np.ndarray, "h n"] | None = None,
 ) -> AbsoluteOrientations:
     """Rigid motions between h sets of matched points at once.
 
-    Horn's closed form: the quaternion is the eigenvector of the largest eigenvalue of N (Tweddle 2013, Eqs 2.104-2.108, with the
-    means of 2.104-2.105 corrected; Horn 1987). A point of weight zero has no say; the weights of a set must not all be zero.
+    R_ab is the rotation nearest to M = sum w p_a p_b' of points about their means (Kabsch 1976). It is as exact near a line as the
+    points themselves, where the eigenvectors of Horn's matrix (Tweddle 2013, Eqs 2.104-2.108) lose half of the digits. A point of
+    weight zero has no say; the weights of a set must not all be zero.
     """
-    w = (weights / weights.sum(axis=1, keepdims=True))[:, None]
+    w = np.ones(points_a.shape[:2]) if weights is None else weights
+    w = (w / w.sum(axis=1, keepdims=True))[:, None]
     mean_a, mean_b = w @ points_a, w @ points_b
-    M = np.swapaxes(points_b - mean_b, 1, 2) @ (np.swapaxes(w, 1, 2) * (points_a - mean_a))
-    values, vectors = np.linalg.eigh(_horn_matrices(M))
-    largest = np.maximum(np.abs(values[:, 3]), np.finfo(float).tiny)
-    q = vectors[:, [1, 2, 3, 0], 3] * np.where(vectors[:, :1, 3] >= 0, 1.0, -1.0)
-    t = mean_a - mean_b @ np.swapaxes(matrix_from_quaternion(q), 1, 2)
-    return AbsoluteOrientations(q, t[:, 0], values[:, 3] - values[:, 2] > SINGULAR * largest)
-
-
-def rigid_motions(
-    points_a: Float[np.ndarray, "h n 3"], points_b: Float[np.ndarray, "h n 3"]
-) -> tuple[Float[np.ndarray, "h 3 3"], Float[np.ndarray, "h 3"]]:
-    """Rigid motions (R_ab, t_ab) between h sets of matched points, all weights equal.
-
-    R_ab is the rotation nearest to sum p_a p_b' (Kabsch 1976).
-    """
-    mean_a, mean_b = points_a.mean(axis=1), points_b.mean(axis=1)
-    M = np.swapaxes(points_a - mean_a[:, None], 1, 2) @ (points_b - mean_b[:, None])
-    R = nearest_rotation(M)
-    return R, mean_a - (R @ mean_b[..., None])[..., 0]
+    M = (np.swapaxes(points_a - mean_a, 1, 2) * w) @ (points_b - mean_b)
+    U, sizes, Vt = np.linalg.svd(M)
+    R, sign = _nearest_of(U, Vt)
+    # the curvature of the cost about the axis of the longest spread: zero for points on a line
+    least = sizes[:, 1] + sign * sizes[:, 2]
+    largest = np.maximum(sizes[:, 0], np.finfo(float).tiny)
+    t = mean_a - mean_b @ np.swapaxes(R, 1, 2)
+    return AbsoluteOrientations(R, t[:, 0], least > SINGULAR * largest)
 
 
 def nearest_rotation(M: Float[np.ndarray, "*h 3 3"]) -> Float[np.ndarray, "*h 3 3"]:
     """The rotation nearest to a matrix, of one or of many: U V' of M = U S V', with determinant one (Wahba's problem)."""
     U, _, Vt = np.linalg.svd(M)
-    U[..., 2] *= np.sign(np.linalg.det(U @ Vt))[
-        ..., None
-    ]  # the direction of the least singular value, if any, is reversed
-    return U @ Vt
+    return _nearest_of(U, Vt)[0]
+
+
+def _nearest_of(
+    U: Float[np.ndarray, "*h 3 3"], Vt: Float[np.ndarray, "*h 3 3"]
+) -> tuple[Float[np.ndarray, "*h 3 3"], Float[np.ndarray, " *h"]]:
+    """Rotation U diag(1, 1, sign) V' with the sign that makes its determinant one, and that sign."""
+    sign = np.sign(np.linalg.det(U @ Vt))
+    U[..., 2] *= sign[..., None]  # the direction of the least singular value, if any, is reversed
+    return U @ Vt, sign
 
 
 def mean_quaternion(
@@ -107,14 +108,3 @@ def mean_quaternion(
         products += (part if weights is None else part * weights[start : start + STRETCH, None]).T @ part
     mean = np.linalg.eigh(products)[1][:, -1]
     return mean * (-1.0 if mean[3] < 0 else 1.0)
-
-
-def _horn_matrices(S: Float[np.ndarray, "h 3 3"]) -> Float[np.ndarray, "h 4 4"]:
-    """N of Horn's method, scalar first, for S = sum p_b p_a'."""
-    trace = np.trace(S, axis1=1, axis2=2)
-    N = np.empty((len(S), 4, 4))
-    N[:, 0, 0] = trace
-    delta = (S[:, 1, 2] - S[:, 2, 1], S[:, 2, 0] - S[:, 0, 2], S[:, 0, 1] - S[:, 1, 0])
-    N[:, 0, 1:] = N[:, 1:, 0] = np.stack(delta, axis=1)
-    N[:, 1:, 1:] = S + np.swapaxes(S, 1, 2) - trace[:, None, None] * np.eye(3)
-    return N

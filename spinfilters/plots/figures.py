@@ -252,6 +252,24 @@ class ErrorsFigure(FigureEntry):
         return error_bands_figure(evaluation)
 
 
+class EnergyFigure(FigureEntry):
+    """Figure entry of `spinfilters.plots.energies`."""
+
+    name, order = "energy", 7
+    caption = "Kinetic energy of rotation and translation of every estimator, beside the true ones."
+
+    def lacks(self, shown: FigureData) -> str | None:
+        """A truth."""
+        return "truth" if shown.dataset.truth is None else None
+
+    def draw(self, shown: FigureData, name: str) -> "Figure":
+        """Energies of all estimators and of the truth."""
+        from spinfilters.plots.energies import energy_figure
+
+        assert shown.dataset.truth is not None
+        return energy_figure(shown.evaluations, shown.dataset.truth)
+
+
 OWN: Final[tuple[FigureEntry, ...]] = (
     SummaryFigure(),
     RatesFigure(),
@@ -260,6 +278,7 @@ OWN: Final[tuple[FigureEntry, ...]] = (
     SceneFigure(),
     ConsistencyFigure(),
     ErrorsFigure(),
+    EnergyFigure(),
 )
 """Figures of this package."""
 

@@ -235,7 +235,9 @@ class OptionalOutputs:
     ) -> None:
         """Write into the folder of a written run; `lacking` tells what could not be made. Raises InputError."""
         if self.predict_s is not None:
-            write_predictions(folder, comparison.setup.process, comparison.evaluations, self.predict_s)
+            write_predictions(
+                folder, comparison.setup.process, comparison.evaluations, self.predict_s, self.reference
+            )
             if self.race:
                 write_race(folder, self.race, comparison.evaluations, self.predict_s)
         if self.convergence:
@@ -278,7 +280,7 @@ class OptionalOutputs:
         if self.predict_s is not None:
             process = read_process(folder, settings.process.tolerance)
             evaluations = read_figure_data(folder).evaluations
-            made += write_predictions(folder, process, evaluations, self.predict_s)
+            made += write_predictions(folder, process, evaluations, self.predict_s, self.reference)
             if self.race:
                 made += write_race(folder, self.race, evaluations, self.predict_s)
         if self.reference is not None:

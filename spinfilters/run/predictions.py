@@ -9,13 +9,21 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.core.errors import NUMERICAL_ERRORS, InputError, numerical
+from spinfilters.evaluation.continuous_motion import ContinuousMotion
 from spinfilters.evaluation.estimated_motion import estimated_rates, trajectory_of, write_trajectory_csv
 from spinfilters.evaluation.estimator_evaluation import Evaluation
-from spinfilters.evaluation.prediction_errors import UNITS, PredictionErrors, errors_ahead
+from spinfilters.evaluation.prediction_errors import (
+    UNITS,
+    PredictionErrors,
+    errors_against_reference,
+    errors_ahead,
+)
+from spinfilters.evaluation.reference_fit import fit_reference
 from spinfilters.filters.history import EstimateHistory, GrowingHistory
 from spinfilters.filters.measurement_prediction import predict_ahead
 from spinfilters.io.input_file import path_text, read_settings_text, reason
 from spinfilters.io.output_files import write_json
+from spinfilters.io.reference_motion import ReferenceMotion
 from spinfilters.io.text_table import write_csv
 from spinfilters.models.body import body_estimate
 from spinfilters.models.process import TorqueFreeProcess
@@ -90,15 +98,19 @@ def stamps_ahead(
 
 
 def write_predictions(
-    folder: Path, process: TorqueFreeProcess, evaluations: Sequence[Evaluation], seconds: float
+    folder: Path,
+    process: TorqueFreeProcess,
+    evaluations: Sequence[Evaluation],
+    seconds: float,
+    reference: ReferenceMotion | None = None,
 ) -> list[str]:
     """Write prediction.csv of each estimator and prediction.png of all, and their errors where the truth goes on.
 
     The columns are those of trajectory.csv, and estimators that failed are left out. <estimator>/prediction.npz is the
     history that the picture is drawn from: the last epoch, and all that is predicted from it; it is ``failed`` and holds the
-    last epoch alone where the prediction is not finite, and then there is no table. Where the truth has rows behind the last
-    epoch, these are among what is predicted, and prediction.json, <estimator>/prediction_errors.csv and prediction-errors.png
-    hold the errors with their stated deviations and NEES.
+    last epoch alone where the prediction is not finite, and then there is no table. Where the truth, or else a reference, has rows
+    behind the last epoch, these are among what is predicted, and prediction.json, <estimator>/prediction_errors.csv and
+    prediction-errors.png hold the errors with their stated deviations and NEES.
     Returns the names of the pictures; none where nothing could be predicted.
 
     Raises
@@ -119,6 +131,11 @@ def write_predictions(
         else:
             (folder / each.name / TABLE).unlink(missing_ok=True)
     compared = _compared_with_truth(good, predicted)
+    if reference is not None:
+        without = [k for k, each in enumerate(good) if each.truth is None]
+        compared |= _compared_with_reference(
+            [good[k].history for k in without], [predicted[k] for k in without], reference
+        )
     _write_errors(folder, seconds, good, compared)
     return _draw(folder, good, predicted, compared)
 
@@ -137,7 +154,9 @@ def draw_predictions(folder: Path, evaluations: Sequence[Evaluation]) -> list[st
     if not good or not any(path.exists() for path in told):
         return []
     predicted = [_read(path, each.history) for path, each in zip(paths, good, strict=True)]
-    return _draw(folder, good, predicted, _compared_with_truth(good, predicted))
+    compared = _compared_with_truth(good, predicted)
+    # the reference of an earlier call is not in the folder: its picture stays
+    return _draw(folder, good, predicted, compared, keeps=any(each.truth is None for each in good))
 
 
 def _draw(
@@ -145,8 +164,9 @@ def _draw(
     good: Sequence[Evaluation],
     predicted: Sequence[EstimateHistory],
     compared: Mapping[str, PredictionErrors],
+    keeps: bool = False,
 ) -> list[str]:
-    """Draw the predictions, and their errors where there are any; a picture of an earlier prediction goes."""
+    """Draw the predictions, and their errors where there are any; a picture of an earlier prediction goes unless it is kept."""
     motions = _predicted_motion([each.history for each in good], predicted)
     drawn = []
     for name, draw, what in (
@@ -156,7 +176,7 @@ def _draw(
         if what:
             draw_figure(draw, folder / name)
             drawn.append(name)
-        else:
+        elif not keeps:
             (folder / name).unlink(missing_ok=True)
     return drawn
 
@@ -174,6 +194,23 @@ def _compared_with_truth(
             continue
         if errors is not None:
             found[evaluation.name] = errors
+    return found
+
+
+def _compared_with_reference(
+    histories: Sequence[EstimateHistory], predicted: Sequence[EstimateHistory], reference: ReferenceMotion
+) -> dict[str, PredictionErrors]:
+    """Errors of every prediction that a reference can judge, as it was fitted over the measurements; what cannot ends no run."""
+    found = {}
+    for history, ahead in zip(histories, predicted, strict=True):
+        try:
+            with np.errstate(all="ignore"):
+                fit, used = fit_reference(ContinuousMotion(history), reference)
+                errors = errors_against_reference(ahead, used, fit)
+        except (*NUMERICAL_ERRORS, InputError):
+            continue
+        if errors is not None:
+            found[history.name] = errors
     return found
 
 

@@ -6,8 +6,8 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Bool, Float
 
-from spinfilters.core.absolute_orientation import absolute_orientation, rigid_motions
-from spinfilters.core.attitude_conversions import matrix_from_quaternion, quaternion_from_matrix
+from spinfilters.core.absolute_orientation import absolute_orientation, absolute_orientations
+from spinfilters.core.attitude_conversions import matrix_from_quaternion
 from spinfilters.core.errors import InputError
 from spinfilters.core.robust_losses import RobustLoss, UngatedRows
 from spinfilters.smoother.landmark_factors import OBSERVATIONS_NEEDED, linearise_observations, reinitialised
@@ -195,7 +195,6 @@ def _best_of_triples(matches: _LatestMatches) -> Float[np.ndarray, " 7"]:
     """The motion of three points that all others fit best."""
     generator = np.random.default_rng(SEED)
     chosen = generator.random((TRIPLES, len(matches.seen))).argpartition(2, axis=1)[:, :3]
-    R, t = rigid_motions(matches.seen[chosen], matches.landmarks[chosen])
-    cost = np.square(np.minimum(matches.distance(R, t), ROUGH_AGREEMENT)).sum(axis=1)
-    best = int(np.argmin(cost))
-    return np.concatenate([t[best], quaternion_from_matrix(R[best])])
+    motions = absolute_orientations(matches.seen[chosen], matches.landmarks[chosen])
+    cost = np.square(np.minimum(matches.distance(motions.R, motions.t), ROUGH_AGREEMENT)).sum(axis=1)
+    return motions.poses[np.argmin(cost)]

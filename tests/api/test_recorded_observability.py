@@ -41,6 +41,14 @@ def test_the_bias_of_a_gyro_is_an_unknown_where_settings_give_its_prior() -> Non
     assert found.document["dimension"] == 14
 
 
+def test_a_stated_belief_is_the_bounds_prior() -> None:
+    dataset = spinfilters.simulate("gyro", frames=8, rate_rpm=RICH)
+    belief = {"from_truth": True, "std": {"mass_distribution": 0.01}}
+    found = spinfilters.observe_recording(dataset, {"initialisation": belief})
+    layout = found.report.bound.layout
+    assert found.report.bound.std[-1, layout.slice("s")].max() < 0.0101
+
+
 @pytest.mark.usefixtures("unrendered")
 def test_the_command_answers_the_same(tmp_path: Path) -> None:
     dataset = tmp_path / "gyro"

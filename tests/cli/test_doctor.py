@@ -8,7 +8,7 @@ from rich.console import Console
 
 import spinfilters
 from spinfilters.cli import installation_checks
-from spinfilters.cli.installation import doctor
+from spinfilters.cli.commands.doctor import doctor
 from spinfilters.cli.installation_checks import (
     CHECKS,
     CheckError,

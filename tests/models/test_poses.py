@@ -5,7 +5,7 @@ import pytest
 from jaxtyping import Float
 from scipy.special import chdtri
 
-from spinfilters.core.absolute_orientation import absolute_orientation, rigid_motions
+from spinfilters.core.absolute_orientation import absolute_orientation, absolute_orientations
 from spinfilters.core.attitude_conversions import (
     angle_between,
     inverse,
@@ -211,9 +211,13 @@ def test_tracks_that_share_no_landmark_with_the_map_are_refused(recording: Datas
 
 
 @pytest.mark.parametrize("turn", TURNS)
-def test_motions_of_triples_are_those_of_absolute_orientation(turn: float) -> None:
+def test_triples_near_a_line_lose_no_more_digits_than_their_spread(turn: float) -> None:
     pose, points = _pose(turn), np.stack([_points(3, seed) for seed in range(4)])
-    seen = points @ matrix_from_quaternion(pose[3:]).T + pose[:3]
-    R, t = rigid_motions(seen, points)
-    np.testing.assert_allclose(R, np.tile(matrix_from_quaternion(pose[3:]), (4, 1, 1)), atol=1e-9)
-    np.testing.assert_allclose(t, np.tile(pose[:3], (4, 1)), atol=1e-9)
+    R_ab = matrix_from_quaternion(pose[3:])
+    for flatness in (1.0, 1e-2, 1e-4):
+        along = np.array([0.6, 0.0, 0.8])
+        near = points @ np.outer(along, along) + flatness * points @ (np.eye(3) - np.outer(along, along))
+        found = absolute_orientations(near @ R_ab.T + pose[:3], near)
+        assert found.determined.all()
+        np.testing.assert_allclose(found.R, np.tile(R_ab, (4, 1, 1)), atol=1e-13 / flatness**2)
+        np.testing.assert_allclose(found.t, np.tile(pose[:3], (4, 1)), atol=1e-9)

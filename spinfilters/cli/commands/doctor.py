@@ -1,8 +1,30 @@
-"""The command ``doctor``."""
+"""The command ``doctor``: what is installed and whether it works, the page to send with a bug report."""
 
+import os
+import platform
+import subprocess
+from collections.abc import Iterable
 from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
 
+from rich.console import Console
+from rich.text import Text
+
+import spinfilters
 from spinfilters.cli.command import Command
+from spinfilters.run.provenance import PACKAGES, git_commit
+
+if TYPE_CHECKING:
+    from spinfilters.cli.installation_checks import InstallationCheck
+
+
+NAME_WIDTH: Final[int] = 28
+COMPILING_FAILED: Final[str] = (
+    "compiling failed, or the cache folder is not yours alone; works without, but slower"
+)
+COMPILER_CURE: Final[str] = "works without, but slower; for speed: sudo apt-get install -y gcc libc6-dev"
 
 
 @dataclass(frozen=True)
@@ -12,9 +34,150 @@ class DoctorArguments:
 
 def run_doctor(_: DoctorArguments) -> int:
     """Examine this installation, print what was found."""
-    from spinfilters.cli.installation import doctor
-
     return doctor()
+
+
+def doctor(console: Console | None = None, checks: "Iterable[InstallationCheck] | None" = None) -> int:
+    """Print versions, compiler, cache and self-checks.
+
+    Writes nothing outside the cache folder, and works without one.
+
+    Returns
+    -------
+    int
+        The exit code: 0 when every check passed, else 1.
+    """
+    console = console or Console()
+    for name, text in _versions().items():
+        _row(console, name, text)
+    try:
+        # only now: a library that cannot be loaded is a finding, not the end of the page
+        from spinfilters.cli import installation_checks
+    except Exception as error:
+        _outcome(console, "FAILED", "imports", _reason(error))
+        _outcome(console, "cure", "", "install again: make clean, then make compare")
+        return 1
+    _row(console, "C compiler", _compiler())
+    with console.status("compiling; the first time this takes some seconds"):
+        _row(console, "compiled code", _compiled_code())
+    _row(console, "cache folder", _cache())
+    _row(console, "BLAS threads", _threads())
+    _row(console, "noise scaling", _scaling())
+    console.print()
+    passed = [_passes(console, check) for check in (installation_checks.CHECKS if checks is None else checks)]
+    return 0 if all(passed) else 1
+
+
+def _versions() -> dict[str, str]:
+    return {
+        "spinfilters": spinfilters.__version__,
+        "folder": str(Path(spinfilters.__file__).parent),
+        "git commit": git_commit() or "not a checkout",
+        "Python": platform.python_version(),
+        "platform": platform.platform(),
+        **{name: _installed_version(name) for name in PACKAGES},
+    }
+
+
+def _installed_version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "not installed"
+
+
+def _compiler() -> str:
+    from spinfilters.core.c_library import compiler
+
+    path = compiler()
+    if path is None:
+        return f"none (or SPINFILTERS_COMPILE=off): {COMPILER_CURE}"
+    try:
+        command = [path, "--version"]
+        done = subprocess.run(
+            command, capture_output=True, text=True, errors="replace", timeout=10, check=True
+        )
+    except (OSError, subprocess.SubprocessError) as error:
+        return f"{path} does not run ({_reason(error)}): {COMPILER_CURE}"
+    return f"{path}, {done.stdout.partition(chr(10))[0]}"
+
+
+def _compiled_code() -> str:
+    from spinfilters.cli.installation_checks import compare_with_virtual_machine
+    from spinfilters.core.c_library import compiler
+
+    try:
+        found = compare_with_virtual_machine()
+    except Exception as error:
+        return f"could not be compared with the virtual machine ({_reason(error)})"
+    if not found.is_c:
+        return "not used" if compiler() is None else f"not used: {COMPILING_FAILED}"
+    equal = "equal to" if found.equal else "NOT EQUAL to"
+    return f"{equal} the virtual machine, {found.speedup:.1f} times as fast on a small function"
+
+
+def _cache() -> str:
+    from spinfilters.core.c_library import cache_folder
+
+    folder = cache_folder()
+    if folder is None:
+        return "none: this user has no home folder"
+    try:
+        sizes = [path.lstat().st_size for path in folder.glob("*.so")]
+    except OSError as error:
+        return f"{folder}, unreadable ({_reason(error)})"
+    return f"{folder}, {sum(sizes) / 1e6:.1f} MB in compiled functions: {len(sizes)}"
+
+
+def _threads() -> str:
+    count = os.environ.get("OMP_NUM_THREADS")
+    return count or "every core; on a busy machine small matrices are faster with OMP_NUM_THREADS=1"
+
+
+def _scaling() -> str:
+    """Scaling for the bundled example's time step and rate."""
+    import numpy as np
+
+    from observability.conditioning import suggest_scaling
+    from spinfilters.core.conventions import RPM
+    from spinfilters.simulation.scenario import THESIS_RPM
+
+    try:
+        return str(suggest_scaling(0.5, RPM * np.array(THESIS_RPM)))
+    except Exception as error:
+        return f"could not be computed ({_reason(error)})"
+
+
+def _passes(console: Console, check: "InstallationCheck") -> bool:
+    try:
+        with console.status(check.name):
+            measured = check.measure()
+    except Exception as error:
+        _outcome(console, "FAILED", check.name, _reason(error))
+        _outcome(console, "cure", "", check.cure)
+        return False
+    _outcome(console, "ok", check.name, measured)
+    return True
+
+
+def _outcome(console: Console, word: str, name: str, text: str) -> None:
+    style = {"ok": "green", "FAILED": "bold red"}.get(word, "")
+    line = Text.assemble((f"{word:<8}", style), f"{name:<{NAME_WIDTH}}", _printable(text))
+    console.print(line, soft_wrap=True)
+
+
+def _row(console: Console, name: str, text: str) -> None:
+    console.print(Text(f"{name:<{NAME_WIDTH}}{_printable(text)}"), soft_wrap=True)
+
+
+def _printable(text: str) -> str:
+    """Bytes of file names that are no text are escaped."""
+    return text.encode("utf-8", "backslashreplace").decode()
+
+
+def _reason(error: BaseException) -> str:
+    lines = str(error).strip().splitlines()
+    return f"{type(error).__name__}: {lines[0]}" if lines else type(error).__name__
 
 
 COMMAND = Command("doctor", DoctorArguments, run_doctor)

@@ -7,8 +7,8 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from spinfilters.core.absolute_orientation import absolute_orientations, rigid_motions
-from spinfilters.core.attitude_conversions import matrix_from_quaternion, quaternion_from_matrix
+from spinfilters.core.absolute_orientation import absolute_orientations
+from spinfilters.core.attitude_conversions import matrix_from_quaternion
 from spinfilters.core.cameras import stereo_pair
 from spinfilters.models.camera_landmarks import camera_parameters
 from spinfilters.models.sensor_noise import NoiseLevel
@@ -193,8 +193,8 @@ class _UsableMatches:
         weights = np.where(chosen | ~enough[:, None], self.weights, 0.0)
         shape = (*chosen.shape, 3)
         camera, points = np.broadcast_to(self.camera, shape), np.broadcast_to(self.points, shape)
-        q, t, determined = absolute_orientations(camera, points, weights)
-        return np.concatenate([t, q], axis=1), enough & determined
+        found = absolute_orientations(camera, points, weights)
+        return found.poses, enough & found.determined
 
     def squared_distances(self, poses: Float[np.ndarray, "h 7"]) -> Float[np.ndarray, "h k"]:
         """Squared distances, in tolerances, of (u_left, v_left, u_right) from each pose's; infinite behind the camera."""
@@ -313,6 +313,5 @@ def _best_of_triples(seen: _UsableMatches) -> Float[np.ndarray, " 7"]:
 def _promising(seen: _UsableMatches, generator: np.random.Generator) -> Float[np.ndarray, "r 7"]:
     """The cheapest motions of a batch of triples."""
     chosen = generator.random((TRIPLES, seen.points.shape[1])).argpartition(2, axis=1)[:, :3]
-    rotations, shifts = rigid_motions(seen.camera[0][chosen], seen.points[0][chosen])
-    poses = np.concatenate([shifts, quaternion_from_matrix(rotations)], axis=1)
+    poses = absolute_orientations(seen.camera[0][chosen], seen.points[0][chosen]).poses
     return poses[np.argsort(seen.cost(poses))[:REFINED]]

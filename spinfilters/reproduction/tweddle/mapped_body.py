@@ -169,23 +169,18 @@ def make_sizes() -> ItemResult:
     differences = [abs(float(row["estimated_cm"]) - float(row["true_cm"])) for row in table]
     rows += [
         ComparedNumber(
-            "mean of the absolute differences",
-            float(np.mean(differences)),
-            printed=0.183,
+            name,
+            float(value),
+            printed=printed,
             unit="cm",
             tolerance=0.0005,
             smaller_is_better=True,
             why="other marked places",
-        ),
-        ComparedNumber(
-            "their standard deviation",
-            float(np.std(differences)),
-            printed=0.113,
-            unit="cm",
-            tolerance=0.0005,
-            smaller_is_better=True,
-            why="other marked places",
-        ),
+        )
+        for name, value, printed in (
+            ("mean of the absolute differences", np.mean(differences), 0.183),
+            ("their standard deviation", np.std(differences), 0.113),
+        )
     ]
     figure = Figure(figsize=(7.4, 4.0), layout="constrained")
     axes = figure.subplots()
