@@ -72,7 +72,7 @@ COMMANDS: Final = (
     ListedCommand(
         "study",
         "filters beside smoothers: which to fly when, with intervals",
-        "spinfilters.cli.commands.study",
+        "spinfilters.cli.commands.ready_studies",
     ),
     ListedCommand(
         "condition",
