@@ -256,7 +256,7 @@ class EnergyFigure(FigureEntry):
     """Figure entry of `spinfilters.plots.energies`."""
 
     name, order = "energy", 7
-    caption = "Kinetic energy of rotation and translation of every estimator, beside the true ones."
+    caption = "Kinetic energy of rotation and translation of every estimator, with the true ones."
 
     def lacks(self, shown: FigureData) -> str | None:
         """A truth."""

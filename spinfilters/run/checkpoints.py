@@ -329,7 +329,7 @@ class CheckpointFile(CheckpointStore):
         done = found.rows.arrays()["time"]
         if not np.array_equal(done, self.time[: len(done)]):
             raise InputError(
-                f"{path_text(self.path)}: is no complete checkpoint (its epochs are not the first of this run); delete it, {ANEW}"
+                f"{path_text(self.path)}: is no whole checkpoint (its epochs are not the first of this run); delete it, {ANEW}"
             )
         return found
 

@@ -166,7 +166,7 @@ def _draw(
     compared: Mapping[str, PredictionErrors],
     keeps: bool = False,
 ) -> list[str]:
-    """Draw the predictions, and their errors where there are any; a picture of an earlier prediction goes unless it is kept."""
+    """Draw the predictions, and their errors where there are any; a picture of an earlier one goes, but for kept errors."""
     motions = _predicted_motion([each.history for each in good], predicted)
     drawn = []
     for name, draw, what in (
@@ -176,7 +176,7 @@ def _draw(
         if what:
             draw_figure(draw, folder / name)
             drawn.append(name)
-        elif not keeps:
+        elif not (keeps and name == PREDICTION_ERRORS_PICTURE):
             (folder / name).unlink(missing_ok=True)
     return drawn
 

@@ -260,7 +260,7 @@ METROLOGY_COMPARISON: Final = (
         "section 6.5.1",
         "Smoother against metrology, axes only flipped",
         make_raw,
-        40.0,
+        10.0,
     ),
     tweddle_item(
         "Table 6.2",

@@ -259,7 +259,7 @@ CONVERGENCE: Final[tuple[Item, ...]] = (
             seconds,
         )
         for number, what, name, printed, seconds in (
-            ("Figure 6-33", "position", "position", (30.0, 30.0, 30.0), 60.0),
+            ("Figure 6-33", "position", "position", (30.0, 30.0, 30.0), 10.0),
             ("Figure 6-34", "velocity", "velocity", (30.0, 30.0, 30.0), 3.0),
             ("Figure 6-35", "attitude", "attitude", (100.0, 40.0, 40.0), 3.0),
             ("Figure 6-36", "angular velocity", "body_rate", (100.0, 40.0, 40.0), 3.0),

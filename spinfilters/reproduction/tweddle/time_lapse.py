@@ -30,7 +30,7 @@ SHOWN_COLOURS: Final = (RED, ORANGE, SKY)
 """Of the axes, in the order of their moments; bright enough for dark images."""
 SHOWN_PX: Final = 160.0
 """Half width of the part of an image that is shown."""
-SECONDS: Final = 100.0
+SECONDS: Final = 40.0
 """Of the rendered recording, which all its items share."""
 
 
