@@ -52,7 +52,7 @@ def rows_with_bar(
                 raise
             raise InputError(
                 f"interrupted; {last[0].done} of {last[0].total} runs are in {folder}, run the command again "
-                f"{cure}to go on from there"
+                f"{cure}to continue"
             ) from None
 
 
