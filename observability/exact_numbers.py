@@ -12,6 +12,7 @@ found here is a lower bound of the true one, whatever the prime, and by Schwartz
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from fractions import Fraction
+from functools import cache
 
 import numpy as np
 from jaxtyping import Float, Num
@@ -116,6 +117,10 @@ class Arithmetic(ABC):
     @abstractmethod
     def negative(self, a: np.ndarray) -> np.ndarray:
         """-a in canonical form."""
+
+    def difference(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """a - b in canonical form."""
+        return self.reduced(a + self.negative(b))
 
     @abstractmethod
     def product(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -247,6 +252,10 @@ class PrimeField(Arithmetic):
         """p - a."""
         return np.where(a == 0, a, self._p - a)
 
+    def difference(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """a - b modulo p."""
+        return self.reduced(a + (self._p - b))
+
     def product(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
         """a b modulo p."""
         return self.reduced(a * b)
@@ -284,6 +293,7 @@ class PrimeField(Arithmetic):
         return self.product(a, self._imaginary)
 
 
+@cache
 def _fourth_root(prime: int) -> int:
     """A number of order 4."""
     return next(

@@ -67,10 +67,10 @@ class FunctionValues:
 
 
 def function_values(
-    tape: Tape, field: PrimeField, inputs: Sequence[Residues], choices: Choices
+    tape: Tape, field: PrimeField, inputs: Sequence[Residues], choices: Choices, output_needed: bool = True
 ) -> FunctionValues:
-    """Values of all functions of a tape at a batch of points."""
-    return _Pass(tape, field, inputs, choices).values()
+    """Values of all functions of a tape at a batch of points; where no output is needed, its residues modulo q may be 0."""
+    return _Pass(tape, field, inputs, choices, output_needed).values()
 
 
 @dataclass(frozen=True)
@@ -116,6 +116,7 @@ class _Pass:
         field: PrimeField,
         inputs: Sequence[Residues],
         choices: dict[int, Bool[np.ndarray, "g b"]],
+        output_needed: bool,
     ) -> None:
         batch = inputs[0].p.shape[1]
         self._tape, self._field, self._choices = tape, field, choices
@@ -126,6 +127,8 @@ class _Pass:
         for register, value in tape.constants:
             self._registers[0][register] = residue(value, field.prime)
             self._registers[1][register] = residue(value, field.order)
+        # Sums and products alone have no use for residues modulo q.
+        self._both = output_needed or not tape.operations.isdisjoint(TRANSCENDENTAL | {"sqrt"})
         self._exponents = tape.exponents
         self._regular, self._reason = np.ones(batch, dtype=bool), ""
         self._known_logarithms: dict[int, int] = {1: 0}
@@ -159,11 +162,11 @@ class _Pass:
             case "times_i":
                 return self._drawn(self._field.times_i(p))
             case _:
-                left = [registers[group.left] for registers in self._registers]
-                right = [registers[group.right] for registers in self._registers]
                 p, q = (
-                    self._rational(index, group.operation, *each)
-                    for each in zip(left, right, self._moduli, strict=True)
+                    self._rational(index, group.operation, registers[group.left], registers[group.right], m)
+                    if self._both or m == self._moduli[0]
+                    else registers[group.out]
+                    for registers, m in zip(self._registers, self._moduli, strict=True)
                 )
                 return p, q
 

@@ -128,14 +128,10 @@ class Model:
     @cached_property
     def reached(self) -> frozenset[str]:
         """Names that some output depends on, directly or through states."""
-        found = set().union(*[_names_in(each) for each in self.outputs.values()])
-        waiting = [each for each in self.states if each in found]
-        while waiting:
-            state = waiting.pop()
-            for each in _names_in(self.rates[state]) - found:
-                found.add(each)
-                if each in self.states:
-                    waiting.append(each)
+        found, known = _names_in(*self.outputs.values()), set[str]()
+        while states := [each for each in self.states if each in found - known]:
+            known |= set(states)
+            found |= _names_in(*[self.rates[each] for each in states])
         return frozenset(found)
 
 
@@ -183,8 +179,8 @@ def _keeps_norm(model: Model, group: tuple[str, ...]) -> bool:
     return bool(np.all(np.abs(found[np.isfinite(found)]) < NORM_ROUNDING))
 
 
-def _names_in(expression: ca.SX) -> set[str]:
-    return {symbol.name() for symbol in ca.symvar(expression)}
+def _names_in(*expressions: ca.SX) -> set[str]:
+    return {symbol.name() for symbol in ca.symvar(ca.vertcat(*expressions))}
 
 
 def model_of(f: Any, h: Any = None, x: Any = None, **roles: Any) -> Model:

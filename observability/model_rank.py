@@ -96,7 +96,8 @@ class ReachedModel:
     def arguments(self) -> list[ca.SX]:
         """Symbols, group by group."""
         return [
-            ca.vertcat(ca.SX(0, 1), *[self.model.symbols[each] for each in group]) for group in self.groups
+            ca.vertcat(*[self.model.symbols[each] for each in group]) if group else ca.SX(0, 1)
+            for group in self.groups
         ]
 
     @property
@@ -302,7 +303,7 @@ def _tried(part: ReachedModel, field: PrimeField, batch: int, generator: np.rand
     if start is not None:
         given[0] = start.output
     choices = float_choices(part.tape, _on_spheres(part, floats)) if piecewise else {}
-    motion = function_values(part.tape, field, given, choices)
+    motion = function_values(part.tape, field, given, choices, output_needed=False)
     good = motion.regular if start is None else start.regular & motion.regular
     if not good.any():
         raise NotRegularError(motion.reason or (start.reason if start else ""))
@@ -358,6 +359,8 @@ def drawn_values(
 ) -> Residues:
     """Values of a group: fourth powers modulo p, so that roots of their products exist, anything modulo q."""
     shape = (len(names), batch)
+    if not names:
+        return Residues(np.zeros(shape, dtype=np.uint64), np.zeros(shape, dtype=np.uint64))
     p = powers(field.base, generator.integers(1, field.order, shape, dtype=np.uint64), field.prime)
     q = generator.integers(1, field.order, shape, dtype=np.uint64)
     for k, name in enumerate(names):

@@ -70,7 +70,7 @@ class Series:
             case "add":
                 return reduced(now[group.left] + now[group.right])
             case "sub":
-                return reduced(now[group.left] + self._arithmetic.negative(now[group.right]))
+                return self._arithmetic.difference(now[group.left], now[group.right])
             case "neg":
                 return self._arithmetic.negative(now[group.left])
             case "twice":
@@ -117,7 +117,7 @@ class Series:
         else:
             above = self._registers[order, group.left]
         rest = self._convolved(group.out, divisor, range(order), order)
-        return self._divided(self._difference(above, rest), self._registers[0, divisor])
+        return self._divided(self._arithmetic.difference(above, rest), self._registers[0, divisor])
 
     def _root(self, group: Group, order: int) -> Num[np.ndarray, "g b m"]:
         """c = sqrt(a): c_k = (a_k - sum_{0<j<k} c_j c_{k-j}) / (2 c_0)."""
@@ -125,7 +125,7 @@ class Series:
         if order == 0:
             root = self._arithmetic.root(now[..., 0])
             return self._with_value(root, self._half_over(now, root))
-        rest = self._difference(now, self._convolved(group.out, group.out, range(1, order), order))
+        rest = self._arithmetic.difference(now, self._convolved(group.out, group.out, range(1, order), order))
         first = self._registers[0, group.out]
         return self._divided(rest, self._arithmetic.reduced(first + first))
 
@@ -161,7 +161,7 @@ class Series:
                 value = self._arithmetic.negative(self._arithmetic.times_i(value)) if turns else value
             return self._with_value(value, self._arithmetic.product(above, inverse))
         rest = self._convolved(group.out, group.left, range(1, order), order, weighted=True)
-        return self._divided(self._difference(above, rest), first)
+        return self._divided(self._arithmetic.difference(above, rest), first)
 
     def _turned(self, a: Num[np.ndarray, "g b m"], turns: bool) -> Num[np.ndarray, "g b m"]:
         return self._arithmetic.times_i(a) if turns else a
@@ -171,19 +171,20 @@ class Series:
     ) -> Num[np.ndarray, "g b m"]:
         """sum of a_j b_{order-j}, each term with its tangents; weighted by j / order where asked."""
         product, reduced = self._arithmetic.product, self._arithmetic.reduced
-        steps = np.arange(terms.start, terms.stop)
-        a, b = (
-            self._registers[steps[:, np.newaxis], left],
-            self._registers[order - steps[:, np.newaxis], right],
-        )
+        if not len(terms):
+            return np.zeros_like(self._registers[0, left])
+        a = self._registers[terms.start : terms.stop, left]
+        b = self._registers[order + 1 - terms.stop : order + 1 - terms.start, right][::-1]
         if weighted:
-            a = product(a, self._weights(order)[steps][:, np.newaxis, np.newaxis, np.newaxis])
-        value = reduced(product(a[..., 0], b[..., 0]).sum(axis=0))
+            weights = self._weights(order)[terms.start : terms.stop]
+            a = product(a, weights[:, np.newaxis, np.newaxis, np.newaxis])
+        first = product(a[..., :1], b).sum(axis=0)
         if a.shape[-1] == 1:
-            return value[..., np.newaxis]
-        result = reduced(product(a[..., :1], b).sum(axis=0)) + reduced(product(a, b[..., :1]).sum(axis=0))
-        result[..., 0] = value
-        return reduced(result)
+            return reduced(first)
+        # The value a b stands in both sums, at index 0: each tangent has da b of one and a db of the other.
+        result = reduced(first + product(a, b[..., :1]).sum(axis=0))
+        result[..., 0] = reduced(first[..., 0])
+        return result
 
     def _weights(self, order: int) -> Num[np.ndarray, " k"]:
         """j / order for all j up to it."""
@@ -196,12 +197,9 @@ class Series:
         product = self._arithmetic.product
         inverse = self._arithmetic.inverse(b[..., 0])[..., np.newaxis]
         value = product(a[..., :1], inverse)
-        return self._with_value(value[..., 0], product(self._difference(a, product(value, b)), inverse))
-
-    def _difference(
-        self, a: Num[np.ndarray, "g b m"], b: Num[np.ndarray, "g b m"]
-    ) -> Num[np.ndarray, "g b m"]:
-        return self._arithmetic.reduced(a + self._arithmetic.negative(b))
+        return self._with_value(
+            value[..., 0], product(self._arithmetic.difference(a, product(value, b)), inverse)
+        )
 
     @staticmethod
     def _with_value(

@@ -55,7 +55,7 @@ def reduce_columns(matrices: Num[np.ndarray, "b r c"], columns: int, field: Prim
         factors = rows[item, :, column]
         factors[np.arange(len(item)), at] = 0
         taken = field.product(factors[:, :, np.newaxis], scaled[:, np.newaxis])
-        rows[item] = field.reduced(rows[item] + field.negative(taken))
+        rows[item] = field.difference(rows[item], taken)
         rows[item, at] = scaled
         free[item, at] = False
         pivots[item, column] = at
@@ -119,16 +119,15 @@ class Echelon:
         field = self._field
         if self.pivots:
             taken = product_of(rows[:, self.pivots], self.rows, field)
-            rows = field.reduced(rows + field.negative(taken))
-        while rows.any():
-            row = rows[rows.any(axis=1).argmax()]
+            rows = field.difference(rows, taken)
+        every = np.concatenate([self.rows, rows])  # known rows, then the new ones
+        while (below := every[len(self.rows) :]).any():
+            row = below[below.any(axis=1).argmax()]
             pivot = int((row != 0).argmax())
             row = field.product(row, field.inverse(row[pivot : pivot + 1]))
-            rows, self.rows = (
-                field.reduced(each + field.negative(field.product(each[:, pivot : pivot + 1], row)))
-                for each in (rows, self.rows)
-            )
-            self.rows = np.concatenate([self.rows, row[np.newaxis]])
+            every = field.difference(every, field.product(every[:, pivot : pivot + 1], row))
+            every = np.concatenate([every[: len(self.rows)], row[np.newaxis], every[len(self.rows) :]])
+            self.rows = every[: len(self.rows) + 1]
             self.pivots.append(pivot)
 
     def null_space(self) -> Num[np.ndarray, "c d"]:

@@ -2,17 +2,23 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import PurePath
 from typing import Any, Final
 
 import numpy as np
 from jaxtyping import Float
 
+from spinfilters.core.attitude_conversions import matrix_from_quaternion
 from spinfilters.core.errors import InputError
+from spinfilters.core.linear_algebra import at_times
 from spinfilters.evaluation.consistency import chi_square_band, normalised_errors, rotation_nees
+from spinfilters.evaluation.continuous_motion import ContinuousMotion
 from spinfilters.evaluation.estimated_motion import trajectory_of
 from spinfilters.evaluation.estimator_evaluation import Evaluation
+from spinfilters.evaluation.reference_fit import ReferenceFit, fitted_residuals
 from spinfilters.evaluation.trajectory_errors import Alignment, TruthErrors, truth_errors
 from spinfilters.filters.history import EstimateHistory
+from spinfilters.io.reference_motion import ReferenceMotion
 from spinfilters.io.truth import Truth, truth_in_moved_frame
 
 UNITS: Final[Mapping[str, str]] = {
@@ -150,6 +156,58 @@ def errors_ahead(predicted: EstimateHistory, evaluation: Evaluation) -> Predicti
         else "the truth does not contain every block of the state in the estimate's frames"
     )
     return PredictionErrors("truth", errors.time - now, courses, nees, dof, why)
+
+
+def errors_against_reference(
+    predicted: EstimateHistory, reference: ReferenceMotion, fit: ReferenceFit
+) -> PredictionErrors | None:
+    """Errors of a prediction against a reference that goes on, related to the estimate as it was over the measurements.
+
+    The deviations hold the noise of the reference and all that was fitted beside what the prediction states.
+
+    Parameters
+    ----------
+    predicted : EstimateHistory
+        The last epoch of the run, and what is predicted from it.
+    reference : ReferenceMotion
+        In the form that was fitted.
+    fit : ReferenceFit
+        Of the estimate over the measurements.
+
+    Returns
+    -------
+    PredictionErrors or None
+        None where the reference has no row at a time that was predicted.
+
+    Raises
+    ------
+    InputError
+        A prediction that is not finite.
+    """
+    motion = ContinuousMotion(predicted)
+    found = fitted_residuals(fit, motion, reference)
+    if found is None:
+        return None
+    R, courses = matrix_from_quaternion(motion.at(found.time).q_ig), {}
+    if found.place is not None and found.place_std is not None:
+        courses["position"] = ErrorCourse(-found.place @ fit.frame, _turned(found.place_std, fit.frame.T))
+    if reference.attitude is not None:
+        courses["attitude"] = ErrorCourse(found.rotation @ fit.axes.T, _turned(found.rotation_std, fit.axes))
+    else:
+        R_im = R @ fit.axes
+        stated = at_times(found.time, predicted.time, trajectory_of(predicted).std_rate)
+        courses["rate"] = ErrorCourse(
+            -np.einsum("kij,kj->ki", R_im, found.rotation),
+            np.hypot(_turned(found.rotation_std, R_im), stated),
+        )
+    why = "a reference does not tell every block of the state"
+    judge = PurePath(reference.name).name
+    return PredictionErrors(judge, found.time - float(predicted.time[0]), courses, None, 0, why)
+
+
+def _turned(std: Float[np.ndarray, "k 3"], R: Float[np.ndarray, "*k 3 3"]) -> Float[np.ndarray, "k 3"]:
+    """Deviations along other axes, R b of those along the axes of b, whose errors count as independent."""
+    return np.sqrt(np.einsum("...ij,...j->...i", R**2, std**2))
 
 
 def truth_in_frames_of(evaluation: Evaluation) -> Truth | None:

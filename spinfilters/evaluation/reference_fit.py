@@ -80,6 +80,8 @@ class ReferenceFit:
         Of the reference: rad (rad/s where it has rates alone) and m, one component.
     residual : tuple of float
         Root mean square lengths of what is left, in the same units.
+    covariance : (p, p) float array
+        Of all that was fitted, in the order clock, frame, axes, origin, shift, without what is shared or has no deviation.
     form : str
         How the quaternions have to be read; empty for as they are.
     """
@@ -95,6 +97,7 @@ class ReferenceFit:
     shift: Float[np.ndarray, " 3"]
     noise: tuple[float, float]
     residual: tuple[float, float]
+    covariance: Float[np.ndarray, "p p"]
     form: str = ""
 
     @property
@@ -123,6 +126,60 @@ def fit_reference(
         if tried.residual[0] < 0.25 * best.residual[0]:
             best, chosen = replace(tried, form=form), other
     return best, chosen
+
+
+@dataclass(frozen=True)
+class FittedResiduals:
+    """What is left between a motion and a reference that was fitted over another stretch.
+
+    Attributes
+    ----------
+    time : (k,) float array
+        On the clock of the estimate, s.
+    rotation, place : (k, 3) float array or None
+        Rotation of the estimate from the reference about m, rad, or for rates alone reference minus estimate about m, rad/s; place
+        of the reference's origin, reference minus estimate, m, axes l, where both know it.
+    rotation_std, place_std : (k, 3) float array or None
+        Deviations of all that was fitted and of the reference's noise, and of the motion but for its rates.
+    """
+
+    time: Float[np.ndarray, " k"]
+    rotation: Float[np.ndarray, "k 3"]
+    rotation_std: Float[np.ndarray, "k 3"]
+    place: Float[np.ndarray, "k 3"] | None
+    place_std: Float[np.ndarray, "k 3"] | None
+
+
+def fitted_residuals(
+    fit: ReferenceFit, motion: ContinuousMotion, reference: ReferenceMotion
+) -> FittedResiduals | None:
+    """Residuals of a reference behind the begin of a motion, with nothing fitted again; None where it has no rows there.
+
+    The deviations of a fit grow outside the stretch that it was made over: they are those of its covariance, J C J'.
+
+    Parameters
+    ----------
+    fit : ReferenceFit
+        Of the same reference, in the form that it was fitted in.
+    motion : ContinuousMotion
+        What goes on from the fitted motion; nothing at its begin is taken.
+    reference : ReferenceMotion
+        Of both stretches.
+    """
+    problem = _Problem(motion, reference, fit.clock_offset)
+    problem.X, problem.Y, problem.s, problem.noise = fit.frame, fit.axes, fit.shift, np.array(fit.noise)
+    problem.o = np.zeros(3) if fit.origin is None else fit.origin
+    problem.clock_is_free = fit.has_clock
+    begin, end = motion.span
+    own_clock = reference.time - fit.clock_offset
+    problem.inside = (own_clock > begin) & (own_clock <= end)
+    if not problem.inside.any():
+        return None
+    e, J, own = problem.rows()
+    variance = np.einsum("kgip,pq,kgiq->kgi", J, fit.covariance, J)
+    std = np.sqrt(variance + (own**2 + np.square(fit.noise[: own.shape[1]]))[..., np.newaxis])
+    place, place_std = (e[:, 1], std[:, 1]) if e.shape[1] > 1 else (None, None)
+    return FittedResiduals(own_clock[problem.inside], e[:, 0], std[:, 0], place, place_std)
 
 
 def nearest_flip(R: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:
@@ -519,6 +576,7 @@ class _Problem:
             self.s,
             (float(self.noise[0]), float(self.noise[1])),
             (left[0], left[1] if len(left) > 1 else 0.0),
+            covariance,
         )
 
     def _vague(self) -> float:

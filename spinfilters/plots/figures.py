@@ -16,10 +16,9 @@ from spinfilters.core.errors import InputError
 from spinfilters.core.plugins import entries_by_name, in_order, installed_plugins
 from spinfilters.evaluation.epoch_spans import initialisation_end
 from spinfilters.evaluation.estimated_motion import BodyRates, estimated_rates, measured_rates, true_rates
-from spinfilters.evaluation.estimator_evaluation import Evaluation
+from spinfilters.evaluation.estimator_evaluation import Evaluation, not_failed
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.input_file import value_text
-from spinfilters.models.status import Verdict
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -67,7 +66,7 @@ class FigureData:
     @property
     def most_exact(self) -> Evaluation | None:
         """Evaluation of the smoother, else of the first estimator that has not failed."""
-        usable = [each for each in self.evaluations if each.history.status.verdict is not Verdict.FAILED]
+        usable = not_failed(self.evaluations)
         return min(usable, key=lambda each: each.name != "smoother", default=None)
 
     @property
@@ -252,6 +251,24 @@ class ErrorsFigure(FigureEntry):
         return error_bands_figure(evaluation)
 
 
+class EnergyFigure(FigureEntry):
+    """Figure entry of `spinfilters.plots.energies`."""
+
+    name, order = "energy", 7
+    caption = "Kinetic energy of rotation and translation of every estimator, with the true ones."
+
+    def lacks(self, shown: FigureData) -> str | None:
+        """A truth."""
+        return "truth" if shown.dataset.truth is None else None
+
+    def draw(self, shown: FigureData, name: str) -> "Figure":
+        """Energies of all estimators and of the truth."""
+        from spinfilters.plots.energies import energy_figure
+
+        assert shown.dataset.truth is not None
+        return energy_figure(shown.evaluations, shown.dataset.truth)
+
+
 OWN: Final[tuple[FigureEntry, ...]] = (
     SummaryFigure(),
     RatesFigure(),
@@ -260,6 +277,7 @@ OWN: Final[tuple[FigureEntry, ...]] = (
     SceneFigure(),
     ConsistencyFigure(),
     ErrorsFigure(),
+    EnergyFigure(),
 )
 """Figures of this package."""
 

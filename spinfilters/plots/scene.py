@@ -1,6 +1,7 @@
 """Figures in space: path, axes and landmarks before the camera, and the polhode on its ellipsoids."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -140,10 +141,11 @@ def draw_on_ellipsoid(
         Above what lower numbers have.
     """
     near = faces_viewer(axes, curve, semi_axes)
-    for shown, alpha in ((near, 1.0), (~near, 0.25)):
-        # the first hidden point joins the last one seen, so that no gap opens between both parts
-        part = np.where((shown | np.roll(shown, 1) & ~near)[:, np.newaxis], curve, np.nan)
-        axes.plot(*part.T, color=colour, linewidth=width, alpha=alpha, zorder=order)
+    changes = np.flatnonzero(near[1:] != near[:-1]) + 1
+    for begin, end in pairwise([0, *changes.tolist(), len(curve)]):
+        # every part ends at the first point of the next one, so that no gap opens between both
+        x, y, z = curve[begin : end + 1].T
+        axes.plot(x, y, z, color=colour, linewidth=width, alpha=1.0 if near[begin] else 0.25, zorder=order)
 
 
 def faces_viewer(

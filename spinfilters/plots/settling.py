@@ -180,7 +180,7 @@ def constants_figure(constants: Sequence[SettlingConstant], closure: int | None 
                 values.axhline(constant.truth[k], color=BLACK, linestyle=(0, (2, 1.5)), linewidth=1.1)
         values.set_ylim(*_late_limits(constant))
         std.set_title(f"σ of the {constant.label}", loc="left", fontsize="medium")
-        values.set_title(constant.label, loc="left", fontsize="medium")
+        values.set_title(constant.label.split(",")[0], loc="left", fontsize="medium")
         std.legend(frameon=False, fontsize="small", ncols=len(constant.names), loc="upper right")
         for axes in (std, values):
             axes.set_ylabel(f"[{constant.unit}]")

@@ -8,6 +8,7 @@ from spinfilters.reproduction.decoust.processed_clouds import PROCESSED_CLOUDS
 from spinfilters.reproduction.decoust.simulated_scans import SIMULATED_SCANS, STL_READER
 from spinfilters.reproduction.decoust.snapshots import SNAPSHOTS
 from spinfilters.reproduction.item import Item
+from spinfilters.reproduction.tweddle.aligned_model import ALIGNED_MODEL
 from spinfilters.reproduction.tweddle.camera_checkout import CAMERA_CHECKOUT
 from spinfilters.reproduction.tweddle.comparative_studies import COMPARATIVE_STUDIES
 from spinfilters.reproduction.tweddle.dense_model import DENSE_MODEL
@@ -23,6 +24,7 @@ from spinfilters.reproduction.tweddle.settling_estimates import CONVERGENCE
 from spinfilters.reproduction.tweddle.spin_thresholds import SPIN_THRESHOLDS
 from spinfilters.reproduction.tweddle.stereo_pictures import STEREO_PICTURES
 from spinfilters.reproduction.tweddle.stereo_rig import STEREO_RIG
+from spinfilters.reproduction.tweddle.time_lapse import TIME_LAPSES
 from spinfilters.reproduction.tweddle.time_step_conditioning import CONDITIONING
 
 ITEMS: Final[tuple[Item, ...]] = (
@@ -37,6 +39,8 @@ ITEMS: Final[tuple[Item, ...]] = (
     *METROLOGY_COURSES,
     *REFERENCE_INERTIA,
     *METROLOGY_COMPARISON,
+    *TIME_LAPSES,
+    ALIGNED_MODEL,
     *MAPPED_BODY,
     *DENSE_MODEL,
     *CONVERGENCE,

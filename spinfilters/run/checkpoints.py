@@ -329,7 +329,7 @@ class CheckpointFile(CheckpointStore):
         done = found.rows.arrays()["time"]
         if not np.array_equal(done, self.time[: len(done)]):
             raise InputError(
-                f"{path_text(self.path)}: is no complete checkpoint (its epochs are not the first of this run); delete it, {ANEW}"
+                f"{path_text(self.path)}: is no whole checkpoint (its epochs are not the first of this run); delete it, {ANEW}"
             )
         return found
 
@@ -358,7 +358,7 @@ class CheckpointFile(CheckpointStore):
 
     def end(self, estimator: Estimator, history: EstimateHistory, rows: GrowingHistory) -> None:
         """Write the last checkpoint, or the history of an estimator that failed."""
-        if history.status.verdict is Verdict.FAILED:
+        if history.has_failed:
             make_folder(self.path.parent)
             save_ended(self.path, history, rows.begin, self.fingerprint)
         else:

@@ -249,13 +249,11 @@ class Conditions:
         first += [] if self.seed is None else [f"Seed {self.seed}."]
         noise = f"Noise: {_listed(self.sensors)}; disturbances: {_listed(self.disturbances)}."
         counted = [_counted(each) for each in self.calibration if each.std > 0]
-        calibration = [f"Deviations count errors of {', '.join(counted)}."] if counted else []
+        calibration = [f"Deviations include errors of {', '.join(counted)}."] if counted else []
         assumed = [each.parameter.name for each in self.calibration if each.std > 0 and each.source == PRIOR]
         grown = enlarged_words(self.calibration)
         if grown:
-            calibration.append(
-                f"Those of {', '.join(grown)} count for more if the residuals allow larger ones."
-            )
+            calibration.append(f"Those of {', '.join(grown)} are larger if the residuals allow it.")
         if assumed:
             keys = ", ".join(f"{name} = 0" for name in assumed)
             calibration.append(

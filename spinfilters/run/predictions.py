@@ -9,18 +9,26 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.core.errors import NUMERICAL_ERRORS, InputError, numerical
+from spinfilters.evaluation.continuous_motion import ContinuousMotion
 from spinfilters.evaluation.estimated_motion import estimated_rates, trajectory_of, write_trajectory_csv
-from spinfilters.evaluation.estimator_evaluation import Evaluation
-from spinfilters.evaluation.prediction_errors import UNITS, PredictionErrors, errors_ahead
+from spinfilters.evaluation.estimator_evaluation import Evaluation, not_failed
+from spinfilters.evaluation.prediction_errors import (
+    UNITS,
+    PredictionErrors,
+    errors_against_reference,
+    errors_ahead,
+)
+from spinfilters.evaluation.reference_fit import fit_reference
 from spinfilters.filters.history import EstimateHistory, GrowingHistory
 from spinfilters.filters.measurement_prediction import predict_ahead
 from spinfilters.io.input_file import path_text, read_settings_text, reason
 from spinfilters.io.output_files import write_json
+from spinfilters.io.reference_motion import ReferenceMotion
 from spinfilters.io.text_table import write_csv
 from spinfilters.models.body import body_estimate
 from spinfilters.models.process import TorqueFreeProcess
-from spinfilters.models.status import EstimatorStatus, Verdict
-from spinfilters.plots.predicted_errors import prediction_errors_figure
+from spinfilters.models.status import EstimatorStatus
+from spinfilters.plots.prediction_figures import prediction_errors_figure
 from spinfilters.plots.style import draw_figure
 from spinfilters.plots.time_courses import PAST, PredictionCurves, prediction_figure
 from spinfilters.run.array_files import finite_document, read_history, write_history
@@ -90,15 +98,20 @@ def stamps_ahead(
 
 
 def write_predictions(
-    folder: Path, process: TorqueFreeProcess, evaluations: Sequence[Evaluation], seconds: float
+    folder: Path,
+    process: TorqueFreeProcess,
+    evaluations: Sequence[Evaluation],
+    seconds: float,
+    reference: ReferenceMotion | None = None,
+    with_figures: bool = True,
 ) -> list[str]:
     """Write prediction.csv of each estimator and prediction.png of all, and their errors where the truth goes on.
 
     The columns are those of trajectory.csv, and estimators that failed are left out. <estimator>/prediction.npz is the
     history that the picture is drawn from: the last epoch, and all that is predicted from it; it is ``failed`` and holds the
-    last epoch alone where the prediction is not finite, and then there is no table. Where the truth has rows behind the last
-    epoch, these are among what is predicted, and prediction.json, <estimator>/prediction_errors.csv and prediction-errors.png
-    hold the errors with their stated deviations and NEES.
+    last epoch alone where the prediction is not finite, and then there is no table. Where the truth, or else a reference, has rows
+    behind the last epoch, these are among what is predicted, and prediction.json, <estimator>/prediction_errors.csv and
+    prediction-errors.png hold the errors with their stated deviations and NEES.
     Returns the names of the pictures; none where nothing could be predicted.
 
     Raises
@@ -106,7 +119,7 @@ def write_predictions(
     InputError
         As `times_ahead`; a file cannot be written.
     """
-    good = _sound(evaluations)
+    good = not_failed(evaluations)
     predicted = []
     for each in good:
         stamps = np.empty(0) if each.truth is None else each.truth.time
@@ -119,8 +132,22 @@ def write_predictions(
         else:
             (folder / each.name / TABLE).unlink(missing_ok=True)
     compared = _compared_with_truth(good, predicted)
+    if reference is not None:
+        without = [k for k, each in enumerate(good) if each.truth is None]
+        compared |= _compared_with_reference(
+            [good[k].history for k in without], [predicted[k] for k in without], reference
+        )
     _write_errors(folder, seconds, good, compared)
-    return _draw(folder, good, predicted, compared)
+    if with_figures:
+        return _draw(folder, good, predicted, compared)
+    for name in (PREDICTION_PICTURE, PREDICTION_ERRORS_PICTURE):  # of an earlier prediction
+        (folder / name).unlink(missing_ok=True)
+    return []
+
+
+def is_predicted(folder: Path) -> bool:
+    """Whether any estimator of a run folder predicts more than its last epoch."""
+    return any(folder.glob(f"*/{TABLE}"))
 
 
 def draw_predictions(folder: Path, evaluations: Sequence[Evaluation]) -> list[str]:
@@ -131,13 +158,15 @@ def draw_predictions(folder: Path, evaluations: Sequence[Evaluation]) -> list[st
     InputError
         A prediction is missing where there are others, damaged, or of another run.
     """
-    good = _sound(evaluations)
+    good = not_failed(evaluations)
     paths = [folder / each.name / ARRAYS for each in good]
     told = [folder / PREDICTION_PICTURE, *paths, *(path.with_name(TABLE) for path in paths)]
     if not good or not any(path.exists() for path in told):
         return []
     predicted = [_read(path, each.history) for path, each in zip(paths, good, strict=True)]
-    return _draw(folder, good, predicted, _compared_with_truth(good, predicted))
+    compared = _compared_with_truth(good, predicted)
+    # the reference of an earlier call is not in the folder: its picture stays
+    return _draw(folder, good, predicted, compared, keeps=any(each.truth is None for each in good))
 
 
 def _draw(
@@ -145,8 +174,9 @@ def _draw(
     good: Sequence[Evaluation],
     predicted: Sequence[EstimateHistory],
     compared: Mapping[str, PredictionErrors],
+    keeps: bool = False,
 ) -> list[str]:
-    """Draw the predictions, and their errors where there are any; a picture of an earlier prediction goes."""
+    """Draw the predictions, and their errors where there are any; a picture of an earlier one goes, but for kept errors."""
     motions = _predicted_motion([each.history for each in good], predicted)
     drawn = []
     for name, draw, what in (
@@ -156,7 +186,7 @@ def _draw(
         if what:
             draw_figure(draw, folder / name)
             drawn.append(name)
-        else:
+        elif not (keeps and name == PREDICTION_ERRORS_PICTURE):
             (folder / name).unlink(missing_ok=True)
     return drawn
 
@@ -174,6 +204,23 @@ def _compared_with_truth(
             continue
         if errors is not None:
             found[evaluation.name] = errors
+    return found
+
+
+def _compared_with_reference(
+    histories: Sequence[EstimateHistory], predicted: Sequence[EstimateHistory], reference: ReferenceMotion
+) -> dict[str, PredictionErrors]:
+    """Errors of every prediction that a reference can judge, as it was fitted over the measurements; what cannot ends no run."""
+    found = {}
+    for history, ahead in zip(histories, predicted, strict=True):
+        try:
+            with np.errstate(all="ignore"):
+                fit, used = fit_reference(ContinuousMotion(history), reference)
+                errors = errors_against_reference(ahead, used, fit)
+        except (*NUMERICAL_ERRORS, InputError):
+            continue
+        if errors is not None:
+            found[history.name] = errors
     return found
 
 
@@ -237,11 +284,6 @@ def _line(name: str, found: Mapping[str, Any]) -> str:
     return f"{head}; NEES per dof {found['nees_per_dof_end']:.2f} ({low:.2f} to {high:.2f} expected)"
 
 
-def _sound(evaluations: Sequence[Evaluation]) -> list[Evaluation]:
-    """Evaluations that did not fail."""
-    return [each for each in evaluations if each.history.status.verdict is not Verdict.FAILED]
-
-
 def predict_history(
     process: TorqueFreeProcess, history: EstimateHistory, ahead: Float[np.ndarray, " k"]
 ) -> EstimateHistory:
@@ -267,10 +309,10 @@ def _read(path: Path, history: EstimateHistory) -> EstimateHistory:
     predicted = read_history(path, CURE)
     time, mean = predicted.time, predicted.mean
     alike = (predicted.name, predicted.layout) == (history.name, history.layout)
-    whole = len(time) > 1 or (len(time) == 1 and predicted.status.verdict is Verdict.FAILED)
+    whole = len(time) > 1 or (len(time) == 1 and predicted.has_failed)
     sound = alike and whole and np.isfinite(mean).all() and np.isfinite(predicted.factor).all()
     if not (sound and time[0] == history.time[-1] and np.array_equal(mean[0], history.mean[-1])):
-        raise InputError(f"{path_text(path)}: does not go on from the last epoch of this run; {CURE}")
+        raise InputError(f"{path_text(path)}: does not continue from the last epoch of this run; {CURE}")
     return predicted
 
 

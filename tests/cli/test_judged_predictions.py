@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from shutil import copytree, ignore_patterns
 
 import numpy as np
 import pytest
@@ -63,3 +64,20 @@ def test_a_prediction_stops_at_every_stamp_of_the_truth_once() -> None:
     time = np.arange(0.0, 5.1, 0.5)
     truth = np.r_[time, 5.5 + 1e-7, 5.7, 6.0 - 1e-7, 9.0]
     np.testing.assert_allclose(stamps_ahead(time, 1.5, truth), [0.5, 0.7, 1.0, 1.5], atol=1e-6)
+
+
+def test_a_reference_that_goes_on_judges_a_prediction_too(recordings: Path, tmp_path: Path) -> None:
+    dataset, reference = tmp_path / "data", tmp_path / "mocap.tum"
+    copytree(recordings / "stereo-tracks", dataset, ignore=ignore_patterns("truth.*"))
+    truth = read_csv(recordings / "stereo-tracks" / "truth.csv", TRUTH_COLUMNS).values
+    rows = np.column_stack([truth[:, 0] + 0.1, truth[:, 1:8]])  # another clock, 0.1 s late
+    np.savetxt(reference, rows)
+    found = compared(dataset, tmp_path / "run", "--reference", str(reference))["mekf"]
+    assert isinstance(found, dict)
+    assert found["judge"] == "mocap.tum"
+    assert found["rows"] >= 7
+    assert set(found["errors"]) == {"position", "attitude"}
+    for each in found["errors"].values():
+        assert 0.05 < each["end"] / each["end_std"] < 4.0
+    assert found["nees_missing"]
+    assert (tmp_path / "run" / "prediction-errors.png").stat().st_size > 10_000

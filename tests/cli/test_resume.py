@@ -200,5 +200,5 @@ def test_a_damaged_checkpoint_is_refused_in_one_line(
     assert main(["compare", str(dataset), "-o", str(halted), "--resume"]) == 2
     said = capsys.readouterr().err
     assert len(said.splitlines()) == 1
-    assert "ukf/checkpoint.npz: is no complete checkpoint" in said
+    assert "ukf/checkpoint.npz: is no whole checkpoint" in said
     assert "--resume" in said

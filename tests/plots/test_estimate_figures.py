@@ -19,6 +19,7 @@ from spinfilters.evaluation.estimated_motion import BodyRates, count_flips, esti
 from spinfilters.evaluation.estimator_evaluation import evaluate
 from spinfilters.io.camera import PinholeCamera, StereoRig
 from spinfilters.plots import summary
+from spinfilters.plots.energies import energy_figure, rotational_energy
 from spinfilters.plots.scene import DrawnCamera, estimated_polhode_figure, scene_figure
 from spinfilters.plots.style import estimator_lines, save_figure
 from spinfilters.plots.summary import headline, inertia_figure, summary_figure
@@ -57,6 +58,7 @@ MAKERS: dict[str, Maker] = {
     ),
     "inertia": lambda runs: inertia_figure(runs.with_truth, MOMENTS),
     "consistency": lambda runs: consistency_figure(runs.with_truth),
+    "energy": lambda runs: energy_figure(runs.with_truth, runs.truth),
     "summary": lambda runs: summary_figure(runs.with_truth, true_rates(runs.truth), MOMENTS, CONDITIONS),
     "summary without truth": lambda runs: summary_figure(runs.without_truth),
     "polhode": lambda runs: estimated_polhode_figure(
@@ -109,7 +111,7 @@ def test_the_initialisation_is_shaded_from_the_first_epoch_to_its_last(name: str
     )
 
 
-@pytest.mark.parametrize("name", ["rates", "inertia", "consistency"])
+@pytest.mark.parametrize("name", ["rates", "inertia", "consistency", "energy"])
 def test_the_legend_names_every_estimator(name: str) -> None:
     legend = MAKERS[name](FULL).legends[0]
     names = {text.get_text() for text in legend.get_texts()}
@@ -156,6 +158,14 @@ def test_estimators_that_coincide_are_drawn_as_differences_of_their_inertia() ->
     beside = inertia_figure(FULL.with_truth).axes[1::2]
     for index, axes in enumerate(beside):
         assert axes.lines[0].get_ydata()[-1] == pytest.approx(first[index] - second[index], abs=1e-12)  # pyright: ignore[reportIndexIssue]
+
+
+def test_the_energy_of_a_true_estimate_is_within_its_band() -> None:
+    course = rotational_energy(FULL.with_truth[0])
+    rate = true_rates(FULL.truth).rate
+    assert FULL.truth.principal_axes_g is not None
+    true = (rate @ FULL.truth.principal_axes_g.T) ** 2 @ (MOMENTS / MOMENTS.max()) / 2
+    assert np.mean(np.abs(course.energy - true) <= 4.0 * course.std) > 0.9
 
 
 def test_a_body_of_which_nothing_is_known_is_drawn_too() -> None:

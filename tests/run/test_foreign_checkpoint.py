@@ -156,7 +156,7 @@ def test_a_damaged_checkpoint_is_refused_in_one_line(
     with pytest.raises(InputError) as refused:
         load_checkpoint(path, fresh("mekf"), fingerprint("mekf"))
     text = str(refused.value)
-    assert text.startswith(f"{path}: is no complete checkpoint (")
+    assert text.startswith(f"{path}: is no whole checkpoint (")
     assert "without --resume" in text
     assert len(text) < len(str(path)) + 320
     assert text.isprintable()

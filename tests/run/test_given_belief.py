@@ -113,7 +113,7 @@ def test_a_belief_that_cannot_be_is_refused(
 
 
 def test_tracks_without_a_map_and_recordings_without_truth_are_refused() -> None:
-    with pytest.raises(InputError, match="frames that unknown landmarks do not tell"):
+    with pytest.raises(InputError, match="frames that unknown landmarks do not define"):
         spinfilters.compare(spinfilters.simulate(frames=12), "mekf", from_truth=1)
     gyro = spinfilters.simulate("gyro", frames=12)
     rows = gyro.log.streams[0]

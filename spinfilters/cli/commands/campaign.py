@@ -54,7 +54,7 @@ def run_study(options: RunStudyArguments) -> int:
                 raise
             raise InputError(
                 f"interrupted; {last[0].done} of {last[0].total} runs are in {options.output}, run the command again "
-                "with --resume to go on from there"
+                "with --resume to continue"
             ) from None
     faulty = f", {last[0].faulty} of the new ones without a result" if last[0].faulty else ""
     report = f"spinfilters campaign report {shlex.quote(options.output)}"

@@ -129,6 +129,6 @@ COMMAND = Command(
     CheckoutArguments,
     checkout,
     "With --images, the screens of a checkout before use (Tweddle 2013, sections 5.10 and 5.11): values within ranges, lines "
-    "between corresponding corners, measured squares, a disparity map. With --difference, every number of two calibrations with "
+    "between corresponding corners, measured squares, a disparity map. With --difference: every number of two calibrations with "
     "the deviation of its change, and the rotation change as axis and angle (Table 5.5).",
 )

@@ -3,65 +3,23 @@
 The images are lost: a satellite with texture is rendered, tracked, smoothed and reconstructed by the commands' own functions.
 """
 
-from functools import cache
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Final
 
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float
 from matplotlib.figure import Figure
-from PIL import Image
+from mpl_toolkits.mplot3d import Axes3D
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
+from spinfilters.lidar.mesh import TriangleMesh
 from spinfilters.plots.scene import equal_scales
 from spinfilters.reproduction.item import ComparedNumber, Item, ItemResult, tweddle_item
-from spinfilters.run.comparison_run import compare_dataset
-from spinfilters.run.reconstruction import Reconstruction, reconstruct
-from spinfilters.run.run_folder import ANIMATION_FILE, RECONSTRUCTION_FOLDER, write_run
-from spinfilters.settings.run_settings import Settings
-from spinfilters.simulation.image_recordings import ImageScenario, render
-from spinfilters.simulation.image_sequence import Imaging
-from spinfilters.simulation.scenario import RICH_RPM, Scenario
-from spinfilters.vision.track_images import track_images
-
-RADIUS: Final = 0.11
-"""m, of the rendered satellite."""
-SHOWN: Final = 6000
-"""Vertices of a picture."""
-NOTE: Final = (
-    "The images are lost: 30 pairs of a rendered satellite on the rich motion, 0.4 s apart, go through front end, smoother and "
-    "`spinfilters reconstruct`."
-)
-
-
-@cache
-def reconstructed() -> tuple[Reconstruction, list[UInt8[np.ndarray, "h w"]]]:
-    """The model, and the frames of its animation beside the images."""
-    scenario = ImageScenario(
-        Scenario(radius_m=RADIUS, epochs=30, interval=0.4, rate_rpm=RICH_RPM),
-        imaging=Imaging(oversampling=1, stars=0),
-    )
-    settings = Settings(estimators=("smoother",))
-    with TemporaryDirectory() as place:
-        images, run = Path(place) / "images", Path(place) / "run"
-        images.mkdir()
-        run.mkdir()
-        render(scenario, images)
-        compared = compare_dataset(track_images(images).dataset, settings)
-        write_run(run, compared, settings)
-        found = reconstruct(run, images)
-        frames = []
-        with Image.open(run / RECONSTRUCTION_FOLDER / ANIMATION_FILE) as picture:
-            for number in range(getattr(picture, "n_frames", 1)):
-                picture.seek(number)
-                frames.append(np.asarray(picture.convert("L")))
-    return found, frames
+from spinfilters.reproduction.tweddle.rendered_recording import RADIUS, RENDERED, rendered_recording
 
 
 def make_model() -> ItemResult:
     """Figure 6-29: the model from two sides, in its own grey values."""
-    found, _ = reconstructed()
-    model = found.model
+    model = rendered_recording().reconstruction.model
     extents: Float[np.ndarray, " 3"] = 100.0 * model.dimensions.extents
     rows = [
         ComparedNumber(
@@ -73,22 +31,30 @@ def make_model() -> ItemResult:
         for name, extent in zip(("minor", "intermediate", "major"), extents, strict=True)
     ]
     figure = Figure(figsize=(10.0, 5.2), layout="constrained")
-    chosen = np.linspace(0, len(model.vertices) - 1, min(SHOWN, len(model.vertices))).astype(int)
+    surface = TriangleMesh(model.vertices, model.triangles)
+    shade = model.grey[model.triangles].mean(axis=1) / 255.0
     for number, (elevation, azimuth, title) in enumerate(
         ((20.0, -60.0, "from the front"), (20.0, 120.0, "from behind")), start=1
     ):
         axes = figure.add_subplot(1, 2, number, projection="3d")
-        points = 100.0 * model.vertices[chosen]
-        axes.scatter(*points.T, c=model.grey[chosen], cmap="gray", s=3)
+        assert isinstance(axes, Axes3D)
         axes.view_init(elevation, azimuth)
-        axes.set(xlabel="minor [cm]", ylabel="intermediate [cm]", zlabel="major [cm]", title=title)
-        equal_scales(axes, points)
-    return ItemResult(rows, {"model": figure}, note=NOTE)
+        up, around = np.deg2rad([elevation, azimuth])
+        viewer = np.array([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)])
+        # the inside of what no camera closed is dark; one collection sorts all triangles by depth
+        light = np.where(surface.normals @ viewer > 0, 1.0, 0.25)
+        grey = np.repeat(np.clip(light * shade, 0.0, 1.0)[:, np.newaxis], 3, axis=1).tolist()
+        corners = (100.0 * surface.corners).tolist()
+        axes.add_collection3d(Poly3DCollection(corners, facecolors=grey, edgecolors=grey, linewidths=0.3))
+        axes.set(xlabel="minor [cm]", ylabel="intermediate [cm]", zlabel="major [cm]")
+        equal_scales(axes, 100.0 * model.vertices)
+        axes.text2D(0.08, 0.93, title, transform=axes.transAxes, fontsize="large")
+    return ItemResult(rows, {"model": figure}, note=RENDERED)
 
 
 def make_animation() -> ItemResult:
     """Figure 6-30: image and model at the estimated pose, at three times."""
-    _, frames = reconstructed()
+    frames = rendered_recording().frames
     chosen = [frames[k] for k in np.linspace(0, len(frames) - 1, 3).astype(int)]
     likeness = []
     for frame in frames:
@@ -111,10 +77,10 @@ def make_animation() -> ItemResult:
         axes.imshow(frame, cmap="gray", vmin=0, vmax=255)
         axes.set_title(f"left image and model, frame {number} of 3", loc="left", fontsize="medium")
         axes.set_axis_off()
-    return ItemResult(rows, {"animation": figure}, note=NOTE)
+    return ItemResult(rows, {"animation": figure}, note=RENDERED)
 
 
 DENSE_MODEL: Final[tuple[Item, ...]] = (
-    tweddle_item("Figure 6-29", "section 6.6", "Dense model in principal axes", make_model, 90.0),
+    tweddle_item("Figure 6-29", "section 6.6", "Dense model in principal axes", make_model, 5.0),
     tweddle_item("Figure 6-30", "section 6.6", "Animation of the dense model", make_animation, 3.0),
 )

@@ -150,43 +150,77 @@ def make_corrected() -> ItemResult:
     )
 
 
-def _figure(table: dict[str, tuple[float, float]], words: tuple[str, ...], draw: Drawing) -> ItemResult:
+def _figure(
+    table: dict[str, tuple[float, float]], words: tuple[str, ...], draw: Drawing, title: str
+) -> ItemResult:
     """Rows of a table whose names hold one of the words, with the figure of their courses."""
     found = compared()
     chosen = {name: values for name, values in table.items() if any(word in name for word in words)}
     note = f"{SIMULATED} The printed curves are not compared, only their means and standard deviations."
     rows = _rows(found, chosen, " corrected" if table is TABLE_2 else "")
-    return ItemResult(rows, {"courses": draw(found)}, note=note)
+    figure = draw(found)
+    figure.suptitle(title, fontsize="large")
+    return ItemResult(rows, {"courses": figure}, note=note)
 
 
 def make_place_values() -> ItemResult:
     """Figure 6-16: place and velocity beside the metrology."""
-    return _figure(TABLE_1, PLACE_ROWS, lambda found: place_courses_figure(found, False))
+    return _figure(
+        TABLE_1,
+        PLACE_ROWS,
+        lambda found: place_courses_figure(found, False),
+        "Smoother and metrology: position and velocity",
+    )
 
 
 def make_place_differences() -> ItemResult:
     """Figure 6-17: their differences."""
-    return _figure(TABLE_1, PLACE_ROWS, lambda found: place_courses_figure(found, True))
+    return _figure(
+        TABLE_1,
+        PLACE_ROWS,
+        lambda found: place_courses_figure(found, True),
+        "Smoother minus metrology: position and velocity",
+    )
 
 
 def make_turn_values() -> ItemResult:
     """Figure 6-18: rates beside the metrology, axes only flipped."""
-    return _figure(TABLE_1, TURN_ROWS, lambda found: turn_courses_figure(found, False, False))
+    return _figure(
+        TABLE_1,
+        TURN_ROWS,
+        lambda found: turn_courses_figure(found, False, False),
+        "Smoother and metrology: angular velocity, axes flipped",
+    )
 
 
 def make_turn_differences() -> ItemResult:
     """Figure 6-19: closest angle and differences of the rates, axes only flipped."""
-    return _figure(TABLE_1, TURN_ROWS, lambda found: turn_courses_figure(found, False, True))
+    return _figure(
+        TABLE_1,
+        TURN_ROWS,
+        lambda found: turn_courses_figure(found, False, True),
+        "Smoother minus metrology: rotation, axes flipped",
+    )
 
 
 def make_corrected_values() -> ItemResult:
     """Figure 6-20: rates beside the metrology, axes corrected."""
-    return _figure(TABLE_2, TURN_ROWS, lambda found: turn_courses_figure(found, True, False))
+    return _figure(
+        TABLE_2,
+        TURN_ROWS,
+        lambda found: turn_courses_figure(found, True, False),
+        "Smoother and metrology: angular velocity, axes corrected",
+    )
 
 
 def make_corrected_differences() -> ItemResult:
     """Figure 6-21: closest angle and differences of the rates, axes corrected."""
-    return _figure(TABLE_2, TURN_ROWS, lambda found: turn_courses_figure(found, True, True))
+    return _figure(
+        TABLE_2,
+        TURN_ROWS,
+        lambda found: turn_courses_figure(found, True, True),
+        "Smoother minus metrology: rotation, axes corrected",
+    )
 
 
 def _rows(
@@ -226,7 +260,7 @@ METROLOGY_COMPARISON: Final = (
         "section 6.5.1",
         "Smoother against metrology, axes only flipped",
         make_raw,
-        40.0,
+        10.0,
     ),
     tweddle_item(
         "Table 6.2",

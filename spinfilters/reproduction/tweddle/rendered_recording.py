@@ -1,0 +1,138 @@
+"""The rendered recording that stands for the lost images: a satellite goes through front end, smoother and dense model."""
+
+import time
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float, UInt8
+from PIL import Image
+
+from spinfilters.evaluation.estimator_evaluation import Evaluation
+from spinfilters.evaluation.prediction_errors import truth_in_frames_of
+from spinfilters.io.camera import StereoRig
+from spinfilters.io.truth import Truth
+from spinfilters.lidar.mesh import TriangleMesh
+from spinfilters.run.comparison_run import compare_dataset
+from spinfilters.run.reconstruction import Reconstruction, reconstruct
+from spinfilters.run.run_folder import ANIMATION_FILE, RECONSTRUCTION_FOLDER, write_run
+from spinfilters.settings.run_settings import Settings
+from spinfilters.simulation.image_recordings import ImageScenario, render
+from spinfilters.simulation.image_sequence import Imaging, Pair
+from spinfilters.simulation.scenario import RICH_RPM, Scenario
+from spinfilters.vision.image_folder import LossCount, PairReader, read_pairs, stamped_pairs
+from spinfilters.vision.rectification import Rectification, read_raw_rig
+from spinfilters.vision.track_images import track_images
+
+RADIUS: Final = 0.11
+"""m, of the rendered satellite."""
+PAIRS: Final = 30
+TIME_LAPSE: Final = (0, 3, 6, 9)
+"""Pairs that are shown."""
+RENDERED: Final = (
+    "The images are lost: 30 pairs of a rendered satellite on the rich motion, 0.4 s apart, go through front end, smoother and "
+    "`spinfilters reconstruct`."
+)
+
+
+@dataclass(frozen=True, eq=False)
+class RenderedRecording:
+    """What the rendered recording gave.
+
+    Attributes
+    ----------
+    reconstruction : Reconstruction
+        The dense model.
+    frames : list
+        Of the animation beside the images.
+    pairs : list
+        Rectified pairs of `TIME_LAPSE`.
+    rig : StereoRig
+        Of the rectified images.
+    evaluation : Evaluation
+        Of the smoother.
+    truth : Truth
+        In the frames of the estimate.
+    mesh : TriangleMesh
+        That was rendered, m, in the true frame g.
+    true_axes, true_center : (3, 3), (3,) float array
+        Principal axes (rows) and centre of mass (m) in the true frame g.
+    observations, landmarks : int
+        That the front end found.
+    association_s : float
+        Time of processor that it took, s.
+    """
+
+    reconstruction: Reconstruction
+    frames: list[UInt8[np.ndarray, "h w"]]
+    pairs: list[Pair]
+    rig: StereoRig
+    evaluation: Evaluation
+    truth: Truth
+    mesh: TriangleMesh
+    true_axes: Float[np.ndarray, "3 3"]
+    true_center: Float[np.ndarray, "3"]
+    observations: int
+    landmarks: int
+    association_s: float
+
+
+@cache
+def rendered_recording() -> RenderedRecording:
+    """Render, track, smooth and reconstruct by the commands' own functions."""
+    scenario = ImageScenario(
+        Scenario(radius_m=RADIUS, epochs=PAIRS, interval=0.4, rate_rpm=RICH_RPM),
+        imaging=Imaging(oversampling=1, stars=0),
+    )
+    settings = Settings(estimators=("smoother",))
+    with TemporaryDirectory() as place:
+        images, run = Path(place) / "images", Path(place) / "run"
+        images.mkdir()
+        run.mkdir()
+        render(scenario, images)
+        begin = time.process_time()
+        dataset = track_images(images).dataset
+        association_s = time.process_time() - begin
+        compared = compare_dataset(dataset, settings)
+        write_run(run, compared, settings)
+        found = reconstruct(run, images)
+        frames = []
+        with Image.open(run / RECONSTRUCTION_FOLDER / ANIMATION_FILE) as picture:
+            for number in range(getattr(picture, "n_frames", 1)):
+                picture.seek(number)
+                frames.append(np.asarray(picture.convert("L")))
+        rectification = Rectification(read_raw_rig(images))
+        pairs = _rectified_pairs(images, rectification)
+    truth, evaluation = truth_in_frames_of(compared.evaluations[0]), compared.evaluations[0]
+    told = dataset.truth
+    assert truth is not None
+    assert told is not None
+    assert told.principal_axes_g is not None
+    assert told.center_of_mass_g is not None
+    (tracks,) = [stream for stream in dataset.log.streams if stream.sensor == dataset.sensor]
+    return RenderedRecording(
+        found,
+        frames,
+        pairs,
+        rectification.stereo,
+        evaluation,
+        truth,
+        scenario.stage().body.mesh,
+        told.principal_axes_g,
+        told.center_of_mass_g,
+        len(tracks),
+        len(compared.maps["smoother"]),
+        association_s,
+    )
+
+
+def _rectified_pairs(images: Path, rectification: Rectification) -> list[Pair]:
+    """The pairs of `TIME_LAPSE`."""
+    losses = LossCount()
+    stamped = stamped_pairs(images, losses)
+    reader = PairReader(rectification.rig.size, losses)
+    chosen = read_pairs([stamped[k] for k in TIME_LAPSE], reader)
+    return [rectification.images(pair.left, pair.right) for pair in chosen if pair is not None]
