@@ -515,6 +515,6 @@ def _regular_chart(case: Case) -> str:
     """The verdict of the chart that equal moments leave regular."""
     tensor = replace(case, chart="tensor", unknowns="ratios").certificate()
     return (
-        "This chart is singular there: what it says of the ratios holds for these axes and no others. In the inertia tensor, "
+        "This chart is singular there: its result for the ratios holds only for these axes. In the inertia tensor, "
         f"which stays regular, {tensor.rank} of {tensor.dimension} unknowns are determined. {null_space_sentence(tensor)}"
     )

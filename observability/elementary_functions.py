@@ -3,12 +3,16 @@
 A turn is exp(i a), its inverse the angle of a number of modulus 1: so sines and cosines obey their theorems in residues as well.
 """
 
+import math
 from collections.abc import Callable
 from fractions import Fraction
 from typing import Protocol
 
 LONGEST_POWER = 64
 """Integer exponents up to here become products."""
+QUARTER = math.pi / 2
+ROUNDED = 4e-16
+"""Relative error of a multiple of pi/2 that was computed in floats."""
 
 
 class Program(Protocol):
@@ -26,15 +30,49 @@ class Program(Protocol):
         """The constant in a register, if there is one."""
         ...
 
+    def written_as(self, register: int) -> tuple[str, int, int] | None:
+        """The operation that a register was written by, with its operands."""
+        ...
+
 
 def _half(program: Program, register: int) -> int:
     return program.emit("mul", program.constant(Fraction(1, 2)), register)
 
 
 def _turn(program: Program, angle: int) -> tuple[int, int]:
-    """exp(i a) and exp(-i a)."""
-    there = program.emit("cis", angle)
+    """exp(i a) and exp(-i a); a multiple of pi/2 that was added to an angle turns exactly."""
+    there = _exact_turn(program, angle)
+    if there is None:
+        there = program.emit("cis", angle)
     return there, program.emit("inv", there)
+
+
+def _exact_turn(program: Program, angle: int) -> int | None:
+    """exp(i x) exp(i c) of an angle x + c, x - c or c - x with such a multiple c; None of others."""
+    operation, left, right = program.written_as(angle) or ("", angle, angle)
+    if operation not in ("add", "sub"):
+        return None
+    for symbol, number in ((left, right), (right, left)):
+        value = program.constant_of(number)
+        root = None if value is None else _turn_by(program, float(value))
+        if root is None:
+            continue
+        turned = _turn(program, symbol)
+        if operation == "add":
+            return program.emit("mul", turned[0], root)
+        return (
+            program.emit("div", turned[0], root) if number == right else program.emit("mul", turned[1], root)
+        )
+    return None
+
+
+def _turn_by(program: Program, angle: float) -> int | None:
+    """exp(i c) of a multiple c of pi/2 as a float, else None."""
+    steps = round(angle / QUARTER)
+    if not steps or not math.isclose(angle, steps * QUARTER, rel_tol=ROUNDED, abs_tol=0):
+        return None
+    root = program.constant(Fraction(-1 if steps % 4 in (2, 3) else 1))
+    return program.emit("times_i", root) if steps % 2 else root
 
 
 def _sine(program: Program, angle: int) -> int:
@@ -113,8 +151,29 @@ def _area_tangent(program: Program, a: int) -> int:
     return _half(program, program.emit("log", quotient))
 
 
+def _logarithm(program: Program, a: int) -> int:
+    """The sum of logarithms of a product's factors, so that log(a) + log(b) = log(a b) holds exactly.
+
+    The gradient is that of log(a) also where two factors are negative. A factor that is a number stays with the other one.
+    """
+    operation, left, right = program.written_as(a) or ("", a, a)
+    numbers = program.constant_of(left) is not None or program.constant_of(right) is not None
+    if operation == "exp":
+        return left
+    if operation in ("mul", "div") and not numbers:
+        both = (_logarithm(program, left), _logarithm(program, right))
+        return program.emit("add" if operation == "mul" else "sub", *both)
+    if operation == "inv":
+        return program.emit("neg", _logarithm(program, left))
+    if operation == "sq":
+        return program.emit("twice", _logarithm(program, left))
+    if operation == "sqrt":
+        return _half(program, _logarithm(program, left))
+    return program.emit("log", a)
+
+
 def _logarithm_of_one_plus(program: Program, a: int) -> int:
-    return program.emit("log", program.emit("add", program.constant(Fraction(1)), a))
+    return _logarithm(program, program.emit("add", program.constant(Fraction(1)), a))
 
 
 def _exponential_less_one(program: Program, a: int) -> int:
@@ -129,7 +188,7 @@ def _power(program: Program, base: int, exponent: int) -> int:
     """Products and a root where the exponent is a small half integer; else exp(exponent log(base))."""
     value = program.constant_of(exponent)
     if value is None or value.denominator > 2 or abs(value) > LONGEST_POWER:
-        return program.emit("exp", program.emit("mul", exponent, program.emit("log", base)))
+        return program.emit("exp", program.emit("mul", exponent, _logarithm(program, base)))
     whole = abs(value.numerator) // value.denominator
     result = _whole_power(program, base, whole) if whole else None
     if value.denominator == 2:
@@ -153,6 +212,7 @@ LOWERED: dict[str, Callable[..., int]] = {
     "tan": _tangent,
     "sinh": _hyperbolic_sine,
     "cosh": _hyperbolic_cosine,
+    "log": _logarithm,
     "tanh": _hyperbolic_tangent,
     "asin": _arc_sine,
     "acos": _arc_cosine,

@@ -277,7 +277,7 @@ class ModelAnalysis:
         if unnamed:
             words = f"{unnamed} direction{'s' if unnamed > 1 else ''}"
             lines.append(
-                f"{words}, told by the unknowns that move: generators and null vectors are not looked for in discrete time."
+                f"{words}, shown by the unknowns that move: generators and null vectors are not computed in discrete time."
                 if self.core.discrete
                 else f"{words} for which no generator was found up to degree 2."
             )
@@ -295,7 +295,7 @@ class ModelAnalysis:
         lines += [each.sentence for each in self.other_solutions.found]
         if self.other_solutions.complete:
             lines.append(
-                "Local, but for mirrored and exchanged unknowns: other isolated solutions are not looked for."
+                "Local, except for mirrored and exchanged unknowns: other isolated solutions are not searched."
             )
         else:
             lines.append("Local only: isolated other solutions are not looked for.")
@@ -405,7 +405,7 @@ def analyse(f: Any, h: Any = None, x: Any = None, **roles: Any) -> ModelAnalysis
     the system: of 3 unknowns the outputs have rank 3, reached with derivatives up to order 2.
     Observable: k, x_0, x_1.
     Proof: the exact rank is full.
-    Local, but for mirrored and exchanged unknowns: other isolated solutions are not looked for.
+    Local, except for mirrored and exchanged unknowns: other isolated solutions are not searched.
     """
     return analysis_of(model_of(f, h, x, **roles))
 

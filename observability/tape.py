@@ -117,6 +117,7 @@ class _Reader:
         self.outputs: dict[int, int] = {}
         self._current: dict[int, int] = {}
         self._written: dict[tuple[str, int, int], int] = {}
+        self._writers: dict[int, tuple[str, int, int]] = {}
         self._constant_registers: dict[Fraction, int] = {}
         self._instructions: dict[tuple[int, str], list[tuple[int, int, int]]] = defaultdict(list)
 
@@ -151,6 +152,7 @@ class _Reader:
             level = 1 + max(self.levels[register] for register in operands)
             self._instructions[(level, operation)].append((len(self.levels), operands[0], operands[-1]))
             self._written[entry] = self._register(level)
+            self._writers[self._written[entry]] = entry
         return self._written[entry]
 
     def constant(self, value: Fraction) -> int:
@@ -163,6 +165,10 @@ class _Reader:
     def constant_of(self, register: int) -> Fraction | None:
         """The constant in a register, if there is one."""
         return dict(self.constants).get(register)
+
+    def written_as(self, register: int) -> tuple[str, int, int] | None:
+        """The operation that a register was written by, with its operands."""
+        return self._writers.get(register)
 
     def _register(self, level: int) -> int:
         self.levels.append(level)

@@ -139,7 +139,7 @@ class CampaignArguments:
             cure="the address of a Dask scheduler",
         ),
     ] = None
-    resume: Annotated[bool, Argument("go on with the rows that OUT has; none is made again")] = False
+    resume: Annotated[bool, Argument("continue with the rows in OUT; none is repeated")] = False
 
 
 @dataclass(frozen=True, kw_only=True)

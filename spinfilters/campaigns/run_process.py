@@ -109,7 +109,7 @@ class RunProcess:
         for _ in range(MOST_DEATHS):
             with self._starting:
                 if self._stopped:
-                    raise InputError("the campaign has ended; go on with --resume")
+                    raise InputError("the campaign has ended; continue with --resume")
                 process = self._process = subprocess.Popen(
                     self._command,
                     stdin=subprocess.PIPE,

@@ -36,7 +36,7 @@ from spinfilters.io.truth import Truth
 from spinfilters.models.body import BodyEstimate, BodyHistory, body_estimate
 from spinfilters.models.state_blocks import BLOCKS, ReportedConstant, StateBlock
 from spinfilters.models.state_layout import Gaussian
-from spinfilters.models.status import EstimatorStatus, Verdict
+from spinfilters.models.status import EstimatorStatus
 
 REPORTED: Final[Mapping[str, ReportedConstant]] = {
     block.name: block.reported for block in BLOCKS.values() if block.reported is not None
@@ -326,6 +326,11 @@ class Evaluation:
         return 1e3 * float(np.median(runtime)) if runtime.size else None
 
 
+def not_failed(evaluations: Iterable[Evaluation]) -> list[Evaluation]:
+    """Evaluations of the estimators that have not failed, in their order."""
+    return [each for each in evaluations if not each.history.has_failed]
+
+
 def with_uncertainty(value: float, std: float) -> str:
     """``value ± std`` to two digits of the deviation, with 2 to 9 decimals; "unknown" where it is not a number."""
     if not math.isfinite(value):
@@ -372,7 +377,7 @@ def evaluate(
         except NUMERICAL_ERRORS as error:
             return _failed(evaluation, f"its errors could not be computed ({reason(numerical(error))})")
         except InputError:
-            if evaluation.history.status.verdict is Verdict.FAILED:
+            if evaluation.history.has_failed:
                 return evaluation
             raise
 
@@ -380,7 +385,7 @@ def evaluate(
 def _with_status(history: EstimateHistory) -> EstimateHistory:
     """The history, ``failed`` where an epoch is not finite."""
     bad = np.flatnonzero(~finite_epochs(history))
-    if not len(bad) or history.status.verdict is Verdict.FAILED:
+    if not len(bad) or history.has_failed:
         return history
     why = f"{len(bad)} of {len(history.time)} epochs are not finite, first t = {history.time[bad[0]]:.3f} s"
     return replace(history, status=history.status.failed(why))
@@ -394,7 +399,7 @@ def _described(history: EstimateHistory) -> tuple[Evaluation, Trajectory]:
     try:
         evaluation, trajectory = Evaluation(history), trajectory_of(history)
         _ = evaluation.body
-        finite = trajectory.is_finite.all() or history.status.verdict is Verdict.FAILED
+        finite = trajectory.is_finite.all() or history.has_failed
         if not finite:
             evaluation = _failed(evaluation, "the motion that follows from the estimate is not finite")
         return evaluation, trajectory

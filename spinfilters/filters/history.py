@@ -12,7 +12,7 @@ from spinfilters.filters.noise_levels import VarianceComponent
 from spinfilters.filters.square_root import lower_roots
 from spinfilters.models.body import MassSamples
 from spinfilters.models.state_layout import Gaussian, StateLayout
-from spinfilters.models.status import EstimatorStatus
+from spinfilters.models.status import EstimatorStatus, Verdict
 
 COUNTS = ("dof", "accepted", "rejected")
 """Arrays of a history that hold whole numbers."""
@@ -85,6 +85,11 @@ class EstimateHistory:
     def own(self) -> slice:
         """Epochs after those of the initialisation."""
         return slice(self.initialisation, None)
+
+    @property
+    def has_failed(self) -> bool:
+        """Whether the estimator failed."""
+        return self.status.verdict is Verdict.FAILED
 
     @property
     def initialisation_end(self) -> float | None:

@@ -50,8 +50,8 @@ class IterationOptions:
     iterations : int
         Linearisations at most; 1 is the plain update.
     tolerance : float
-        Standard deviations; an update is done when what is left to move is smaller, and needs no second linearisation when
-        its residual is nowhere so far, in all, from what was expected to be left.
+        Standard deviations. An update ends when its remaining step is smaller. It needs no second linearisation if its
+        residual differs by less, in norm, from the one that the linear model predicts.
     """
 
     iterations: Annotated[int, NumberRange(1, 1000, whole=True)] = 4

@@ -306,7 +306,7 @@ class OutOfSequenceUpdates:
         track = self._track
         if not (np.isfinite(time) and time >= track.time):
             raise InputError(
-                f"the belief at {time} s was asked for, the latest epoch is at {track.time} s; ask for a time from there on"
+                f"the belief at {time} s was requested, the latest epoch is at {track.time} s; ask for a time from there on"
             )
         if time == track.time:
             return self.belief

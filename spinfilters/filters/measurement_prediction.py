@@ -133,7 +133,7 @@ class SigmaPointOptions:
     beta : float
         Weight of the mean in the covariance; 2 is best for a Gaussian.
     kappa : float
-        Further spread, in coordinates of the state.
+        Additional spread, in coordinates of the state.
     """
 
     alpha: Annotated[float, NumberRange(1e-3, 1e3)] = 0.6

@@ -29,7 +29,7 @@ class RobustOptions:
     loss : str
         "none" (least squares), "huber" (w = min(1, width / r)) or "barron" (Barron 2019, c = width, scaled to w(0) = 1).
     width : float
-        Where the loss begins to bend, in standard deviations.
+        Residual from which the loss is no longer quadratic, in standard deviations.
     shape : float
         Barron's alpha, at most 2: 2 least squares, 1 pseudo-Huber, 0 Cauchy, -2 Geman-McClure.
     """

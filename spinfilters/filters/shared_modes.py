@@ -24,11 +24,11 @@ class LandmarkOptions:
     Attributes
     ----------
     modes : int
-        Largest number of errors that all landmarks share and that the state holds.
+        Largest number of error modes that all landmarks share and that the state contains.
     explained : float
-        Of the landmarks of a start, in all, that a mode must explain to be held, in squared standard deviations.
+        Squared standard deviations, over all landmarks of the initialisation, that a mode must explain to be kept.
     largest_map : int
-        Landmarks at most; those observed longest ago go first.
+        Largest number of landmarks; those observed longest ago are dropped first.
     precision : str
         Precision of each landmark's arrays, "float64" or "float32".
     """

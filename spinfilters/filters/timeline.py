@@ -312,7 +312,7 @@ def _check(time: float, timeline: Timeline, rows: GrowingHistory) -> None:
     if not timeline and not len(rows):
         raise InputError(NO_EPOCH_LEFT)
     if rows.time != time:
-        raise InputError(f"the earlier epochs end at {rows.time} s; go on from there, not from {time} s")
+        raise InputError(f"the earlier epochs end at {rows.time} s; continue from there, not from {time} s")
     times = times_of(timeline)
     if len(times) and not times[0] >= time:
         raise InputError(f"the first epoch, t = {times[0]} s, lies before the belief, t = {time} s")

@@ -28,7 +28,6 @@ from spinfilters.models.sensor import MotionSamples
 from spinfilters.models.sensor_registry import sensor_of
 from spinfilters.models.state_blocks import RATE
 from spinfilters.models.state_layout import Gaussian, StateLayout
-from spinfilters.models.status import Verdict
 from spinfilters.settings.run_settings import InitialisationOptions
 from spinfilters.smoother.landmark_factors import OBSERVATIONS_NEEDED
 from spinfilters.smoother.motion_factors import without_refused
@@ -136,7 +135,7 @@ def departure_of(
     ungated.start(start.belief)
     taken_in = without_refused(timeline[:last], later.refused)
     history = run(ungated, timeline[first - 1].time, taken_in[first:])
-    if history.status.verdict is Verdict.FAILED:
+    if history.has_failed:
         return np.inf
     return _length(later.belief, history.mean[-1])
 
@@ -374,7 +373,7 @@ class NoisyModels:
         model = noise_model(problem, self.noise, unstated)
         if model is None:
             return None
-        first = None if from_residuals else np.zeros(len(model.components) + len(model.densities))
+        first = None if from_residuals else model.stated
         found = identify(model, start.mean, start.points, first)
         return found if found is not None and found.converged else None
 

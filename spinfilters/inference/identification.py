@@ -319,9 +319,8 @@ def _components(
     share: Float[np.ndarray, " c"],
 ) -> tuple[VarianceComponent, ...]:
     """Levels at ln variances of this covariance."""
-    names = (*(each.name for each in model.components), *model.densities)
     log_std = np.sqrt(np.diag(covariance))
-    return tuple(map(VarianceComponent, names, model.values(theta), log_std.tolist(), share.tolist()))
+    return tuple(map(VarianceComponent, model.names, model.values(theta), log_std.tolist(), share.tolist()))
 
 
 def _step(
@@ -388,8 +387,7 @@ def level_tests(
         return ()
     found = residuals_of(problem, here, normal, model.components, model.densities)
     F = WorkingSolutions(problem, here, normal, found.sources).information
-    names = (*(each.name for each in model.components), *model.densities)
-    return tuple(map(LevelTest, names, _scores(found.squares, found.redundancy, F).tolist()))
+    return tuple(map(LevelTest, model.names, _scores(found.squares, found.redundancy, F).tolist()))
 
 
 def _scores(

@@ -41,6 +41,16 @@ class NoiseModel:
     components: tuple[ComponentRows, ...]
     densities: tuple[str, ...]
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all levels: the order of their ln variances."""
+        return (*(each.name for each in self.components), *self.densities)
+
+    @property
+    def stated(self) -> Float[np.ndarray, " c"]:
+        """Ln variances of the levels as the problem states them: zeros."""
+        return np.zeros(len(self.names))
+
     def scaled(self, log_variance: Float[np.ndarray, " c"]) -> Problem:
         """The problem with variances of exp(log_variance) times those stated."""
         motion, observations = self.problem.motion, self.problem.observations
@@ -76,7 +86,7 @@ class NoiseModel:
 
     def first(self, here: LinearizationPoint) -> Float[np.ndarray, " c"]:
         """Initial ln variances, from the median residual of every sensor component; zero (as stated) for disturbances."""
-        found = np.zeros(len(self.components) + len(self.densities))
+        found = self.stated
         for k, each in enumerate(self.components):
             squares = [
                 self.problem.motion.sensor_rows(self.problem.motion.sensors[s], here.trajectory)[0][

@@ -58,7 +58,7 @@ def identified_levels(
     if model is None or not np.isfinite(trajectory).all():
         return None
     try:
-        found = identify(model, trajectory, points, np.zeros(len(model.components) + len(model.densities)))
+        found = identify(model, trajectory, points, model.stated)
     except NUMERICAL_ERRORS:
         return None
     return found if found is not None and found.converged else None

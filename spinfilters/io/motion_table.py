@@ -265,7 +265,7 @@ def _length_unit(table: Table, vector: VectorColumns, options: ReadingOptions) -
     """Unit of positions, from the header or the user, else m. InputError: two that differ, or one of rates."""
     if options.unit in RATE_UNITS:
         raise InputError(
-            f"{path_text(table.path)}: --unit {options.unit} is of no use for a table of poses; leave it out, or give one of "
+            f"{path_text(table.path)}: --unit {options.unit} does not apply to a table of poses; leave it out, or give one of "
             f"{', '.join(LENGTH_UNITS)}"
         )
     if vector.unit and options.unit not in (None, vector.unit):

@@ -318,7 +318,7 @@ class ReadingOptions:
         """
         for name in self.stated:
             if name not in allowed:
-                raise InputError(f"--{name} is of no use for {words}; leave it out")
+                raise InputError(f"--{name} does not apply to {words}; leave it out")
 
 
 NOTHING_STATED: Final = ReadingOptions()

@@ -442,7 +442,7 @@ def read_scan(path: Path) -> Scan:
     """
     content = read_ply(path)
     if not len(content.points):
-        raise InputError(f"{path_text(path)}: holds no point; the lidar has seen nothing, leave the scan out")
+        raise InputError(f"{path_text(path)}: holds no point; the lidar saw nothing, leave the scan out")
     bad = np.flatnonzero(~np.isfinite(content.points).all(axis=1))
     if bad.size:
         raise InputError(f"{path_text(path)}: point {bad[0]} is not finite; leave it out")

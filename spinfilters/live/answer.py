@@ -30,7 +30,7 @@ class Answer:
     status : EstimatorStatus
         With reasons.
     source : str
-        "filter", or "smoother" of a filter that stands on a smoothed past.
+        "filter", or "smoother" of a filter that continues a hand-over of the smoother.
     used, left_out : int
         Measurements.
     latency : float

@@ -54,7 +54,7 @@ class RunningVerdict:
     """Doubts about a filter that answers.
 
     Measurements that are left out do no harm once they are over. Innovations that the noise does not explain have changed the
-    estimate, its constants too: that doubt stays until the filter stands on a smoothed past that never was in doubt.
+    estimate, its constants too: that doubt stays until the filter continues a hand-over of the smoother that never was in doubt.
 
     Parameters
     ----------

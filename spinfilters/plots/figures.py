@@ -22,10 +22,9 @@ from spinfilters.core.plugins import (
 )
 from spinfilters.evaluation.epoch_spans import initialisation_end
 from spinfilters.evaluation.estimated_motion import BodyRates, estimated_rates, measured_rates, true_rates
-from spinfilters.evaluation.estimator_evaluation import Evaluation
+from spinfilters.evaluation.estimator_evaluation import Evaluation, not_failed
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.input_file import value_text
-from spinfilters.models.status import Verdict
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -73,7 +72,7 @@ class FigureData:
     @property
     def most_exact(self) -> Evaluation | None:
         """Evaluation of the smoother, else of the first estimator that has not failed."""
-        usable = [each for each in self.evaluations if each.history.status.verdict is not Verdict.FAILED]
+        usable = not_failed(self.evaluations)
         return min(usable, key=lambda each: each.name != "smoother", default=None)
 
     @property

@@ -90,7 +90,7 @@ def live_figure(course: LiveCourse) -> Figure:
     lines = [Line2D([], [], color=AXIS_COLOURS[k], label=f"about {_AXES[k]} of g") for k in range(3)]
     band = Patch(color=GREY, alpha=0.3, label=f"±{SIGMAS:g} σ")
     strips = [
-        Patch(color=GREEN, label="stands on a smoothed past"),
+        Patch(color=GREEN, label="continues a hand-over of the smoother"),
         Patch(color=GREY, label="the filter's own past"),
         Patch(color=ORANGE, label="not ok"),
     ]

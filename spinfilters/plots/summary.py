@@ -24,7 +24,7 @@ from spinfilters.evaluation.estimated_motion import (
     estimated_rates,
     knows_intermediate_axis,
 )
-from spinfilters.evaluation.estimator_evaluation import Evaluation, without_calibration
+from spinfilters.evaluation.estimator_evaluation import Evaluation, not_failed, without_calibration
 from spinfilters.models.body import BodyHistory
 from spinfilters.models.status import Verdict
 from spinfilters.plots.style import (
@@ -225,7 +225,7 @@ def headline(evaluations: Sequence[Evaluation]) -> str:
     str
         The sentence.
     """
-    standing = [each for each in evaluations if each.history.status.verdict is not Verdict.FAILED]
+    standing = not_failed(evaluations)
     if not standing:
         return "Every estimator failed: the motion of the body is unknown"
     evaluation = standing[0]

@@ -358,7 +358,7 @@ class CheckpointFile(CheckpointStore):
 
     def end(self, estimator: Estimator, history: EstimateHistory, rows: GrowingHistory) -> None:
         """Write the last checkpoint, or the history of an estimator that failed."""
-        if history.status.verdict is Verdict.FAILED:
+        if history.has_failed:
             make_folder(self.path.parent)
             save_ended(self.path, history, rows.begin, self.fingerprint)
         else:

@@ -38,7 +38,7 @@ from spinfilters.filters.timeline import NO_EPOCH_LEFT, Timeline, rehearse, run_
 from spinfilters.inference.estimator_entry import AnyEntry
 from spinfilters.inference.setup import Setup
 from spinfilters.io.input_file import reason
-from spinfilters.models.status import EstimatorStatus, Verdict
+from spinfilters.models.status import EstimatorStatus
 from spinfilters.run.checkpoints import StoreOf, no_checkpoints
 from spinfilters.run.conditions import Conditions, conditions_of
 from spinfilters.run.estimators import estimator_entries
@@ -286,7 +286,7 @@ def _final_history(
 
 def _is_cut_short(history: EstimateHistory, epochs: int) -> bool:
     """Whether Ctrl-C ended it: it neither failed nor did all its epochs."""
-    return history.status.verdict is not Verdict.FAILED and len(history.time) < epochs
+    return not history.has_failed and len(history.time) < epochs
 
 
 def _with_initialisation(history: EstimateHistory, rows: GrowingHistory, setup: Setup) -> EstimateHistory:

@@ -33,7 +33,6 @@ from spinfilters.inference.smoother_run import (
 from spinfilters.inference.stated_noise import adapted_levels, identified_scales
 from spinfilters.io.sensor_format import sensor_format
 from spinfilters.models.rotation_integrator import substeps, turns
-from spinfilters.models.status import Verdict
 from spinfilters.settings.run_settings import Settings
 from spinfilters.smoother.recursive_smoother import RecursiveSmoother
 from spinfilters.smoother.window import FixedLag
@@ -69,7 +68,7 @@ class MultiplicativeEntry(EstimatorEntry[MultiplicativeFilter]):
         self, estimator: MultiplicativeFilter, history: EstimateHistory, setup: Setup
     ) -> Float[np.ndarray, "k 3"] | None:
         """Landmarks of the filter; those of the setup after a failure or without estimated ones."""
-        if history.status.verdict is Verdict.FAILED or not setup.initial.has_landmarks:
+        if history.has_failed or not setup.initial.has_landmarks:
             return setup.map_points
         return estimator.landmark_belief.points_in_g
 
@@ -131,7 +130,7 @@ class RauchTungStriebelEntry(MekfEntry):
         """Every epoch given all measurements, linearised where the MEKF was."""
         from spinfilters.filters.rauch_tung_striebel import smooth_backwards
 
-        if passed.status.verdict is Verdict.FAILED:
+        if passed.has_failed:
             return None
         return smooth_backwards(setup.process, passed).preceded_by(setup.initial_arrays)
 

@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 from spinfilters.core.attitude_conversions import inverse, rotate
 from spinfilters.core.errors import InputError
 from spinfilters.core.polhode import validate_principal_moments
-from spinfilters.evaluation.estimator_evaluation import Evaluation
+from spinfilters.evaluation.estimator_evaluation import Evaluation, not_failed
 from spinfilters.evaluation.inertia_race import NamedInertia, PropagatedInertia, propagate_inertias
 from spinfilters.evaluation.prediction_errors import truth_in_frames_of
 from spinfilters.evaluation.trajectory_errors import common_stamps
@@ -19,8 +19,7 @@ from spinfilters.io.input_file import path_text, read_toml, value_text
 from spinfilters.io.output_files import write_json
 from spinfilters.io.text_table import write_csv
 from spinfilters.io.truth import Truth
-from spinfilters.models.status import Verdict
-from spinfilters.plots.race_figure import inertia_race_figure
+from spinfilters.plots.prediction_figures import inertia_race_figure
 from spinfilters.plots.style import draw_figure
 from spinfilters.run.predictions import stamps_ahead
 from spinfilters.run.run_folder import RACE_FILE, RACE_PICTURE, RACE_TABLE
@@ -38,7 +37,11 @@ def require_inertias(names: Sequence[str], estimators: Sequence[str]) -> None:
 
 
 def write_race(
-    folder: Path, names: Sequence[str], evaluations: Sequence[Evaluation], seconds: float
+    folder: Path,
+    names: Sequence[str],
+    evaluations: Sequence[Evaluation],
+    seconds: float,
+    with_figures: bool = True,
 ) -> list[str]:
     """Write race.json, race.csv and race.png; returns the names of the pictures.
 
@@ -50,7 +53,7 @@ def write_race(
     InputError
         A file of an inertia cannot be used, or one of the run cannot be written.
     """
-    good = [each for each in evaluations if each.history.status.verdict is not Verdict.FAILED]
+    good = not_failed(evaluations)
     if not good:
         return []
     first = good[0]
@@ -73,6 +76,9 @@ def write_race(
         reference = PropagatedInertia(TRUTH, q, rotate(inverse(q), truth.rate_i[true]))
         compared_with = "the true motion"
     _write(folder, compared_with, time, found, reference, first.name)
+    if not with_figures:
+        (folder / RACE_PICTURE).unlink(missing_ok=True)  # of an earlier race
+        return []
     draw_figure(lambda: inertia_race_figure(time, found, reference), folder / RACE_PICTURE)
     return [RACE_PICTURE]
 

@@ -22,6 +22,7 @@ from spinfilters.run.estimation import Comparison, compare_estimators
 from spinfilters.run.inertia_race_output import require_inertias, write_race
 from spinfilters.run.predictions import (
     draw_predictions,
+    is_predicted,
     prediction_lines,
     times_ahead,
     write_predictions,
@@ -31,7 +32,6 @@ from spinfilters.run.reference_output import reference_lines, write_reference
 from spinfilters.run.run_folder import (
     CONVERGENCE_PICTURE,
     EXPLANATIONS_FILE,
-    PREDICTION_PICTURE,
     REFERENCE_FILE,
     read_figure_data,
     read_histories,
@@ -39,7 +39,8 @@ from spinfilters.run.run_folder import (
 from spinfilters.run.run_summary import read_process
 from spinfilters.settings.run_settings import Settings
 from spinfilters.verdict.check import base_name
-from spinfilters.verdict.model_errors.score_tests import Alternative, ScoreTest
+from spinfilters.verdict.model_errors.alternatives import Alternative
+from spinfilters.verdict.model_errors.score_tests import ScoreTest
 from spinfilters.verdict.tested_models import TestedModels, model_findings
 
 SCHEMA: Final = 1
@@ -235,13 +236,14 @@ class OptionalOutputs:
     ) -> None:
         """Write into the folder of a written run; `lacking` tells what could not be made. Raises InputError."""
         if self.predict_s is not None:
+            setup, evaluations = comparison.setup, comparison.evaluations
             write_predictions(
-                folder, comparison.setup.process, comparison.evaluations, self.predict_s, self.reference
+                folder, setup.process, evaluations, self.predict_s, self.reference, with_figures
             )
             if self.race:
-                write_race(folder, self.race, comparison.evaluations, self.predict_s)
+                write_race(folder, self.race, evaluations, self.predict_s, with_figures)
         if self.convergence:
-            smoother_convergence.write_convergence(folder, comparison.setup, settings, on_epoch)
+            smoother_convergence.write_convergence(folder, comparison.setup, settings, on_epoch, with_figures)
         if self.explain:
             write_explanations(folder, comparison, settings)
         if self.reference is not None:
@@ -268,11 +270,13 @@ class OptionalOutputs:
         """
         made = []
         self._check_race(settings)
-        if self.convergence and not smoother_convergence.is_whole(folder):
+        if self.convergence and not smoother_convergence.is_recorded(folder):
             setup = prepare(dataset, settings)
             self.check(setup, settings)
-            smoother_convergence.write_convergence(folder, setup, settings, on_epoch)
-            made.append(CONVERGENCE_PICTURE)
+            smoother_convergence.write_convergence(folder, setup, settings, on_epoch, with_figures)
+            made += [CONVERGENCE_PICTURE] if with_figures else []
+        elif self.convergence and with_figures and not (folder / CONVERGENCE_PICTURE).exists():
+            made += _draw_convergence(folder, dataset.truth)
         if self.explain and not (folder / EXPLANATIONS_FILE).exists():
             own = compare_estimators(prepare(dataset, settings), settings, lambda *_: None)
             write_explanations(folder, own, settings)
@@ -280,9 +284,11 @@ class OptionalOutputs:
         if self.predict_s is not None:
             process = read_process(folder, settings.process.tolerance)
             evaluations = read_figure_data(folder).evaluations
-            made += write_predictions(folder, process, evaluations, self.predict_s, self.reference)
+            made += write_predictions(
+                folder, process, evaluations, self.predict_s, self.reference, with_figures
+            )
             if self.race:
-                made += write_race(folder, self.race, evaluations, self.predict_s)
+                made += write_race(folder, self.race, evaluations, self.predict_s, with_figures)
         if self.reference is not None:
             histories = read_histories(folder, settings.estimators)
             made += write_reference(folder, histories, self.reference, with_figures)
@@ -299,7 +305,7 @@ class OptionalOutputs:
 
     def lacking(self, folder: Path) -> str | None:
         """Requested outputs that a folder lacks, and why; None where nothing is missing."""
-        if self.predict_s is None or (folder / PREDICTION_PICTURE).exists():
+        if self.predict_s is None or is_predicted(folder):
             return None
         return "no prediction was made: every estimator failed, or the prediction is not finite"
 

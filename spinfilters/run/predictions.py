@@ -11,7 +11,7 @@ from jaxtyping import Float
 from spinfilters.core.errors import NUMERICAL_ERRORS, InputError, numerical
 from spinfilters.evaluation.continuous_motion import ContinuousMotion
 from spinfilters.evaluation.estimated_motion import estimated_rates, trajectory_of, write_trajectory_csv
-from spinfilters.evaluation.estimator_evaluation import Evaluation
+from spinfilters.evaluation.estimator_evaluation import Evaluation, not_failed
 from spinfilters.evaluation.prediction_errors import (
     UNITS,
     PredictionErrors,
@@ -27,8 +27,8 @@ from spinfilters.io.reference_motion import ReferenceMotion
 from spinfilters.io.text_table import write_csv
 from spinfilters.models.body import body_estimate
 from spinfilters.models.process import TorqueFreeProcess
-from spinfilters.models.status import EstimatorStatus, Verdict
-from spinfilters.plots.predicted_errors import prediction_errors_figure
+from spinfilters.models.status import EstimatorStatus
+from spinfilters.plots.prediction_figures import prediction_errors_figure
 from spinfilters.plots.style import draw_figure
 from spinfilters.plots.time_courses import PAST, PredictionCurves, prediction_figure
 from spinfilters.run.array_files import finite_document, read_history, write_history
@@ -103,6 +103,7 @@ def write_predictions(
     evaluations: Sequence[Evaluation],
     seconds: float,
     reference: ReferenceMotion | None = None,
+    with_figures: bool = True,
 ) -> list[str]:
     """Write prediction.csv of each estimator and prediction.png of all, and their errors where the truth goes on.
 
@@ -118,7 +119,7 @@ def write_predictions(
     InputError
         As `times_ahead`; a file cannot be written.
     """
-    good = _sound(evaluations)
+    good = not_failed(evaluations)
     predicted = []
     for each in good:
         stamps = np.empty(0) if each.truth is None else each.truth.time
@@ -137,7 +138,16 @@ def write_predictions(
             [good[k].history for k in without], [predicted[k] for k in without], reference
         )
     _write_errors(folder, seconds, good, compared)
-    return _draw(folder, good, predicted, compared)
+    if with_figures:
+        return _draw(folder, good, predicted, compared)
+    for name in (PREDICTION_PICTURE, PREDICTION_ERRORS_PICTURE):  # of an earlier prediction
+        (folder / name).unlink(missing_ok=True)
+    return []
+
+
+def is_predicted(folder: Path) -> bool:
+    """Whether any estimator of a run folder predicts more than its last epoch."""
+    return any(folder.glob(f"*/{TABLE}"))
 
 
 def draw_predictions(folder: Path, evaluations: Sequence[Evaluation]) -> list[str]:
@@ -148,7 +158,7 @@ def draw_predictions(folder: Path, evaluations: Sequence[Evaluation]) -> list[st
     InputError
         A prediction is missing where there are others, damaged, or of another run.
     """
-    good = _sound(evaluations)
+    good = not_failed(evaluations)
     paths = [folder / each.name / ARRAYS for each in good]
     told = [folder / PREDICTION_PICTURE, *paths, *(path.with_name(TABLE) for path in paths)]
     if not good or not any(path.exists() for path in told):
@@ -274,11 +284,6 @@ def _line(name: str, found: Mapping[str, Any]) -> str:
     return f"{head}; NEES per dof {found['nees_per_dof_end']:.2f} ({low:.2f} to {high:.2f} expected)"
 
 
-def _sound(evaluations: Sequence[Evaluation]) -> list[Evaluation]:
-    """Evaluations that did not fail."""
-    return [each for each in evaluations if each.history.status.verdict is not Verdict.FAILED]
-
-
 def predict_history(
     process: TorqueFreeProcess, history: EstimateHistory, ahead: Float[np.ndarray, " k"]
 ) -> EstimateHistory:
@@ -304,10 +309,10 @@ def _read(path: Path, history: EstimateHistory) -> EstimateHistory:
     predicted = read_history(path, CURE)
     time, mean = predicted.time, predicted.mean
     alike = (predicted.name, predicted.layout) == (history.name, history.layout)
-    whole = len(time) > 1 or (len(time) == 1 and predicted.status.verdict is Verdict.FAILED)
+    whole = len(time) > 1 or (len(time) == 1 and predicted.has_failed)
     sound = alike and whole and np.isfinite(mean).all() and np.isfinite(predicted.factor).all()
     if not (sound and time[0] == history.time[-1] and np.array_equal(mean[0], history.mean[-1])):
-        raise InputError(f"{path_text(path)}: does not go on from the last epoch of this run; {CURE}")
+        raise InputError(f"{path_text(path)}: does not continue from the last epoch of this run; {CURE}")
     return predicted
 
 

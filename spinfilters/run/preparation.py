@@ -38,7 +38,7 @@ from spinfilters.models.state_layout import Gaussian
 from spinfilters.run.given_belief import given_belief
 from spinfilters.settings.run_settings import AUTO, LINEAR, QUADRATIC, Settings
 from spinfilters.smoother.priors import FirstStatePrior
-from spinfilters.verdict.model_errors.motion_alternatives import ConstantAcceleration
+from spinfilters.verdict.model_errors.alternatives import CONSTANT_ACCELERATION
 from spinfilters.verdict.model_tests import cost_of_first_epochs, tested_about
 
 
@@ -318,7 +318,7 @@ def _needs_acceleration(setup: Setup) -> bool:
         return True
     if not start.fit < CLEAR_FIT or start.rejected > start.accepted:
         return True
-    return bool(tested_about(setup, start.mean, [ConstantAcceleration()], lambda motion: ()).named)
+    return bool(tested_about(setup, start.mean, [CONSTANT_ACCELERATION], lambda motion: ()).named)
 
 
 def _accelerates(belief: Gaussian) -> bool:

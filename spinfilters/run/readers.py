@@ -12,9 +12,8 @@ from spinfilters.io.dataset import Dataset
 from spinfilters.io.dataset_folder import DatasetFolderReader, OtherFolderReader, SensorTableReader
 from spinfilters.io.dataset_reader import DatasetReader, OnRefused, RawDataReader
 from spinfilters.io.input_file import path_text
-from spinfilters.io.logger_folders import LoggerFolderReader
 from spinfilters.io.measurement_log import MeasurementLog
-from spinfilters.io.motion_file import MotionFileReader
+from spinfilters.io.motion_file import LoggerFolderReader, MotionFileReader
 from spinfilters.io.phone_exports import PhoneExportReader, PhyphoxReader
 from spinfilters.io.px4_log import Px4LogReader
 from spinfilters.io.repeated_rows import without_repeated_rows

@@ -260,7 +260,11 @@ def require_convergence(setup: Setup, settings: Settings) -> None:
 
 
 def write_convergence(
-    folder: Path, setup: Setup, settings: Settings, on_epoch: Callable[[int, int], None]
+    folder: Path,
+    setup: Setup,
+    settings: Settings,
+    on_epoch: Callable[[int, int], None],
+    with_figures: bool = True,
 ) -> None:
     """smoother/convergence.npz and convergence.png.
 
@@ -274,7 +278,8 @@ def write_convergence(
     found = recorded_convergence(setup, settings, on_epoch)
     make_folder(folder / NAME)
     write_convergence_record(folder / NAME / ARRAYS, found, layout)
-    draw_convergence(folder, layout, found, truth)
+    if with_figures:
+        draw_convergence(folder, layout, found, truth)
 
 
 def draw_convergence(
@@ -461,13 +466,13 @@ def _axes_turned(
     return turned
 
 
-def is_whole(folder: Path) -> bool:
-    """Whether a run folder holds both files, undamaged."""
+def is_recorded(folder: Path) -> bool:
+    """Whether a run folder holds an undamaged convergence record."""
     try:
         read_convergence_record(folder / NAME / ARRAYS)
     except InputError:
         return False
-    return (folder / CONVERGENCE_PICTURE).exists()
+    return True
 
 
 def redraw_convergence(folder: Path, truth: Truth | None) -> bool:

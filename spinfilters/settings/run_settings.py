@@ -62,33 +62,33 @@ class _OptionsOfEveryState:
     Attributes
     ----------
     epochs : int
-        How many epochs it looks at, at most.
+        Largest number of epochs of the initialisation.
     share : float
-        Of the recording, at most; a third more where filters need it.
+        Largest share of the recording; a third more if filters need it.
     duration : float
-        How many seconds it looks at, at most.
+        Largest duration of the initialisation, s.
     iterations : int
-        Of the smoother, at most.
+        Largest number of iterations of its smoother.
     mass_std : float
-        Of the prior of the mass distribution about the sphere, in the logarithm of second moments (a phone lies at 2).
+        Standard deviation of the prior of the mass distribution about the sphere, in ln of second moments (a phone is at 2).
     centre_std : float
-        Of the prior of the centre of mass about the origin of g, m.
+        Standard deviation of the prior of the centre of mass about the origin of g, m.
     speed_std : float
-        Of its velocity, m/s.
+        Standard deviation of the prior of its velocity, m/s.
     drag_std : float
-        Of the prior of the drag coefficient, 1/rad.
+        Standard deviation of the prior of quadratic drag, 1/rad.
     linear_drag_std : float
-        Of that of a drag linear in the rate, 1/s.
+        Standard deviation of the prior of linear drag, 1/s.
     mean : dict
-        Of a belief at the first epoch, from which every estimator begins, by block: position (of frame g in i, m), attitude (q_ig),
-        velocity (of the centre of mass, m/s), rate (rad/s, g axes), center_of_mass (m, g), mass_distribution or principal_moments
-        (about the axes of g). No first epochs are smoothed then.
+        Mean of a belief at the first epoch, from which every estimator starts instead of smoothed epochs. Its blocks are position
+        (of frame g in i, m), attitude (q_ig), velocity (of the centre of mass, m/s), rate (rad/s, g axes), center_of_mass (m, g),
+        and mass_distribution or principal_moments (about the axes of g).
     std : dict
-        Its standard deviations by block.
+        Standard deviations of that belief, by block.
     covariance : tuple of tuples of float
-        In their place, of the errors in the order of the state.
+        Covariance instead of standard deviations, of the errors in the order of the state.
     from_truth : bool
-        Whether that belief is the truth of the first epoch with an error drawn from std or covariance.
+        Whether the mean of that belief is the truth of the first epoch with an error drawn from std or covariance.
     draw : int
         Seed of that error.
     """
@@ -238,20 +238,20 @@ class SmootherSettings:
     Attributes
     ----------
     mode : str
-        "full" keeps everything, "frozen" eliminates landmarks for good that have not been seen for some revolutions, "window" keeps
-        the latest epochs; "automatic" is "full" for short recordings and "frozen" for others.
+        "full" keeps everything, "frozen" marginalizes landmarks that are unseen for some revolutions, "window" keeps the latest
+        epochs; "automatic" is "full" for short recordings and "frozen" for others.
     epochs : int
-        That stay at least, in the modes "frozen" and "window".
+        Smallest number of kept epochs in the modes "frozen" and "window".
     revolutions : float
-        See "frozen".
+        Revolutions after which an unseen landmark is marginalized in the mode "frozen".
     loss : str
-        Of a residual: "gate" (nothing beyond width), "huber", "pseudo-huber", "barron" (alpha = shape) or "none" (least squares).
+        Loss of a residual: "gate" (none beyond width), "huber", "pseudo-huber", "barron" (alpha = shape) or "none" (least squares).
     width : float
-        Where it begins to bend, standard deviations.
+        Residual from which the loss is no longer quadratic, standard deviations.
     shape : float
         Barron's alpha, at most 2.
     iterations : int
-        Per epoch, at most.
+        Largest number of iterations per epoch.
     """
 
     mode: str = "automatic"
@@ -380,20 +380,20 @@ class ProcessSettings:
     force_psd : float or "auto"
         Density of the disturbing force, (m/s^2)^2/Hz.
     torque_psd : float or "auto"
-        Density of the disturbing torque, (rad/s^2)^2/Hz. "auto" takes the data set's own; where it is silent it is identified
-        (`spinfilters.inference.identified_noise`), but for the torque of a gyro of correlated unknown error: what the disturbances
-        of thrown bodies were found to be (`spinfilters.inference.identified_noise`).
+        Density of the disturbing torque, (rad/s^2)^2/Hz. "auto" takes that of the data set, or identifies it
+        (`spinfilters.inference.identified_noise`). For a gyro whose unknown error is correlated it follows from the rate, as found
+        for thrown bodies.
     drag : bool, "linear", "quadratic" or "auto"
-        Whether the state has an aerodynamic drag coefficient, and of which law: torques "quadratic" in the rate (or true) or
-        "linear"; "auto" takes the likelier of both where the first epochs tell one from none (`spinfilters.run.preparation`).
+        Whether the state has an aerodynamic drag coefficient, and its law: torques "quadratic" in the rate (or true) or
+        "linear"; "auto" takes the likelier of both if the first epochs distinguish it from none (`spinfilters.run.preparation`).
     gravity : bool or "auto"
-        Whether the state has a constant acceleration; "auto" where the first epochs of a sensor of places ask for it.
+        Whether the state has a constant acceleration; "auto" if the first epochs of a sensor of positions need it.
     body_torque : bool
         Whether the state has a constant body torque.
     rotor : bool
         Whether the state has the angular momentum of a flywheel that turns steadily inside the body.
     tolerance : float
-        Of the integrator, rad and relative rate per step.
+        Tolerance of the integrator, rad and relative rate per step.
     """
 
     force_psd: Auto | Annotated[float, DENSITIES["force_psd"]] = AUTO
@@ -456,8 +456,8 @@ class Settings:
     smoother : SmootherSettings
         Window, robust loss and iterations of the smoother.
     verdict : "full" or "filter"
-        Checks by which estimates are judged: all of them, or those alone that need no smoothed motion. The latter cost less, and
-        leave every estimate ``degraded`` at best, because they do not show errors of the models that a filter's state absorbs.
+        Checks of the verdict: "full" makes all, "filter" only those that need no smoothed motion. These cost less, but every
+        estimate is ``degraded`` at best, because they do not show errors of the models that a filter's state absorbs.
 
     Raises
     ------

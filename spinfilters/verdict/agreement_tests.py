@@ -19,7 +19,7 @@ from spinfilters.inference.setup import Setup
 from spinfilters.inference.smoother_run import smooth_at_once
 from spinfilters.models.state_blocks import MASS_DISTRIBUTION
 from spinfilters.models.state_layout import Gaussian
-from spinfilters.models.status import ALL, BODY, CENTRE, POSITION, ROTATION, Finding, Verdict
+from spinfilters.models.status import ALL, BODY, CENTRE, POSITION, ROTATION, Finding
 from spinfilters.settings.run_settings import Settings
 from spinfilters.verdict.checks import finding
 from spinfilters.verdict.judge import history_at, own_rows, quantity_differences
@@ -139,9 +139,9 @@ def inertia_evidence(setup: Setup, settings: Settings) -> InertiaEvidence | None
             )
     except NUMERICAL_ERRORS:
         return InertiaEvidence(0.0, rest)
-    if body.status.verdict is Verdict.FAILED:
+    if body.has_failed:
         return InertiaEvidence(0.0, len(body.time))
-    if sphere.status.verdict is Verdict.FAILED:
+    if sphere.has_failed:
         return InertiaEvidence(NOT_FINITE, len(body.time))
     return InertiaEvidence(_evidence(body, sphere, settings), len(body.time))
 
@@ -183,7 +183,7 @@ FEWEST_EPOCHS = 10
 
 def finished_history(histories: Sequence[EstimateHistory]) -> EstimateHistory | None:
     """The first history that has not failed; None without any."""
-    return next((each for each in histories if each.status.verdict is not Verdict.FAILED), None)
+    return next((each for each in histories if not each.has_failed), None)
 
 
 def reference_smoother(
@@ -205,7 +205,7 @@ def reference_smoother(
         made = smooth_at_once(setup, settings, lambda *_: None)
     except (InputError, *NUMERICAL_ERRORS):
         return None
-    return None if made.status.verdict is Verdict.FAILED else made
+    return None if made.has_failed else made
 
 
 def agreement_diagnostics(
@@ -219,7 +219,7 @@ def agreement_diagnostics(
         What is found of it where there is nothing to compare it with.
     """
     history = evaluation.history
-    if smoother is None or history.status.verdict is Verdict.FAILED or history.layout != smoother.layout:
+    if smoother is None or history.has_failed or history.layout != smoother.layout:
         return list(unheld)
     found = over_confidence(history, smoother)
     return list(unheld) if found is None else found

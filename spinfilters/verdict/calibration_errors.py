@@ -20,16 +20,14 @@ from spinfilters.inference.estimator_entry import AnyEntry
 from spinfilters.inference.setup import Setup
 from spinfilters.inference.stated_noise import PRIOR
 from spinfilters.io.consider_parameter import ConsideredDeviation, ConsiderParameter, Displaced
-from spinfilters.models.status import Verdict
 from spinfilters.settings.run_settings import Settings
 from spinfilters.smoother.batch_smoother import NO_LANDMARKS, smooth_problem
 from spinfilters.smoother.motion_factors import STRETCH
 from spinfilters.smoother.problem import problem_of
-from spinfilters.verdict.model_errors.alternatives import table
+from spinfilters.verdict.model_errors.alternatives import CLOCK_DRIFT, table
 from spinfilters.verdict.model_errors.hypotheses import solved_near
 from spinfilters.verdict.model_errors.linear_rows import Columns, LinearRows, Sensitivity
 from spinfilters.verdict.model_errors.score_tests import ScoreTest
-from spinfilters.verdict.model_errors.sensor_alternatives import ClockDrift
 from spinfilters.verdict.model_errors.smoothed_motion import KnownCamera, SmoothedMotion, displaced_camera
 from spinfilters.verdict.model_tests import MOST_EPOCHS_WITH_MAP, landmarks_placed, linear_problem
 
@@ -105,7 +103,7 @@ class CalibrationErrors:
 
     def counted(self, history: EstimateHistory, entry: AnyEntry) -> EstimateHistory:
         """History with calibration errors counted in its covariance, ``degraded`` where that cannot be computed."""
-        if not self.considered or history.status.verdict is Verdict.FAILED:
+        if not self.considered or history.has_failed:
             return history
         try:
             with np.errstate(all="ignore"):  # what is not finite becomes a status
@@ -204,7 +202,7 @@ class CalibrationErrors:
         estimator = entry.build(moved, self.settings)
         entry.begin(estimator, moved)
         found = run(estimator, moved.end_of_initialisation, timeline[len(mean) :])
-        return None if found.status.verdict is Verdict.FAILED else found.mean
+        return None if found.has_failed else found.mean
 
     def _timelines(self, epochs: Timeline) -> Iterator[Timeline]:
         """The epochs under each independent error, by one deviation."""
@@ -393,11 +391,10 @@ def possible_clock_drift(
     motion = SmoothedMotion(times_of(setup.timeline[: len(solved.here.trajectory)]), solved)
     if not all(each.model.reads_rate for each in motion.measured):
         return None
-    error = ClockDrift()
-    columns = error.columns(motion)
+    columns = CLOCK_DRIFT.columns(motion)
     if columns is None:
         return None
-    test = next((each for each in tests if each.error.name == error.name), None)
+    test = next((each for each in tests if each.error.name == CLOCK_DRIFT.name), None)
     size, std = (0.0, np.inf) if test is None else (float(test.size[0]), float(test.std[0]))
     span = float(motion.time[-1] - motion.time[0])
     deviation = possible_deviation(size, std, clock.std * span, LARGEST_DRIFT * span)

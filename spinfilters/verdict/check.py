@@ -9,9 +9,9 @@ from typing import Final
 import numpy as np
 from scipy.special import pdtrc
 
-from spinfilters.evaluation.estimator_evaluation import Evaluation
+from spinfilters.evaluation.estimator_evaluation import Evaluation, not_failed
 from spinfilters.filters.history import EstimateHistory
-from spinfilters.models.status import Finding, Holds, Verdict
+from spinfilters.models.status import Finding, Holds
 
 MOST_DIGITS: Final = 17
 """With which two different numbers are printed differently."""
@@ -156,12 +156,7 @@ class Evidence:
     @property
     def peers(self) -> list[Evaluation]:
         """Other estimators than this one that have not failed."""
-        own = self.evaluation.name
-        return [
-            each
-            for each in self.others
-            if each.name != own and each.history.status.verdict is not Verdict.FAILED
-        ]
+        return [each for each in not_failed(self.others) if each.name != self.evaluation.name]
 
     @property
     def present(self) -> frozenset[Needs]:

@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate
+from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate, not_failed
 from spinfilters.evaluation.trajectory_errors import Alignment
 from spinfilters.filters.history import EstimateHistory
 from spinfilters.inference.estimator_entry import AnyEntry
@@ -25,14 +25,13 @@ from spinfilters.verdict.agreement_tests import (
     reference_smoother,
 )
 from spinfilters.verdict.calibration_errors import enlargements, possible_clock_drift
-from spinfilters.verdict.camera_refit import with_camera_refit
 from spinfilters.verdict.check import LARGEST_MOMENT_STD, LEFT_OUT, Evidence, rejected_share
 from spinfilters.verdict.checks import MOST_MOMENTUM, finding
-from spinfilters.verdict.flywheel_refit import DoubtedMotion, with_flywheel_refit
 from spinfilters.verdict.judge import judge
 from spinfilters.verdict.model_tests import tested_epochs, tested_history, tested_models
 from spinfilters.verdict.noise_diagnostics import filter_noise_diagnostics, stated_level_diagnostics
 from spinfilters.verdict.recording_tests import front_end_slips, pose_findings, wrong_units
+from spinfilters.verdict.refits import DoubtedMotion, with_camera_refit, with_flywheel_refit
 from spinfilters.verdict.tested_models import NOT_TESTED, TestedModels, model_findings
 
 
@@ -211,7 +210,7 @@ def measurement_findings(
     leaves out more is its own failing.
     """
     histories = [*smoothers] or [each.history for each in evaluations]
-    finished = [each for each in histories if each.status.verdict is not Verdict.FAILED]
+    finished = [each for each in histories if not each.has_failed]
     if not finished:
         return []
     best = min(finished, key=lambda each: int(each.rejected[each.own].sum()))
@@ -231,7 +230,7 @@ def with_verdicts(doubts: Doubts, settings: Settings, entries: Mapping[str, AnyE
     setup = doubts.setup
     widened = {each.name: _widened(each, doubts) for each in doubts.evaluations}
     peers = [each for each in widened.values() if not entries[each.name].is_baseline]
-    others = [peer for peer in peers if peer.history.status.verdict is not Verdict.FAILED]
+    others = not_failed(peers)
     found = []
     for evaluation in doubts.evaluations:
         entry, wider = entries[evaluation.name], widened[evaluation.name]
@@ -249,7 +248,7 @@ def with_verdicts(doubts: Doubts, settings: Settings, entries: Mapping[str, AnyE
 def _widened(evaluation: Evaluation, doubts: Doubts) -> Evaluation:
     """With covariances that hold with possibly correlated errors, and with possible ones of the calibration."""
     setup, history = doubts.setup, evaluation.history
-    if history.status.verdict is Verdict.FAILED or history.layout != setup.process.layout:
+    if history.has_failed or history.layout != setup.process.layout:
         return evaluation
     widening = doubts.models.correlated.widening
     if widening is not None:

@@ -18,11 +18,15 @@ from spinfilters.inference.setup import Setup
 from spinfilters.io.input_file import reason
 from spinfilters.io.sensor_format import sensor_format
 from spinfilters.models.sensor_registry import sensor_of
-from spinfilters.models.status import Verdict
 from spinfilters.smoother.batch_smoother import GATE
 from spinfilters.smoother.landmark_factors import OBSERVATIONS_NEEDED, reinitialised, seen_ids
 from spinfilters.smoother.problem import Problem, problem_of
-from spinfilters.verdict.model_errors.alternatives import table
+from spinfilters.verdict.model_errors.alternatives import (
+    CONTACT_AT_BEGIN,
+    CONTACT_AT_END,
+    Alternative,
+    table,
+)
 from spinfilters.verdict.model_errors.hypotheses import (
     KnownLevels,
     among_inliers,
@@ -36,10 +40,10 @@ from spinfilters.verdict.model_errors.hypotheses import (
     with_identified,
     with_refused_in_a_row,
 )
+from spinfilters.verdict.model_errors.jumps import jumps
 from spinfilters.verdict.model_errors.linear_rows import LinearRows
-from spinfilters.verdict.model_errors.motion_alternatives import ContactAtBegin, ContactAtEnd, jumps
 from spinfilters.verdict.model_errors.noise_components import NoiseComponents
-from spinfilters.verdict.model_errors.score_tests import Alternative, ScoreTest, likelier, score_tests
+from spinfilters.verdict.model_errors.score_tests import ScoreTest, likelier, score_tests
 from spinfilters.verdict.model_errors.smoothed_motion import SmoothedMotion
 from spinfilters.verdict.recording_tests import wrong_units
 from spinfilters.verdict.tested_models import NOT_TESTED, TestedModels, possible_correlation
@@ -99,7 +103,7 @@ def _refused_ends(solved: LinearRows) -> list[tuple[int, Alternative]]:
     if solved.problem.observations is not None or not measured.any():
         return []
     first, last = np.flatnonzero(measured)[[0, -1]].tolist()
-    ends: list[tuple[int, Alternative]] = [(first, ContactAtBegin()), (last, ContactAtEnd())]
+    ends = [(first, CONTACT_AT_BEGIN), (last, CONTACT_AT_END)]
     return [(epoch, contact) for epoch, contact in ends if not counted[epoch]]
 
 
@@ -202,7 +206,7 @@ def tested_history(setup: Setup, evaluations: Sequence[Evaluation]) -> EstimateH
     good = [
         each.history
         for each in evaluations
-        if each.history.status.verdict is not Verdict.FAILED
+        if not each.history.has_failed
         and each.history.layout == setup.process.layout
         and np.isfinite(each.history.mean).all()
     ]

@@ -1,9 +1,7 @@
 """Doubts about noise: levels that the data contradict, innovations that are too large or not white."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -19,7 +17,7 @@ from spinfilters.inference.noise_model import NoiseModel
 from spinfilters.inference.setup import Setup
 from spinfilters.io.input_file import reason
 from spinfilters.io.sensor_format import sensor_format
-from spinfilters.models.status import ALL, NOTHING, Finding, Verdict
+from spinfilters.models.status import ALL, NOTHING, Finding
 from spinfilters.settings.run_settings import Settings
 from spinfilters.smoother.batch_smoother import NO_LANDMARKS, NO_POINTS
 from spinfilters.smoother.landmark_factors import OBSERVATIONS_NEEDED
@@ -48,7 +46,7 @@ def filter_noise_diagnostics(history: EstimateHistory, setup: Setup, settings: S
     None of one that has failed or that adapts its noise, and none without innovations, as of a smoother's history.
     """
     adapts = settings.adaptation.measurement or settings.adaptation.process
-    if adapts or not history.dof[history.own].any() or history.status.verdict is Verdict.FAILED:
+    if adapts or not history.dof[history.own].any() or history.has_failed:
         return []
     with np.errstate(all="ignore"):
         try:
@@ -124,8 +122,6 @@ LARGEST_LEVEL_SCORE: Final = 4.0
 LIKELY_SCORE: Final = 2.0
 """Standard deviations below which no other level seems too small: where data have less noise than stated, deviations are only too
 large, and what they are about holds."""
-LARGEST_LEVEL_RATIO: Final = 1.5
-"""Of a variance to the stated one, below which the difference does not matter: deviations of 1.22."""
 
 
 def stated_level_diagnostics(
@@ -144,129 +140,116 @@ def stated_level_diagnostics(
         return []
     try:
         with np.errstate(all="ignore"):
-            levels = _Levels.of(setup, settings, histories)
-            return [] if levels is None else levels.doubts
+            levels = _levels_of_run(setup, settings, histories)
+            return [] if levels is None else _most_contradicted(setup, levels)
     except NUMERICAL_ERRORS as error:
         return [untested(error)]
 
 
-@dataclass(frozen=True)
-class _Levels:
+class _Levels(NamedTuple):
     """All levels of a problem, and states near the most probable ones.
 
-    Attributes
-    ----------
-    by_rows : Mapping[str, float]
-        Those that every row of a sensor states for itself; they are compared with the data without their inflation.
+    Those that every row of a sensor states for itself are compared with the data without their inflation.
     """
 
-    setup: Setup
-    by_rows: Mapping[str, float]
     model: NoiseModel
     trajectory: Float[np.ndarray, "k m"]
     points: Float[np.ndarray, "L 3"]
 
-    @classmethod
-    def of(cls, setup: Setup, settings: Settings, histories: Sequence[EstimateHistory]) -> "_Levels | None":
-        """Epochs of the noise levels.
 
-        The initialisation's with landmarks, else all that an estimator came through, up to `STRETCH`.
-        """
-        start = setup.initial
-        trajectory, ids, points, needed, used = start.mean, start.ids, start.points, OBSERVATIONS_NEEDED, None
-        if not start.has_landmarks:
-            history = next((h for h in histories if h.status.verdict is not Verdict.FAILED), None)
-            if history is None or history.layout != setup.process.layout:
-                return None
-            mean = history.mean[:STRETCH]
-            trajectory = np.ascontiguousarray(with_common_constants(history.layout, mean[::-1])[::-1])
-            ids, points, needed, used = NO_LANDMARKS, NO_POINTS, 2, history.noise
-        if not np.isfinite(trajectory).all():
+def _levels_of_run(setup: Setup, settings: Settings, histories: Sequence[EstimateHistory]) -> _Levels | None:
+    """Levels of the initialisation's epochs with landmarks, else of all that an estimator came through, up to `STRETCH`."""
+    start = setup.initial
+    trajectory, ids, points, needed, used = start.mean, start.ids, start.points, OBSERVATIONS_NEEDED, None
+    if not start.has_landmarks:
+        history = next((each for each in histories if not each.has_failed), None)
+        if history is None or history.layout != setup.process.layout:
             return None
-        epochs = setup.timeline[: len(trajectory)]
-        problem = problem_of(setup.process, epochs, ids, start.prior, needed, settings.smoother.robust_loss)
-        model = noise_model(problem, setup.noise, Unstated.of_all(setup.log, setup.process.noise))
-        if model is None:
-            return None
-        return cls(
-            setup, setup.inflation, _deflated(_at(model, used or ()), setup.inflation), trajectory, points
-        )
+        mean = history.mean[:STRETCH]
+        trajectory = np.ascontiguousarray(with_common_constants(history.layout, mean[::-1])[::-1])
+        ids, points, needed, used = NO_LANDMARKS, NO_POINTS, 2, history.noise
+    if not np.isfinite(trajectory).all():
+        return None
+    epochs = setup.timeline[: len(trajectory)]
+    problem = problem_of(setup.process, epochs, ids, start.prior, needed, settings.smoother.robust_loss)
+    model = noise_model(problem, setup.noise, Unstated.of_all(setup.log, setup.process.noise))
+    if model is None:
+        return None
+    return _Levels(_deflated(_at(model, used or ()), setup.inflation), trajectory, points)
 
-    @cached_property
-    def doubts(self) -> list[Finding]:
-        """A finding about the level that the data contradict most."""
-        tests = self._tests()
-        unstated = self.setup.unstated - self.by_rows.keys()
-        inflated = max(self.by_rows.values(), default=1.0) > 1.0
-        white = (
-            self.setup.gyro_noise is None and not inflated
-        )  # correlated noise is told as white that weighs as much
-        asked = [test for test in tests if test.name not in unstated or (white and test.score > 0)]
-        worst = max(asked, key=lambda test: abs(test.score), default=None)
-        if worst is None or not abs(worst.score) > LARGEST_LEVEL_SCORE:
-            return []
-        count = len(self.model.components) + len(self.model.densities)
-        found = identify(self.model, self.trajectory, self.points, np.zeros(count))
-        if found is None:
-            return []
-        k = [each.name for each in found.components].index(worst.name)
-        if not abs(found.log_variance[k]) > np.log(LARGEST_LEVEL_RATIO):
-            return []
-        others = max((test.score for test in tests if test.name != worst.name), default=0.0)
-        about = NOTHING if worst.score < 0 and others < LIKELY_SCORE else ALL
-        return [self._finding(found, k, abs(worst.score), about)]
 
-    @property
-    def _of_poses(self) -> dict[str, float]:
-        """Inflation of levels that rows of sensors without landmarks state, where there is any."""
-        formats = [sensor_format(stream.sensor) for stream in self.setup.log.streams]
-        without = {option.name for form in formats if not form.has_landmarks for option in form.noise}
-        return {name: by for name, by in self.by_rows.items() if name in without and by > 1}
+def _most_contradicted(setup: Setup, levels: _Levels) -> list[Finding]:
+    """A finding about the level that the data contradict most, where that is beyond chance and matters."""
+    tests = _level_tests(setup, levels)
+    unstated = setup.unstated - setup.inflation.keys()
+    inflated = max(setup.inflation.values(), default=1.0) > 1.0
+    # correlated noise is taken for white noise that weighs as much
+    white = setup.gyro_noise is None and not inflated
+    asked = [test for test in tests if test.name not in unstated or (white and test.score > 0)]
+    worst = max(asked, key=lambda test: abs(test.score), default=None)
+    if worst is None or not abs(worst.score) > LARGEST_LEVEL_SCORE:
+        return []
+    found = identify(levels.model, levels.trajectory, levels.points, levels.model.stated)
+    if found is None:
+        return []
+    k = [each.name for each in found.components].index(worst.name)
+    if not abs(found.log_variance[k]) > np.log(LARGEST_RATIO):
+        return []
+    others = max((test.score for test in tests if test.name != worst.name), default=0.0)
+    about = NOTHING if worst.score < 0 and others < LIKELY_SCORE else ALL
+    return [_stated_level_finding(setup, found, k, abs(worst.score), about)]
 
-    def _tests(self) -> list[LevelTest]:
-        """Tests of all levels, inflated rows of poses within their inflation.
 
-        Such rows are too small only where they are so with it, and never too large: they hold errors of the map, which all
-        poses share, and directions that a scan does not determine; residuals show neither.
-        Poses share the errors of a map, which residuals show as far as the view changes, an unknown amount. Those of images are
-        slow.
-        """
-        tests, inflated = level_tests(self.model, self.trajectory, self.points), self._of_poses
-        if not inflated:
-            return list(tests)
-        whole = _deflated(self.model, {name: 1 / factor for name, factor in inflated.items()})
-        most = {t.name: max(t.score, 0.0) for t in level_tests(whole, self.trajectory, self.points)}
-        return [
-            LevelTest(t.name, max(min(t.score, most.get(t.name, 0.0)), 0.0)) if t.name in inflated else t
-            for t in tests
-        ]
+def _level_tests(setup: Setup, levels: _Levels) -> list[LevelTest]:
+    """Tests of all levels, inflated rows of poses within their inflation.
 
-    def _finding(self, found: Identified, number: int, score: float, about: frozenset[str]) -> Finding:
-        level = found.components[number]
-        is_density = level.name in DISTURBANCES
-        half = 1.0 if is_density else 0.5
-        times = float(np.exp(half * found.log_variance[number]))
-        numbers: dict[str, float | str] = {"name": level.name, "times": times, "score": score}
-        if level.name in self.by_rows:
-            inflated = " without their inflation" if self.by_rows[level.name] > 1 else ""
-            std = times * half * level.log_std
-            return finding("row-noise", numbers | {"std": std, "inflated": inflated}, about)
-        seen = f"{level.value:.3g} +- {level.std:.1g}" if level.told else f"less than {level.upper:.2g}"
-        name = f"{'process' if is_density else 'sensors'}.{level.name}"
-        numbers |= {"name": name, "stated": level.value / times, "seen": seen}
-        if level.name in self.setup.unstated:
-            return finding("identified-noise", numbers, about)
-        cure = STATE_ANOTHER + ", or the model is wrong" * is_density
-        return finding("stated-noise", numbers | {"cure": cure}, about)
+    Such rows are too small only where they are so with it, and never too large: they hold errors of the map, which all
+    poses share, and directions that a scan does not determine; residuals show neither.
+    Poses share the errors of a map, which residuals show as far as the view changes, an unknown amount. Those of images are
+    slow.
+    """
+    model, trajectory, points = levels
+    tests = level_tests(model, trajectory, points)
+    formats = [sensor_format(stream.sensor) for stream in setup.log.streams]
+    of_poses = {option.name for form in formats if not form.has_landmarks for option in form.noise}
+    inflated = {name: by for name, by in setup.inflation.items() if name in of_poses and by > 1}
+    if not inflated:
+        return list(tests)
+    whole = _deflated(model, {name: 1 / factor for name, factor in inflated.items()})
+    most = {t.name: max(t.score, 0.0) for t in level_tests(whole, trajectory, points)}
+    return [
+        LevelTest(t.name, max(min(t.score, most.get(t.name, 0.0)), 0.0)) if t.name in inflated else t
+        for t in tests
+    ]
+
+
+def _stated_level_finding(
+    setup: Setup, found: Identified, number: int, score: float, about: frozenset[str]
+) -> Finding:
+    level = found.components[number]
+    is_density = level.name in DISTURBANCES
+    half = 1.0 if is_density else 0.5
+    times = float(np.exp(half * found.log_variance[number]))
+    numbers: dict[str, float | str] = {"name": level.name, "times": times, "score": score}
+    if level.name in setup.inflation:
+        inflated = " without their inflation" if setup.inflation[level.name] > 1 else ""
+        std = times * half * level.log_std
+        return finding("row-noise", numbers | {"std": std, "inflated": inflated}, about)
+    seen = f"{level.value:.3g} +- {level.std:.1g}" if level.told else f"less than {level.upper:.2g}"
+    name = f"{'process' if is_density else 'sensors'}.{level.name}"
+    numbers |= {"name": name, "stated": level.value / times, "seen": seen}
+    if level.name in setup.unstated:
+        return finding("identified-noise", numbers, about)
+    cure = STATE_ANOTHER + ", or the model is wrong" * is_density
+    return finding("stated-noise", numbers | {"cure": cure}, about)
 
 
 def _at(model: NoiseModel, levels: Sequence[VarianceComponent]) -> NoiseModel:
     """The model at levels that an estimator has identified by itself."""
     own = {each.name: each for each in levels}
-    names = (*(each.name for each in model.components), *model.densities)
-    before = dict(zip(names, model.values(np.zeros(len(names))), strict=True))
-    by = np.zeros(len(names))
-    for k, name in enumerate(names):
+    before = dict(zip(model.names, model.values(model.stated), strict=True))
+    by = model.stated
+    for k, name in enumerate(model.names):
         if name in own and before[name] > 0:
             half = 1.0 if name in DISTURBANCES else 0.5
             by[k] = np.log(own[name].value / before[name]) / half
@@ -275,5 +258,4 @@ def _at(model: NoiseModel, levels: Sequence[VarianceComponent]) -> NoiseModel:
 
 def _deflated(model: NoiseModel, inflation: Mapping[str, float]) -> NoiseModel:
     """The model at the levels of single rows, without what errors in common add."""
-    names = (*(each.name for each in model.components), *model.densities)
-    return model.at(-np.log([inflation.get(name, 1.0) for name in names]))
+    return model.at(-np.log([inflation.get(name, 1.0) for name in model.names]))

@@ -1,7 +1,7 @@
 """Score tests of a recording, and what a verdict says of them: findings, and wider covariances for correlated errors."""
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
 
@@ -15,6 +15,7 @@ from spinfilters.io.sensor_format import sensor_format
 from spinfilters.models.status import ALL, Finding
 from spinfilters.verdict.checks import finding
 from spinfilters.verdict.judge import unmoved_quantities
+from spinfilters.verdict.model_errors.alternatives import Alternative
 from spinfilters.verdict.model_errors.correlated_errors import (
     CorrelatedErrors,
     correlated_errors,
@@ -187,6 +188,15 @@ class TestedModels:
     has_inspector: bool = False
     clock_drift: Float[np.ndarray, "k n"] | None = None
 
+    def test_of(self, error: Alternative) -> ScoreTest | None:
+        """The test of an error; None where it was not tested."""
+        return next((each for each in self.tests if each.error.name == error.name), None)
+
+    def with_test(self, test: ScoreTest) -> "TestedModels":
+        """These with another test of one error, the most explaining first."""
+        others = [each for each in self.tests if each.error.name != test.error.name]
+        return replace(self, tests=tuple(sorted((*others, test), key=lambda each: -each.merit)))
+
     @cached_property
     def classes(self) -> tuple[tuple[ScoreTest, ...], ...]:
         """Classes of alike model errors that a verdict names.
@@ -229,7 +239,7 @@ class TestedModels:
         if not found or self.classes or self.slips or self.slow is not None:
             return []
         return [
-            f"the residuals are beyond chance (chi-square {found[0].statistic:.0f}), and no error that is looked for explains "
+            f"the residuals are beyond chance (chi-square {found[0].statistic:.0f}), and no tested error explains "
             "them: look for jumps (a touch, a joint at its stop, wrong measurements)"
         ]
 

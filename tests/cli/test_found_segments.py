@@ -91,8 +91,8 @@ def estimate(number: int) -> dict[str, Any]:
 
 def test_what_cannot_be_stated_is_refused(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for arguments, says in (
-        (["compare", "--unit", "deg/s"], "--unit is of no use for the bundled example"),
-        (["compare", str(recording.parent), "--rate", "5"], "--rate is of no use for a folder"),
+        (["compare", "--unit", "deg/s"], "--unit does not apply to the bundled example"),
+        (["compare", str(recording.parent), "--rate", "5"], "--rate does not apply to a folder"),
         (["compare", str(recording), "--unit", "mph"], "--unit 'mph' is unknown"),
         (["compare", str(recording), "--rate", "0"], "--rate"),
     ):

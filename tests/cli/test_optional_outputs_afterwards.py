@@ -72,13 +72,13 @@ def no_epochs(name: str) -> Change:
 NOT_A_NUMBER = np.full(FRAMES, np.nan)
 FAULTS = {
     "no prediction": (lambda run: (run / PREDICTION).unlink(), "is no history of a run (no such file); run"),
-    "prediction of no epoch": (no_epochs(PREDICTION), "does not go on from"),
+    "prediction of no epoch": (no_epochs(PREDICTION), "does not continue from"),
     "prediction cut off": (cut_off(PREDICTION), PREDICTION),
     "prediction without time": (without_array(PREDICTION, "time"), "time is missing"),
     "prediction at no time": (changed(PREDICTION, time=np.full(11, np.nan)), "time does not run forwards"),
     "prediction of another": (
         lambda run: shutil.copy(run / "smoother/prediction.npz", run / PREDICTION),
-        "does not go on from",
+        "does not continue from",
     ),
     "no convergence": (
         lambda run: (run / CONVERGENCE).unlink(),
@@ -195,6 +195,18 @@ def test_a_damaged_convergence_is_made_again(resumed: Resumed, unmapped: Path) -
     (run / CONVERGENCE).write_bytes(b"no archive")
     resumed("--convergence")
     _assert_same_but_for_times(run, unmapped)
+
+
+@pytest.mark.usefixtures("unrendered")
+def test_without_figures_the_numbers_are_written_and_drawn_when_asked_for(
+    resumed: Resumed, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = resumed("--predict", "5", "--race", "mekf,smoother", "--convergence", "--no-figures")
+    assert "no prediction was made" not in capsys.readouterr().out
+    assert all((run / name).exists() for name in (PREDICTION, CONVERGENCE, "race.json"))
+    assert not [*run.glob("*.png"), *run.glob("smoother/*.png"), *run.glob("smoother/*.gif")]
+    assert main(["plot", str(run)]) == 0
+    assert pictures(run).keys() == {"prediction.png", "convergence.png"}
 
 
 def _assert_same_but_for_times(run: Path, other: Path) -> None:

@@ -168,6 +168,6 @@ def test_sigma_points_that_make_a_covariance_indefinite_fail_the_run() -> None:
     estimator.start(wide)
     with np.errstate(all="ignore"):
         history = run(estimator, timeline[START.epochs - 1].time, timeline[START.epochs : START.epochs + 10])
-    assert history.status.verdict is Verdict.FAILED
+    assert history.has_failed
     assert "factorised" in history.status.reasons[0]
     assert len(history.time) < 10

@@ -17,7 +17,6 @@ from spinfilters.filters.ukf import MultiplicativeUkf
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
 from spinfilters.models.sensors.gyro import Gyro, gyro_parameters
 from spinfilters.models.state_layout import ROTATION_BLOCKS, Gaussian, StateLayout
-from spinfilters.models.status import Verdict
 from tests.filters.filter_samples import FULL, PROCESS, START, embedded, run_on, started
 from tests.filters.linear_samples import LinearProcess, linear_belief, linear_process, linear_sensor
 
@@ -113,7 +112,7 @@ def test_a_run_that_breaks_ends_as_failed_and_keeps_only_what_is_finite(build: B
     estimator.start(linear_belief(generator))
     with np.errstate(all="ignore"):
         history = run(estimator, 0.0, epochs)
-    assert history.status.verdict is Verdict.FAILED
+    assert history.has_failed
     assert "epoch" in history.status.reasons[0]
     assert len(history.time) < len(epochs)
     assert len(history.mean) == len(history.factor) == len(history.time)

@@ -80,7 +80,7 @@ def test_a_likelihood_that_is_not_finite_fails_the_run() -> None:
     estimator = UnlikelyEkf(PROCESS)
     estimator.start(started(0).belief)
     history = run(estimator, begin(), rest())
-    assert history.status.verdict is Verdict.FAILED
+    assert history.has_failed
     assert "stopped being finite at epoch 2, t = " in history.status.reasons[0]
     assert len(history.time) == 2
     assert np.isfinite(history.log_likelihood).all()
@@ -90,7 +90,7 @@ def test_an_epoch_beyond_the_integrator_s_budget_fails_the_run_and_keeps_what_wa
     epochs = rest()
     late = (*epochs[:3], replace(epochs[3], time=epochs[3].time + 1e6))
     history = run(ekf(), begin(), late)
-    assert history.status.verdict is Verdict.FAILED
+    assert history.has_failed
     assert "could not be integrated to epoch 3" in history.status.reasons[0]
     assert len(history.time) == 3
 
@@ -117,7 +117,7 @@ def test_an_epoch_whose_time_is_no_number_is_refused() -> None:
 
 
 def test_rows_that_end_elsewhere_are_refused() -> None:
-    with pytest.raises(InputError, match=r"go on from there, not from"):
+    with pytest.raises(InputError, match=r"continue from there, not from"):
         run(ekf(), begin(), rest(), None, GrowingHistory(FULL, begin() - 1.0))
 
 

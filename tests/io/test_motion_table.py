@@ -236,7 +236,7 @@ def test_stamps_in_nanoseconds_under_a_header_that_says_seconds_are_refused(tmp_
     [
         (ReadingOptions(unit="deg/s"), "its header says rad/s, --unit says deg/s"),
         (ReadingOptions(clock="ms"), "named in s, --clock says ms"),
-        (ReadingOptions(topic="/imu"), "--topic is of no use"),
+        (ReadingOptions(topic="/imu"), "--topic does not apply"),
     ],
 )
 def test_a_statement_that_contradicts_the_file_is_refused(

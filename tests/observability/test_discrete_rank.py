@@ -156,6 +156,6 @@ def test_the_answer_says_that_generators_are_of_continuous_time() -> None:
     }
     text = str(analyse(model))
     assert (
-        "1 direction, told by the unknowns that move: generators and null vectors are not looked for" in text
+        "1 direction, shown by the unknowns that move: generators and null vectors are not computed" in text
     )
     assert "no generator was found" not in text

@@ -22,7 +22,7 @@ def test_one_rate_of_three_leaves_mirrored_and_exchanged_axes() -> None:
 def test_three_rates_leave_none() -> None:
     found = analyse(EULER | {"outputs": {"y1": "w1", "y2": "w2", "y3": "w3"}})
     assert found.other_solutions.found == ()
-    assert "Local, but for mirrored and exchanged unknowns" in str(found)
+    assert "Local, except for mirrored and exchanged unknowns" in str(found)
 
 
 def test_a_square_hides_a_sign_and_two_rates_their_order() -> None:

@@ -13,7 +13,7 @@ from forked import kill_at, killed
 from spinfilters.filters.history import EstimateHistory, GrowingHistory
 from spinfilters.filters.timeline import run
 from spinfilters.inference.setup import Setup
-from spinfilters.models.status import EstimatorStatus, Finding, Verdict
+from spinfilters.models.status import EstimatorStatus, Finding
 from spinfilters.run import checkpoints as checkpoint_store
 from spinfilters.run.checkpoints import (
     CheckpointInterval,
@@ -137,7 +137,7 @@ def test_a_run_that_failed_is_not_made_again(tmp_path: Path) -> None:
         sample(), settings, silent, checkpoint_stores(tmp_path, sample(), settings)
     )
     (evaluation,) = comparison.evaluations
-    assert evaluation.history.status.verdict is Verdict.FAILED
+    assert evaluation.history.has_failed
     assert len(evaluation.history.time) == len(sample().initial.mean)
     assert not comparison.interrupted
 

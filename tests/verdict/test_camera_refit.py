@@ -9,10 +9,9 @@ from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
 from spinfilters.verdict import model_tests
-from spinfilters.verdict.camera_refit import fitted_camera
-from spinfilters.verdict.flywheel_refit import DoubtedMotion
 from spinfilters.verdict.model_errors.alternatives import table
-from spinfilters.verdict.model_errors.motion_alternatives import jumps
+from spinfilters.verdict.model_errors.jumps import jumps
+from spinfilters.verdict.refits import DoubtedMotion, fitted_camera
 
 AT_REST = Scenario.simplified(
     rate_rpm=RICH_RPM, epochs=60, landmarks=100, noise=ProcessNoise(1e-6, 1e-6), seed=0

@@ -9,10 +9,10 @@ from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
 from spinfilters.verdict import model_tests as model_errors
+from spinfilters.verdict.model_errors.error_columns import clock_jitter
 from spinfilters.verdict.model_errors.hypotheses import solved_near
 from spinfilters.verdict.model_errors.linear_rows import Columns
 from spinfilters.verdict.model_errors.noise_components import information_by_epoch
-from spinfilters.verdict.model_errors.sensor_alternatives import ClockJitter
 from spinfilters.verdict.model_errors.smoothed_motion import SmoothedMotion
 
 CHOSEN = np.array([0, 3, 4, 11])
@@ -52,7 +52,7 @@ def projected(motion: SmoothedMotion, columns: Columns) -> Float[np.ndarray, "n 
 @pytest.mark.parametrize("kind", ["pose", "gyro", "stereo-tracks"])
 def test_the_information_is_that_of_the_projected_columns(kind: str) -> None:
     motion = smoothed(kind)
-    columns = ClockJitter().columns(motion)
+    columns = clock_jitter(motion)
     assert columns is not None
     both = Columns.joined([columns, columns.times(np.array([[0.3]]))])
     generator = np.random.default_rng(0)

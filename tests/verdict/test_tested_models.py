@@ -156,7 +156,7 @@ def test_what_is_impossible_is_not_named_but_doubted() -> None:
     jitter = ScoreTest(table()["clock-jitter"], one, one, 90.0, 1.0, 90.0, 1e-9, std, is_possible=False)
     alone = tested_models.TestedModels((jitter,), std=std)
     assert alone.names == ()
-    assert "no error that is looked for explains them" in reasons(alone)[0]
+    assert "no tested error explains them" in reasons(alone)[0]
     touch = replace(jitter, error=table()["contact-at-end"], is_possible=True)
     beside = tested_models.TestedModels((jitter, touch), std=std)
     assert beside.names == ("contact-at-end",)

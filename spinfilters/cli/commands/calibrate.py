@@ -114,7 +114,7 @@ COMMAND = Command(
     "calibrate",
     CalibrateArguments,
     calibrate,
-    "Images are named left* and right*, or lie in the EuRoC layout. Writes cam0/sensor.yaml and cam1/sensor.yaml, which track "
-    "reads, opencv.yml, and calibration.json with the uncertainty of every parameter, the error of every image and the views that "
-    "were left out, and why.",
+    "Images are named left* and right*, or lie in the EuRoC layout. Writes cam0/sensor.yaml and cam1/sensor.yaml for track, "
+    "and opencv.yml. The file calibration.json has the uncertainty of every parameter, the error of every image, and the rejected "
+    "views with the reason.",
 )

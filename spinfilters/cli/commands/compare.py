@@ -327,7 +327,7 @@ COMMAND = Command(
     "compare",
     CompareArguments,
     compare,
-    "Without DATASET the bundled example is simulated, the thesis' own problem: tracks of unknown landmarks on a SPHERES-like body "
-    "at 10 rpm about its intermediate axis, 115 epochs at 0.5 s before a stereo camera of 1 px noise, with disturbances of 0.001 "
-    "(m/s^2)/sqrt(Hz) and 0.001 (rad/s^2)/sqrt(Hz).",
+    "Without DATASET the bundled example is simulated, the thesis' own problem. A stereo camera with 1 px of noise tracks unknown "
+    "landmarks on a SPHERES-like body that rotates at 10 rpm about its intermediate axis. There are 115 epochs at 0.5 s. "
+    "Disturbances are 0.001 (m/s^2)/sqrt(Hz) and 0.001 (rad/s^2)/sqrt(Hz).",
 )

@@ -113,7 +113,7 @@ COMMAND = Command(
     "condition",
     ConditionArguments,
     condition,
-    "Without RUN: condition number of the process noise gathered over a time step, with velocity in units of alpha (section 4.9 of "
-    "the thesis; the best is dt = sqrt(3)/alpha, 13.93), and of the whole pose and its velocities at a body rate. With RUN: "
-    "condition number of every estimator's own covariance over its epochs, and the units that improve it.",
+    "Without RUN: condition number of the process noise of a time step, velocity in units of alpha (section 4.9 of the thesis). "
+    "The best is 13.93, at dt = sqrt(3)/alpha. Also that of the whole pose and its velocities at a body rate. With RUN: condition "
+    "number of every estimator's own covariance over its epochs, and the units that improve it.",
 )

@@ -17,7 +17,7 @@ class EmbedArguments:
     from_run: Annotated[
         str | None,
         Argument(
-            "run whose last state the filter begins from: a run folder, of which the first estimator, or its estimator's folder",
+            "run whose last state the filter starts from: a run folder (its first estimator) or an estimator's folder",
             metavar="RUN",
         ),
     ] = None
@@ -64,6 +64,6 @@ COMMAND = Command(
     "embed",
     EmbedArguments,
     embed,
-    "Writes a small C library with the light filter: no heap, no libm, fixed work, with test vectors from Python. `make test` in "
-    "it compares with them, `make emulate` does so on an emulated Cortex-M4F and counts instructions.",
+    "Writes a small C library with the light filter: no heap, no libm, fixed work. It has test vectors from Python: compare with "
+    "them by `make test`, or on an emulated Cortex-M4F by `make emulate`, which counts instructions.",
 )

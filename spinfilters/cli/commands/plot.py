@@ -81,5 +81,5 @@ COMMAND = Command(
     PlotArguments,
     draw_again,
     "Without -o the figures and the report of the run are made again. With -o, figures are printed for a paper: as PDF, SVG or "
-    "PNG, at a column's width, one panel a file on demand; legends that panels share are files of their own.",
+    "PNG, at a column's width. On demand each panel is a file; shared legends are files of their own.",
 )

@@ -89,6 +89,6 @@ COMMAND = Command(
     TrackArguments,
     track,
     "Reads stereo images in the EuRoC layout (cam0/data, cam0/data.csv, cam0/sensor.yaml; cam1), finds landmarks and follows them "
-    "through all revolutions. The result is a data set of stereo tracks with a covariance per row, for compare; front_end.json "
-    "says what was lost at which stage, and why. compare takes the images themselves too.",
+    "through all revolutions. The result is a data set of stereo tracks with a covariance per row, for compare. The file "
+    "front_end.json lists losses by stage and cause. Images can also be given to compare directly.",
 )

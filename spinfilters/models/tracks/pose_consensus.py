@@ -96,10 +96,6 @@ class MatchTable:
             self.pixel_std[epochs],
         )
 
-    def about(self, points: Float[np.ndarray, "f k 3"]) -> "MatchTable":
-        """The table with the sensor's parameters for other points."""
-        return replace(self, parameters=np.concatenate([points, self.parameters[..., 3:]], axis=2))
-
 
 def _pixel_std(epoch: Matches) -> Float[np.ndarray, " k"]:
     if not np.ndim(epoch.noise):

@@ -25,23 +25,25 @@ from spinfilters.models.state_layout import POSE_BLOCKS, StateLayout
 from spinfilters.models.tracks.pose_consensus import SMALLEST_SHARE, Matches, MatchTable, consensus_poses
 
 
-class UncertainRows(NamedTuple):
-    """k matches about their poses and points.
+class MatchRows(NamedTuple):
+    """Matches about their poses and points, of one epoch or of several.
 
     Attributes
     ----------
-    innovation : Float[np.ndarray, 'k 3']
-        (k, 3), jacobian: (k, 3, 6) by the pose, whitened by the pixels' and the points' noise together.
-    valid : Bool[np.ndarray, ' k']
-        (k,) where the sensor applies.
-    by_left : Float[np.ndarray, 'k 3 3']
-        (k, 3, 3) correction of the map's point, m, by what a step leaves of the whitened innovation.
+    innovation : Float[np.ndarray, '*k 3']
+        Whitened by the noise of the pixels, and of the points where a map states it.
+    jacobian : Float[np.ndarray, '*k 3 6']
+        Its derivative by the pose.
+    valid : Bool[np.ndarray, '*k']
+        Where the sensor applies.
+    by_left : Float[np.ndarray, '*k 3 3'] | None
+        Correction of the map's point, m, by what a step leaves of the innovation; None of a map known exactly.
     """
 
-    innovation: Float[np.ndarray, "k 3"]
-    jacobian: Float[np.ndarray, "k 3 6"]
-    valid: Bool[np.ndarray, " k"]
-    by_left: Float[np.ndarray, "k 3 3"]
+    innovation: Float[np.ndarray, "*k 3"]
+    jacobian: Float[np.ndarray, "*k 3 6"]
+    valid: Bool[np.ndarray, "*k"]
+    by_left: Float[np.ndarray, "*k 3 3"] | None
 
 
 class UncertainMatches(NamedTuple):
@@ -66,14 +68,12 @@ class UncertainMatches(NamedTuple):
 
     def linearised(
         self, model: StereoLandmark, poses: Float[np.ndarray, "f 7"], epochs: Int[np.ndarray, " k"]
-    ) -> UncertainRows:
+    ) -> MatchRows:
         """The matches about the poses of their epochs."""
         given = (poses, self.parameters, self.pixels, self.away, self.covariance.reshape(-1, 9))
         made = _linearisation(model)(*given, rows=(epochs, None, None, None, None))
         innovation, jacobian, valid, by_left = made
-        return UncertainRows(
-            innovation, jacobian.reshape(-1, 3, 6), valid[:, 0] > 0, by_left.reshape(-1, 3, 3)
-        )
+        return MatchRows(innovation, jacobian.reshape(-1, 3, 6), valid[:, 0] > 0, by_left.reshape(-1, 3, 3))
 
 
 @cache
@@ -151,8 +151,7 @@ def _fitted(epochs: Sequence[Matches], calibration: Float[np.ndarray, " c"]) -> 
         rows = np.flatnonzero(moving)
         if not len(rows):
             break
-        about = _About(poses[moving], points[moving])
-        step = _gauss_newton(model, table.part(moving), about, rough.agreeing[moving])
+        step = _gauss_newton(model, table.part(moving), poses[moving], points[moving], rough.agreeing[moving])
         poses[rows], points[rows] = step.poses, step.points
         settled = step.determined & (step.length < SETTLED)
         done = step.determined if iteration == ITERATIONS - 1 else settled
@@ -166,13 +165,6 @@ def _fitted(epochs: Sequence[Matches], calibration: Float[np.ndarray, " c"]) -> 
             )
         moving[rows] = step.determined & ~settled
     return fits
-
-
-class _About(NamedTuple):
-    """Poses (f, 7) and points (f, k, 3), frame g, that a step is linearised about."""
-
-    poses: Float[np.ndarray, "f 7"]
-    points: Float[np.ndarray, "f k 3"]
 
 
 class _Step(NamedTuple):
@@ -206,11 +198,12 @@ class _Step(NamedTuple):
 def _gauss_newton(
     model: StereoLandmark,
     table: MatchTable,
-    about: _About,
+    poses: Float[np.ndarray, "f 7"],
+    points: Float[np.ndarray, "f k 3"],
     agreeing: Bool[np.ndarray, "f k"],
 ) -> _Step:
-    poses = about.poses
-    innovation, jacobian, valid, by_left = _linearised(model, table, about)
+    """A step from poses and points (m, frame g) of these epochs."""
+    innovation, jacobian, valid, by_left = _linearised(model, table, poses, points)
     squares = np.square(innovation).sum(axis=2)
     inliers = valid & _within_gate(np.abs(innovation).max(axis=2), agreeing)
     determined = np.count_nonzero(inliers, axis=1) >= np.maximum(4, SMALLEST_SHARE * table.counts)
@@ -221,7 +214,6 @@ def _gauss_newton(
     step = np.zeros((len(poses), 6))
     step[determined] = np.linalg.solve(information[determined], gradient[determined])[..., 0]
     length = np.sqrt(np.einsum("fi,fij,fj->f", step, information, step))
-    points = about.points
     if by_left is not None:
         left = innovation - (jacobian @ step[:, None, :, None])[..., 0]
         corrections = (by_left @ left[..., None])[..., 0]
@@ -229,35 +221,25 @@ def _gauss_newton(
     return _Step(model.layout.retract(poses, step), points, information, inliers, squares, length, determined)
 
 
-class _Rows(NamedTuple):
-    """Whitened innovations of the matches, their derivatives by the poses, and where the sensor applies.
-
-    Attributes
-    ----------
-    by_left : Float[np.ndarray, 'f k 3 3'] | None
-        (f, k, 3, 3) corrections of the points by what a step leaves of the innovations; None of a map known
-        exactly.
-    """
-
-    innovation: Float[np.ndarray, "f k 3"]
-    jacobian: Float[np.ndarray, "f k 3 6"]
-    valid: Bool[np.ndarray, "f k"]
-    by_left: Float[np.ndarray, "f k 3 3"] | None
-
-
-def _linearised(model: StereoLandmark, table: MatchTable, about: _About) -> _Rows:
+def _linearised(
+    model: StereoLandmark,
+    table: MatchTable,
+    poses: Float[np.ndarray, "f 7"],
+    points: Float[np.ndarray, "f k 3"],
+) -> MatchRows:
     (f, k), epochs = table.given.shape, np.repeat(np.arange(len(table.given)), table.given.shape[1])
-    parameters = table.about(about.points).parameters.reshape(f * k, -1)
+    # Parameters of the sensor: [point (3) | calibration | noise].
+    parameters = np.concatenate([points, table.parameters[..., 3:]], axis=2).reshape(f * k, -1)
     pixels, by_left = table.pixels.reshape(f * k, 3), None
     if table.covariance is None:
-        innovation, jacobian, valid, _ = model.linearise(about.poses[epochs], parameters, pixels)
+        innovation, jacobian, valid, _ = model.linearise(poses[epochs], parameters, pixels)
     else:
-        away = (table.points - about.points).reshape(f * k, 3)
+        away = (table.points - points).reshape(f * k, 3)
         matches = UncertainMatches(parameters, pixels, away, table.covariance.reshape(f * k, 3, 3))
-        innovation, jacobian, valid, by_left = matches.linearised(model, about.poses, epochs)
-        by_left = by_left.reshape(f, k, 3, 3)
+        innovation, jacobian, valid, by_left = matches.linearised(model, poses, epochs)
+        by_left = None if by_left is None else by_left.reshape(f, k, 3, 3)
     valid = valid.reshape(f, k) & table.given
-    return _Rows(innovation.reshape(f, k, 3), jacobian.reshape(f, k, 3, 6), valid, by_left)
+    return MatchRows(innovation.reshape(f, k, 3), jacobian.reshape(f, k, 3, 6), valid, by_left)
 
 
 def _within_gate(

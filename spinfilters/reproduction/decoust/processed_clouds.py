@@ -177,7 +177,7 @@ def make_resolution(pose: Pose, well: bool) -> ItemResult:
     for axes, found, rays in zip(figure.subplots(1, 2), features, (501, 1001), strict=True):
         draw_labels(axes, found, 6.0 * (501 / rays) ** 2)
         axes.set_title(f"cube at {pose} deg, {rays} x {rays} rays", fontsize="medium")
-        axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(0.0, -0.12), ncols=3, fontsize="small")
+        axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(0.0, -0.2), ncols=2, fontsize="small")
     return ItemResult(rows, {"labels": figure})
 
 
@@ -225,13 +225,13 @@ def make_corners() -> ItemResult:
             f"{1e9 * RANGE_NOISE.range_std * 1e-7 / min(kept, default=np.inf):.1g} nm",
         ),
     ]
-    figure = Figure(figsize=(10.0, 5.2), layout="constrained")
+    figure = Figure(figsize=(10.0, 5.8), layout="constrained")
     for axes, (name, each) in zip(figure.subplots(1, 2), found.items(), strict=True):
         if each is not None:
             draw_labels(axes, each.surfaces.features, 6.0)
             axes.plot(each.corner[2], each.corner[1], "o", color=GREEN, markersize=9, label="corner")
         axes.set_title(f"{name}: error {errors[name]:.1e} m", fontsize="medium")
-        axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(0.0, -0.12), ncols=4, fontsize="small")
+        axes.legend(frameon=False, loc="upper left", bbox_to_anchor=(0.0, -0.24), ncols=2, fontsize="small")
     return ItemResult(rows, {"corners": figure})
 
 

@@ -41,12 +41,11 @@ def make_model() -> ItemResult:
         axes.view_init(elevation, azimuth)
         up, around = np.deg2rad([elevation, azimuth])
         viewer = np.array([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)])
-        # the inside of what no camera closed is drawn dark, farther triangles first
-        facing = surface.normals @ viewer > 0
-        for chosen, colours in ((~facing, 0.25 * shade), (facing, shade)):
-            grey = np.repeat(np.clip(colours[chosen], 0.0, 1.0)[:, np.newaxis], 3, axis=1)
-            faces = Poly3DCollection((100.0 * surface.corners[chosen]).tolist(), facecolors=grey.tolist())
-            axes.add_collection3d(faces)
+        # the inside of what no camera closed is dark; one collection sorts all triangles by depth
+        light = np.where(surface.normals @ viewer > 0, 1.0, 0.25)
+        grey = np.repeat(np.clip(light * shade, 0.0, 1.0)[:, np.newaxis], 3, axis=1).tolist()
+        corners = (100.0 * surface.corners).tolist()
+        axes.add_collection3d(Poly3DCollection(corners, facecolors=grey, edgecolors=grey, linewidths=0.3))
         axes.set(xlabel="minor [cm]", ylabel="intermediate [cm]", zlabel="major [cm]")
         equal_scales(axes, 100.0 * model.vertices)
         axes.text2D(0.08, 0.93, title, transform=axes.transAxes, fontsize="large")

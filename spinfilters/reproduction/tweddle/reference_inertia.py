@@ -17,7 +17,7 @@ from spinfilters.core.attitude_conversions import (
 from spinfilters.core.conventions import RPM
 from spinfilters.evaluation.inertia_race import NamedInertia, PropagatedInertia, propagate_inertias
 from spinfilters.evaluation.reference_fit import axis_and_angle
-from spinfilters.plots.race_figure import inertia_race_figure
+from spinfilters.plots.prediction_figures import inertia_race_figure
 from spinfilters.plots.style import BLUE, RED, tidy
 from spinfilters.reproduction.item import ComparedNumber, ItemResult, tweddle_item
 

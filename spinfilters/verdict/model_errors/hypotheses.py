@@ -130,15 +130,14 @@ def noise_of(model: NoiseModel, solved: LinearRows, told: KnownLevels = NOTHING_
     problem, here = solved.problem, solved.here
     after = residuals_of(problem, here, solved.normal, model.components, model.densities)
     factors = tuple(source_factors(problem, here, model.densities))
-    names = (*(each.name for each in model.components), *model.densities)
-    known = np.array([name in told.stated for name in names])
-    correlation = np.array([told.correlation.get(name, 1.0) for name in names])
+    known = np.array([name in told.stated for name in model.names])
+    correlation = np.array([told.correlation.get(name, 1.0) for name in model.names])
     dof = np.maximum(after.redundancy, 0.0)
     for k, each in enumerate(model.components):
         if correlation[k] > 1:
             values = sum(len(solved.sensor_rows[s]) * len(rows) for s, rows in each.sensors.items())
             dof[k] = max(values / correlation[k] - (values - dof[k]), 0.0)
-    larger = np.array([told.inflation.get(name, 1.0) for name in names])
+    larger = np.array([told.inflation.get(name, 1.0) for name in model.names])
     return NoiseComponents(model.components, factors, after.redundancy, known, correlation, dof, larger)
 
 
@@ -214,7 +213,7 @@ def with_identified(model: NoiseModel, solved: LinearRows, gated: bool = True) -
     found = identify(model, here.trajectory, here.points)
     if found is None:
         return None
-    stated = model.values(np.zeros(len(model.components) + len(model.densities)))
+    stated = model.values(model.stated)
     power = [2.0] * len(model.components) + [1.0] * len(model.densities)
     values = [each.value for each in found.components]
     log_variance = np.array(power) * np.log(np.divide(values, stated))

@@ -13,18 +13,15 @@ probable size, beside what is plausible of it, and a size beyond that costs what
 large a gain without the error is that of `noise_components`.
 """
 
-from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from types import MappingProxyType
-from typing import ClassVar, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
 from spinfilters.core.chi_square import chi_square_tail
-from spinfilters.io.consider_parameter import ConsiderParameter
-from spinfilters.models.state_blocks import StateBlock
+from spinfilters.verdict.model_errors.alternatives import Alternative
 from spinfilters.verdict.model_errors.linear_rows import Columns, summed
 from spinfilters.verdict.model_errors.noise_components import (
     ColumnProducts,
@@ -34,71 +31,6 @@ from spinfilters.verdict.model_errors.noise_components import (
     weighted_chi_square_tail,
 )
 from spinfilters.verdict.model_errors.smoothed_motion import SmoothedMotion
-
-
-class Alternative(ABC):
-    """An error that the models may have. A subclass states its attributes and writes `columns`.
-
-    Attributes
-    ----------
-    name : str
-        Name of the error.
-    phrase : str
-        The error in a sentence, with its article.
-    unit : str
-        Unit of its size.
-    cure : str
-        What to do about it.
-    moving_cure : str
-        The same where poses of a moving camera are given; empty where that makes no difference.
-    trials : int
-        Places in a recording among which it was sought where it is likeliest.
-    by_epoch : bool
-        Whether it is drawn anew at every epoch; if not, it is the same in all.
-    plausible : float
-        Standard deviation of what its size is before anything is measured; infinite where nothing is known.
-    only_positive : bool
-        Whether its one size is of one sign: what brakes does not drive.
-    is_of_poses : bool
-        Whether it is one of the poses given of a moving camera.
-    block : StateBlock or None
-        Of a state that holds it, None where none does.
-    held_by : Mapping[str, Mapping[str, bool or float]]
-        Settings that put it there, by table and key.
-    parameter : ConsiderParameter or None
-        Of the calibration, where this is an error of one that estimates consider; else None.
-    """
-
-    name: str
-    phrase: str
-    unit: str
-    cure: str
-    moving_cure: str = ""
-    trials: int = 1
-    by_epoch: ClassVar[bool] = False
-    plausible: ClassVar[float] = float("inf")
-    only_positive: ClassVar[bool] = False
-    is_of_poses: ClassVar[bool] = False
-    block: ClassVar[StateBlock | None] = None
-    held_by: ClassVar[Mapping[str, Mapping[str, bool | float]]] = MappingProxyType({})
-    parameter: ClassVar[ConsiderParameter | None] = None
-
-    def cure_before(self, has_inspector: bool) -> str:
-        """Return the cure: `moving_cure` where poses of a moving camera are given and it has one, else `cure`."""
-        return self.moving_cure if has_inspector and self.moving_cure else self.cure
-
-    @abstractmethod
-    def columns(self, motion: SmoothedMotion) -> Columns | None:
-        """Whitened right-hand sides per unit of the error, a column per component; None where it does not apply."""
-
-    def is_possible(self, size: Float[np.ndarray, " m"], motion: SmoothedMotion) -> bool:
-        """Whether a recording can have an error of this size at all."""
-        return True
-
-    def is_held(self, motion: SmoothedMotion) -> bool:
-        """Whether the state has it already."""
-        return self.block is not None and motion.rows.problem.layout.has(self.block)
-
 
 TELLING: Final = 1e-2
 """Probability of a test below which its error is removed from the solution, to see what that changes."""
