@@ -103,7 +103,7 @@ def posterior_of(
     assert isinstance(process, TorqueFreeProcess)
     for y in LEVELS:
         noise = replace(process.noise, **{name: value * float(np.exp(y))})
-        log_density, error, P = _solved(problem, process.with_noise(noise), trajectory)
+        log_density, error, P = solved_at(problem, process.with_noise(noise), trajectory)
         logs.append(log_density + y / 2)
         errors.append(error)
         covariances.append(P)
@@ -114,7 +114,7 @@ def posterior_of(
     return DensityPosterior(weights / weights.sum(), np.array(errors), np.array(covariances))
 
 
-def _solved(
+def solved_at(
     problem: Problem, process: TorqueFreeProcess, trajectory: Float[np.ndarray, "k m"]
 ) -> tuple[float, np.ndarray, np.ndarray]:
     """Log marginal likelihood up to a constant, and error and covariance of the last epoch, of the linear problem."""
@@ -138,7 +138,7 @@ def covariances_of(history: EstimateHistory, setup: Setup) -> Iterator[Float[np.
     problem = model.scaled(np.log(ratios) * [1.0 if each.is_density else 2.0 for each in history.noise])
     process = problem.motion.process
     assert isinstance(process, TorqueFreeProcess)
-    P = _solved(problem, process, history.mean)[2]
+    P = solved_at(problem, process, history.mean)[2]
     found = [
         posterior_of(problem, history.mean, each.name, each.value)
         for each in history.noise

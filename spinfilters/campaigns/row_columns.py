@@ -5,7 +5,7 @@ from typing import Any, Final
 
 import pyarrow as pa
 
-from spinfilters.evaluation.epoch_spans import own_span
+from spinfilters.evaluation.epoch_spans import EpochSpan, own_span, shared_span
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.evaluation.metrics import metrics
 from spinfilters.filters.noise_levels import DISTURBANCES, VarianceComponent
@@ -67,9 +67,14 @@ def is_volatile(column: str) -> bool:
     return column.startswith(VOLATILE)
 
 
-def result_columns(evaluation: Evaluation) -> dict[str, Any]:
-    """Columns of a run that ended; those of errors are None without a truth."""
-    status, own = evaluation.history.status, own_span(evaluation)
+def span_of_rows(evaluation: Evaluation, shared: float | None) -> EpochSpan:
+    """The epochs of a row's errors: the estimator's own, from the time ``shared`` (s) on where there is one."""
+    return own_span(evaluation) if shared is None else shared_span(evaluation, shared)
+
+
+def result_columns(evaluation: Evaluation, shared: float | None = None) -> dict[str, Any]:
+    """Columns of a run that ended, over the epochs of `span_of_rows`; those of errors are None without a truth."""
+    status, own = evaluation.history.status, span_of_rows(evaluation, shared)
     found: dict[str, Any] = {
         "verdict_reasons": "; ".join(status.reasons),
         "verdict_checks": " ".join(each.check for each in status.findings),
@@ -84,11 +89,11 @@ def result_columns(evaluation: Evaluation) -> dict[str, Any]:
     return found
 
 
-def bound_columns(evaluation: Evaluation) -> dict[str, Any]:
-    """Columns of the Cramer-Rao bound; empty without one."""
+def bound_columns(evaluation: Evaluation, shared: float | None = None) -> dict[str, Any]:
+    """Columns of the Cramer-Rao bound over the epochs of `span_of_rows`; empty without one."""
     if evaluation.bound is None:
         return {}
-    own = own_span(evaluation)
+    own = span_of_rows(evaluation, shared)
     return {metric.bound_column: metric.bound_of(own) for metric in metrics() if metric.bound_column}
 
 

@@ -128,10 +128,18 @@ class Runner:
         comparison = self.compared(run, bound == "run")
         (evaluation,) = comparison.evaluations
         with self._timed("evaluate"):
-            found = result_columns(evaluation) | self._levels(run, evaluation)
+            shared = self._shared_begin(run)
+            found = result_columns(evaluation, shared) | self._levels(run, evaluation)
             found["model_errors"] = " ".join(comparison.models.names)
-        limits = self._motion_bound(run) if bound == "motion" else bound_columns(evaluation)
+        limits = self._motion_bound(run) if bound == "motion" else bound_columns(evaluation, shared)
         return {"outcome": "done", "reason": ""} | found | limits
+
+    def _shared_begin(self, run: CampaignRun) -> float | None:
+        """Time of the first epoch behind the filters' initialisation, s; None where each estimator has its own epochs."""
+        if self.study.options.epochs == "own":
+            return None
+        setup = self.setup(run)
+        return setup.timeline[min(len(setup.initial.mean), len(setup.timeline) - 1)].time
 
     def _levels(self, run: CampaignRun, evaluation: Evaluation) -> Row:
         """True and identified levels of noise."""
@@ -146,7 +154,8 @@ class Runner:
             self._spent = dict.fromkeys(TIMES, 0.0)
             try:
                 first = self.study.run(run.cell)
-                self._bounds[run.cell] = bound_columns(self.compared(first, with_bound=True).evaluations[0])
+                (evaluation,) = self.compared(first, with_bound=True).evaluations
+                self._bounds[run.cell] = bound_columns(evaluation, self._shared_begin(first))
             except SpinfiltersError:
                 self._bounds[run.cell] = {}
             self._spent = spent

@@ -122,6 +122,9 @@ class StudyOptions:
         "data" as in a comparison, or "drawn": a belief drawn around the truth, for studies of filters alone.
     bound : Literal['run', 'motion', 'none']
         The Cramer-Rao bound of every "run", that of the first seed of a "motion", or "none".
+    epochs : Literal['own', 'common']
+        Epochs of errors and NEES: an estimator's "own", which a smoother has from the first one on, or those that filters and
+        smoothers have in "common", behind the filters' initialisation.
     time_limit_s : float
         Of one run; one that takes longer is ended, with a row that says so.
     """
@@ -132,6 +135,7 @@ class StudyOptions:
     root_seed: Annotated[int, NumberRange(0, 10**18, whole=True)] = 0
     initialisation: Literal["data", "drawn"] = "data"
     bound: Literal["run", "motion", "none"] = "run"
+    epochs: Literal["own", "common"] = "own"
     time_limit_s: Annotated[float, NumberRange(1e-3, 1e6, "s")] = 600.0
 
 
@@ -463,6 +467,8 @@ class Study:
     def fingerprint(self) -> str:
         """Digest of everything that a run depends on."""
         kept = {key: value for key, value in asdict(self.options).items() if key not in OPEN_KEYS}
+        if kept["epochs"] == "own":  # an option that earlier studies do not have
+            del kept["epochs"]
         text = json.dumps([kept, {k: v for k, v in self.document.items() if k != "study"}], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:24]
 

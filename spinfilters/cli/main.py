@@ -19,6 +19,7 @@ from spinfilters import __version__
 from spinfilters.cli.commands import COMMAND_GROUPS, COMMANDS, ListedCommand
 from spinfilters.cli.interrupts import noted_interrupts
 from spinfilters.core.errors import SpinfiltersError
+from spinfilters.core.plugins import plugin_in
 from spinfilters.io.input_file import nearest_text, printable, value_text
 
 EXIT_OK, EXIT_BAD_INPUT = 0, 2
@@ -60,9 +61,9 @@ def _run(options: argparse.Namespace, pressed: Sequence[int]) -> int:
     pressed : Sequence[int]
         Not empty once Ctrl-C was pressed.
     """
-    _set_logging()
     begun, is_verbose = time.time(), getattr(options, "verbose", False)
     try:
+        _set_logging()
         with warnings.catch_warnings():
             # of numbers that are not finite: a status tells of them; whoever asks for warnings (-W, -v) has asked before
             warnings.filterwarnings(
@@ -78,7 +79,13 @@ def _run(options: argparse.Namespace, pressed: Sequence[int]) -> int:
         return _complain(_of_interrupt(options, begun))
     except BrokenPipeError:
         return EXIT_BAD_INPUT
+    except SystemExit as stop:  # of a plug-in; ours end commands before they run
+        if (plugin := plugin_in(stop)) is None:
+            raise
+        return _complain(f"{plugin}; mend or uninstall it")
     except OSError as error:
+        if plugin := plugin_in(error):
+            return _complain(f"{plugin}; mend or uninstall it")
         name = f"{error.filename}: " if error.filename else ""
         return _complain(
             f"{name}{error.strerror or error}; free space or choose another folder, then run again"
@@ -90,6 +97,8 @@ def _run(options: argparse.Namespace, pressed: Sequence[int]) -> int:
             return _complain(_of_interrupt(options, begun))
         if is_verbose or os.environ.get(DEBUG):
             raise
+        if plugin := plugin_in(error):
+            return _complain(f"{plugin}; mend or uninstall it")
         return _complain(
             f"unexpected {type(error).__name__} in {_place(error)}; this is a fault of spinfilters: please report it "
             f"with what {DEBUG}=1 shows"

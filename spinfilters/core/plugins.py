@@ -11,7 +11,10 @@ A layer below such a tuple that needs its members, as files need the formats of 
 """
 
 from collections.abc import Callable, Iterable
+from enum import EnumType
 from functools import cache
+from inspect import get_annotations
+from traceback import walk_tb
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from spinfilters.core.errors import InputError
@@ -60,11 +63,16 @@ def installed_plugins(group: str, kind: type[Entry]) -> tuple[Entry, ...]:
     Raises
     ------
     InputError
-        An entry point that cannot be imported, or is not of the kind; the text names it.
+        An entry point that cannot be imported, is not of the kind, or has an attribute of another type than the kind states;
+        the text names it. Entry points that cannot be read.
     """
     from importlib import metadata  # here: the package imports this module first, and metadata is slow
 
-    return tuple(_loaded(group, kind, point) for point in metadata.entry_points(group=group))
+    try:
+        points = metadata.entry_points(group=group)
+    except Exception as error:  # of a file that is none of ours
+        raise _malformed(group, error) from error
+    return tuple(_loaded(group, kind, point) for point in points)
 
 
 _MEMBERS: dict[str, Callable[[], tuple[object, ...]]] = {}
@@ -151,14 +159,136 @@ def in_order(entries: Iterable[Ordered]) -> list[Ordered]:
     return sorted(entries, key=lambda entry: entry.order)
 
 
+def require_made(value: object, kind: type[Entry], what: str) -> Entry:
+    """A value that an entry of a registry made, which may be a plug-in's.
+
+    Parameters
+    ----------
+    value : object
+        The value.
+    kind : type
+        Class that it must be an instance of.
+    what : str
+        What made it, for the message: "reader 'mine'".
+
+    Raises
+    ------
+    InputError
+        A value of another type.
+    """
+    if not isinstance(value, kind):
+        raise InputError(
+            f"the {what} made {type(value).__name__}, not {kind.__name__}; mend or uninstall its plug-in"
+        )
+    return value
+
+
+def require_file_name(name: object, what: str) -> None:
+    """Refuse a name that would not be that of a file in the folder of a run.
+
+    Parameters
+    ----------
+    name : object
+        The name.
+    what : str
+        Whose it is, for the message.
+
+    Raises
+    ------
+    InputError
+        No text, an empty one, or one with a separator of folders.
+    """
+    if not _is_file_name(name):
+        raise InputError(
+            f"the {what} has the name {name!r:.40}, which is no name of a file; mend or uninstall its plug-in"
+        )
+
+
+def plugin_in(error: BaseException) -> str | None:
+    """The plug-in whose code was running when an error was raised, with what it raised; None where there was none.
+
+    Parameters
+    ----------
+    error : BaseException
+        An error with its traceback.
+    """
+    for frame, _ in walk_tb(error.__traceback__):
+        top = str(frame.f_globals.get("__name__", "")).partition(".")[0]
+        if top in _MODULES:
+            return f"{_MODULES[top]} failed: {_text_of(error)}"
+    return None
+
+
 def _loaded(group: str, kind: type[Entry], point: "EntryPoint") -> Entry:
     """The object that an entry point names."""
     where = f"plug-in {point.name!r} ({point.value}) of the group {group}"
     try:
         entry = point.load()
-    except Exception as error:  # a stranger's module may raise anything
-        why = " ".join(f"{type(error).__name__}: {error}".split())
-        raise InputError(f"{where} cannot be loaded: {why[:120]}; mend or uninstall it") from error
-    if not isinstance(entry, kind):
-        raise InputError(f"{where} is {type(entry).__name__}, not a {kind.__name__}; mend or uninstall it")
+        wrong = "" if isinstance(entry, kind) else f"is {type(entry).__name__}, not a {kind.__name__}"
+        wrong = wrong or _wrong_attribute(entry, kind)
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # a stranger's module may raise anything, an exit among it
+        raise InputError(f"{where} cannot be loaded: {_text_of(error)}; mend or uninstall it") from error
+    if wrong:
+        raise InputError(f"{where} {wrong}; mend or uninstall it")
+    _MODULES[point.value.partition(":")[0].partition(".")[0].strip()] = where
     return entry
+
+
+_MODULES: dict[str, str] = {}
+"""What loaded plug-ins are called in messages, by the topmost package of their modules."""
+
+
+def _wrong_attribute(entry: object, kind: type) -> str:
+    """What is wrong with an attribute for which the class of the entry states a plain type; empty if nothing is."""
+    for name, stated in _stated_types(kind).items():
+        if not hasattr(entry, name):
+            return f"has no {name}"
+        value = getattr(entry, name)
+        if not isinstance(value, (float, int) if stated is float else stated):
+            return f"has the {name} {value!r:.40}, which is not of type {stated.__name__}"
+    if "name" in _stated_types(kind):
+        name: object = getattr(entry, "name", None)
+        return "" if _is_file_name(name) else f"has the name {name!r:.40}, which is no name of a file"
+    return ""
+
+
+def _is_file_name(name: object) -> bool:
+    """Whether a name can be that of a file or a folder of a run."""
+    return isinstance(name, str) and name.isprintable() and bool(name.strip(". ")) and not {*"/\\"} & {*name}
+
+
+def _stated_types(kind: type) -> dict[str, type]:
+    """Attributes whose annotation in a class or its bases is a class itself, by name."""
+    found: dict[str, type] = {}
+    for each in reversed(kind.__mro__):
+        found |= {
+            name: stated for name, stated in get_annotations(each).items() if type(stated) in {type, EnumType}
+        }
+    return found
+
+
+def _text_of(error: BaseException) -> str:
+    """Type and text of any error in one line of bounded length."""
+    try:
+        text = " ".join(str(error)[:500].split())
+    except Exception:  # its own text fails, too
+        text = ""
+    return f"{type(error).__name__}: {text:.120}" if text else type(error).__name__
+
+
+def _malformed(group: str, error: Exception) -> InputError:
+    """The refusal of entry points that cannot be read, which names the distribution that has them."""
+    from importlib import metadata
+
+    for each in metadata.distributions():
+        try:
+            tuple(each.entry_points)
+        except Exception:
+            return InputError(
+                f"entry_points.txt of the installed {each.name} cannot be read ({_text_of(error)}); mend or uninstall it"
+            )
+    return InputError(
+        f"the entry points {group} cannot be read ({_text_of(error)}); mend or uninstall what was installed last"
+    )

@@ -1,4 +1,4 @@
-"""Robust losses of whitened residuals and their weights in least squares."""
+"""Robust losses of whitened residuals, their weights in least squares, and a robust deviation."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -235,6 +235,11 @@ class Graduated(RobustLoss):
     @property
     def _width(self) -> float:
         return self.threshold**2 * max(self.first / self.rate**self.stage, 1.0)
+
+
+def median_deviation(residuals: Float[np.ndarray, "*n"]) -> float:
+    """Standard deviation of Gaussian residuals from the median of their absolute values, which half of them may spoil."""
+    return 1.4826 * float(np.median(np.abs(residuals)))
 
 
 def _positive(name: str, value: float) -> None:

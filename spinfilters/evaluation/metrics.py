@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 
 from spinfilters.core.errors import NUMERICAL_ERRORS, InputError
-from spinfilters.core.plugins import installed_plugins
+from spinfilters.core.plugins import installed_plugins, require_made
 from spinfilters.evaluation.consistency import NormalisedErrors
 from spinfilters.evaluation.epoch_spans import EpochSpan, ObservationUse
 from spinfilters.evaluation.estimator_evaluation import ConstantEstimate, Evaluation, numbers_text
@@ -160,19 +160,26 @@ class Metric:
 
     def text(self, value: Any) -> str | None:
         """A value as tables show it; None of None."""
-        return None if value is None else self.form(value, self.scale)
+        if value is None:
+            return None
+        try:
+            return require_made(self.form(value, self.scale), str, f"form of the metric {self.key!r}")
+        except (*NUMERICAL_ERRORS, TypeError):
+            shown = f"{value!r:.40}"
+            raise InputError(
+                f"the metric {self.key!r} has the value {shown}, which its form cannot show; mend or uninstall its plug-in"
+            ) from None
 
 
 def _computed(value: ValueOf, span: EpochSpan) -> Any:
     try:
         with np.errstate(all="ignore"):
-            found = value(span)
+            return np.asarray(value(span)).tolist()  # arrays and numbers of NumPy become plain ones
     except (
         *NUMERICAL_ERRORS,
         InputError,
     ):  # one metric that a strange estimate does not have costs no result
         return None
-    return np.asarray(found).tolist()  # arrays and numbers of NumPy become plain ones
 
 
 def metrics() -> tuple[Metric, ...]:
@@ -181,9 +188,15 @@ def metrics() -> tuple[Metric, ...]:
     Raises
     ------
     InputError
-        A plug-in that cannot be loaded; a key or a column that two metrics have.
+        A plug-in that cannot be loaded; a key or a column that two metrics have, a key below that of another.
     """
     every = (*METRICS, *installed_plugins("spinfilters.metrics", Metric))
+    keys = {each.key for each in every}
+    for key in keys:
+        if above := keys & {table for table in _tables_above(key) if table}:
+            raise InputError(
+                f"the metric {key!r} lies below the metric {above.pop()!r}, which is a value; uninstall one of the plug-ins"
+            )
     columns = [name for each in every for name in (each.column_name, each.bound_column)]
     for what, names in (("key", [each.key for each in every]), ("column", columns)):
         held = [name for name in names if name]
@@ -191,6 +204,12 @@ def metrics() -> tuple[Metric, ...]:
         if twice:
             raise InputError(f"two metrics have the {what} {twice[0]!r}; uninstall one of the plug-ins")
     return every
+
+
+def _tables_above(key: str) -> list[str]:
+    """Keys of the tables that a key with dots lies in."""
+    parts = key.split(".")
+    return [".".join(parts[:count]) for count in range(1, len(parts))]
 
 
 def held_text(evaluation: Evaluation) -> str:

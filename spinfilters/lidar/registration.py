@@ -12,6 +12,7 @@ from scipy.spatial import KDTree
 
 from spinfilters.core.attitude_conversions import matrix_from_rotation_vector
 from spinfilters.core.gauss_newton import StepEquations, gauss_newton, step_equations
+from spinfilters.core.robust_losses import median_deviation
 from spinfilters.lidar.scan_pose import Placement, move_placement
 
 NEIGHBOURS: Final = 16
@@ -161,7 +162,7 @@ def closest_points(
     rows, index = rows[alike], index[alike]
     normals = target.normals[index]
     residual = np.einsum("ni,ni->n", moved[rows] - target.points[index], normals)
-    std = 1.4826 * float(np.median(np.abs(residual))) if len(residual) else 0.0
+    std = median_deviation(residual) if len(residual) else 0.0
     kept = np.abs(residual) <= _TRIMMED * std + 1e-12
     return ScanMatches(rows[kept], index[kept], moved[rows[kept]], normals[kept], residual[kept], std)
 

@@ -12,6 +12,7 @@ from spinfilters.core.absolute_orientation import nearest_rotation
 from spinfilters.core.attitude_conversions import matrix_from_rotation_vector
 from spinfilters.core.errors import InputError
 from spinfilters.core.gauss_newton import gauss_newton
+from spinfilters.core.robust_losses import median_deviation
 from spinfilters.lidar.edge_adjustment import edge_adjusted
 from spinfilters.lidar.face_map import (
     FEWEST_FOR_DRIFT,
@@ -246,7 +247,7 @@ def _fit_uniform_drift(
     )
     residual, step = b - A @ before, np.zeros(len(before))
     for _ in range(_STEPS):  # Cauchy weights at three robust standard deviations
-        scatter = 1.4826 * float(np.median(np.abs(residual - A @ step))) + 1e-12
+        scatter = median_deviation(residual - A @ step) + 1e-12
         weights = 1 / (1 + ((residual - A @ step) / (3 * scatter)) ** 2)
         H = (A * weights[:, None]).T @ A
         step = np.linalg.solve(H + _RIDGE * np.trace(H) / len(H) * np.eye(len(H)), A.T @ (weights * residual))

@@ -110,14 +110,15 @@ class AnswerWriter:
     ----------
     dropped
         Answers that were not written, because too many waited.
-    broken : bool
-        Whether nobody reads any more.
+    broken : OSError | None
+        Why nothing is written any more: nobody reads, or the disk is full.
     """
 
     def __init__(self, style: str, stream: TextIO) -> None:
         self._style, self._stream = style, stream
         self._waiting: queue.Queue[Answer | None] = queue.Queue(MOST_WAITING)
-        self.dropped, self.broken = 0, False
+        self.dropped = 0
+        self.broken: OSError | None = None
         self._thread = threading.Thread(target=self._work, daemon=True)
         self._thread.start()
 
@@ -126,15 +127,27 @@ class AnswerWriter:
 
         Raises
         ------
-        BrokenPipeError
-            Nobody reads any more.
+        OSError
+            As `require_written`.
         """
-        if self.broken:
-            raise BrokenPipeError
+        self.require_written()
         try:
             self._waiting.put_nowait(answer)
         except queue.Full:
             self.dropped += 1
+
+    def require_written(self) -> None:
+        """Raise what has stopped the writing, if anything has.
+
+        Raises
+        ------
+        BrokenPipeError
+            Nobody reads any more.
+        OSError
+            The answers cannot be written, as on a full disk.
+        """
+        if self.broken is not None:
+            raise self.broken
 
     def close(self) -> None:
         """Write the queued answers, with a time limit."""
@@ -147,8 +160,11 @@ class AnswerWriter:
         while (answer := self._waiting.get()) is not None:
             try:
                 write_answer(answer, self._style, self._stream)
-            except (BrokenPipeError, ValueError):
-                self.broken = True
+            except ValueError:  # a stream that is closed
+                self.broken = BrokenPipeError()
+                return
+            except OSError as error:
+                self.broken = error
                 return
 
 

@@ -13,7 +13,13 @@ from jaxtyping import Float
 
 from spinfilters.core.camera_trajectory import CameraTrajectory
 from spinfilters.core.errors import InputError
-from spinfilters.core.plugins import entries_by_name, in_order, installed_plugins
+from spinfilters.core.plugins import (
+    entries_by_name,
+    in_order,
+    installed_plugins,
+    require_file_name,
+    require_made,
+)
 from spinfilters.evaluation.epoch_spans import initialisation_end
 from spinfilters.evaluation.estimated_motion import BodyRates, estimated_rates, measured_rates, true_rates
 from spinfilters.evaluation.estimator_evaluation import Evaluation, not_failed
@@ -309,7 +315,22 @@ def picture_files(estimators: Sequence[str]) -> list[str]:
     list of str
         Names of PNG files.
     """
-    return [f"{name}.png" for entry in figure_entries() for name in entry.names(estimators)]
+    return [f"{name}.png" for entry in figure_entries() for name in _names_of(entry, estimators)]
+
+
+def _names_of(entry: FigureEntry, estimators: Sequence[str]) -> tuple[str, ...]:
+    """Names of the files of an entry's figures. InputError: a plug-in's that are no such names."""
+    names = require_made(entry.names(estimators), tuple, f"names of the figure {entry.name!r}")
+    for name in names:
+        require_file_name(name, f"figure {entry.name!r}")
+    return names
+
+
+def _drawn(entry: FigureEntry, figure_data: FigureData, name: str) -> "Figure":
+    """A figure of an entry. InputError: a plug-in drew something else."""
+    from matplotlib.figure import Figure
+
+    return require_made(entry.draw(figure_data, name), Figure, f"figure {name!r}")
 
 
 def draw_run(
@@ -394,5 +415,5 @@ def _figures(figure_data: FigureData) -> Iterator[tuple[str, Callable[[], "Figur
     estimators = [evaluation.name for evaluation in figure_data.evaluations]
     for entry in figure_entries():
         if entry.lacks(figure_data) is None:
-            for name in entry.names(estimators):
-                yield name, partial(entry.draw, figure_data, name)
+            for name in _names_of(entry, estimators):
+                yield name, partial(_drawn, entry, figure_data, name)

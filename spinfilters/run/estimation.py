@@ -29,6 +29,7 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.core.errors import NUMERICAL_ERRORS, InputError, numerical
+from spinfilters.core.plugins import require_made
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.evaluation.recording_bound import Bounding, with_bounds
 from spinfilters.filters.estimator import Estimator
@@ -204,7 +205,8 @@ def _run_estimator(
         if batch is not None:
             on_epoch = lambda done, every: observers.progress(entry.name, done, every)  # noqa: E731
             return batch.smooth(setup.timeline, setup.initial, on_epoch), setup.map_points
-        estimator, twin = (entry.build(setup, settings) for _ in range(2))
+        what = f"estimator {entry.name!r}"
+        estimator, twin = (require_made(entry.build(setup, settings), Estimator, what) for _ in range(2))
         passed, rows = _run_epochs(entry, estimator, twin, setup, observers)
         history = _final_history(entry, estimator, passed, rows, setup)
         history = replace(history, noise=entry.noise(estimator, history, setup))

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Final
 
 from spinfilters.core.errors import InputError
-from spinfilters.core.plugins import entries_by_name, in_order, installed_plugins
+from spinfilters.core.plugins import entries_by_name, in_order, installed_plugins, require_made
 from spinfilters.io.array_exports import ArrayExportReader
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.dataset_folder import DatasetFolderReader, OtherFolderReader, SensorTableReader
@@ -98,12 +98,13 @@ def read_dataset(
     reader = reader_of(place, options)
     if segment is not None and not reader.has_segments:
         raise InputError(f"{path_text(place)}: has no segments; leave out --segment {segment}")
-    return _without_repeats(reader.read(place, segment))
+    return _made(reader, reader.read(place, segment))
 
 
 def read_whole(path: str | os.PathLike[str], options: ReadingOptions = NOTHING_STATED) -> Dataset:
     """The whole recording of a path, whatever segments are marked in it. Errors: `read_dataset`."""
-    return _without_repeats(reader_of(Path(path), options).whole(Path(path)))
+    reader = reader_of(Path(path), options)
+    return _made(reader, reader.whole(Path(path)))
 
 
 def read_segments(
@@ -127,8 +128,8 @@ def read_segments(
     InputError
         As `read_dataset`.
     """
-    found = reader_of(Path(path), options).segments(Path(path), on_refused)
-    return [_without_repeats(each) for each in found]
+    reader = reader_of(Path(path), options)
+    return [_made(reader, each) for each in reader.segments(Path(path), on_refused)]
 
 
 def recordings_in(folder: Path) -> tuple[Path, ...]:
@@ -155,8 +156,9 @@ def _is_recording(path: Path) -> bool:
     return reader.name != anything.name or path.suffix.lower() in suffixes
 
 
-def _without_repeats(dataset: Dataset) -> Dataset:
-    """Without rows that a logger wrote again, where a sensor's format says that loggers do."""
+def _made(reader: DatasetReader, dataset: Dataset) -> Dataset:
+    """What a reader made, without rows that a logger wrote again, where a sensor's format says that loggers do."""
+    require_made(dataset, Dataset, f"reader {reader.name!r}")
     logged_again = any(sensor_format(name).logged_again for name in dataset.log.sensors)
     return without_repeated_rates(dataset) if logged_again else dataset
 

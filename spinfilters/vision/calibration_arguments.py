@@ -1,9 +1,20 @@
-"""Arguments of ``calibrate``, whose defaults the board takes. Nothing heavy is imported here, so that help is quick."""
+"""Arguments of ``calibrate`` with the board's, whose defaults the board takes. Nothing heavy is imported here: help is quick."""
 
 from dataclasses import dataclass
 from typing import Annotated
 
 from spinfilters.io.stated_values import Argument, NumberRange
+
+Corners = Annotated[str, Argument("inner corners of the board, columns x rows", metavar="9x6")]
+Square = Annotated[float, NumberRange(1e-4, 10, "m"), Argument("side of a square", metavar="METRES")]
+Markers = Annotated[bool, Argument("the board has markers (DICT_5X5_250, 3/4 of a square)")]
+Window = Annotated[
+    int,
+    NumberRange(2, 50, "px", whole=True),
+    Argument(
+        "half width in which a corner is refined; smaller where corners are close together", metavar="PX"
+    ),
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -11,16 +22,10 @@ class CalibrateArguments:
     """Arguments of ``calibrate``."""
 
     folder: Annotated[str, Argument("folder of the images", positional=True, metavar="FOLDER")]
-    corners: Annotated[str, Argument("inner corners of the board, columns x rows", metavar="9x6")]
-    square: Annotated[float, NumberRange(1e-4, 10, "m"), Argument("side of a square", metavar="METRES")]
-    charuco: Annotated[bool, Argument("the board has markers (DICT_5X5_250, 3/4 of a square)")] = False
-    window: Annotated[
-        int,
-        NumberRange(2, 50, "px", whole=True),
-        Argument(
-            "half width in which a corner is refined; smaller where corners are close together", metavar="PX"
-        ),
-    ] = 11
+    corners: Corners
+    square: Square
+    charuco: Markers = False
+    window: Window = 11
     output: Annotated[str, Argument("folder of the calibration", short="-o", metavar="OUT")]
     check: Annotated[
         bool,

@@ -27,6 +27,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
+from spinfilters.core.robust_losses import median_deviation
 from spinfilters.vision.association import Association, Tracker
 from spinfilters.vision.image_folder import ImagePair, LossCount
 from spinfilters.vision.rectification import Rectification
@@ -72,7 +73,7 @@ def background_distance(image: Image) -> Float[np.ndarray, "h w"]:
     border = np.zeros(image.shape, dtype=bool)
     border[[0, -1]], border[:, [0, -1]] = True, True
     level = float(np.median(image[border]))
-    spread = 1.4826 * float(np.median(np.abs(image[border] - level)))
+    spread = median_deviation(image[border] - level)
     if spread > LARGEST_SPREAD:
         return np.full(image.shape, np.inf)
     difference = np.abs(cv2.medianBlur(image, 3) - level)

@@ -26,10 +26,10 @@ from spinfilters.models.process import ProcessNoise
 from spinfilters.run.estimation import Comparison, compare_estimators
 from spinfilters.run.preparation import prepare
 from spinfilters.run.run_folder import write_run
-from spinfilters.settings.run_settings import Settings
+from spinfilters.settings.run_settings import FILTER, Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_noise
 
-SETTINGS = Settings(estimators=("mekf", "smoother"))
+SETTINGS = Settings(estimators=("mekf", "smoother"), verdict=FILTER)
 TRACKS = Scenario.simplified(rate_rpm=RICH_RPM, epochs=40, landmarks=100)
 
 

@@ -22,7 +22,7 @@ from spinfilters.filters.history import EstimateHistory
 from spinfilters.io.reference_motion import ReferenceMotion, read_reference, reference_of_truth
 from spinfilters.io.truth import Truth
 from spinfilters.run.reference_output import without_late_truth
-from spinfilters.settings.run_settings import Settings
+from spinfilters.settings.run_settings import FILTER, Settings
 from spinfilters.simulation.scenario import Scenario, simulate
 
 LATE = 0.1
@@ -36,7 +36,7 @@ def smoothed() -> tuple[EstimateHistory, Truth]:
     )
     dataset = simulate(scenario)
     assert dataset.truth is not None
-    found = plain_comparison(dataset, Settings(estimators=("smoother",)))
+    found = plain_comparison(dataset, Settings(estimators=("smoother",), verdict=FILTER))
     return found.evaluations[0].history, dataset.truth
 
 

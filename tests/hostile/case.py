@@ -20,6 +20,8 @@ class Case:
     arguments: of the command; ``{in}`` is the copy, which must stay as it is, ``{out}`` a folder to write in.
     keeps: files below the copy that must stay as they are; None for all.
     pictures: whether the figures of a run are drawn, which is most of a small run's time.
+    installs: whether the folder ``site`` below the copy holds a distribution, which is on the path of modules.
+    file_bytes: length at which every file that the command writes ends, as on a full disk; None for no such limit.
     """
 
     name: str
@@ -28,6 +30,8 @@ class Case:
     arguments: Sequence[str] = COMPARE
     keeps: str | None = None
     pictures: bool = False
+    installs: bool = False
+    file_bytes: int | None = None
 
     def command(self, place: Path) -> list[str]:
         """The arguments for a case that was made in ``place``."""

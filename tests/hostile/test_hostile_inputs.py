@@ -1,4 +1,4 @@
-"""A seeded sample of the hostile inputs; whole lists: ``python -m tests.hostile.malformed``, ``.attacks``, ``.containers``."""
+"""A seeded sample of the hostile inputs; whole lists: ``python -m tests.hostile.malformed``, ``.attacks``, ``.plugins``."""
 
 from pathlib import Path
 
@@ -10,14 +10,17 @@ from .attacks import attack_cases
 from .case import COMPARE, Case
 from .containers import container_cases
 from .equations import equation_cases
+from .full_disks import full_disk_cases
 from .fuzz import fuzzed_cases
 from .malformed import malformed_cases
 from .originals import make_originals
+from .plugins import plugin_cases
 from .trial import tried
 
 SEED = 10
 MALFORMED, FUZZED, ATTACKS = 40, 15, 50
 CONTAINERS, EQUATIONS = 40, 40
+PLUGINS, FULL_DISKS = 25, 6
 CRASHES = (
     "npz: corrupt deflate",
     "npz: an array of 2^70 numbers",
@@ -33,6 +36,13 @@ CRASHES = (
     "reference: a cell of 200 kB",
     "model: a point of 1e999999999",
     "model: tables nested without end",
+    "plug-in: figures: an exit",
+    "plug-in: sensors: an error whose text fails",
+    "plug-in: entry point 'mine'",
+    "plug-in: read: nothing",
+    "plug-in: metric: a KeyError",
+    "plug-in: metric: a text",
+    "plug-in: figure with name = '../../../../x'",
 )
 """Cases that ended otherwise once."""
 READ_ONLY = (
@@ -56,14 +66,17 @@ def sample() -> list[Case]:
     attacks = attack_cases()
     attacked = np.random.default_rng(SEED).choice(len(attacks), ATTACKS, replace=False)
     containers, equations = list(container_cases()), list(equation_cases())
+    plugins, full_disks = list(plugin_cases()), list(full_disk_cases())
     generator = np.random.default_rng(SEED)
     newer = {
         *generator.choice([case.name for case in containers], CONTAINERS, replace=False),
         *generator.choice([case.name for case in equations], EQUATIONS, replace=False),
+        *generator.choice([case.name for case in plugins], PLUGINS, replace=False),
+        *generator.choice([case.name for case in full_disks], FULL_DISKS, replace=False),
         *CRASHES,
     }
     return [
-        *(case for case in (*containers, *equations) if case.name in newer),
+        *(case for case in (*containers, *equations, *plugins, *full_disks) if case.name in newer),
         *(quick[k] for k in chosen),
         *fuzzed_cases(FUZZED, SEED),
         *(attacks[k] for k in sorted(attacked)),
@@ -91,6 +104,8 @@ def test_every_hostile_input_has_its_name() -> None:
         *attack_cases(),
         *container_cases(),
         *equation_cases(),
+        *plugin_cases(),
+        *full_disk_cases(),
     )
     names = [case.name for case in every]
     assert len(set(names)) == len(names) >= 1600

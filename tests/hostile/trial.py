@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from spinfilters.cli.main import main
+from spinfilters.core.plugins import installed_plugins
 from spinfilters.plots import figures
 
 from .case import Case
@@ -28,25 +29,38 @@ MOST_MEMORY_MB = 1500
 """What a small input may take at its peak, of which the libraries alone are 200."""
 ADDRESS_SPACE = 6 << 30
 """Bytes that a command can have at all: a bound for the machine's sake."""
+UNFINISHED = (".part", ".lock", ".tmp")
+"""Ends of the names of what a command that has ended must not leave."""
 _POLL_S = 0.005
 _HASHED_BYTES = 1 << 26
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a command ended: exit code (None: killed by a signal or by a limit), processor's seconds, MB, and what it said."""
+    """How a command ended.
+
+    Attributes
+    ----------
+    code: None where it was killed by a signal or by a limit.
+    seconds, memory_mb: of the processor; at the peak.
+    said: on standard error.
+    harmed: the user's files that are no longer as they were.
+    left: unfinished files and locks that it left behind.
+    """
 
     code: int | None
     seconds: float
     memory_mb: float
     said: str
     harmed: tuple[str, ...]
+    left: tuple[str, ...] = ()
 
     @property
     def violations(self) -> list[str]:
         """What must not be, in words."""
         lines = [line for line in self.said.splitlines() if "compiling the models" not in line]
         found = [f"changed the user's {name}" for name in self.harmed]
+        found += [f"left {name}" for name in self.left]
         if self.seconds > LONGEST_S - 1 or self.code is None:
             found.append(f"no end: killed after {self.seconds:.0f} s")
         elif self.code not in (0, 2):
@@ -73,7 +87,10 @@ def tried(case: Case, originals: Path, place: Path) -> Outcome:
     code = os.WEXITSTATUS(status) if os.WIFEXITED(status) else None
     said = (place / "said.txt").read_text(encoding="utf-8", errors="replace")
     seconds = usage.ru_utime + usage.ru_stime
-    return Outcome(code, seconds, usage.ru_maxrss / 1024, said, tuple(harmed))
+    left = tuple(str(path.relative_to(place)) for path in place.rglob("*") if path.name.endswith(UNFINISHED))
+    return Outcome(
+        code, seconds, usage.ru_maxrss / 1024, said, tuple(harmed), left if code is not None else ()
+    )
 
 
 def made(case: Case, originals: Path, place: Path) -> None:
@@ -123,6 +140,12 @@ def _be_command(case: Case, place: Path) -> None:
         sys.stderr = io.TextIOWrapper(
             io.FileIO(2, "w", closefd=False), encoding="utf-8", errors="backslashreplace"
         )
+        if case.installs:
+            sys.path.insert(0, str(place / "in" / "site"))
+            sys.dont_write_bytecode = True
+            installed_plugins.cache_clear()
+        if case.file_bytes is not None:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (case.file_bytes, case.file_bytes))
         warnings.resetwarnings()
         warnings.showwarning = _show  # as the interpreter does, whatever a test runner has put in its place
         if (

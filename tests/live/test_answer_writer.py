@@ -1,8 +1,11 @@
 """Answers that nobody reads."""
 
+import errno
 import io
 import os
 from contextlib import suppress
+
+import pytest
 
 from spinfilters.live.answer import MOST_WAITING, Answer, AnswerWriter
 from spinfilters.models.status import EstimatorStatus
@@ -34,3 +37,20 @@ def test_a_reader_who_stops_reading_costs_answers_and_never_time() -> None:
             writer.write(one)
         assert writer.dropped > 0
         os.close(ours)
+
+
+def test_a_full_disk_stops_the_writing_and_is_raised() -> None:
+    class Full(io.StringIO):
+        """A file on a full disk."""
+
+        def flush(self) -> None:
+            """Fail as the disk does."""
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    writer = AnswerWriter("lines", Full())
+    writer.write(answer(1.0))
+    writer.close()
+    with pytest.raises(OSError, match="No space left"):
+        writer.require_written()
+    with pytest.raises(OSError, match="No space left"):
+        writer.write(answer(2.0))

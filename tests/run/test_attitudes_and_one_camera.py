@@ -20,7 +20,7 @@ from spinfilters.models.sensor_registry import sensor_of
 from spinfilters.models.state_layout import ROTATION_BLOCKS
 from spinfilters.run.preparation import prepare
 from spinfilters.run.readers import read_dataset
-from spinfilters.settings.run_settings import Settings
+from spinfilters.settings.run_settings import FILTER, Settings
 from spinfilters.simulation.measurement_faults import Outliers, WrongAssociations, with_faults
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
 
@@ -29,8 +29,8 @@ TRACKS = Scenario.simplified(kind="mono-tracks", rate_rpm=RICH_RPM, epochs=40, l
 
 
 def estimated(dataset: Dataset, *names: str) -> tuple[Evaluation, ...]:
-    """Evaluations of estimators."""
-    settings = Settings(estimators=names)
+    """Evaluations of estimators, without tests of their models."""
+    settings = Settings(estimators=names, verdict=FILTER)
     return plain_comparison(dataset, settings).evaluations
 
 

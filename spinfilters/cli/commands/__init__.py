@@ -75,6 +75,11 @@ COMMANDS: Final = (
         "campaign", "run a table of factors times seeds, and report", "spinfilters.cli.commands.campaign"
     ),
     ListedCommand(
+        "study",
+        "filters beside smoothers: which to fly when, with intervals",
+        "spinfilters.cli.commands.ready_studies",
+    ),
+    ListedCommand(
         "condition",
         "conditioning of covariances by time step and units",
         "spinfilters.cli.commands.condition",
@@ -120,7 +125,7 @@ COMMAND_GROUPS: Final[dict[str, tuple[str, ...]]] = {
         "rig",
         "reconstruct",
     ),
-    "study": ("observe", "campaign", "condition", "polhode", "threshold", "reproduce"),
+    "study": ("observe", "campaign", "study", "condition", "polhode", "threshold", "reproduce"),
     "deliver": ("embed", "schema", "completion", "doctor"),
 }
 """Commands by what they are for, as ``spinfilters --help`` lists them; others stand behind these."""

@@ -2,19 +2,15 @@
 
 import json
 import shlex
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final, NoReturn
+from typing import Annotated, Final, NoReturn
 
 from spinfilters.api.arguments import CampaignArguments
+from spinfilters.cli.campaign_progress import rows_with_bar
 from spinfilters.cli.command import Command, CommandGroup
 from spinfilters.core.errors import InputError
 from spinfilters.io.stated_values import Argument, ArgumentGroup, NumberRange
-
-if TYPE_CHECKING:
-    from spinfilters.campaigns.engine import Advance
 
 NO_SHARDS: Final = (
     "campaigns have no shards any more; distribute runs to the workers of a Dask scheduler with --scheduler"
@@ -37,28 +33,10 @@ def run_study(options: RunStudyArguments) -> int:
     """Run every cell of a study with every seed, with a bar of progress."""
     if options.shard is not None:
         raise InputError(NO_SHARDS)
-    last: list[Advance] = []
-    with _progress_bar() as show:
-
-        def follow(advance: "Advance") -> None:
-            """Show the progress of a campaign."""
-            last[:] = [advance]
-            show(advance)
-
-        try:
-            from spinfilters.api.campaign_frames import campaign_rows
-
-            campaign_rows(Path(options.study), Path(options.output), options.how, follow)
-        except KeyboardInterrupt:
-            if not last:
-                raise
-            raise InputError(
-                f"interrupted; {last[0].done} of {last[0].total} runs are in {options.output}, run the command again "
-                "with --resume to continue"
-            ) from None
-    faulty = f", {last[0].faulty} of the new ones without a result" if last[0].faulty else ""
+    done = rows_with_bar(options.study, Path(options.output), options.how, "runs", "with --resume ")
+    faulty = f", {done.faulty} of the new ones without a result" if done.faulty else ""
     report = f"spinfilters campaign report {shlex.quote(options.output)}"
-    _print_line(f"{last[0].done} of {last[0].total} runs in {options.output}{faulty}; now: {report}")
+    _print_line(f"{done.done} of {done.total} runs in {options.output}{faulty}; now: {report}")
     return 0
 
 
@@ -126,35 +104,6 @@ def _print_line(text: str) -> None:
     from spinfilters.cli.console import wide_console
 
     wide_console().print(text, highlight=False, soft_wrap=True)
-
-
-@contextmanager
-def _progress_bar() -> "Iterator[Callable[[Advance], None]]":
-    """A bar with the time left, on standard error; silent where that is no terminal."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
-
-    console = Console(stderr=True)
-    columns = (TextColumn("runs"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"))
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task("", total=None)
-
-        def show(advance: "Advance") -> None:
-            """Show how many runs are done."""
-            left = advance.seconds_left
-            rest = "" if left is None else f"{_duration(left)} left"
-            bad = f", {advance.faulty} without a result" if advance.faulty else ""
-            bar.update(task, completed=advance.done, total=advance.total, description=rest + bad)
-
-        yield show
-
-
-def _duration(seconds: float) -> str:
-    minutes, rest = divmod(round(seconds), 60)
-    hours, minutes = divmod(minutes, 60)
-    if hours:
-        return f"{hours} h {minutes:02d} min"
-    return f"{minutes} min {rest:02d} s" if minutes else f"{rest} s"
 
 
 COMMAND = CommandGroup(

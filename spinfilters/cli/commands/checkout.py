@@ -7,8 +7,8 @@ from typing import Annotated
 from spinfilters.cli.command import Command
 from spinfilters.core.errors import InputError
 from spinfilters.io.input_file import path_text
-from spinfilters.io.stated_values import Argument, NumberRange
-from spinfilters.vision.calibration_arguments import CalibrateArguments
+from spinfilters.io.stated_values import Argument
+from spinfilters.vision.calibration_arguments import CalibrateArguments, Corners, Markers, Square, Window
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,18 +21,10 @@ class CheckoutArguments:
     images: Annotated[
         str | None, Argument("folder with new images of the board, to check it on", metavar="FOLDER")
     ] = None
-    corners: Annotated[str, Argument("inner corners of the board, columns x rows", metavar="9x6")] = "9x6"
-    square: Annotated[float, NumberRange(1e-4, 10, "m"), Argument("side of a square", metavar="METRES")] = (
-        0.0254
-    )
-    charuco: Annotated[bool, Argument("the board has markers (DICT_5X5_250, 3/4 of a square)")] = False
-    window: Annotated[
-        int,
-        NumberRange(2, 50, "px", whole=True),
-        Argument(
-            "half width in which a corner is refined; smaller where corners are close together", metavar="PX"
-        ),
-    ] = CalibrateArguments.window
+    corners: Corners = "9x6"
+    square: Square = 0.0254
+    charuco: Markers = False
+    window: Window = CalibrateArguments.window
     difference: Annotated[
         str | None, Argument("folder of another calibration, to list what differs", metavar="OTHER")
     ] = None

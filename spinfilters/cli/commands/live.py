@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from spinfilters.cli.command import Command
+from spinfilters.core.errors import InputError
+from spinfilters.io.input_file import reason
 from spinfilters.live.live_arguments import LiveArguments
 
 if TYPE_CHECKING:
@@ -53,6 +55,7 @@ def live(options: LiveArguments) -> int:
                 show(answer)
                 course.keep(answer)
                 last = answer
+        writer.require_written()
         require_uninterrupted()
         if last is not None:
             estimator = "smoother" if last.source == "smoother" else options.filter
@@ -61,7 +64,14 @@ def live(options: LiveArguments) -> int:
     except KeyboardInterrupt:
         pass
     except BrokenPipeError:  # nobody reads the answers any more
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _close_output()
+    except OSError as error:
+        if error is not writer.broken:
+            raise
+        _close_output()
+        raise InputError(
+            f"the answers cannot be written ({reason(error)}); free disk space or write them elsewhere"
+        ) from None
     executive.summary.events.update(source.losses)
     if writer.dropped:
         executive.summary.events["answer not read"] += writer.dropped
@@ -69,6 +79,11 @@ def live(options: LiveArguments) -> int:
     if options.summary:
         _write_summary(Path(options.summary), executive, course)
     return 1 if executive.summary.missed else 0
+
+
+def _close_output() -> None:
+    """Let what waits to be written vanish, so that Python's end does not fail of it again."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _write_summary(path: Path, executive: "Executive", course: "CourseRecorder") -> None:

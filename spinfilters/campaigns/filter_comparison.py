@@ -1,0 +1,391 @@
+"""Ready studies of filters beside smoothers, and one page that answers: which of them, when?
+
+The studies are files of `spinfilters.campaigns.studies`. Each varies one factor beside the estimator. By the levels of that factor
+the page shows ratios of errors and of processor time to those of the smoother on the same recordings, NEES, the share of
+estimates within four stated deviations and how soon filters converge, each with its 95 % interval; and it names one to choose.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+from textwrap import fill
+from typing import Any, Final
+
+import numpy as np
+import pyarrow as pa
+from jaxtyping import Float
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
+from scipy.stats import chi2
+
+from spinfilters.campaigns.campaign_folder import STUDY_FILE, read_folder
+from spinfilters.campaigns.paired_ratios import ESTIMATOR, MARKERS, geometric_ratio, reference_of
+from spinfilters.campaigns.rows_folder import read_rows
+from spinfilters.campaigns.statistics import NOTHING, Interval, cell_summaries, mean, ratio_of_squares, share
+from spinfilters.campaigns.study import Study, read_study
+from spinfilters.core.errors import InputError
+from spinfilters.evaluation.stated_errors import LARGEST_STATED_ERROR
+from spinfilters.io.input_file import path_text, value_text
+from spinfilters.io.output_files import write_text
+from spinfilters.plots.page import image, note, page, table
+from spinfilters.plots.style import GREY, estimator_lines, legend_below, picture_bytes, save_figure, tidy
+
+NAMES: Final = ("cases", "motions", "rates", "noise", "lags", "initial-error", "iterations", "family")
+"""Ready studies, in the order of the page."""
+PAGE: Final = "studies.html"
+PICTURE: Final = "comparison.png"
+WORSE: Final = 1.1
+"""An estimator whose errors are, with 95 %, at most so many times the reference's is as good."""
+CONVERGED: Final = 0.999
+"""Share of the errors of a consistent estimator that lie below the NEES up to which a run counts as converged."""
+MOST_TICKS: Final = 40.0
+"""Range of a logarithmic axis, highest over lowest, up to which it has ticks within a decade."""
+ERRORS: Final = {"error_attitude_rad": "attitude", "error_rate_rad_s": "rate", "error_position_m": "position"}
+"""Errors of the motion that are compared, by their columns: root mean squares over a run's epochs."""
+MOMENTS: Final = "moments"
+"""Title of the errors of both ratios of moments at the last epoch."""
+
+
+@dataclass(frozen=True)
+class LevelResult:
+    """What a study found of one estimator at one level of its factor.
+
+    Attributes
+    ----------
+    level, estimator : str
+        Of the factor, and whose.
+    ratios : dict of str to Interval
+        Errors over those of the reference on the same recordings, by the titles of `ERRORS` and `MOMENTS`.
+    cost : Interval
+        Processor time per epoch over the reference's.
+    seconds : Interval
+        Processor time per epoch, s.
+    nees : Interval
+        Mean over runs, per degree of freedom; 1 for a consistent estimator.
+    right : Interval
+        Share of runs whose published quantities all are within `LARGEST_STATED_ERROR` deviations at the end.
+    converged : Interval
+        Share of runs that converge.
+    settling : Interval
+        Time until they have, s from the first epoch.
+    lost : int
+        Runs without a result.
+    """
+
+    level: str
+    estimator: str
+    ratios: dict[str, Interval]
+    cost: Interval
+    seconds: Interval
+    nees: Interval
+    right: Interval
+    converged: Interval
+    settling: Interval
+    lost: int
+
+    @property
+    def is_as_good(self) -> bool:
+        """Whether each error is, with 95 %, at most `WORSE` times the reference's, and nine runs of ten keep their deviations."""
+        errors = list(self.ratios.values())
+        return bool(errors) and all(each.high <= WORSE for each in errors) and self.right.value >= 0.9
+
+
+def study_file(name: str) -> Path:
+    """File of a ready study.
+
+    Raises
+    ------
+    InputError
+        None of this name.
+    """
+    if name not in NAMES:
+        raise InputError(
+            f"study {value_text(name)} is none of the ready ones; choose from {', '.join(NAMES)}, or all"
+        )
+    return Path(str(files("spinfilters.campaigns") / "studies" / f"{name}.toml"))
+
+
+def ready_study(name: str) -> Study:
+    """A ready study. Errors: `study_file`."""
+    return read_study(study_file(name))
+
+
+def level_results(study: Study, rows: pa.Table) -> list[LevelResult]:
+    """Results of a study by level and estimator, in the order of its cells.
+
+    Parameters
+    ----------
+    study : Study
+        Whose factors but the estimator are one axis.
+    rows : pyarrow.Table
+        Of its runs.
+    """
+    others = [name for name in study.varied if name != ESTIMATOR]
+    reference = reference_of(list(dict.fromkeys(cell.levels[ESTIMATOR] for cell in study.cells)))
+    plain, found = rows.to_pandas().set_index("seed"), list[LevelResult]()
+    for summary in cell_summaries(study, rows):
+        own = plain[plain["cell"] == summary.cell]
+        levels = {**summary.levels, ESTIMATOR: reference}
+        beside = next(
+            (number for number, cell in enumerate(study.cells) if cell.levels == levels), summary.cell
+        )
+        found.append(
+            LevelResult(
+                " ".join(summary.levels[name] for name in others),
+                summary.levels[ESTIMATOR],
+                **_numbers(own, plain[plain["cell"] == beside]),
+                nees=summary.nees,
+                lost=summary.runs - summary.outcomes.get("done", 0),
+            )
+        )
+    return found
+
+
+def _numbers(own: Any, reference: Any) -> dict[str, Any]:
+    """Intervals of an estimator's runs and of their ratios to those of the reference, on the seeds that both have."""
+    seeds = own.index.intersection(reference.index)
+
+    def pairs(column: str) -> list[Float[np.ndarray, " n"]]:
+        return [each.loc[seeds, column].to_numpy(float) for each in (own, reference)]
+
+    ratios = {title: geometric_ratio(*pairs(column)) for column, title in ERRORS.items()}
+    lengths = [np.hypot(*of_both) for of_both in zip(pairs("error_k1"), pairs("error_k2"), strict=True)]
+    ratios[MOMENTS] = ratio_of_squares(*lengths)
+    dof = own["dof"].max()
+    settled = np.array(
+        [] if not dof > 0 else [_settling(run, int(dof)) for run in own.itertuples() if run.nees > 0]
+    )
+    right = own["right"].dropna()
+    return {
+        "ratios": {title: each for title, each in ratios.items() if each.count},
+        "cost": geometric_ratio(*pairs("time_per_epoch_s")),
+        "seconds": mean(own["time_per_epoch_s"].to_numpy(float)),
+        "right": share(int(right.sum()), len(right)),
+        "converged": share(int(np.isfinite(settled).sum()), len(settled)),
+        "settling": mean(settled[np.isfinite(settled)]),
+    }
+
+
+def _settling(run: Any, dof: int) -> float:
+    """Time from a run's first shown epoch on until its NEES stays below the limit of `CONVERGED`, s; infinite if never."""
+    time, nees = np.asarray(run.nees_time_s, float), np.asarray(run.nees_over_time, float)
+    above = np.flatnonzero(~(nees <= chi2.ppf(CONVERGED, dof) / dof))
+    if not len(above):
+        return 0.0
+    return float(time[above[-1] + 1] - time[0]) if above[-1] + 1 < len(time) else np.inf
+
+
+def recommended(results: Sequence[LevelResult]) -> LevelResult | None:
+    """Of the results of one level the cheapest that is as good as the reference; None where none is."""
+    return min(
+        (each for each in results if each.is_as_good), key=lambda each: each.seconds.value, default=None
+    )
+
+
+def by_level(results: Sequence[LevelResult]) -> dict[str, list[LevelResult]]:
+    """Results in groups of one level each."""
+    groups: dict[str, list[LevelResult]] = {}
+    for each in results:
+        groups.setdefault(each.level, []).append(each)
+    return groups
+
+
+def comparison_figure(study: Study, results: Sequence[LevelResult]) -> Figure:
+    """Curves over the levels: ratios of errors, NEES, share within four deviations, processor time; a line an estimator."""
+    levels, names = list(by_level(results)), list(dict.fromkeys(each.estimator for each in results))
+    lines = dict(zip(names, estimator_lines(names), strict=True))
+    titles = [title for title in (*ERRORS.values(), MOMENTS) if any(title in each.ratios for each in results)]
+    figure = Figure(figsize=(12.5, 6.6), layout="constrained")
+    panels = figure.subplots(2, -(-(len(titles) + 3) // 2), squeeze=False).ravel()
+    draws: list[tuple[str, str, Callable[[LevelResult], Interval]]] = [
+        *(
+            (f"{title}: error over the {reference_of(names)}'s", "log", partial(_ratio, title))
+            for title in titles
+        ),
+        ("NEES per degree of freedom", "log", lambda each: each.nees),
+        (f"share within {LARGEST_STATED_ERROR:g} deviations", "linear", lambda each: each.right),
+        ("processor time per epoch [ms]", "log", lambda each: _scaled(each.seconds, 1e3)),
+    ]
+    shifts = dict(zip(names, np.linspace(-0.3, 0.3, len(names)), strict=True))
+    for axes, (title, scale, read) in zip(panels, draws, strict=False):
+        for number, name in enumerate(names):
+            found = [(levels.index(each.level), read(each)) for each in results if each.estimator == name]
+            found = [(place, each) for place, each in found if np.isfinite(each.value) and each.count]
+            value = np.array([each.value for _, each in found])
+            reach = (
+                np.array([[each.value - each.low, each.high - each.value] for _, each in found])
+                .reshape(-1, 2)
+                .T
+            )
+            axes.errorbar(
+                [place + shifts[name] for place, _ in found],
+                value,
+                yerr=np.nan_to_num(np.abs(reach)),
+                fmt=MARKERS[number % len(MARKERS)],
+                color=lines[name].color,
+                markersize=4,
+                linewidth=1.2,
+            )
+        if scale == "log":
+            axes.set_yscale("log")
+            axes.yaxis.set_major_formatter(FormatStrFormatter("%.3g"))
+            low, high = axes.get_ylim()
+            narrow = high / low < MOST_TICKS
+            axes.yaxis.set_major_locator(
+                LogLocator(subs=(1.0, 1.5, 2.0, 3.0, 5.0, 7.0) if narrow else (1.0,))
+            )
+            axes.yaxis.set_minor_formatter(NullFormatter())
+            if "time" not in title:
+                axes.axhline(1.0, color=GREY, linewidth=0.8, zorder=0)
+        axes.set_title(title, fontsize="small", loc="left")
+        axes.set_xticks(
+            range(len(levels)), [fill(level or "all", 16) for level in levels], fontsize="x-small"
+        )
+        tidy(axes)
+    for axes in panels[len(draws) :]:
+        axes.set_visible(False)
+    handles = [
+        Line2D(
+            [], [], marker=MARKERS[k % len(MARKERS)], color=lines[name].color, linestyle="none", label=name
+        )
+        for k, name in enumerate(names)
+    ]
+    legend_below(figure, handles)
+    return figure
+
+
+def _ratio(title: str, result: LevelResult) -> Interval:
+    return result.ratios.get(title, NOTHING)
+
+
+def _scaled(found: Interval, scale: float) -> Interval:
+    return Interval(scale * found.value, scale * found.low, scale * found.high, found.count)
+
+
+def write_comparison_page(folder: Path, studies: Sequence[str] = NAMES) -> Path:
+    """Write the page over the ready studies that a folder holds, finished or not, and a picture of each; the page's path.
+
+    Parameters
+    ----------
+    folder : Path
+        With a campaign's folder for each study, by its name.
+    studies : sequence of str
+        Their order.
+
+    Raises
+    ------
+    InputError
+        No study is there, or one that is damaged; the page cannot be written.
+    """
+    sections, choices = {}, []
+    for name in studies:
+        place = folder / name
+        if not (place / STUDY_FILE).is_file():
+            continue
+        study, begun = read_folder(place)
+        rows = read_rows(place, study.columns, levels=study.levels)
+        results = level_results(study, rows)
+        figure = comparison_figure(study, results)
+        save_figure(figure, place / PICTURE)
+        sections[f"{study.name}"] = (
+            f"<p>{escape(study.options.description)}</p>"
+            + note(
+                f"{len(rows)} of {len(study)} runs, {study.options.seeds} seeds, begun {begun.get('begun', '')[:10]} "
+                f"at commit {str(begun.get('commit', ''))[:12]} on {begun.get('machine', '')}."
+            )
+            + image(picture_bytes(figure, "png", dpi=110), f"{study.name}: estimators by level")
+            + _result_table(results)
+        )
+        choices += _choices(study.name, results)
+    if not sections:
+        raise InputError(
+            f"{path_text(folder)}: holds none of the ready studies; run 'spinfilters study all -o {folder}'"
+        )
+    head = [
+        "study",
+        "level",
+        "choose",
+        "processor ms an epoch",
+        "worst error over the reference",
+        "smoother, ms an epoch",
+    ]
+    remark = (
+        f"Choose: the cheapest estimator of the study whose errors of attitude, rate, position and moments are, with 95 %, at most "
+        f"{WORSE:g} times the reference's on the same recordings, and nine of whose ten results lie within "
+        f"{LARGEST_STATED_ERROR:g} stated deviations. Where none is as good as the smoother, choose that. Filters answer at once, "
+        "the smoother in the end or after its lag; that is not in this table."
+    )
+    write_text(
+        folder / PAGE,
+        page({"What to fly when": note(remark) + table(head, choices, 3), **sections}, "Filter or smoother?"),
+    )
+    return folder / PAGE
+
+
+def _choices(study: str, results: Sequence[LevelResult]) -> Iterator[list[str]]:
+    """Rows of the first table: of each level the estimator to choose."""
+    for level, group in by_level(results).items():
+        reference = next(
+            (each for each in group if each.estimator == reference_of([e.estimator for e in group])), None
+        )
+        chosen = recommended(group)
+        worst = None if chosen is None else max(chosen.ratios.values(), key=lambda each: each.value)
+        yield [
+            escape(study),
+            escape(level or "all"),
+            "none is reliable" if chosen is None else escape(chosen.estimator),
+            "-" if chosen is None else _text(chosen.seconds, 1e3),
+            "-" if worst is None else _text(worst),
+            "-" if reference is None else _text(reference.seconds, 1e3),
+        ]
+
+
+def _result_table(results: Sequence[LevelResult]) -> str:
+    titles = [title for title in (*ERRORS.values(), MOMENTS) if any(title in each.ratios for each in results)]
+    within = f"within {LARGEST_STATED_ERROR:g} deviations"
+    head = [
+        "level",
+        "estimator",
+        *titles,
+        "processor time",
+        "ms an epoch",
+        "NEES",
+        within,
+        "converged",
+        "after [s]",
+        "no result",
+    ]
+    rows = [
+        [
+            escape(each.level or "all"),
+            escape(each.estimator),
+            *(_text(each.ratios.get(title, NOTHING)) for title in titles),
+            _text(each.cost),
+            _text(each.seconds, 1e3),
+            _text(each.nees),
+            _text(each.right, 100, " %"),
+            _text(each.converged, 100, " %"),
+            _text(each.settling),
+            str(each.lost or "-"),
+        ]
+        for each in results
+    ]
+    remark = (
+        "Errors and processor time over those of the reference on the same recordings, with 95 % intervals: geometric means of the "
+        "motion's root mean squares, the ratio of root mean squares over runs of the moments. Converged: NEES stays below what "
+        f"{100 * CONVERGED:g} % of the epochs of a consistent estimator do not reach; after that time from the first epoch on."
+    )
+    return note(remark) + table(head, rows, 2)
+
+
+def _text(found: Interval, scale: float = 1.0, unit: str = "") -> str:
+    if not found.count or not np.isfinite(found.value):
+        return "-"
+    value = f"{scale * found.value:.3g}{unit}"
+    if not np.isfinite(found.low) or found.low == found.high:
+        return value
+    return f'{value} <span class="i">{scale * found.low:.3g} .. {scale * found.high:.3g}</span>'

@@ -1,0 +1,86 @@
+"""The command ``study``: ready comparisons of filters with smoothers."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from spinfilters.api.arguments import CampaignArguments
+from spinfilters.cli.command import Command
+from spinfilters.io.stated_values import Argument, NumberRange
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReadyStudyArguments:
+    """Arguments of ``study``."""
+
+    names: Annotated[
+        tuple[str, ...],
+        Argument("ready studies; all, or list", positional=True, metavar="NAME"),
+    ]
+    output: Annotated[
+        str,
+        Argument(
+            "folder of the page, with a campaign's folder for each; goes on with what is there",
+            short="-o",
+            metavar="FOLDER",
+        ),
+    ] = "runs/studies"
+    seeds: Annotated[
+        int | None,
+        NumberRange(1, 100_000, whole=True),
+        Argument("runs of every cell in place of the study's own number"),
+    ] = None
+    workers: Annotated[
+        int | None, NumberRange(1, 1024, whole=True), Argument("processes, by default one per processor")
+    ] = None
+
+
+def make_studies(options: ReadyStudyArguments) -> int:
+    """Run what the chosen studies lack, then write the page over all of the folder."""
+    from spinfilters.api.campaign_frames import require_installed
+
+    for package in ("pyarrow", "pandas", "distributed"):
+        require_installed(package)
+    from rich.table import Table
+
+    from spinfilters.campaigns.filter_comparison import (
+        NAMES,
+        PICTURE,
+        ready_study,
+        study_file,
+        write_comparison_page,
+    )
+    from spinfilters.cli.campaign_progress import rows_with_bar
+    from spinfilters.cli.console import wide_console
+
+    console = wide_console()
+    if options.names == ("list",):
+        found = Table("name", "runs", "what it compares")
+        for name in NAMES:
+            study = ready_study(name)
+            found.add_row(name, str(len(study)), study.options.description)
+        console.print(found)
+        return 0
+    names = NAMES if "all" in options.names else tuple(dict.fromkeys(options.names))
+    for name in names:
+        study_file(name)  # refuses before anything is run
+    folder = Path(options.output)
+    for name in names:
+        document = dict(ready_study(name).document)
+        if options.seeds is not None:
+            document["study"] = {**document["study"], "seeds": options.seeds}
+        rows_with_bar(document, folder / name, CampaignArguments(workers=options.workers, resume=True), name)
+        console.print(f"{name}: look at {folder / name / PICTURE}", highlight=False, soft_wrap=True)
+    console.print(
+        f"written to {folder}; look at {write_comparison_page(folder)}", highlight=False, soft_wrap=True
+    )
+    return 0
+
+
+COMMAND = Command(
+    "study",
+    ReadyStudyArguments,
+    make_studies,
+    "Compares filters with smoothers over sensors, motions, rates, noise, lags, initial errors and iterations. One page says "
+    "which of them to fly when, each number with its 95 % interval. An interrupted call goes on where it ended.",
+)
