@@ -8,15 +8,28 @@ from collections.abc import Callable
 from fractions import Fraction
 from typing import Protocol
 
+from observability.exact_numbers import near_simple
+
 LONGEST_POWER = 64
 """Integer exponents up to here become products."""
-QUARTER = math.pi / 2
-ROUNDED = 4e-16
-"""Relative error of a multiple of pi/2 that was computed in floats."""
+ROUNDED = 8e-16
+"""Relative error of a multiple of pi/12 or of a root that was computed in floats."""
+HALF_COSINES = (2, 1, -1, -2, -1, 1)
+"""Twice the cosines of multiples of pi/3."""
+SIXTH_SINES = (0, 1, 1, 0, -1, -1)
+"""Their sines over the root of 3/4."""
 
 
 class Program(Protocol):
-    """What registers are written with."""
+    """What registers are written with.
+
+    Attributes
+    ----------
+    roots : frozenset[int]
+        Numbers of 2 and 3 that have roots in the arithmetic at hand.
+    """
+
+    roots: frozenset[int]
 
     def emit(self, operation: str, *operands: int) -> int:
         """The register of an operation."""
@@ -40,7 +53,7 @@ def _half(program: Program, register: int) -> int:
 
 
 def _turn(program: Program, angle: int) -> tuple[int, int]:
-    """exp(i a) and exp(-i a); a multiple of pi/2 that was added to an angle turns exactly."""
+    """exp(i a) and exp(-i a); a multiple of pi/12 that was added to an angle turns exactly."""
     there = _exact_turn(program, angle)
     if there is None:
         there = program.emit("cis", angle)
@@ -66,13 +79,53 @@ def _exact_turn(program: Program, angle: int) -> int | None:
     return None
 
 
+def roots_of_turn(angle: float) -> frozenset[int]:
+    """Numbers whose roots the cosine and sine of a multiple of pi/12 hold; none of other angles."""
+    steps = _twelfths(angle)
+    # pi/12 = pi/3 - pi/4: an odd number of quarters wants the root of 2, a broken number of halves that of 3.
+    return frozenset({2} if steps % 2 else ()) | frozenset({3} if steps % 3 else ())
+
+
+def _twelfths(angle: float) -> int:
+    """Multiples of pi/12 in an angle as a float, 0 where it is none."""
+    steps = round(angle * 12 / math.pi)
+    return steps if math.isclose(angle, steps * math.pi / 12, rel_tol=ROUNDED, abs_tol=0) else 0
+
+
 def _turn_by(program: Program, angle: float) -> int | None:
-    """exp(i c) of a multiple c of pi/2 as a float, else None."""
-    steps = round(angle / QUARTER)
-    if not steps or not math.isclose(angle, steps * QUARTER, rel_tol=ROUNDED, abs_tol=0):
+    """exp(i c) of a multiple c of pi/12 as a float, else None."""
+    steps = _twelfths(angle)
+    if not steps or not roots_of_turn(angle) <= program.roots:
         return None
-    root = program.constant(Fraction(-1 if steps % 4 in (2, 3) else 1))
-    return program.emit("times_i", root) if steps % 2 else root
+    # k pi/12 = k pi/3 - k pi/4
+    quarters, thirds = -steps % 8, steps % 6
+    root = program.constant(Fraction((-1) ** (quarters // 4) * HALF_COSINES[thirds], 2))
+    if SIXTH_SINES[thirds]:
+        half = program.constant(Fraction((-1) ** (quarters // 4) * SIXTH_SINES[thirds], 2))
+        root = _complex(program, root, program.emit("mul", half, square_root(program, 3)))
+    if quarters % 2:
+        half = program.emit("mul", program.constant(Fraction(1, 2)), square_root(program, 2))
+        root = program.emit("mul", _complex(program, half, half), root)
+    return program.emit("times_i", root) if quarters % 4 > 1 else root
+
+
+def square_root(program: Program, number: int) -> int:
+    """Of a whole number, as an operation of its own."""
+    return program.emit("sqrt", program.constant(Fraction(number)))
+
+
+def root_multiple(program: Program, value: float) -> int | None:
+    """The register of a constant that is a simple multiple of the root of 2, 3 or 6, such as sqrt(3)/2; None of others."""
+    for number in (2, 3, 6):
+        factors = frozenset(each for each in (2, 3) if number % each == 0)
+        share = near_simple(value / math.sqrt(number)) if factors <= program.roots else None
+        if share is None:
+            continue
+        register = program.constant(share)
+        for each in sorted(factors):
+            register = program.emit("mul", register, square_root(program, each))
+        return register
+    return None
 
 
 def _sine(program: Program, angle: int) -> int:

@@ -10,7 +10,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from observability.elementary_functions import LOWERED
+from observability.elementary_functions import LOWERED, root_multiple, roots_of_turn
 from observability.exact_numbers import near_simple, rational
 from spinfilters.core.errors import InputError
 
@@ -83,9 +83,66 @@ class Tape:
                     needed.update(operands)
         return frozenset(needed)
 
+    def radicands(self, inputs_have_roots: bool) -> frozenset[Fraction]:
+        """Numbers under roots, and under logarithms in exponents, but for factors that have roots themselves.
 
-def tape_of(name: str, inputs: list[ca.SX], output: ca.SX) -> Tape:
+        Parameters
+        ----------
+        inputs_have_roots : bool
+            Whether all inputs do; else nothing is said of what depends on them.
+        """
+        known = dict(self.constants)
+        if inputs_have_roots:
+            known |= {int(register): Fraction(1) for where in self.inputs for register in where}
+        found = set()
+        for group in self.groups:
+            for out, left, right in zip(
+                group.out.tolist(), group.left.tolist(), group.right.tolist(), strict=True
+            ):
+                if group.operation == "sqrt" or (group.operation == "log" and out in self.exponents):
+                    found.add(known.get(left))
+                factor = _factor(group.operation, known.get(left), known.get(right))
+                if factor is not None:
+                    known[out] = factor
+        return frozenset(each for each in found if each)
+
+
+def _factor(operation: str, left: Fraction | None, right: Fraction | None) -> Fraction | None:
+    """What a result is a multiple of, beside factors that have roots; None where this is not known or 0."""
+    if operation in ("sqrt", "exp", "cis"):
+        return Fraction(1)
+    if not left or not right:
+        return None
+    match operation:
+        case "mul" | "sq":
+            return left * right
+        case "div":
+            return left / right
+        case "inv":
+            return 1 / left
+        case "neg":
+            return -left
+        case "twice":
+            return 2 * left
+        case "assign":
+            return left
+        case _:
+            return None
+
+
+def tape_of(name: str, inputs: list[ca.SX], output: ca.SX, roots: bool = False) -> Tape:
     """The tape of an expression.
+
+    Parameters
+    ----------
+    name : str
+        Of the expression, for complaints.
+    inputs : list[casadi.SX]
+        Its symbols.
+    output : casadi.SX
+        The expression.
+    roots : bool
+        Whether turns by multiples of pi/12 may be written with the roots of 2 and 3, which not every prime field has.
 
     Raises
     ------
@@ -94,7 +151,7 @@ def tape_of(name: str, inputs: list[ca.SX], output: ca.SX) -> Tape:
     """
     function = ca.Function("tape", inputs, [ca.densify(output)])
     edges = np.concatenate([[0], np.cumsum([function.numel_in(k) for k in range(function.n_in())])])
-    reader = _Reader(name, int(edges[-1]))
+    reader = _Reader(name, int(edges[-1]), _roots_of_turns(function) if roots else frozenset())
     for k in range(function.n_instructions()):
         reader.read(function, k, edges)
     registers = tuple(np.arange(start, stop) for start, stop in pairwise(edges))
@@ -107,11 +164,21 @@ def _constant(value: float) -> Fraction:
     return (near_simple(value) if np.isfinite(value) else None) or rational(value)
 
 
+def _roots_of_turns(function: ca.Function) -> frozenset[int]:
+    """Those of 2 and 3 whose roots are in the sines of a function's constant angles."""
+    instructions = range(function.n_instructions())
+    operations = [NAMES[function.instruction_id(k)] for k in instructions]
+    if not {"sin", "cos", "tan"} & set(operations):
+        return frozenset()
+    angles = [function.instruction_constant(k) for k in instructions if operations[k] == "const"]
+    return frozenset().union(*[roots_of_turn(angle) for angle in angles if np.isfinite(angle)])
+
+
 class _Reader:
     """Renames CasADi's reused work registers as it reads."""
 
-    def __init__(self, name: str, inputs: int) -> None:
-        self._name = name
+    def __init__(self, name: str, inputs: int, roots: frozenset[int]) -> None:
+        self._name, self.roots = name, roots
         self.levels = [0] * inputs
         self.constants: list[tuple[int, Fraction]] = []
         self.outputs: dict[int, int] = {}
@@ -130,7 +197,9 @@ class _Reader:
         elif operation == "input":
             self._current[written[0]] = int(edges[read[0]]) + read[1]
         elif operation == "const":
-            self._current[written[0]] = self.constant(_constant(function.instruction_constant(k)))
+            value = function.instruction_constant(k)
+            root = root_multiple(self, value) if self.roots and np.isfinite(value) else None
+            self._current[written[0]] = self.constant(_constant(value)) if root is None else root
         else:
             self._operate(operation, [self._current[register] for register in read], written[0])
 
