@@ -169,8 +169,8 @@ def compare_estimators(
         interrupted = True
     baselines = frozenset(name for name, entry in entries.items() if entry.is_baseline)
     doubts = doubts_of(evaluations, setup, settings, baselines)
-    judged = with_verdicts(doubts, settings, entries)
-    bounded = judged if interrupted else extent.bounding(judged, setup)
+    with_verdict = with_verdicts(doubts, settings, entries)
+    bounded = with_verdict if interrupted else extent.bounding(with_verdict, setup)
     return Comparison(setup, tuple(bounded), interrupted, maps, doubts.models)
 
 
