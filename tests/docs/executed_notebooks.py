@@ -10,6 +10,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
 FOLDER = Path(__file__).parents[2] / "docs" / "notebooks"
@@ -25,11 +26,12 @@ def cells(notebook: Path, kind: str = "code") -> list[str]:
 
 
 def execute(notebook: Path) -> list[Any]:
-    """Values that the cells display, in the current folder; of a cell its last expression, as in Jupyter."""
+    """What the cells display, run in the current folder: of each its last expression and its pyplot figures, as in Jupyter."""
     names: dict[str, Any] = {"__name__": "__main__"}
     shown: list[Any] = []
     for number, text in enumerate(cells(notebook), start=1):
-        body, name = ast.parse(text).body, f"{notebook.name}, cell {number}"
+        code = "\n".join(line for line in text.splitlines() if not line.startswith("%"))  # magics of Jupyter
+        body, name = ast.parse(code).body, f"{notebook.name}, cell {number}"
         last = body[-1]
         is_shown = isinstance(last, ast.Expr) and not text.rstrip().endswith(";")
         statements = body[:-1] if is_shown else body
@@ -38,6 +40,8 @@ def execute(notebook: Path) -> list[Any]:
             value = eval(compile(ast.Expression(last.value), name, "eval"), names)
             if value is not None:
                 shown.append(value)
+        shown += [plt.figure(figure) for figure in plt.get_fignums()]
+        plt.close("all")
     return shown
 
 
