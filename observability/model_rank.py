@@ -83,14 +83,16 @@ class ReachedModel:
     def tape(self) -> Tape:
         """(states, constants, inputs, unknown inputs) -> rates, then outputs."""
         rows = [self.model.rates[each] for each in self.states] + list(self.model.outputs.values())
-        return tape_of(self.model.name, self.arguments, ca.vertcat(*rows), roots=True)
+        return tape_of(self.model.name, self.arguments, ca.vertcat(*rows), constants_known=True)
 
     @cached_property
     def start(self) -> Tape:
         """Same arguments -> states at time 0."""
         known, symbols = self.model.known_initial_values, self.model.symbols
         rows = [known.get(each, symbols[each]) for each in self.states]
-        return tape_of(f"{self.model.name}: the start", self.arguments, ca.vertcat(*rows), roots=True)
+        return tape_of(
+            f"{self.model.name}: the start", self.arguments, ca.vertcat(*rows), constants_known=True
+        )
 
     @cached_property
     def radicands(self) -> frozenset[Fraction]:

@@ -10,7 +10,12 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from observability.elementary_functions import LOWERED, root_multiple, roots_of_turn
+from observability.elementary_functions import (
+    LOWERED,
+    logarithm_multiple,
+    root_multiple,
+    roots_of_turn,
+)
 from observability.exact_numbers import near_simple, rational
 from spinfilters.core.errors import InputError
 
@@ -130,7 +135,7 @@ def _factor(operation: str, left: Fraction | None, right: Fraction | None) -> Fr
             return None
 
 
-def tape_of(name: str, inputs: list[ca.SX], output: ca.SX, roots: bool = False) -> Tape:
+def tape_of(name: str, inputs: list[ca.SX], output: ca.SX, constants_known: bool = False) -> Tape:
     """The tape of an expression.
 
     Parameters
@@ -141,8 +146,9 @@ def tape_of(name: str, inputs: list[ca.SX], output: ca.SX, roots: bool = False) 
         Its symbols.
     output : casadi.SX
         The expression.
-    roots : bool
-        Whether turns by multiples of pi/12 may be written with the roots of 2 and 3, which not every prime field has.
+    constants_known : bool
+        Whether turns by multiples of pi/12 and constants beside them are written with the roots of 2 and 3, and logarithms of
+        numbers with those of primes. Not every prime field has these.
 
     Raises
     ------
@@ -151,7 +157,10 @@ def tape_of(name: str, inputs: list[ca.SX], output: ca.SX, roots: bool = False) 
     """
     function = ca.Function("tape", inputs, [ca.densify(output)])
     edges = np.concatenate([[0], np.cumsum([function.numel_in(k) for k in range(function.n_in())])])
-    reader = _Reader(name, int(edges[-1]), _roots_of_turns(function) if roots else frozenset())
+    reader = _Reader(name, int(edges[-1]))
+    if constants_known:
+        reader.roots = _roots_of_turns(function)
+        reader.splits_logarithms = not {"log", "log1p"}.isdisjoint(_operations(function))
     for k in range(function.n_instructions()):
         reader.read(function, k, edges)
     registers = tuple(np.arange(start, stop) for start, stop in pairwise(edges))
@@ -164,21 +173,26 @@ def _constant(value: float) -> Fraction:
     return (near_simple(value) if np.isfinite(value) else None) or rational(value)
 
 
+def _operations(function: ca.Function) -> list[str]:
+    return [NAMES[function.instruction_id(k)] for k in range(function.n_instructions())]
+
+
 def _roots_of_turns(function: ca.Function) -> frozenset[int]:
     """Those of 2 and 3 whose roots are in the sines of a function's constant angles."""
-    instructions = range(function.n_instructions())
-    operations = [NAMES[function.instruction_id(k)] for k in instructions]
-    if not {"sin", "cos", "tan"} & set(operations):
+    operations = _operations(function)
+    if {"sin", "cos", "tan"}.isdisjoint(operations):
         return frozenset()
-    angles = [function.instruction_constant(k) for k in instructions if operations[k] == "const"]
+    angles = [function.instruction_constant(k) for k, each in enumerate(operations) if each == "const"]
     return frozenset().union(*[roots_of_turn(angle) for angle in angles if np.isfinite(angle)])
 
 
 class _Reader:
     """Renames CasADi's reused work registers as it reads."""
 
-    def __init__(self, name: str, inputs: int, roots: frozenset[int]) -> None:
-        self._name, self.roots = name, roots
+    def __init__(self, name: str, inputs: int) -> None:
+        self._name = name
+        self.roots: frozenset[int] = frozenset()
+        self.splits_logarithms = False
         self.levels = [0] * inputs
         self.constants: list[tuple[int, Fraction]] = []
         self.outputs: dict[int, int] = {}
@@ -197,11 +211,17 @@ class _Reader:
         elif operation == "input":
             self._current[written[0]] = int(edges[read[0]]) + read[1]
         elif operation == "const":
-            value = function.instruction_constant(k)
-            root = root_multiple(self, value) if self.roots and np.isfinite(value) else None
-            self._current[written[0]] = self.constant(_constant(value)) if root is None else root
+            self._current[written[0]] = self._named(function.instruction_constant(k))
         else:
             self._operate(operation, [self._current[register] for register in read], written[0])
+
+    def _named(self, value: float) -> int:
+        """The register of a constant, which is written as what it was computed from where that is known."""
+        for named in (root_multiple, logarithm_multiple):
+            register = named(self, value) if np.isfinite(value) else None
+            if register is not None:
+                return register
+        return self.constant(_constant(value))
 
     def _operate(self, operation: str, operands: list[int], written: int) -> None:
         if operation in LOWERED:
