@@ -5,11 +5,13 @@ without dynamics that are added afterwards; motions that leave parameters open; 
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
 import numpy as np
 from jaxtyping import Float
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator, ScalarFormatter
 
@@ -87,8 +89,7 @@ def make_late_filters() -> ItemResult:
     axes = figure.subplots()
     for (name, values), colour in zip(courses.items(), (BLUE, RED, GREEN), strict=False):
         axes.loglog(STARTS, values, "o-", color=colour, label=name)
-    axes.set_xticks(STARTS, [str(count) for count in STARTS])
-    axes.xaxis.set_minor_locator(NullLocator())
+    _tick_counts(axes, STARTS)
     axes.yaxis.set_major_formatter(ScalarFormatter())
     axes.yaxis.set_minor_formatter(ScalarFormatter())
     axes.set(
@@ -103,6 +104,12 @@ def make_late_filters() -> ItemResult:
         "than asked for (epochs_smoothed)."
     )
     return ItemResult(rows, {"late_filters": figure}, {"late_filters": table}, note)
+
+
+def _tick_counts(axes: Axes, counts: Sequence[int]) -> None:
+    """Whole numbers at a logarithmic axis, rather than powers of ten."""
+    axes.set_xticks(counts, [str(count) for count in counts])
+    axes.xaxis.set_minor_locator(NullLocator())
 
 
 def _attitude_rms(evaluation: Evaluation) -> float:
@@ -380,6 +387,7 @@ def make_fused_recordings() -> ItemResult:
     axes = figure.subplots()
     axes.loglog(counts, std, "o-", color=BLUE, label="fused")
     axes.loglog(counts, std[0] / np.sqrt(counts), color=BLACK, linestyle=":", label="1 / sqrt(recordings)")
+    _tick_counts(axes, counts)
     axes.set(xlabel="recordings", ylabel="deviation of the mass distribution, rms [-]")
     axes.set_title("one inertia from several recordings of one body", loc="left", fontsize="medium")
     axes.legend(frameon=False)
