@@ -8,15 +8,35 @@ from collections.abc import Callable
 from fractions import Fraction
 from typing import Protocol
 
+from observability.exact_numbers import near_simple
+
 LONGEST_POWER = 64
 """Integer exponents up to here become products."""
-QUARTER = math.pi / 2
-ROUNDED = 4e-16
-"""Relative error of a multiple of pi/2 that was computed in floats."""
+ROUNDED = 8e-16
+"""Relative error of a multiple of pi/12 or of a root that was computed in floats."""
+HALF_COSINES = (2, 1, -1, -2, -1, 1)
+"""Twice the cosines of multiples of pi/3."""
+SIXTH_SINES = (0, 1, 1, 0, -1, -1)
+"""Their sines over the root of 3/4."""
+SMALL_PRIMES = tuple(n for n in range(2, 100) if all(n % k for k in range(2, n)))
+LARGEST_IN_LOGARITHM = 1000
+"""Numerator and denominator of numbers whose logarithm a constant is taken for."""
+LARGEST_LOGARITHM = math.log(LARGEST_IN_LOGARITHM)
 
 
 class Program(Protocol):
-    """What registers are written with."""
+    """What registers are written with.
+
+    Attributes
+    ----------
+    roots : frozenset[int]
+        Numbers of 2 and 3 that have roots in the arithmetic at hand.
+    splits_logarithms : bool
+        Whether logarithms of numbers are written with those of primes.
+    """
+
+    roots: frozenset[int]
+    splits_logarithms: bool
 
     def emit(self, operation: str, *operands: int) -> int:
         """The register of an operation."""
@@ -40,7 +60,7 @@ def _half(program: Program, register: int) -> int:
 
 
 def _turn(program: Program, angle: int) -> tuple[int, int]:
-    """exp(i a) and exp(-i a); a multiple of pi/2 that was added to an angle turns exactly."""
+    """exp(i a) and exp(-i a); a multiple of pi/12 that was added to an angle turns exactly."""
     there = _exact_turn(program, angle)
     if there is None:
         there = program.emit("cis", angle)
@@ -66,13 +86,53 @@ def _exact_turn(program: Program, angle: int) -> int | None:
     return None
 
 
+def roots_of_turn(angle: float) -> frozenset[int]:
+    """Numbers whose roots the cosine and sine of a multiple of pi/12 hold; none of other angles."""
+    steps = _twelfths(angle)
+    # pi/12 = pi/3 - pi/4: an odd number of quarters wants the root of 2, a broken number of halves that of 3.
+    return frozenset({2} if steps % 2 else ()) | frozenset({3} if steps % 3 else ())
+
+
+def _twelfths(angle: float) -> int:
+    """Multiples of pi/12 in an angle as a float, 0 where it is none."""
+    steps = round(angle * 12 / math.pi)
+    return steps if math.isclose(angle, steps * math.pi / 12, rel_tol=ROUNDED, abs_tol=0) else 0
+
+
 def _turn_by(program: Program, angle: float) -> int | None:
-    """exp(i c) of a multiple c of pi/2 as a float, else None."""
-    steps = round(angle / QUARTER)
-    if not steps or not math.isclose(angle, steps * QUARTER, rel_tol=ROUNDED, abs_tol=0):
+    """exp(i c) of a multiple c of pi/12 as a float, else None."""
+    steps = _twelfths(angle)
+    if not steps or not roots_of_turn(angle) <= program.roots:
         return None
-    root = program.constant(Fraction(-1 if steps % 4 in (2, 3) else 1))
-    return program.emit("times_i", root) if steps % 2 else root
+    # k pi/12 = k pi/3 - k pi/4
+    quarters, thirds = -steps % 8, steps % 6
+    root = program.constant(Fraction((-1) ** (quarters // 4) * HALF_COSINES[thirds], 2))
+    if SIXTH_SINES[thirds]:
+        half = program.constant(Fraction((-1) ** (quarters // 4) * SIXTH_SINES[thirds], 2))
+        root = _complex(program, root, program.emit("mul", half, square_root(program, 3)))
+    if quarters % 2:
+        half = program.emit("mul", program.constant(Fraction(1, 2)), square_root(program, 2))
+        root = program.emit("mul", _complex(program, half, half), root)
+    return program.emit("times_i", root) if quarters % 4 > 1 else root
+
+
+def square_root(program: Program, number: int) -> int:
+    """Of a whole number, as an operation of its own."""
+    return program.emit("sqrt", program.constant(Fraction(number)))
+
+
+def root_multiple(program: Program, value: float) -> int | None:
+    """The register of a constant that is a simple multiple of the root of 2, 3 or 6, such as sqrt(3)/2; None of others."""
+    for number in (2, 3, 6):
+        factors = frozenset(each for each in (2, 3) if number % each == 0)
+        share = near_simple(value / math.sqrt(number)) if factors <= program.roots else None
+        if share is None:
+            continue
+        register = program.constant(share)
+        for each in sorted(factors):
+            register = program.emit("mul", register, square_root(program, each))
+        return register
+    return None
 
 
 def _sine(program: Program, angle: int) -> int:
@@ -154,15 +214,20 @@ def _area_tangent(program: Program, a: int) -> int:
 def _logarithm(program: Program, a: int) -> int:
     """The sum of logarithms of a product's factors, so that log(a) + log(b) = log(a b) holds exactly.
 
-    The gradient is that of log(a) also where two factors are negative. A factor that is a number stays with the other one.
+    The gradient is that of log(a) also where two factors are negative. A number is such a factor where logarithms of numbers are
+    written with those of primes; elsewhere it stays with the other one.
     """
     operation, left, right = program.written_as(a) or ("", a, a)
-    numbers = program.constant_of(left) is not None or program.constant_of(right) is not None
+    value = program.constant_of(a)
+    if value is not None and value > 0 and program.splits_logarithms:
+        return _logarithm_of_number(program, value)
     if operation == "exp":
         return left
-    if operation in ("mul", "div") and not numbers:
+    if operation in ("mul", "div") and all(_is_factor(program, each) for each in (left, right)):
         both = (_logarithm(program, left), _logarithm(program, right))
         return program.emit("add" if operation == "mul" else "sub", *both)
+    if operation == "twice" and program.splits_logarithms:
+        return program.emit("add", _logarithm_of_number(program, Fraction(2)), _logarithm(program, left))
     if operation == "inv":
         return program.emit("neg", _logarithm(program, left))
     if operation == "sq":
@@ -170,6 +235,49 @@ def _logarithm(program: Program, a: int) -> int:
     if operation == "sqrt":
         return _half(program, _logarithm(program, left))
     return program.emit("log", a)
+
+
+def _is_factor(program: Program, register: int) -> bool:
+    """Whether a factor's logarithm may be taken by itself."""
+    value = program.constant_of(register)
+    return value is None or (program.splits_logarithms and value > 0)
+
+
+def _logarithm_of_number(program: Program, value: Fraction) -> int:
+    """With logarithms of primes, and of what remains of it without small ones."""
+    result = program.constant(Fraction(0))
+    for sign, number in ((1, value.numerator), (-1, value.denominator)):
+        for divisor in SMALL_PRIMES:
+            power = 0
+            while number % divisor == 0:
+                number, power = number // divisor, power + 1
+            result = _with_logarithm(program, result, divisor, sign * power)
+        result = _with_logarithm(program, result, number, sign if number > 1 else 0)
+    return result
+
+
+def _with_logarithm(program: Program, sum_so_far: int, number: int, times: int) -> int:
+    if not times:
+        return sum_so_far
+    own = program.emit("log", program.constant(Fraction(number)))
+    if times != 1:
+        own = program.emit("mul", program.constant(Fraction(times)), own)
+    return own if program.constant_of(sum_so_far) == 0 else program.emit("add", sum_so_far, own)
+
+
+def logarithm_multiple(program: Program, value: float) -> int | None:
+    """The register of a constant that is the logarithm of a simple fraction, or a half or third of it; None of others."""
+    if not program.splits_logarithms or abs(value) > LARGEST_LOGARITHM or near_simple(value) is not None:
+        return None
+    for parts in (1, 2, 3):
+        number = Fraction(math.exp(parts * value)).limit_denominator(LARGEST_IN_LOGARITHM)
+        if not 0 < number <= LARGEST_IN_LOGARITHM or number == 1:
+            continue
+        if math.isclose(parts * value, math.log(number), rel_tol=ROUNDED, abs_tol=0):
+            share = program.constant(Fraction(1, parts))
+            own = _logarithm_of_number(program, number)
+            return own if parts == 1 else program.emit("mul", share, own)
+    return None
 
 
 def _logarithm_of_one_plus(program: Program, a: int) -> int:

@@ -273,7 +273,7 @@ def discrete_logarithms(a: np.ndarray, base: int, field: PrimeField) -> np.ndarr
     """x with base^x = a modulo p, for a in the group of order q that the base generates."""
     if not a.size:
         return a
-    values, exponents, giants = _steps(base, field.prime)
+    values, exponents, giants = _steps(base, field.prime, field.order)
     found = np.zeros(a.size, dtype=np.uint64)
     for index, number in enumerate(a.ravel().tolist()):
         tries = np.uint64(number) * giants % np.uint64(field.prime)
@@ -286,9 +286,8 @@ def discrete_logarithms(a: np.ndarray, base: int, field: PrimeField) -> np.ndarr
 
 
 @lru_cache(maxsize=8)
-def _steps(base: int, prime: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _steps(base: int, prime: int, order: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Sorted baby steps base^j with their j, and giant steps base^(-m i)."""
-    order = (prime - 1) // 4
     babies = _geometric(base, BABY_STEPS, prime)
     ranked = np.argsort(babies)
     giants = _geometric(pow(base, -BABY_STEPS, prime), order // BABY_STEPS + 1, prime)

@@ -83,14 +83,27 @@ class ReachedModel:
     def tape(self) -> Tape:
         """(states, constants, inputs, unknown inputs) -> rates, then outputs."""
         rows = [self.model.rates[each] for each in self.states] + list(self.model.outputs.values())
-        return tape_of(self.model.name, self.arguments, ca.vertcat(*rows))
+        return tape_of(self.model.name, self.arguments, ca.vertcat(*rows), constants_known=True)
 
     @cached_property
     def start(self) -> Tape:
         """Same arguments -> states at time 0."""
         known, symbols = self.model.known_initial_values, self.model.symbols
         rows = [known.get(each, symbols[each]) for each in self.states]
-        return tape_of(f"{self.model.name}: the start", self.arguments, ca.vertcat(*rows))
+        return tape_of(
+            f"{self.model.name}: the start", self.arguments, ca.vertcat(*rows), constants_known=True
+        )
+
+    @cached_property
+    def radicands(self) -> frozenset[Fraction]:
+        """Numbers that a prime field must have a root of: constants under a root or logarithm, and factors beside symbols there.
+
+        Drawn values are themselves in the group of numbers with roots, and so are their products, roots and powers.
+        """
+        drawn = not (self.model.point or self.model.known_initial_values or self.model.unit_vectors)
+        tapes = (self.tape, self.start) if self.model.known_initial_values else (self.tape,)
+        drawn = drawn and PIECEWISE.isdisjoint(self.tape.operations)
+        return frozenset().union(*[each.radicands(drawn) for each in tapes])
 
     @property
     def arguments(self) -> list[ca.SX]:
@@ -190,6 +203,9 @@ def draw_point(part: ReachedModel, generator: np.random.Generator) -> DrawnPoint
     reason = "division by 0"
     for (prime, cofactor), batch in _attempts(part):
         field = PrimeField(int(generator.integers(2, 1 << 30)), prime, cofactor)
+        if not _has_roots(part, field):
+            reason = "a root or a logarithm has no exact value"
+            continue
         try:
             return _tried(part, field, batch, generator).first
         except NotRegularError as error:
@@ -215,6 +231,16 @@ def _attempts(part: ReachedModel) -> Iterator[tuple[tuple[int, int], int]]:
             yield (prime, 4), BATCHES[1]
         for prime in primes_with_roots():
             yield (prime, COFACTOR), BATCHES[1]
+        for prime in primes_with_roots()[:MOST_FIELDS]:
+            yield (prime, COFACTOR), BATCHES[-1]
+
+
+def _has_roots(part: ReachedModel, field: PrimeField) -> bool:
+    """Whether no root or logarithm, of what is a number wherever the unknowns lie, fails in a field."""
+    try:
+        return all(pow(residue(each, field.prime), field.order, field.prime) == 1 for each in part.radicands)
+    except NotRegularError:
+        return False
 
 
 def _constants_matter(part: ReachedModel) -> bool:
@@ -260,6 +286,8 @@ def other_fields(part: ReachedModel, random: np.random.Generator) -> Iterator[Pr
         primes += [(prime, COFACTOR) for prime in primes_with_roots()[:MOST_FIELDS]]
     for prime, cofactor in primes:
         field = PrimeField(prime=prime, cofactor=cofactor)
+        if not _has_roots(part, field):
+            continue
         if _constants_matter(part):
             try:
                 _tried(part, field, BATCHES[-1], random)

@@ -10,7 +10,12 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from observability.elementary_functions import LOWERED
+from observability.elementary_functions import (
+    LOWERED,
+    logarithm_multiple,
+    root_multiple,
+    roots_of_turn,
+)
 from observability.exact_numbers import near_simple, rational
 from spinfilters.core.errors import InputError
 
@@ -83,9 +88,67 @@ class Tape:
                     needed.update(operands)
         return frozenset(needed)
 
+    def radicands(self, inputs_have_roots: bool) -> frozenset[Fraction]:
+        """Numbers under roots, and under logarithms in exponents, but for factors that have roots themselves.
 
-def tape_of(name: str, inputs: list[ca.SX], output: ca.SX) -> Tape:
+        Parameters
+        ----------
+        inputs_have_roots : bool
+            Whether all inputs do; else nothing is said of what depends on them.
+        """
+        known = dict(self.constants)
+        if inputs_have_roots:
+            known |= {int(register): Fraction(1) for where in self.inputs for register in where}
+        found = set()
+        for group in self.groups:
+            for out, left, right in zip(
+                group.out.tolist(), group.left.tolist(), group.right.tolist(), strict=True
+            ):
+                if group.operation == "sqrt" or (group.operation == "log" and out in self.exponents):
+                    found.add(known.get(left))
+                factor = _factor(group.operation, known.get(left), known.get(right))
+                if factor is not None:
+                    known[out] = factor
+        return frozenset(each for each in found if each)
+
+
+def _factor(operation: str, left: Fraction | None, right: Fraction | None) -> Fraction | None:
+    """What a result is a multiple of, beside factors that have roots; None where this is not known or 0."""
+    if operation in ("sqrt", "exp", "cis"):
+        return Fraction(1)
+    if not left or not right:
+        return None
+    match operation:
+        case "mul" | "sq":
+            return left * right
+        case "div":
+            return left / right
+        case "inv":
+            return 1 / left
+        case "neg":
+            return -left
+        case "twice":
+            return 2 * left
+        case "assign":
+            return left
+        case _:
+            return None
+
+
+def tape_of(name: str, inputs: list[ca.SX], output: ca.SX, constants_known: bool = False) -> Tape:
     """The tape of an expression.
+
+    Parameters
+    ----------
+    name : str
+        Of the expression, for complaints.
+    inputs : list[casadi.SX]
+        Its symbols.
+    output : casadi.SX
+        The expression.
+    constants_known : bool
+        Whether turns by multiples of pi/12 and constants beside them are written with the roots of 2 and 3, and logarithms of
+        numbers with those of primes. Not every prime field has these.
 
     Raises
     ------
@@ -95,6 +158,9 @@ def tape_of(name: str, inputs: list[ca.SX], output: ca.SX) -> Tape:
     function = ca.Function("tape", inputs, [ca.densify(output)])
     edges = np.concatenate([[0], np.cumsum([function.numel_in(k) for k in range(function.n_in())])])
     reader = _Reader(name, int(edges[-1]))
+    if constants_known:
+        reader.roots = _roots_of_turns(function)
+        reader.splits_logarithms = not {"log", "log1p"}.isdisjoint(_operations(function))
     for k in range(function.n_instructions()):
         reader.read(function, k, edges)
     registers = tuple(np.arange(start, stop) for start, stop in pairwise(edges))
@@ -107,11 +173,26 @@ def _constant(value: float) -> Fraction:
     return (near_simple(value) if np.isfinite(value) else None) or rational(value)
 
 
+def _operations(function: ca.Function) -> list[str]:
+    return [NAMES[function.instruction_id(k)] for k in range(function.n_instructions())]
+
+
+def _roots_of_turns(function: ca.Function) -> frozenset[int]:
+    """Those of 2 and 3 whose roots are in the sines of a function's constant angles."""
+    operations = _operations(function)
+    if {"sin", "cos", "tan"}.isdisjoint(operations):
+        return frozenset()
+    angles = [function.instruction_constant(k) for k, each in enumerate(operations) if each == "const"]
+    return frozenset().union(*[roots_of_turn(angle) for angle in angles if np.isfinite(angle)])
+
+
 class _Reader:
     """Renames CasADi's reused work registers as it reads."""
 
     def __init__(self, name: str, inputs: int) -> None:
         self._name = name
+        self.roots: frozenset[int] = frozenset()
+        self.splits_logarithms = False
         self.levels = [0] * inputs
         self.constants: list[tuple[int, Fraction]] = []
         self.outputs: dict[int, int] = {}
@@ -130,9 +211,17 @@ class _Reader:
         elif operation == "input":
             self._current[written[0]] = int(edges[read[0]]) + read[1]
         elif operation == "const":
-            self._current[written[0]] = self.constant(_constant(function.instruction_constant(k)))
+            self._current[written[0]] = self._named(function.instruction_constant(k))
         else:
             self._operate(operation, [self._current[register] for register in read], written[0])
+
+    def _named(self, value: float) -> int:
+        """The register of a constant, which is written as what it was computed from where that is known."""
+        for named in (root_multiple, logarithm_multiple):
+            register = named(self, value) if np.isfinite(value) else None
+            if register is not None:
+                return register
+        return self.constant(_constant(value))
 
     def _operate(self, operation: str, operands: list[int], written: int) -> None:
         if operation in LOWERED:
