@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from observability.model import CLOCK, FROM_FILE, experiments_of, model_of_text
 from observability.model_bound import ModelBound, bound_of, gain_table
-from observability.model_experiment import Course, Experiment
+from observability.model_experiment import Course, Experiment, Progress, no_progress
 from observability.model_text import exact_number, formula
 from spinfilters.core.compiled import Compiled
 from spinfilters.core.errors import InputError
@@ -84,7 +84,9 @@ class StatedBound:
         }
 
 
-def stated_bound(document: Mapping[str, Any], name: str, folder: Path) -> StatedBound | None:
+def stated_bound(
+    document: Mapping[str, Any], name: str, folder: Path, progress: Progress = no_progress
+) -> StatedBound | None:
     """Flights and manoeuvres of the tables ``bound`` of a model's document; None without such a table.
 
     Parameters
@@ -95,6 +97,8 @@ def stated_bound(document: Mapping[str, Any], name: str, folder: Path) -> Stated
         For titles and complaints.
     folder : Path
         Of the file, from which names of recordings count.
+    progress : Progress
+        Called while the bound is computed, which happens when it is asked for.
 
     Raises
     ------
@@ -111,7 +115,7 @@ def stated_bound(document: Mapping[str, Any], name: str, folder: Path) -> Stated
         title = f"{name}, {each}" if several else name
         section = _Section(own, title, folder, several)
         before = list(flights.values())[-1] if flights else None
-        flights[each] = section.experiment(before)
+        flights[each] = section.experiment(before, progress)
         manoeuvres = section.manoeuvres()
     return StatedBound(flights, manoeuvres) if flights else None
 
@@ -128,7 +132,7 @@ class _Section:
         self._courses = _mapping(document.get("courses", {}), f"{name}: courses")
         self._model = model_of_text({key: value for key, value in document.items() if key != "courses"}, name)
 
-    def experiment(self, before: Experiment | None) -> Experiment:
+    def experiment(self, before: Experiment | None, progress: Progress) -> Experiment:
         """The flight."""
         numbers = {key: self._numbers(key) for key in NUMBERS}
         values = self._known_values() | numbers.pop("values")
@@ -142,6 +146,7 @@ class _Section:
             every=self._model.every,
             trajectory=trajectory,
             after=before,
+            progress=progress,
         )
 
     def manoeuvres(self) -> dict[str, dict[str, Course]]:

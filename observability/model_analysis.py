@@ -271,16 +271,17 @@ class ModelAnalysis:
         if self.invariants.found:
             others = "" if self.invariants.complete else ", among others"
             lines.append(f"Determined of them{others}: {self.invariants}.")
+        listed = {str(each) for each in self.invariants.found}
+        for group in self.model.unit_vectors:
+            square = " + ".join(f"{name}**2" for name in group)
+            if square not in listed and not set(group).isdisjoint(self.unobservable):
+                lines.append(f"Known beforehand of {', '.join(group)}: the norm 1.")
         if self.reparametrisation is not None:
             lines.append(f"{self.reparametrisation}.")
         unnamed = self.null_dimension - len(self.symmetries)
         if unnamed:
             words = f"{unnamed} direction{'s' if unnamed > 1 else ''}"
-            lines.append(
-                f"{words}, shown by the unknowns that move: generators and null vectors are not computed in discrete time."
-                if self.core.discrete
-                else f"{words} for which no generator was found up to degree 2."
-            )
+            lines.append(f"{words}{self._why_unnamed}")
         if unnamed and self.inverted is not None and self.inverted.compensated:
             lines.append(
                 f"Any change of {', '.join(self.inverted.compensated)} goes unnoticed if "
@@ -303,17 +304,38 @@ class ModelAnalysis:
             lines.append(f"This point is special: generic points nearby have rank {self.generic_rank}.")
         return lines
 
-    def _proof_in_words(self) -> str:
-        if self.proof is not ModelProof.OPEN:
-            return self.proof.value
-        if self.real_rank is not RealRank.SAME:
-            return f"open: {self.real_rank.value}"
+    @property
+    def _why_unnamed(self) -> str:
+        """End of the sentence on directions without a generator."""
+        if self.core.discrete:
+            return (
+                ", shown by the unknowns that move: generators and null vectors are not computed in discrete time, since they are "
+                "searched as fields of a continuous motion."
+            )
+        words = " for which no generator was found up to degree 2."
+        if not self._special_words:
+            return words
+        return (
+            f"{words} A generator holds along the whole motion; with {self._special_words} a direction may go unnoticed "
+            "at time 0 alone."
+        )
+
+    @property
+    def _special_words(self) -> str:
+        """What makes the point none in general position, if anything does."""
         reasons = [
             ("a special point", self.model.point),
             ("known initial values", self.model.known_initial_values),
             ("unknown inputs", self.model.unknown_inputs),
         ]
-        words = " and ".join(name for name, given in reasons if given)
+        return " and ".join(name for name, given in reasons if given)
+
+    def _proof_in_words(self) -> str:
+        if self.proof is not ModelProof.OPEN:
+            return self.proof.value
+        if self.real_rank is not RealRank.SAME:
+            return f"open: {self.real_rank.value}"
+        words = self._special_words
         if self.core.discrete:
             where = f" with {words}" if words else ", where a step forgets what was before,"
             return f"open: the exact rank is a lower bound; in discrete time{where} no step is known to be the last"

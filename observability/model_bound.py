@@ -41,6 +41,8 @@ PARTS: Final = 16
 """Times an interval at which outputs are looked at for aliasing."""
 MOST_INTERVALS: Final = 64
 """Intervals that are looked at."""
+TIMES_SHOWN: Final = 500
+"""Times after which progress is told."""
 
 
 @dataclass(frozen=True)
@@ -344,6 +346,8 @@ def filtered(experiment: Experiment, widening: float = 1.0) -> ModelBound:
         roots.append(root)
         slopes.append(slope)
         remainders.append(left)
+        if k % TIMES_SHOWN == TIMES_SHOWN - 1:
+            experiment.progress("bound", k + 1, len(experiment.times))
     return ModelBound(experiment, np.stack(roots), np.stack(slopes), np.stack(remainders))
 
 

@@ -25,6 +25,13 @@ STEP_SIZE: Final = 0.5
 Course = Callable[[float], float] | Sequence[float] | Float[np.ndarray, " t"] | float
 """A known input: a function of time, its values at the times (linear in between), or a constant."""
 
+Progress = Callable[[str, int, int], None]
+"""Takes the name of the work, what is done and all of it."""
+
+
+def no_progress(_name: str, _done: int, _total: int) -> None:
+    """Show nothing."""
+
 
 @dataclass(frozen=True)
 class LinearisedCourse:
@@ -74,6 +81,8 @@ class Experiment:
         Recorded states, which take the place of the simulated ones at every time.
     after : Experiment, optional
         An earlier flight with the same parameters, which are known from it; their priors are then those of the earlier one.
+    progress : Callable[[str, int, int], None]
+        Called with the name of the work, the times done and all of them.
     """
 
     model: Model
@@ -86,6 +95,7 @@ class Experiment:
     every: Mapping[str, int] = field(default_factory=dict)
     trajectory: Mapping[str, Course] = field(default_factory=dict)
     after: "Experiment | None" = None
+    progress: Progress = no_progress
 
     def __post_init__(self) -> None:
         model = self.model
@@ -190,6 +200,7 @@ class Experiment:
             values.append(ends)
             transitions.append(transition)
             entries += _entries(noise)
+            self.progress("trajectory", block.first + 1 + len(ends), len(self.times))
         whole = np.concatenate(values)
         slopes = self.sensed_at(whole, self.times)[1]
         self._require_finite(slopes.reshape(len(whole), -1), self.times)

@@ -240,21 +240,34 @@ def with_map_errors(tracked: TrackedFaces, evidence: FaceEvidence, size: float) 
     drift, count = uniform_drift(tracked, size), 3 * len(tracked.faces)
     blocks = [_normal_equations_of_scan(tracked, drift, k, evidence, size) for k in range(len(tracked.poses))]
     free = _directions_without_gauge(tracked, size)
-    M = (free @ np.linalg.solve(free.T @ _eliminate_poses(blocks, size)[0] @ free, free.T))[:count, :count]
+    values, vectors = np.linalg.eigh(free.T @ _eliminate_poses(blocks, size)[0] @ free)
+    # differences of large numbers do not resolve small ones: these directions have the prior's 1 alone
+    values[values < len(values) * np.finfo(float).eps * values[-1]] = 1.0
     own = _projection_without_gauge(tracked, blocks)
-    M = own @ M @ own.T
+    root = own @ (free @ vectors / np.sqrt(values))[:count]
     loose = replace(drift, scatter=np.inf)
     alone = [_normal_equations_of_scan(tracked, loose, k, evidence, size) for k in range(len(tracked.poses))]
     arms = [
         body_side(-np.linalg.solve(each.own, each.cross[:, :count]), pose.rotation)
         for each, pose in zip(alone, tracked.poses, strict=True)
     ]
-    common = tuple(A @ M @ A.T for A in arms)
+    common = tuple(_at_most_prior(A @ root, size) for A in arms)
     poses = tuple(
         replace(pose, covariance=pose.covariance + more)
         for pose, more in zip(tracked.poses, common, strict=True)
     )
-    return replace(tracked, poses=poses, covariance=M, common=common)
+    return replace(tracked, poses=poses, covariance=root @ root.T, common=common)
+
+
+def _at_most_prior(errors: Float[np.ndarray, "6 f"], size: float) -> Float[np.ndarray, "6 6"]:
+    """Covariance (translation, rotation) of errors that the map brings into a pose: the prior of a predicted pose at most.
+
+    Faces that few scans see may leave the map's shift open, which moves a pose by many sizes of the body in a linear model only.
+    """
+    scale = np.repeat([size, ROTATION_PRIOR], 3)
+    vectors, stds, _ = np.linalg.svd(errors / scale[:, None], full_matrices=False)
+    bounded = scale[:, None] * vectors * np.minimum(stds, 1.0)
+    return bounded @ bounded.T
 
 
 def uniform_drift(tracked: TrackedFaces, size: float) -> Drift:

@@ -392,6 +392,8 @@ def scan_poses(scans: Sequence[Scan], noise: PointNoise | None = None, seed: int
     isolated = sum(count for _, count in solid) / sum(np.count_nonzero(scan.is_return) for scan in scans)
     remarks = _remarks(len(scans) - len(usable), isolated, poses, faces)
     doubts = _doubts(poses, faces, clouds)
+    if planes is not None and _are_few(clouds) and not _is_convex(clouds, planes, noise):
+        doubts += (_describe_coarse_scans(clouds),)
     return ScanPoses(tuple(poses), tuple(usable), faces, noise, remarks, doubts, inflation)
 
 
@@ -453,11 +455,21 @@ def _has_faces(clouds: Sequence[Float[np.ndarray, "n 3"]], noise: PointNoise, se
         return False
     if not np.median([_reduced_chi_square(planes) for planes, _ in found]) < MOST_EXCESS:
         return False
-    if np.median([len(points) for points in looked_at]) < FEWEST_REGISTERED:
+    if _are_few(looked_at):
         return True
-    before = [
-        _share_in_front(points, planes, noise) for points, (planes, _) in zip(looked_at, found, strict=True)
-    ]
+    return _is_convex(looked_at, [planes for planes, _ in found], noise)
+
+
+def _are_few(clouds: Sequence[Float[np.ndarray, "n 3"]]) -> bool:
+    """Whether the median scan has too few points to be registered."""
+    return bool(np.median([len(points) for points in clouds]) < FEWEST_REGISTERED)
+
+
+def _is_convex(
+    clouds: Sequence[Float[np.ndarray, "n 3"]], planes: Sequence[Sequence[FittedPlane]], noise: PointNoise
+) -> bool:
+    """Whether few points of the median scan lie in front of one of its planes."""
+    before = [_share_in_front(points, seen, noise) for points, seen in zip(clouds, planes, strict=True)]
     return bool(np.median(before) <= MOST_IN_FRONT)
 
 
@@ -501,6 +513,14 @@ def _poses(
         return matched.poses, None, matched.inflation
     faces = track_faces(times, planes, middle, extent_of(clouds[0]))
     return faces.poses, faces, 1.0
+
+
+def _describe_coarse_scans(clouds: Sequence[Float[np.ndarray, "n 3"]]) -> str:
+    """Why faces of a body that is not convex are no evidence: with more points it would be registered."""
+    return (
+        f"{np.median([len(points) for points in clouds]):.0f} points a scan do not tell faces of this body apart, of which "
+        f"some hide others; attitudes may be off by any angle; give scans of {FEWEST_REGISTERED} points or more"
+    )
 
 
 def _describe_contradictions(count: int, total: int) -> str:

@@ -8,15 +8,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from spinfilters.core.errors import InputError
+from spinfilters.evaluation.trajectory_errors import common_stamps
 from spinfilters.inference.setup import Setup
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.output_files import made_folder
-from spinfilters.io.reference_motion import ReferenceMotion
 from spinfilters.plots.figures import FigureData, draw_run, picture_files
 from spinfilters.run.checkpoints import StoreOf, checkpoint_stores, no_checkpoints, remove_checkpoints
 from spinfilters.run.estimation import Comparison, Progress, compare_estimators
 from spinfilters.run.preparation import prepare
-from spinfilters.run.reference_output import without_late_truth
 from spinfilters.run.run_folder import (
     REPORT_FILE,
     figure_data_of,
@@ -31,6 +31,7 @@ from spinfilters.run.run_lock import locked_run
 from spinfilters.settings.run_settings import Settings
 
 if TYPE_CHECKING:
+    from spinfilters.io.reference_motion import ReferenceMotion
     from spinfilters.run.optional_outputs import OptionalOutputs
 
 
@@ -76,6 +77,29 @@ class WrittenRun:
     summary: Mapping[str, Any] | None = None
     completed: tuple[str, ...] = ()
     optional_outputs: "OptionalOutputs | None" = None
+
+
+def without_late_truth(dataset: Dataset) -> "tuple[Dataset, ReferenceMotion | None]":
+    """The data set, and its truth as a reference where none of its stamps is that of a measurement.
+
+    Errors need equal stamps; a truth of another rate or clock has none, and then says as much as any other reference.
+    """
+    truth = dataset.truth
+    if truth is None:
+        return dataset, None
+    try:
+        common_stamps(truth.time, dataset.log.times)
+    except InputError:  # none in common
+        pass
+    else:
+        return dataset, None
+    from spinfilters.io.reference_motion import reference_of_truth
+
+    try:
+        reference = reference_of_truth(truth, "truth.csv")
+    except InputError:  # too few rows for anything
+        reference = None
+    return replace(dataset, truth=None), reference
 
 
 def silent(_name: str, _done: int, _total: int) -> None:
@@ -128,7 +152,7 @@ def write_comparison(
 
 
 def with_reference(
-    optional_outputs: "OptionalOutputs | None", reference: ReferenceMotion
+    optional_outputs: "OptionalOutputs | None", reference: "ReferenceMotion"
 ) -> "OptionalOutputs":
     """What is written, and a comparison with a reference unless another one was asked for."""
     from spinfilters.run.optional_outputs import OptionalOutputs

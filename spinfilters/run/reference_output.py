@@ -4,7 +4,6 @@ Nothing about a reference ends a run: what cannot be compared is a sentence in i
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -13,15 +12,12 @@ import numpy as np
 from spinfilters.core.errors import NUMERICAL_ERRORS, InputError, numerical
 from spinfilters.core.linear_algebra import at_times
 from spinfilters.evaluation.reference_comparison import ReferenceComparison, compare_with_reference
-from spinfilters.evaluation.trajectory_errors import common_stamps
 from spinfilters.filters.history import EstimateHistory
-from spinfilters.io.dataset import Dataset
 from spinfilters.io.input_file import reason
 from spinfilters.io.output_files import write_json
 from spinfilters.io.reference_motion import (
     ReferenceMotion,
     read_reference,
-    reference_of_truth,
     relative_reference,
 )
 from spinfilters.io.text_table import write_csv
@@ -34,27 +30,6 @@ COLUMNS: Final = (
     *(f"{kind}_{name}{axis}" for name in ("r", "v") for kind in ("estimate", "reference") for axis in "xyz"),
     *("angle_before_rad", "angle_rad"),
 )
-
-
-def without_late_truth(dataset: Dataset) -> tuple[Dataset, ReferenceMotion | None]:
-    """The data set, and its truth as a reference where none of its stamps is that of a measurement.
-
-    Errors need equal stamps; a truth of another rate or clock has none, and then says as much as any other reference.
-    """
-    truth = dataset.truth
-    if truth is None:
-        return dataset, None
-    try:
-        common_stamps(truth.time, dataset.log.times)
-    except InputError:  # none in common
-        pass
-    else:
-        return dataset, None
-    try:
-        reference = reference_of_truth(truth, "truth.csv")
-    except InputError:  # too few rows for anything
-        reference = None
-    return replace(dataset, truth=None), reference
 
 
 def chosen_reference(path: str, inspector: str | None, shares: Sequence[str]) -> ReferenceMotion:

@@ -21,7 +21,7 @@ from spinfilters.evaluation.reference_comparison import compare_with_reference
 from spinfilters.filters.history import EstimateHistory
 from spinfilters.io.reference_motion import ReferenceMotion, read_reference, reference_of_truth
 from spinfilters.io.truth import Truth
-from spinfilters.run.reference_output import without_late_truth
+from spinfilters.run.comparison_run import without_late_truth
 from spinfilters.settings.run_settings import FILTER, Settings
 from spinfilters.simulation.scenario import Scenario, simulate
 

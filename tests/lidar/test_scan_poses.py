@@ -170,6 +170,21 @@ def test_faces_behind_one_another_are_not_told_apart_by_their_normals() -> None:
     assert np.rad2deg(np.linalg.norm(errors[:, 3:], axis=1)).max() < 1.0
 
 
+@pytest.mark.parametrize("noise", [LidarNoise(), rvs_noise()])
+def test_coarse_scans_of_a_body_with_hidden_faces_are_doubted(noise: LidarNoise) -> None:
+    """Panels are confused, so that attitudes are off by any angle; covariances were not positive definite."""
+    mesh = spacecraft()
+    start = Initial(np.eye(3), np.array([32.4, 0, 0]), np.array([0.1, 0.21, 0.16]), np.zeros(3))
+    scanner = Scanner.of(mesh, LidarSettings(RayPattern((28.0, 28.0), (60, 60)), noise))
+    found = scan_poses(
+        scan_sequence(scanner, tumble_of(mesh, start), scan_times(8, 1.0, 0.0)[0], 0, lambda *_: None)
+    )
+    assert found.by_faces
+    assert any("do not tell faces of this body apart" in each for each in found.doubts)
+    for pose in found.poses:
+        assert np.linalg.eigvalsh(pose.covariance)[0] > 0
+
+
 def test_planes_are_those_of_the_body_and_their_covariance_is_honest() -> None:
     scanner = Scanner.of(box(), LidarSettings(RayPattern((4.0, 4.0), (81, 81)), LidarNoise(range_std=0.003)))
     R, noise, generator = thesis_rotation(30, 50, 0), PointNoise(0.003, 0.0, 0.0), np.random.default_rng(5)

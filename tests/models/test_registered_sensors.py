@@ -90,7 +90,7 @@ def test_a_sensor_that_tells_no_motion_is_refused_alone(
     installed(distribution, how_to_module())
     write_dataset(simulate(Scenario.simplified(kind="range", epochs=20)), tmp_path / "data")
     assert main(["compare", str(tmp_path / "data"), "-o", str(tmp_path / "run")]) == 2
-    assert "range measurements do not tell how the body moves at first" in capsys.readouterr().err
+    assert "range measurements do not determine the initial motion" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

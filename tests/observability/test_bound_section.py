@@ -51,6 +51,21 @@ def test_the_command_prints_and_writes_the_bound(tmp_path: Path, capsys: pytest.
     assert (folder / "observability.png").read_bytes().startswith(b"\x89PNG")
 
 
+def test_a_bound_of_many_times_tells_its_progress(tmp_path: Path) -> None:
+    path, told = tmp_path / "model.toml", []
+    path.write_text(PUSHED.replace("interval = 0.1", "interval = 0.005") + '[courses]\nF = "sin(t)"\n')
+
+    def show(name: str, done: int, total: int) -> None:
+        told.append((name, done, total))
+
+    found = stated_bound(read_model(path), path.name, tmp_path, show)
+    assert found is not None
+    assert found.last.final
+    assert {name for name, _, _ in told} == {"trajectory", "bound"}
+    assert max(told) == ("trajectory", 1201, 1201)
+    assert [done for name, done, _ in told if name == "bound"] == [500, 1000]
+
+
 def test_a_manoeuvre_says_what_it_loses(tmp_path: Path) -> None:
     found = stated(tmp_path, PUSHED + '[courses]\nF = "sin(t)"\n[bound.manoeuvres.off]\nF = 0\n')
     (line,) = [each for each in found.gain_sentences if each.startswith("  off")]

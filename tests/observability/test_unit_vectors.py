@@ -92,3 +92,25 @@ def test_a_body_at_a_special_motion_has_the_rank_of_its_certificate(motion: Any)
     system, point = stereo_system(CHARTS[1], 1), point_of(CHARTS[1], motion)
     found = analysis_of(model_of_system(system, point))
     assert found.rank == certify(system, point).rank
+
+
+@pytest.mark.parametrize(
+    ("outputs", "how"), [(["w1"], "Determined of them"), (["w1", "q1*q3 + q2*q4"], "Known")]
+)
+def test_the_norm_of_an_unobservable_quaternion_is_told(outputs: list[str], how: str) -> None:
+    found = analyse(
+        {
+            "states": ["q1", "q2", "q3", "q4", "w1"],
+            "unit_vectors": [["q1", "q2", "q3", "q4"]],
+            "equations": {
+                "q1": "w1*q4/2",
+                "q2": "w1*q3/2",
+                "q3": "-w1*q2/2",
+                "q4": "-w1*q1/2",
+                "w1": 0,
+            },
+            "outputs": {f"y{k}": text for k, text in enumerate(outputs)},
+        }
+    )
+    (line,) = [each for each in found.sentences if "the norm 1" in each or "q1**2 + q2**2 + q3**2" in each]
+    assert line.startswith(how)

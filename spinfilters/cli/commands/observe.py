@@ -152,7 +152,7 @@ def _observe_model(options: ObserveCommandArguments, model: str) -> int:
     """Analyse a model's file and bound what it asks for, write text, JSON, picture and page, print the text."""
     from observability.bound_section import stated_bound
     from observability.model_analysis import analyse
-    from spinfilters.cli.console import wide_console
+    from spinfilters.cli.console import progress_bars, wide_console
     from spinfilters.io.output_files import output_folder, refuse_foreign
 
     _refuse_others(
@@ -164,8 +164,8 @@ def _observe_model(options: ObserveCommandArguments, model: str) -> int:
     refuse_foreign(folder, COMMAND.name)
     document = _program(path) if options.execute else _document(path)
     found = analyse(document, name=path.name)
-    stated = stated_bound(document, path.name, path.parent)
-    with output_folder(folder, COMMAND.name) as place:
+    with progress_bars() as show, output_folder(folder, COMMAND.name) as place:
+        stated = stated_bound(document, path.name, path.parent, show)
         text = _write_model(found, stated, options, place)
     wide_console().print(f"{text}\nwritten to {folder}", highlight=False, markup=False, soft_wrap=True)
     return 0

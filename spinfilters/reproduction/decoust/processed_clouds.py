@@ -173,7 +173,7 @@ def make_resolution(pose: Pose, well: bool) -> ItemResult:
             expected=(0.7, 1.0) if well else (0.0, 0.7),
         ),
     ]
-    figure = Figure(figsize=(10.0, 5.2), layout="constrained")
+    figure = Figure(figsize=(10.0, 6.8), layout="constrained")
     for axes, found, rays in zip(figure.subplots(1, 2), features, (501, 1001), strict=True):
         draw_labels(axes, found, 6.0 * (501 / rays) ** 2)
         axes.set_title(f"cube at {pose} deg, {rays} x {rays} rays", fontsize="medium")
@@ -225,7 +225,7 @@ def make_corners() -> ItemResult:
             f"{1e9 * RANGE_NOISE.range_std * 1e-7 / min(kept, default=np.inf):.1g} nm",
         ),
     ]
-    figure = Figure(figsize=(10.0, 5.8), layout="constrained")
+    figure = Figure(figsize=(10.0, 7.2), layout="constrained")
     for axes, (name, each) in zip(figure.subplots(1, 2), found.items(), strict=True):
         if each is not None:
             draw_labels(axes, each.surfaces.features, 6.0)

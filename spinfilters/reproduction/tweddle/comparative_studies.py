@@ -5,12 +5,15 @@ without dynamics that are added afterwards; motions that leave parameters open; 
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
 import numpy as np
 from jaxtyping import Float
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullLocator, ScalarFormatter
 
 from spinfilters.core.attitude_conversions import inverse, rotate
 from spinfilters.core.camera_trajectory import CameraTrajectory
@@ -53,7 +56,8 @@ def make_late_filters() -> ItemResult:
     table: list[dict[str, float | int | str]] = []
     courses: dict[str, list[float]] = {}
     for count in STARTS:
-        options = InitialisationOptions(epochs=count, share=1.0)
+        share = count / len(dataset.log.streams[0])
+        options = InitialisationOptions(epochs=count, share=share)
         compared = compare_dataset(
             dataset, Settings(estimators=("mekf", "ukf", "smoother"), initialisation=options)
         )
@@ -85,6 +89,9 @@ def make_late_filters() -> ItemResult:
     axes = figure.subplots()
     for (name, values), colour in zip(courses.items(), (BLUE, RED, GREEN), strict=False):
         axes.loglog(STARTS, values, "o-", color=colour, label=name)
+    _tick_counts(axes, STARTS)
+    axes.yaxis.set_major_formatter(ScalarFormatter())
+    axes.yaxis.set_minor_formatter(ScalarFormatter())
     axes.set(
         xlabel="epochs before the filters begin", ylabel=f"attitude error of the last {LAST} epochs [deg]"
     )
@@ -93,10 +100,16 @@ def make_late_filters() -> ItemResult:
     tidy(axes)
     note = (
         "Section 1.4.3 prefers a smoother because a filter throws old measurements away before it has converged; no filter is "
-        "shown there. Poses of the thesis' motion, seed 3. Where these do not tell the motion, more are smoothed than "
-        "asked for (epochs_smoothed)."
+        "shown there. Poses of the thesis' motion, seed 3. Where these do not tell the motion, up to a third more are smoothed "
+        "than asked for (epochs_smoothed)."
     )
     return ItemResult(rows, {"late_filters": figure}, {"late_filters": table}, note)
+
+
+def _tick_counts(axes: Axes, counts: Sequence[int]) -> None:
+    """Whole numbers at a logarithmic axis, rather than powers of ten."""
+    axes.set_xticks(counts, [str(count) for count in counts])
+    axes.xaxis.set_minor_locator(NullLocator())
 
 
 def _attitude_rms(evaluation: Evaluation) -> float:
@@ -374,6 +387,7 @@ def make_fused_recordings() -> ItemResult:
     axes = figure.subplots()
     axes.loglog(counts, std, "o-", color=BLUE, label="fused")
     axes.loglog(counts, std[0] / np.sqrt(counts), color=BLACK, linestyle=":", label="1 / sqrt(recordings)")
+    _tick_counts(axes, counts)
     axes.set(xlabel="recordings", ylabel="deviation of the mass distribution, rms [-]")
     axes.set_title("one inertia from several recordings of one body", loc="left", fontsize="medium")
     axes.legend(frameon=False)

@@ -26,7 +26,7 @@ QUANTITIES: Final[tuple[tuple[str, str, float], ...]] = (
     ("angular velocity", "deg/s", 180 / np.pi),
     ("centre of mass", "mm", 1e3),
     ("principal axes", "mrad", 1e3),
-    ("inertia ratios k1, k2", "1e-3", 1e3),
+    ("inertia ratio", "1e-3", 1e3),
 )
 """Name, unit, and the unit's number in SI units."""
 THESIS: Final = np.array(
