@@ -119,12 +119,12 @@ class StudyOptions:
     root_seed : int
         Of all randomness.
     initialisation : Literal['data', 'drawn']
-        "data" as in a comparison, or "drawn": a belief drawn around the truth, for studies of filters alone.
+        "data" as in a comparison, or "drawn": every estimator starts from a belief drawn around the truth.
     bound : Literal['run', 'motion', 'none']
         The Cramer-Rao bound of every "run", that of the first seed of a "motion", or "none".
     epochs : Literal['own', 'common']
         Epochs of errors and NEES: an estimator's "own", which a smoother has from the first one on, or those that filters and
-        smoothers have in "common", behind the filters' initialisation.
+        smoothers have in "common", after the filters' initialisation.
     time_limit_s : float
         Of one run; one that takes longer is ended, with a row that says so.
     """

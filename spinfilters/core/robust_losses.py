@@ -1,7 +1,13 @@
-"""Robust losses of whitened residuals, their weights in least squares, and a robust deviation."""
+"""Robust losses of whitened residuals, their weights in least squares, and a robust deviation.
+
+A loss is a class here. An entry in `ROBUST_LOSSES` makes it a setting, which filters (``robust.loss``) and the smoother
+(``smoother.loss``) both read.
+"""
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from jaxtyping import Float
@@ -235,6 +241,61 @@ class Graduated(RobustLoss):
     @property
     def _width(self) -> float:
         return self.threshold**2 * max(self.first / self.rate**self.stage, 1.0)
+
+
+@dataclass(frozen=True)
+class LossEntry:
+    """A loss that settings choose by its name.
+
+    Attributes
+    ----------
+    name : str
+        Value of the setting ``loss``.
+    build : callable
+        The loss of a ``width`` (standard deviations from which it is no longer quadratic) and a ``shape`` (Barron's alpha).
+    """
+
+    name: str
+    build: Callable[[float, float], RobustLoss]
+
+
+ROBUST_LOSSES: Final[tuple[LossEntry, ...]] = (
+    LossEntry("none", lambda width, shape: LeastSquares()),
+    LossEntry("gate", lambda width, shape: Gate(width, width)),
+    LossEntry("huber", lambda width, shape: Huber(width)),
+    LossEntry("pseudo-huber", lambda width, shape: PseudoHuber(width)),
+    LossEntry("barron", lambda width, shape: Barron(shape, width)),
+)
+"""All losses that settings can choose, for filters and smoother alike."""
+LOSS_NAMES: Final = tuple(entry.name for entry in ROBUST_LOSSES)
+
+
+def build_loss(name: str, width: float, shape: float) -> RobustLoss:
+    """The loss of that name.
+
+    Parameters
+    ----------
+    name : str
+        One of `LOSS_NAMES`.
+    width : float
+        Residual from which the loss is no longer quadratic, standard deviations.
+    shape : float
+        Barron's alpha, which other losses do not read.
+
+    Returns
+    -------
+    RobustLoss
+        From the entry of `ROBUST_LOSSES`.
+
+    Raises
+    ------
+    InputError
+        A name that no entry has, or a width or shape that the loss does not take.
+    """
+    for entry in ROBUST_LOSSES:
+        if entry.name == name:
+            return entry.build(width, shape)
+    raise InputError(f"loss {name!r} is unknown; choose from {', '.join(LOSS_NAMES)}")
 
 
 def median_deviation(residuals: Float[np.ndarray, "*n"]) -> float:

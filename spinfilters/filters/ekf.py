@@ -1,7 +1,16 @@
 """The multiplicative extended Kalman filter in square-root form.
 
-Predict and update, which the UKF shares, are in `spinfilters.filters.filter`. Another filter is a class beside it that linearises
-process and measurements in its own way, and an entry in the table `spinfilters.run.estimators`.
+The formulas of predict and update, which the UKF shares, are in `spinfilters.filters.filter`. This file says how the EKF
+linearises, and by which of four paths it updates:
+
+1. compiled code updates with all values in one pass, and the linear model holds over the step;
+2. without compiled code, with a robust loss, or where that step is too large, the values are linearised here, and the linear
+   model holds;
+3. as 2, but the linear model does not hold: the update is iterated (`spinfilters.filters.iterated_update`);
+4. landmarks of an unknown map, which have an iteration of their own (`correct_by_landmarks`).
+
+Another filter is a class of its own in this package that linearises process and measurements in its own way, and an entry in the
+table `spinfilters.run.estimators`.
 """
 
 import numpy as np
@@ -14,7 +23,7 @@ from spinfilters.filters.iterated_update import (
     IteratedUpdate,
     IterationOptions,
     is_small,
-    proves_right,
+    linear_model_holds,
     sample_rows,
 )
 from spinfilters.filters.landmark_observations import SolvedObservations
@@ -76,21 +85,31 @@ class MultiplicativeEkf(FirstOrderFilter):
     ) -> Update | None:
         """Correct mean and covariance as `MultiplicativeFilter.correct` defines it, iterated where the measurement is not linear.
 
-        Compiled code makes the linear update of all values in one pass. Where its step is too large for that, or there is no
-        compiler, the values are linearised and corrected here.
+        Parameters
+        ----------
+        measurement : Measurement
+            One sensor's values of the present time.
+        outliers : SensorOutlierRejection
+            Gate and robust weights of this sensor.
+        scale : float
+            Ratio of the noise covariance to the stated one.
+
+        Returns
+        -------
+        Update or None
+            What the filter becomes; None when no value is usable.
         """
-        found = self._correct_in_one_pass(measurement, outliers, scale)
-        if found is not None:
-            return found
+        update = self._correct_in_one_pass(measurement, outliers, scale)
+        if update is not None:
+            return update
         rows = self.reject_outliers(self.predict_measurement(measurement), outliers, scale)
         if not rows.dof:
             return None
         update = self.correct_linearly(rows)
-        chosen = sample_rows(
-            len(rows.innovation)
-        )  # a few values show whether the linear model held over the step
-        if self._is_small(update) or proves_right(
-            rows.only(chosen), float(chosen.step), update, self._iteration
+        # A few values, spread over all, show whether the linear model held over the step.
+        sample, values_per_sample = sample_rows(len(rows.innovation))
+        if self._is_small(update) or linear_model_holds(
+            rows.only(sample), values_per_sample, update, self._iteration
         ):
             return update
         problem = IteratedUpdate(self.layout, self.mean, self.factor, rows)
@@ -117,19 +136,19 @@ class MultiplicativeEkf(FirstOrderFilter):
         compiled = compiled_update(model)
         if compiled is None:
             return None
-        found = compiled(self.mean, self.factor, measurement, scale, outliers.limit(model.dim))
-        if found is None:
+        update = compiled(self.mean, self.factor, measurement, scale, outliers.limit(model.dim))
+        if update is None:
             return None
-        if not self._is_small(found):
-            if found.correction.dof < model.dim * count:
+        if not self._is_small(update):
+            if update.correction.dof < model.dim * count:  # the sample would hold rejected values
                 return None
-            chosen = sample_rows(count)
+            sample, values_per_sample = sample_rows(count)
             rows = self.predict_measurement(
-                Measurement(model, measurement.values[chosen], measurement.parameters[chosen])
+                Measurement(model, measurement.values[sample], measurement.parameters[sample])
             )
             if scale != 1:
                 rows = rows.weighted(np.full(len(rows.innovation), 1 / scale))
-            if not proves_right(rows, float(chosen.step), found, self._iteration):
+            if not linear_model_holds(rows, values_per_sample, update, self._iteration):
                 return None
-        outliers.count(count, count - found.correction.dof // model.dim)
-        return found
+        outliers.count(count, count - update.correction.dof // model.dim)
+        return update

@@ -163,18 +163,21 @@ def curvature(layout: StateLayout, mean: Float[np.ndarray, " m"], error: Float[n
     return total
 
 
-def sample_rows(count: int) -> slice:
-    """Rows, spread over so many, at which a linear model is checked; each counts as often as the slice's step."""
-    return slice(None, None, -(-count // SAMPLE))
+def sample_rows(count: int) -> tuple[slice, float]:
+    """Rows, spread over so many, at which a linear model is checked, and how many rows each of them represents."""
+    spacing = -(-count // SAMPLE)
+    return slice(None, None, spacing), float(spacing)
 
 
-def proves_right(rows: LinearisedRows, spacing: float, found: Update, options: IterationOptions) -> bool:
+def linear_model_holds(
+    rows: LinearisedRows, spacing: float, update: Update, options: IterationOptions
+) -> bool:
     """Whether sampled rows, each counted ``spacing`` times, are as their linear model predicted, or iteration is off."""
     if options.iterations == 1:
         return True
-    expected = rows.innovation - rows.jacobian @ found.correction.error[rows.columns]
+    expected = rows.innovation - rows.jacobian @ update.correction.error[rows.columns]
     m = rows.measurement
-    after = m.model.linearise(found.mean, m.parameters, m.values)
+    after = m.model.linearise(update.mean, m.parameters, m.values)
     residual = after.innovation
     if rows.root_weights is not None:
         residual = residual * rows.root_weights[:, np.newaxis]

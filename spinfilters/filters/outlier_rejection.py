@@ -9,13 +9,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Num
 
 from spinfilters.core.errors import InputError
-from spinfilters.core.robust_losses import Barron, Huber, LeastSquares, RobustLoss
+from spinfilters.core.robust_losses import RobustLoss, build_loss
 from spinfilters.io.stated_values import NumberRange
 
 Deviations = Callable[[Bool[np.ndarray, " k"]], Float[np.ndarray, "s d r"]]
 """Y_i of the chosen values: whitened deviations that unit deviations of the predicted state cause."""
-LOSSES = ("none", "huber", "barron")
-"""Names of the losses of `RobustOptions`."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +25,8 @@ class RobustOptions:
     gate_probability : float
         Probability that a correct value passes the gate, in (0, 1]; 1 for no gate.
     loss : str
-        "none" (least squares), "huber" (w = min(1, width / r)) or "barron" (Barron 2019, c = width, scaled to w(0) = 1).
+        Loss of a residual within the gate: "none" (least squares), "gate" (no weight beyond width), "huber", "pseudo-huber" or
+        "barron" (alpha = shape, c = width).
     width : float
         Residual from which the loss is no longer quadratic, in standard deviations.
     shape : float
@@ -44,12 +43,11 @@ class RobustOptions:
             raise InputError(
                 f"gate_probability is {self.gate_probability}; give a probability above 0, or 1 for no gate"
             )
-        if self.loss not in LOSSES:
-            raise InputError(f"loss {self.loss!r} is unknown; choose from {', '.join(LOSSES)}")
         if not (np.isfinite(self.width) and self.width > 0):
             raise InputError(f"width is {self.width}; give a positive number of standard deviations")
         if not (np.isfinite(self.shape) and self.shape <= 2):
             raise InputError(f"shape is {self.shape}; give a finite number of at most 2 (2 is least squares)")
+        build_loss(self.loss, self.width, self.shape)
 
 
 def weights(
@@ -135,9 +133,7 @@ def distance_weights(
 
 @cache
 def _loss(options: RobustOptions) -> RobustLoss:
-    if options.loss == "barron":
-        return Barron(options.shape, options.width)
-    return Huber(options.width) if options.loss == "huber" else LeastSquares()
+    return build_loss(options.loss, options.width, options.shape)
 
 
 RECOVERY_COUNT = 3

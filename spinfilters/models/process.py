@@ -1,8 +1,10 @@
 """Process model of a rigid body that turns and moves freely: propagation, linearised steps, process noise.
 
 Disturbances are white, with the densities of `ProcessNoise`. Drag, a constant torque, a flywheel and a constant acceleration are
-optional blocks of the state. A further effect is a block in `spinfilters.models.state_blocks` and a term of `body_acceleration` or
-`derivative`; a further density is a field of `ProcessNoise`, enters G in `spinfilters.models.rotation_integrator`, and gets its
+optional blocks of the state (`spinfilters.models.state_blocks`). A further torque is a term of `body_acceleration`, which all users
+share. A further force is a term of `RotationSubsteps.translated` in `spinfilters.models.rotation_integrator`, by which filters,
+smoother and simulation move the centre of mass, and the same term of `derivative`, which only the verdict and the observability
+analyser use. A further density is a field of `ProcessNoise`, enters G in `spinfilters.models.rotation_integrator`, and gets its
 setting in `spinfilters.settings.run_settings`.
 """
 
@@ -20,6 +22,7 @@ from spinfilters.core.mass_distribution import inertia
 from spinfilters.core.working_time import building
 from spinfilters.models.batched_linearisation import BatchedLinearisation
 from spinfilters.models.rotation_integrator import (
+    ACCELERATION_TERMS,
     MAX_SUBSTEPS,
     LinearisedStep,
     LinearisedSteps,
@@ -30,11 +33,7 @@ from spinfilters.models.rotation_integrator import (
 from spinfilters.models.state_blocks import (
     ACCELERATION,
     ATTITUDE,
-    DRAG,
-    LINEAR_DRAG,
     RATE,
-    ROTOR,
-    TORQUE,
     VELOCITY,
 )
 from spinfilters.models.state_layout import StateLayout
@@ -112,6 +111,9 @@ def body_acceleration(
 def derivative(layout: StateLayout, x: Expression) -> Expression:
     """The continuous model without noise: x', laid out as a point is (the attitude's part is the rate q' of the quaternion).
 
+    The verdict and the observability analyser differentiate it. Filters, smoother and simulation do not: they integrate
+    `body_acceleration` and move the centre of mass by `RotationSubsteps.translated`.
+
     Parameters
     ----------
     layout : StateLayout
@@ -127,8 +129,8 @@ def derivative(layout: StateLayout, x: Expression) -> Expression:
     values = layout.unpack(x)
     rates = {name: 0 * value for name, value in values.items()}
     rates["q"] = quaternion_rate(values["q"], values["w"])
-    constants = (values.get(block.symbol) for block in (DRAG, TORQUE, ROTOR, LINEAR_DRAG))
-    rates["w"] = body_acceleration(values["w"], inertia(values["s"]), *constants)
+    constants = {term: values.get(block.symbol) for term, block in ACCELERATION_TERMS.items()}
+    rates["w"] = body_acceleration(values["w"], inertia(values["s"]), **constants)
     if layout.has(ACCELERATION):
         rates["v"] = values["f"]
     if layout.translates:
@@ -136,10 +138,17 @@ def derivative(layout: StateLayout, x: Expression) -> Expression:
     return layout.pack(rates)
 
 
-class TorqueFreeProcess:
-    """Discrete torque-free process model over any layout with the blocks a, w and s.
+DISTURBED_BLOCKS = (RATE.name, VELOCITY.name)
+"""Blocks on which white disturbances act, where a layout has them, in the order of `DisturbedSteps.disturbed_components`."""
+INTERVALS_PER_CALL = 16
+"""Intervals of a path in one compiled call; the last call is padded with undisturbed steps, which are cut off."""
 
-    The blocks t, v and c (together) and all other constants are optional.
+
+class TorqueFreeProcess:
+    """Discrete process model over any layout with the blocks a, w and s.
+
+    The blocks t, v and c (together) and all other constants are optional. Without the blocks of drag and torque the body is
+    free of torques, but for white disturbances.
 
     Parameters
     ----------
@@ -243,8 +252,8 @@ class TorqueFreeProcess:
         ndarray of float, shape (..., m)
             Points after the last step.
         """
-        psd = np.repeat([self.noise.torque_psd, self.noise.force_psd], 3)[: self.disturbed_dim]
-        return self._disturbed.run(x, dt, np.sqrt(psd * (dt / 2)) * normal)
+        scale = np.sqrt(self._disturbed_densities * (dt / 2))
+        return self._disturbed.run(x, dt, scale * normal)
 
     def disturbed_path(
         self, x: Float[np.ndarray, " m"], dt: float, normal: Float[np.ndarray, "n k 2 b"]
@@ -266,13 +275,13 @@ class TorqueFreeProcess:
             Points at the begin and at the end of every interval.
         """
         h = dt / normal.shape[1]
-        psd = np.repeat([self.noise.torque_psd, self.noise.force_psd], 3)[: self.disturbed_dim]
-        return self._disturbed.path(x, h, np.sqrt(psd * (h / 2)) * normal)
+        scale = np.sqrt(self._disturbed_densities * (h / 2))
+        return self._disturbed.path(x, h, scale * normal)
 
     @property
     def disturbed_dim(self) -> int:
         """Components of a state that white disturbances act on."""
-        return len(self._disturbed.kicked)
+        return len(self._disturbed.disturbed_components)
 
     def linearise(self, x: Float[np.ndarray, " m"], dt: float) -> LinearisedStep:
         """Step of dt s with error transition and noise factor.
@@ -370,74 +379,76 @@ class TorqueFreeProcess:
 
     @property
     def _densities(self) -> Float[np.ndarray, " 2"]:
+        """(force_psd, torque_psd), the order of ``densities`` in `RotationIntegrator.linearise`."""
         return np.array([self.noise.force_psd, self.noise.torque_psd])
 
-
-DISTURBED = (RATE.name, VELOCITY.name)
-"""Blocks on which white disturbances act, where a layout has them."""
-TOGETHER = 16
-"""Intervals of a path in one compiled call; the last call is padded with undisturbed steps, which are cut off."""
+    @property
+    def _disturbed_densities(self) -> Float[np.ndarray, " b"]:
+        """Density of each component of `DisturbedSteps.disturbed_components`: the rate comes before the velocity there."""
+        psd_of_block = {RATE.name: self.noise.torque_psd, VELOCITY.name: self.noise.force_psd}
+        return np.repeat([psd_of_block[block] for block in DISTURBED_BLOCKS], 3)[: self.disturbed_dim]
 
 
 class DisturbedSteps:
     """Disturbed steps of one or many states, integrated by a `RotationIntegrator`.
 
-    Half a step's white disturbance acts before each step, half after it (Strang splitting).
+    Half a step's white disturbance acts before each step, half after it (Strang splitting), each as an impulse: a jump of the
+    body rate and of the velocity.
     """
 
     def __init__(self, layout: StateLayout, integrator: RotationIntegrator) -> None:
         self._layout = layout
         self._integrator = integrator
-        self._folds = lru_cache(maxsize=None)(self._build)
+        self._compiled_steps = lru_cache(maxsize=None)(self._build)
 
     @property
-    def kicked(self) -> list[int]:
+    def disturbed_components(self) -> list[int]:
         """Indices, within a state, of the components that disturbances act on, block after block."""
         every = np.arange(self._layout.mean_dim)
-        blocks = (block for block in DISTURBED if block in self._layout.blocks)
+        blocks = (block for block in DISTURBED_BLOCKS if block in self._layout.blocks)
         return np.concatenate([every[self._layout.mean_slice(block)] for block in blocks]).tolist()
 
     def run(
-        self, x: Float[np.ndarray, "*batch m"], h: float, kicks: Float[np.ndarray, "n *batch 2 b"]
+        self, x: Float[np.ndarray, "*batch m"], h: float, impulses: Float[np.ndarray, "n *batch 2 b"]
     ) -> Float[np.ndarray, "*batch m"]:
         """Points after n steps of h > 0 seconds.
 
         Parameters
         ----------
-        kicks : Float[np.ndarray, 'n *batch 2 b']
-            What is added to the `kicked` components before and after each step.
+        impulses : Float[np.ndarray, 'n *batch 2 b']
+            What is added to the `disturbed_components` components before and after each step.
         """
-        flat = kicks.reshape(*kicks.shape[:-2], -1)
+        flat = impulses.reshape(*impulses.shape[:-2], -1)
         columns = flat[0] if len(flat) == 1 else np.moveaxis(flat, 0, -1)  # one column is a vector
         count = self._integrator.first_count(x, h)
         while True:
-            after, error = self._folds(count, len(kicks))(x, h, columns)
+            after, error = self._compiled_steps(count, len(impulses))(x, h, columns)
             if self._integrator.good(error, count):
                 return after
             count *= 2
 
     def path(
-        self, x: Float[np.ndarray, " m"], h: float, kicks: Float[np.ndarray, "n k 2 b"]
+        self, x: Float[np.ndarray, " m"], h: float, impulses: Float[np.ndarray, "n k 2 b"]
     ) -> Float[np.ndarray, "n_plus_1 m"]:
         """The point x and those after every k steps of h > 0 seconds; see `run`."""
-        intervals, each = kicks.shape[:2]
-        filled = -(-intervals // TOGETHER) * TOGETHER
-        flat = np.zeros((filled, each, kicks.shape[2] * kicks.shape[3]))
-        flat[:intervals] = kicks.reshape(intervals, each, -1)
+        intervals, each = impulses.shape[:2]
+        filled = -(-intervals // INTERVALS_PER_CALL) * INTERVALS_PER_CALL
+        flat = np.zeros((filled, each, impulses.shape[2] * impulses.shape[3]))
+        flat[:intervals] = impulses.reshape(intervals, each, -1)
         points, q = [x[np.newaxis]], self._layout.mean_slice(ATTITUDE.name)
-        for begin in range(0, filled, TOGETHER):
-            part = self._path_part(points[-1][-1], h, flat[begin : begin + TOGETHER])
+        for begin in range(0, filled, INTERVALS_PER_CALL):
+            part = self._path_part(points[-1][-1], h, flat[begin : begin + INTERVALS_PER_CALL])
             part[:, q] /= np.linalg.norm(part[:, q], axis=1, keepdims=True)
             points.append(part)
         return np.concatenate(points)[: 1 + intervals]
 
     def _path_part(
-        self, x: Float[np.ndarray, " m"], h: float, kicks: Float[np.ndarray, "n k b"]
+        self, x: Float[np.ndarray, " m"], h: float, impulses: Float[np.ndarray, "n k b"]
     ) -> Float[np.ndarray, "n m"]:
-        count, steps = self._integrator.first_count(x, h), kicks.shape[0] * kicks.shape[1]
-        columns = kicks.reshape(steps, -1).T
+        count, steps = self._integrator.first_count(x, h), impulses.shape[0] * impulses.shape[1]
+        columns = impulses.reshape(steps, -1).T
         while True:
-            after, error = self._folds(count, steps, kicks.shape[1])(x, h, columns)
+            after, error = self._compiled_steps(count, steps, impulses.shape[1])(x, h, columns)
             if self._integrator.good(error, count):
                 return after.T.copy()
             count *= 2
@@ -448,19 +459,19 @@ class DisturbedSteps:
 
         Outputs: the last point, or those after every ``kept`` steps, one a column; and the largest integration error of a step.
         """
-        into = ca.DM.zeros(self._layout.mean_dim, len(self.kicked))
-        into[self.kicked, :] = ca.DM.eye(len(self.kicked))
+        into = ca.DM.zeros(self._layout.mean_dim, len(self.disturbed_components))
+        into[self.disturbed_components, :] = ca.DM.eye(len(self.disturbed_components))
         into = ca.sparsify(into)
         x, h = ca.MX.sym("x", self._layout.mean_dim), ca.MX.sym("h")
-        kick = ca.MX.sym("kick", 2 * len(self.kicked))
-        before, behind = ca.vertsplit(kick, len(self.kicked))
+        impulse = ca.MX.sym("impulse", 2 * len(self.disturbed_components))
+        before, behind = ca.vertsplit(impulse, len(self.disturbed_components))
         moved, error = self._integrator.expressions.step(count)(x + into @ before, h)
-        one = ca.Function("disturbed_step", [x, h, kick], [moved + into @ behind, error])
-        kicks = ca.MX.sym("kicks", 2 * len(self.kicked), steps)
-        every, errors = one.mapaccum("disturbed", steps)(x, ca.repmat(h, 1, steps), kicks)
+        one = ca.Function("disturbed_step", [x, h, impulse], [moved + into @ behind, error])
+        impulses = ca.MX.sym("impulses", 2 * len(self.disturbed_components), steps)
+        every, errors = one.mapaccum("disturbed", steps)(x, ca.repmat(h, 1, steps), impulses)
         points = every[:, -1] if kept is None else every[:, kept - 1 :: kept]
         name = f"disturbed_{steps}_{count}" + ("" if kept is None else f"_{kept}")
-        return Compiled(ca.Function(name, [x, h, kicks], [points, ca.mmax(errors)]))
+        return Compiled(ca.Function(name, [x, h, impulses], [points, ca.mmax(errors)]))
 
 
 @cache

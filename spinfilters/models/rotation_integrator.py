@@ -4,7 +4,7 @@ from collections.abc import Callable
 from functools import lru_cache
 from math import hypot
 from sys import float_info
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -64,8 +64,10 @@ class LinearisedSteps(NamedTuple):
 
 
 Acceleration = Callable[..., Expression]
-"""w' from the rate, the inertia (3 x 3) and, where the state has them, drag, constant body torque, a flywheel's momentum and linear
-drag."""
+"""w' from the rate, the inertia (3 x 3) and, by the names of `ACCELERATION_TERMS`, the constants
+that the state has; None for others."""
+ACCELERATION_TERMS: Final = {"drag": DRAG, "torque": TORQUE, "rotor": ROTOR, "linear_drag": LINEAR_DRAG}
+"""Optional terms of Euler's equation: the argument of `spinfilters.models.process.body_acceleration` and its state block."""
 
 SHARED = {"cse": True}
 """Expressions that occur again are evaluated once, to the same bits."""
@@ -123,16 +125,20 @@ class RotationSubsteps:
         J = ca.vertcat(
             ca.horzcat(j[0], j[1], j[2]), ca.horzcat(j[1], j[3], j[4]), ca.horzcat(j[2], j[4], j[5])
         )
-        constants = (
-            p[self._parameters[block.name]] if self._layout.has(block) else None
-            for block in (DRAG, TORQUE, ROTOR, LINEAR_DRAG)
-        )
-        return ca.vertcat(quaternion_rate(y[:4], y[4:7]), self._acceleration(y[4:7], J, *constants))
+        constants = {
+            term: p[self._parameters[block.name]] if self._layout.has(block) else None
+            for term, block in ACCELERATION_TERMS.items()
+        }
+        return ca.vertcat(quaternion_rate(y[:4], y[4:7]), self._acceleration(y[4:7], J, **constants))
 
     def translated(
         self, values: dict[str, Expression], q: Expression, w: Expression, dt: Expression
     ) -> Expression:
-        """State after dt: r = t + R c moves with v, v with f."""
+        """State after dt: r = t + R c moves with v, v with f.
+
+        Filters, smoother and simulation take the motion of the centre of mass from here; `spinfilters.models.process.derivative`
+        holds the same terms for the verdict and the observability analyser.
+        """
         after = dict(values) | {"q": q, "w": w}
         if self._layout.translates:
             centre = values["t"] + rotate(values["q"], values["c"]) + dt * values["v"]

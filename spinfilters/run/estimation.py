@@ -1,29 +1,19 @@
 """Every estimator on one prepared data set: run, evaluate, judge.
 
-A measurement passes the rooms of the package in this order. `io` reads files into arrays; `vision` and `lidar` turn images and
+A measurement passes the subpackages in this order. `io` reads files into arrays; `vision` and `lidar` turn images and
 scans into such arrays. `models` says how state and sensors behave, and `simulation` draws from the same models. `inference` finds
 the first state, inertia and noise levels. `filters` estimate epoch by epoch, and `smoother` solves all epochs by least squares.
 `evaluation` computes errors, bounds and all metrics; `verdict` tests the residuals and says what holds; `plots` draws figures and
-pages. This room, `run`, calls them for one recording and writes its folder. `api` and `cli` are what users call; `live`,
+pages. This package, `run`, calls them for one recording and writes its folder. `api` and `cli` are what users call; `live`,
 `campaigns` and `embedded` use the same estimators on a stream, on many recordings, and as C.
 
-One more of a kind is a file or an entry in its room, and a line in the table of the kind:
-
-    sensor             models/sensors/            models/sensor_registry.py
-    state block        models/                    models/state_blocks.py
-    file format        io/                        run/readers.py
-    estimator          filters/ or smoother/      run/estimators.py, its name in settings/run_settings.py
-    metric             evaluation/                evaluation/metrics.py
-    check of results   verdict/                   verdict/checks.py
-    possible cause     verdict/model_errors/      verdict/model_errors/alternatives.py (what may explain residuals beside noise)
-    fault              simulation/                simulation/measurement_faults.py (of data), model_faults.py (of a model)
-    figure             plots/                     plots/figures.py
-    command            cli/commands/              cli/commands/__init__.py
+Where one more of a kind belongs (a sensor, an estimator, a metric) is one table in docs/reference/packages.md.
 """
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Final
 
 import numpy as np
 from jaxtyping import Float
@@ -47,6 +37,8 @@ from spinfilters.verdict.calibration_errors import CalibrationErrors
 from spinfilters.verdict.doubts import doubts_of, evaluated, with_verdicts
 from spinfilters.verdict.tested_models import NOT_TESTED, TestedModels
 
+CALIBRATION_ERROR_FILTER: Final = "mekf"
+"""Filter whose calibration errors serve for a long smoother with landmarks too (`CalibrationErrors`)."""
 Progress = Callable[[str, int, int], None]
 """Called with the estimator's name, epochs done and epochs in all."""
 Rehearsing = Callable[[Estimator, float, Timeline], None]
@@ -156,7 +148,7 @@ def compare_estimators(
     interrupted = False
     observers = _RunObservers(progress, store_of, extent.rehearsing)
     entries = _fitting_entries(settings, setup)
-    calibration = CalibrationErrors(setup, settings, entries["mekf"])
+    calibration = CalibrationErrors(setup, settings, entries[CALIBRATION_ERROR_FILTER])
     try:
         for name in settings.estimators:
             history, points = _run_estimator(entries[name], setup, settings, observers)
@@ -177,8 +169,8 @@ def compare_estimators(
         interrupted = True
     baselines = frozenset(name for name, entry in entries.items() if entry.is_baseline)
     doubts = doubts_of(evaluations, setup, settings, baselines)
-    found = with_verdicts(doubts, settings, entries)
-    bounded = found if interrupted else extent.bounding(found, setup)
+    with_verdict = with_verdicts(doubts, settings, entries)
+    bounded = with_verdict if interrupted else extent.bounding(with_verdict, setup)
     return Comparison(setup, tuple(bounded), interrupted, maps, doubts.models)
 
 
@@ -207,14 +199,15 @@ def _run_estimator(
             return batch.smooth(setup.timeline, setup.initial, on_epoch), setup.map_points
         what = f"estimator {entry.name!r}"
         estimator, twin = (require_made(entry.build(setup, settings), Estimator, what) for _ in range(2))
-        passed, rows = _run_epochs(entry, estimator, twin, setup, observers)
-        history = _final_history(entry, estimator, passed, rows, setup)
+        filtered, record = _run_epochs(entry, estimator, twin, setup, observers)
+        history = _final_history(entry, estimator, filtered, record, setup)
         history = replace(history, noise=entry.noise(estimator, history, setup))
         return history, entry.points(estimator, history, setup)
     except NUMERICAL_ERRORS as error:
-        nothing = GrowingHistory(setup.process.layout, setup.end_of_initialisation)
+        empty_record = GrowingHistory(setup.process.layout, setup.end_of_initialisation)
         failed = EstimatorStatus().failed(f"the estimator could not be run ({reason(numerical(error))})")
-        return _with_initialisation(nothing.ended(entry.name, failed), nothing, setup), setup.map_points
+        history = _with_initialisation(empty_record.ended(entry.name, failed), empty_record, setup)
+        return history, setup.map_points
 
 
 def _run_epochs(
@@ -235,7 +228,7 @@ def _run_epochs(
     -------
     history : EstimateHistory
         Of these epochs.
-    rows : GrowingHistory
+    record : GrowingHistory
         The same, with room for those of the initialisation in front.
     """
     rest, name = setup.timeline[len(setup.initial.mean) :], entry.name
@@ -243,45 +236,49 @@ def _run_epochs(
         raise InputError(f"{setup.dataset.name}: {NO_EPOCH_LEFT}")
     store = observers.store_of(name)
     entry.begin(estimator, setup)
-    kept = store.resume(estimator)
-    rows = GrowingHistory(estimator.layout, setup.end_of_initialisation) if kept is None else kept.rows
-    rows.reserve(len(rest), len(setup.initial.mean))
-    observers.progress(name, len(rows), len(rest))
-    if kept is not None and kept.status is not None:
-        return rows.ended(name, kept.status), rows
-    if len(rows) < len(rest):
+    checkpoint = store.resume(estimator)
+    record = (
+        GrowingHistory(estimator.layout, setup.end_of_initialisation)
+        if checkpoint is None
+        else checkpoint.rows
+    )
+    record.reserve(len(rest), len(setup.initial.mean))
+    observers.progress(name, len(record), len(rest))
+    if checkpoint is not None and checkpoint.status is not None:
+        return record.ended(name, checkpoint.status), record
+    if len(record) < len(rest):
         entry.begin(twin, setup)
         observers.rehearsing(twin, setup.end_of_initialisation, rest)
-    with store.running(estimator, rows) as keep:
+    with store.running(estimator, record) as save_checkpoint:
 
         def on_epoch(_: int) -> None:
-            """Report an epoch and keep it."""
-            observers.progress(name, len(rows), len(rest))
-            keep()
+            """Report an epoch, and write a checkpoint when one is due."""
+            observers.progress(name, len(record), len(rest))
+            save_checkpoint()
 
-        history = run_interruptible(estimator, rows.time, rest[len(rows) :], on_epoch, rows)
+        history = run_interruptible(estimator, record.time, rest[len(record) :], on_epoch, record)
         history = replace(history, name=name)
         if not _is_cut_short(history, len(rest)):
-            store.end(estimator, history, rows)
-    return history, rows
+            store.end(estimator, history, record)
+    return history, record
 
 
 def _final_history(
     entry: AnyEntry,
     estimator: Estimator,
-    passed: EstimateHistory,
-    rows: GrowingHistory,
+    filtered: EstimateHistory,
+    record: GrowingHistory,
     setup: Setup,
 ) -> EstimateHistory:
     """Final estimates. Where they cannot be computed, the filtered estimates of each epoch, with the verdict ``failed``."""
     try:
-        history = entry.final(estimator, passed, setup)
+        history = entry.final(estimator, filtered, setup)
     except NUMERICAL_ERRORS as error:
-        status = passed.status.failed(
+        status = filtered.status.failed(
             f"the smoothed epochs could not be computed ({reason(numerical(error))})"
         )
-        return _with_initialisation(replace(passed, status=status), rows, setup)
-    return _with_initialisation(passed, rows, setup) if history is None else history
+        return _with_initialisation(replace(filtered, status=status), record, setup)
+    return _with_initialisation(filtered, record, setup) if history is None else history
 
 
 def _is_cut_short(history: EstimateHistory, epochs: int) -> bool:
@@ -289,6 +286,6 @@ def _is_cut_short(history: EstimateHistory, epochs: int) -> bool:
     return not history.has_failed and len(history.time) < epochs
 
 
-def _with_initialisation(history: EstimateHistory, rows: GrowingHistory, setup: Setup) -> EstimateHistory:
+def _with_initialisation(history: EstimateHistory, record: GrowingHistory, setup: Setup) -> EstimateHistory:
     """A filter's history with its initialisation in front: smoothed epochs, which no error or count includes."""
-    return rows.ended(history.name, history.status, setup.initial_arrays)
+    return record.ended(history.name, history.status, setup.initial_arrays)

@@ -9,7 +9,7 @@ import numpy as np
 
 from spinfilters.core.errors import InputError
 from spinfilters.core.plugins import in_order, members_above
-from spinfilters.core.robust_losses import Barron, Gate, Huber, LeastSquares, PseudoHuber, RobustLoss
+from spinfilters.core.robust_losses import LOSS_NAMES, RobustLoss, build_loss
 from spinfilters.filters.error_coordinates import InvariantOptions
 from spinfilters.filters.iterated_update import IterationOptions
 from spinfilters.filters.measurement_prediction import SigmaPointOptions
@@ -226,7 +226,6 @@ def names_in(text: str) -> tuple[str, ...]:
 
 
 MODES = ("automatic", "full", "frozen", "window")
-LOSSES = ("gate", "huber", "pseudo-huber", "barron", "none")
 FEW = 300
 """Epochs up to which "automatic" keeps everything."""
 
@@ -265,8 +264,8 @@ class SmootherSettings:
     def __post_init__(self) -> None:
         if self.mode not in MODES:
             raise InputError(f"smoother.mode {self.mode!r} is unknown; choose from {', '.join(MODES)}")
-        if self.loss not in LOSSES:
-            raise InputError(f"smoother.loss {self.loss!r} is unknown; choose from {', '.join(LOSSES)}")
+        if self.loss not in LOSS_NAMES:
+            raise InputError(f"smoother.loss {self.loss!r} is unknown; choose from {', '.join(LOSS_NAMES)}")
         if not self.width > 0:
             raise InputError(f"smoother.width is {self.width}; give a positive number of standard deviations")
         LandmarkMarginalization(self.revolutions, self.epochs)
@@ -291,14 +290,7 @@ class SmootherSettings:
     @property
     def robust_loss(self) -> RobustLoss:
         """Robust loss of every sensor's residuals."""
-        losses: dict[str, RobustLoss] = {
-            "gate": Gate(self.width, self.width),
-            "huber": Huber(self.width),
-            "pseudo-huber": PseudoHuber(self.width),
-            "barron": Barron(self.shape, self.width),
-            "none": LeastSquares(),
-        }
-        return losses[self.loss]
+        return build_loss(self.loss, self.width, self.shape)
 
     def _mode(self, epochs: int) -> WindowPolicy:
         if self.mode == "full" or (self.mode == "automatic" and epochs <= FEW):

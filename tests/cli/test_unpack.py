@@ -120,8 +120,24 @@ def test_images_of_a_bag_become_a_folder_of_pairs(
 ) -> None:
     path = bag(tmp_path, version, encoding)
     assert main(["unpack", str(path), "-o", str(tmp_path / "images")]) == 0
-    assert "4 pairs of images" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "4 pairs of images, left /left, right /right (1 without a partner), in " in said
+    assert "no calibration yet" in said
     require_images(tmp_path / "images")
+
+
+def test_a_calibration_is_copied_beside_the_images(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rig = tmp_path / "rig"
+    for camera in ("cam0", "cam1"):
+        (rig / camera).mkdir(parents=True)
+        (rig / camera / "sensor.yaml").write_text(f"# of {camera}\n")
+    path = bag(tmp_path, 2, "png")
+    assert main(["unpack", str(path), "-o", str(tmp_path / "images"), "--rig", str(rig)]) == 0
+    assert "no calibration yet" not in capsys.readouterr().out
+    for camera in ("cam0", "cam1"):
+        assert (tmp_path / "images" / camera / "sensor.yaml").read_text() == f"# of {camera}\n"
 
 
 def test_clouds_of_a_bag_become_scans(tmp_path: Path) -> None:

@@ -94,3 +94,5 @@ def test_numbers_alone_are_written_and_printed_for_programs(
     assert settings.verdict == "filter"
     assert main(["compare", table, "--no-figures", "-q", "-o", "run"]) == 0
     assert capsys.readouterr().out == ""
+    assert main(["compare", table, "--no-figures", "-o", "other"]) == 0
+    assert "report.html" not in capsys.readouterr().out

@@ -7,6 +7,7 @@ import pytest
 
 from spinfilters.core.errors import InputError
 from spinfilters.core.robust_losses import (
+    LOSS_NAMES,
     Barron,
     Gate,
     Graduated,
@@ -14,6 +15,7 @@ from spinfilters.core.robust_losses import (
     LeastSquares,
     PseudoHuber,
     RobustLoss,
+    build_loss,
 )
 
 LOSSES: tuple[RobustLoss, ...] = (
@@ -33,6 +35,7 @@ LOSSES: tuple[RobustLoss, ...] = (
     Graduated().at_stage(100),
     Gate(2.0, 6.0),
     Gate(5.0, 5.0),
+    *(build_loss(name, 2.5, -1.0) for name in LOSS_NAMES),
 )
 SIZES = np.array([1e-2, 0.3, 0.65, 1.1, 1.7, 2.6, 4.4, 5.9, 6.3, 30.0, 1e3])
 """Lengths of residuals off the corners of the losses."""

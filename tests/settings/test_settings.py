@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from spinfilters.core.errors import InputError
+from spinfilters.core.robust_losses import LOSS_NAMES, build_loss
 from spinfilters.io.consider_parameter import consider_parameters
 from spinfilters.io.output_files import write_toml
 from spinfilters.io.stated_values import NumberRange
@@ -19,7 +20,9 @@ from spinfilters.settings.run_settings import (
     TruthValue,
     read_settings,
     settings_from,
+    with_keys,
 )
+from spinfilters.settings.settings_page import page
 
 TABLES = [name for name, value in Settings().document.items() if isinstance(value, dict)]
 
@@ -181,3 +184,11 @@ def test_defaults_need_no_validation(default: Settings) -> None:
 def test_a_keyword_that_is_no_table_is_a_mistake_of_the_program() -> None:
     with pytest.raises(TypeError, match="speed"):
         Settings(speed=1)  # pyright: ignore[reportCallIssue]
+
+
+@pytest.mark.parametrize("name", LOSS_NAMES)
+def test_filters_and_smoother_take_every_loss_of_the_table(name: str) -> None:
+    settings = with_keys(Settings(), [f"robust.loss={name}", f"smoother.loss={name}"])
+    assert settings.robust.loss == name
+    assert settings.smoother.robust_loss == build_loss(name, settings.smoother.width, settings.smoother.shape)
+    assert page().count(f'"{name}"') >= 2

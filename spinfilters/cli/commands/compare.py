@@ -249,7 +249,8 @@ def _print_comparison(comparison: "Comparison", folder: Path) -> None:
         raise InputError(
             f"interrupted; what was estimated is in {folder}, run the command again with --resume to continue"
         )
-    console.print(f"run folder: {folder}   (look at {folder / REPORT_FILE})", highlight=False, soft_wrap=True)
+    look = f"   (look at {folder / REPORT_FILE})" if (folder / REPORT_FILE).exists() else ""
+    console.print(f"run folder: {folder}{look}", highlight=False, soft_wrap=True)
 
 
 def _print_flights(comparison: "Comparison") -> None:

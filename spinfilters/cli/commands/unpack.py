@@ -64,6 +64,8 @@ def unpack(options: UnpackArguments) -> int:
         if options.rig is not None:
             _copy_rig(Path(options.rig), place)
     print(f"{said} in {printable(str(folder))}")
+    if options.rig is None and (folder / "cam0").is_dir():
+        print("no calibration yet: write cam0/sensor.yaml and cam1/sensor.yaml there (spinfilters calibrate)")
     return 0
 
 
@@ -78,8 +80,8 @@ def _unpack_bag(source: Path, topics: tuple[str, ...], place: Path) -> str:
     listed = ", ".join(printable(each) for each in (*images, *clouds)[:8]) or "no images and no clouds"
     if len(chosen) == 2 and set(chosen) <= set(images):
         found = unpack_bag_images(source, chosen, place)
-        alone = f" ({found.alone} images without a partner)" if found.alone else ""
-        return f"{found.pairs} pairs of images, left {printable(chosen[0])}, right {printable(chosen[1])},{alone}"
+        alone = f" ({found.alone} without a partner)" if found.alone else ""
+        return f"{found.pairs} pairs of images, left {printable(chosen[0])}, right {printable(chosen[1])}{alone},"
     if len(chosen) == 1 and chosen[0] in clouds:
         count = unpack_bag_clouds(source, chosen[0], place)
         write_toml(

@@ -101,7 +101,7 @@ class GyroSensor(Sensor):
         kind="gyro",
         file="gyro.csv",
         columns=("wx", "wy", "wz"),
-        logged_again=True,
+        logged_again=True,  # fast loggers write a sample again until the next one comes
         dimension=3,
         noise=(
             NoiseOption(
@@ -110,7 +110,7 @@ class GyroSensor(Sensor):
                 NumberRange(1e-12, 1e6, "rad/s"),
                 default=0.005,
                 components=(0, 1, 2),
-                scene_level="gyro_std",
+                scene_level="gyro_std",  # simulations take its level from this field of a Scenario
             ),
             NoiseOption(
                 "gyro_scale_std",
@@ -123,12 +123,13 @@ class GyroSensor(Sensor):
         allowed=RATE,
         check=require_slow_turns,
     )
+    # Where its noise is not stated, the residuals over |w| identify this level: errors of usual gyros grow with the rate.
     identified_option = "gyro_scale_std"
     error_blocks = (GYRO_BIAS, GYRO_SCALE)
     analysis = AnalysedSensor(
-        Gyro,
-        (0.002, 0.0),
-        {"gyro_noise_std": (0,), "gyro_scale_std": (1,)},
+        model=Gyro,
+        parameters=(0.002, 0.0),  # noise_std in rad/s, scale_std
+        noise={"gyro_noise_std": (0,), "gyro_scale_std": (1,)},  # where each stands in the parameters
         tells=("w",),
         assumption="the gyro has no bias",
         bias=GYRO_BIAS,
@@ -137,7 +138,7 @@ class GyroSensor(Sensor):
     def bind(
         self, stream: MeasurementStream, layout: StateLayout, noise: SensorNoise, view: CameraView | None
     ) -> BoundStream:
-        """The measurement model over a state, with times, values and parameters of all samples."""
+        """The measurement model over a state, with times, values and parameters of all samples; a gyro needs no ``view``."""
         level = noise_level(stream, noise.gyro_noise_std)
         parameters = gyro_parameters(len(stream), level, noise.gyro_scale_std)
         return BoundStream(
@@ -178,10 +179,11 @@ class GyroSensor(Sensor):
 
 
 FLAT_TOP: Final[float] = 1e-3
+"""Relative distance from the largest |rate| of an axis within which clipped samples lie, since offsets are corrected after
+clipping."""
 NEAR_TOP: Final[float] = 2e-2
-"""Relative distances from the largest |rate| of an axis. Clipped samples lie within `FLAT_TOP` of it, since offsets are corrected
-after clipping; few others lie within `NEAR_TOP`. Of a smooth peak's samples within `NEAR_TOP`, the share sqrt(FLAT_TOP / NEAR_TOP)
-lies within `FLAT_TOP`."""
+"""Relative distance within which few samples lie beside clipped ones. Of a smooth peak's samples within it, the share
+sqrt(FLAT_TOP / NEAR_TOP) lies within `FLAT_TOP`."""
 FEWEST_CLIPPED: Final[int] = 3
 """Samples that can make a flat top."""
 CHANCE: Final[float] = 1e-4
@@ -215,11 +217,11 @@ def _flat_top(size: Float[np.ndarray, " n"], sign: Float[np.ndarray, " n"]) -> B
     flat = max(FLAT_TOP, 1.5 * resolution)
     top, near = size >= (1 - flat) * largest, size >= (1 - flat * NEAR_TOP / FLAT_TOP) * largest
     together = bool(np.any(top[1:] & top[:-1] & (sign[1:] == sign[:-1])))
-    count, others = np.count_nonzero(top), np.count_nonzero(near)
-    if not together or not FEWEST_CLIPPED <= count <= len(size) / 2 or 2 * count <= others:
+    count, near_count = np.count_nonzero(top), np.count_nonzero(near)  # the near samples include the top
+    if not together or not FEWEST_CLIPPED <= count <= len(size) / 2 or 2 * count <= near_count:
         return nothing
     usual = bool(np.any(np.abs(largest / FULL_SCALES - 1) < FULL_SCALE_TOLERANCE))
-    by_chance = float(bdtrc(count - 1, others, np.sqrt(FLAT_TOP / NEAR_TOP)))
+    by_chance = float(bdtrc(count - 1, near_count, np.sqrt(FLAT_TOP / NEAR_TOP)))
     return top if usual or by_chance < CHANCE else nothing
 
 
