@@ -316,8 +316,8 @@ def write_comparison_page(folder: Path, studies: Sequence[str] = NAMES) -> Path:
     remark = (
         "Choose: the cheapest estimator of the study whose errors of attitude, rate, position and moments are, "
         f"with 95 % confidence, at most {WORSE:g} times the reference's on the same recordings, and nine of whose ten results "
-        f"lie within {LARGEST_STATED_ERROR:g} stated deviations. Where none is as good as the smoother, choose that. Filters answer at once, "
-        "the smoother in the end or after its lag; that is not in this table."
+        f"lie within {LARGEST_STATED_ERROR:g} stated deviations. Where none is as good as the smoother, choose that. "
+        "Filters answer at once, the smoother in the end or after its lag; that is not in this table."
     )
     write_text(
         folder / PAGE,
