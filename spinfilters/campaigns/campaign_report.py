@@ -83,7 +83,7 @@ def consistency_section(cells: Sequence[CellSummary], varied: Sequence[str], pic
     remark = (
         "Normalised estimation error squared per degree of freedom, 1 for a consistent estimator: mean over runs of the mean over "
         "the estimator's own epochs, with its 95 % confidence interval. Last epoch: mean over runs, marked where it lies outside "
-        "the band that holds it with 95 % for a consistent estimator. Of the blocks: means."
+        "the band that holds it with probability 95 % for a consistent estimator. Of the blocks: means."
     )
     return note(remark) + table(head, rows, len(varied)) + _cut(cells) + picture
 

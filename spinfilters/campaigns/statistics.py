@@ -130,7 +130,7 @@ class CellSummary:
     nees_median : float
         Over runs, of a run's mean per degree of freedom.
     band : tuple[float, float]
-        In which the mean over runs of the last epoch's lies with 95 % for a consistent estimator.
+        In which the mean over runs of the last epoch's lies with probability 95 % for a consistent estimator.
     seconds : Interval
         Of processor time.
     undetermined : Mapping[str, float]

@@ -83,7 +83,7 @@ class PredictionErrors:
 
     @property
     def band(self) -> tuple[float, float]:
-        """Interval that holds the NEES per degree of freedom of one prediction at one time with 95 %."""
+        """Interval that holds the NEES per degree of freedom of one prediction at one time with probability 95 %."""
         low, high = chi_square_band(self.dof, 1)
         return float(low) / self.dof, float(high) / self.dof
 
