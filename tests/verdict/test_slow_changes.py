@@ -36,7 +36,7 @@ def test_a_slow_change_is_given_no_cause(monkeypatch: pytest.MonkeyPatch) -> Non
     models = models_of(2e-3 * np.linspace(-1, 1, SAMPLES)[:, None] * AXIS, monkeypatch)
     assert models.names == ("slow-change",)
     assert not models.named
-    assert "a spin about one axis does not tell" in model_findings(models, None)[0].reason
+    assert "a spin about one axis cannot distinguish" in model_findings(models, None)[0].reason
 
 
 def test_a_sudden_change_is_named_as_contact(monkeypatch: pytest.MonkeyPatch) -> None:
