@@ -67,7 +67,7 @@ def _of_translation(truth: Truth) -> Iterator[str]:
     summed = _noise(velocity) * np.sqrt(len(dt)) * float(np.median(dt))
     if off > SHARE * extent and off > NOISE * (_noise(truth.center_of_mass) + summed):
         yield _sentence(
-            f"its velocities contradict its positions ({off:.2g} m apart on a path of {extent:.2g} m)"
+            f"its velocities contradict the path of its centre of mass ({off:.2g} m apart on a path of {extent:.2g} m)"
         )
 
 
