@@ -322,7 +322,7 @@ class ModelAnalysis:
 
     @property
     def _special_words(self) -> str:
-        """What makes the point none in general position, if anything does."""
+        """Reasons for which the point is not in general position, in words; empty where it is."""
         reasons = [
             ("a special point", self.model.point),
             ("known initial values", self.model.known_initial_values),

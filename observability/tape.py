@@ -113,7 +113,7 @@ class Tape:
 
 
 def _factor(operation: str, left: Fraction | None, right: Fraction | None) -> Fraction | None:
-    """What a result is a multiple of, beside factors that have roots; None where this is not known or 0."""
+    """Factor of a result without the factors that have roots; None where it is unknown or 0."""
     if operation in ("sqrt", "exp", "cis"):
         return Fraction(1)
     if not left or not right:
@@ -159,8 +159,9 @@ def tape_of(name: str, inputs: list[ca.SX], output: ca.SX, constants_known: bool
     edges = np.concatenate([[0], np.cumsum([function.numel_in(k) for k in range(function.n_in())])])
     reader = _Reader(name, int(edges[-1]))
     if constants_known:
-        reader.roots = _roots_of_turns(function)
-        reader.splits_logarithms = not {"log", "log1p"}.isdisjoint(_operations(function))
+        operations = [NAMES[function.instruction_id(k)] for k in range(function.n_instructions())]
+        reader.roots = _roots_of_turns(function, operations)
+        reader.splits_logarithms = not {"log", "log1p"}.isdisjoint(operations)
     for k in range(function.n_instructions()):
         reader.read(function, k, edges)
     registers = tuple(np.arange(start, stop) for start, stop in pairwise(edges))
@@ -173,13 +174,8 @@ def _constant(value: float) -> Fraction:
     return (near_simple(value) if np.isfinite(value) else None) or rational(value)
 
 
-def _operations(function: ca.Function) -> list[str]:
-    return [NAMES[function.instruction_id(k)] for k in range(function.n_instructions())]
-
-
-def _roots_of_turns(function: ca.Function) -> frozenset[int]:
-    """Those of 2 and 3 whose roots are in the sines of a function's constant angles."""
-    operations = _operations(function)
+def _roots_of_turns(function: ca.Function, operations: list[str]) -> frozenset[int]:
+    """Numbers, 2 or 3, whose square roots the sines and cosines of a function's constant angles contain."""
     if {"sin", "cos", "tan"}.isdisjoint(operations):
         return frozenset()
     angles = [function.instruction_constant(k) for k, each in enumerate(operations) if each == "const"]

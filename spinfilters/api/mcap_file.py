@@ -1,6 +1,6 @@
 """A run as an MCAP file of ROS 2 messages, which Foxglove, PlotJuggler and ros2 bag show; needs the extra ``ros``."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -58,7 +58,7 @@ def _topic(name: str) -> str:
     return name.replace("-", "_")
 
 
-def _messages(evaluation: Evaluation, types: Any) -> Any:
+def _messages(evaluation: Evaluation, types: Any) -> Iterator[tuple[int, str, Any]]:
     """Stamp (ns), type and message of every epoch."""
     motion = evaluation.trajectory
     vector, point, turn = (types[f"geometry_msgs/msg/{name}"] for name in ("Vector3", "Point", "Quaternion"))

@@ -55,6 +55,8 @@ from spinfilters.plots.style import (
 
 MOST_ROWS: Final = 300
 """Of a table or list on the page; all cells are in cells.csv."""
+_HATCHED: Final = "background:repeating-linear-gradient(45deg,#8886 0 2px,transparent 2px 6px)"
+"""Of a number of what most runs of a cell do not determine."""
 
 
 def asked_section(description: str, told: Mapping[str, str], study: str) -> str:
@@ -135,10 +137,6 @@ def _error_cells(cell: CellSummary, metric: Metric) -> tuple[str, str]:
     if cell.determines(metric):
         return shown
     return f'<span style="{_HATCHED}" title="not determined">{shown[0]}</span>', shown[1]
-
-
-_HATCHED: Final = "background:repeating-linear-gradient(45deg,#8886 0 2px,transparent 2px 6px)"
-"""Of a number of what most runs of a cell do not determine."""
 
 
 def further_section(cells: Sequence[CellSummary], varied: Sequence[str]) -> str:
@@ -504,9 +502,7 @@ def verdict_figure(cells: Sequence[CellSummary], varied: Sequence[str]) -> Figur
         axes.barh(places, share, left=left, color=colour, label=label, height=0.75)
         left += share
     axes.barh(places, 1.0 - left, left=left, color="0.75", label="failed, or no result", height=0.75)
-    hatched = [
-        place for place, cell in zip(places, shown, strict=True) if max(cell.undetermined.values()) > 0.5
-    ]
+    hatched = [place for place, cell in zip(places, shown, strict=True) if not cell.determines_all]
     if hatched:
         axes.barh(
             hatched,

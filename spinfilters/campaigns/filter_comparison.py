@@ -30,14 +30,15 @@ from spinfilters.campaigns.study import Study, read_study
 from spinfilters.core.errors import InputError
 from spinfilters.evaluation.stated_errors import LARGEST_STATED_ERROR
 from spinfilters.io.input_file import path_text, value_text
-from spinfilters.io.output_files import write_text
+from spinfilters.io.output_files import write_bytes, write_text
 from spinfilters.plots.page import image, note, page, table
-from spinfilters.plots.style import GREY, estimator_lines, legend_below, picture_bytes, save_figure, tidy
+from spinfilters.plots.style import GREY, estimator_lines, legend_below, picture_bytes, tidy
 
 NAMES: Final = ("cases", "motions", "rates", "noise", "lags", "initial-error", "iterations", "family")
 """Ready studies, in the order of the page."""
 PAGE: Final = "studies.html"
 PICTURE: Final = "comparison.png"
+DPI: Final = 150
 WORSE: Final = 1.1
 """An estimator whose errors are, with 95 %, at most so many times the reference's is as good."""
 CONVERGED: Final = 0.999
@@ -194,18 +195,20 @@ def by_level(results: Sequence[LevelResult]) -> dict[str, list[LevelResult]]:
     return groups
 
 
-def comparison_figure(study: Study, results: Sequence[LevelResult]) -> Figure:
+def _error_titles(results: Sequence[LevelResult]) -> list[str]:
+    """Errors that any of the results has a ratio of."""
+    return [title for title in (*ERRORS.values(), MOMENTS) if any(title in each.ratios for each in results)]
+
+
+def comparison_figure(results: Sequence[LevelResult]) -> Figure:
     """Curves over the levels: ratios of errors, NEES, share within four deviations, processor time; a line an estimator."""
     levels, names = list(by_level(results)), list(dict.fromkeys(each.estimator for each in results))
     lines = dict(zip(names, estimator_lines(names), strict=True))
-    titles = [title for title in (*ERRORS.values(), MOMENTS) if any(title in each.ratios for each in results)]
+    titles, reference = _error_titles(results), reference_of(names)
     figure = Figure(figsize=(12.5, 6.6), layout="constrained")
     panels = figure.subplots(2, -(-(len(titles) + 3) // 2), squeeze=False).ravel()
     draws: list[tuple[str, str, Callable[[LevelResult], Interval]]] = [
-        *(
-            (f"{title}: error over the {reference_of(names)}'s", "log", partial(_ratio, title))
-            for title in titles
-        ),
+        *((f"{title}: error over the {reference}'s", "log", partial(_ratio, title)) for title in titles),
         ("NEES per degree of freedom", "log", lambda each: each.nees),
         (f"share within {LARGEST_STATED_ERROR:g} deviations", "linear", lambda each: each.right),
         ("processor time per epoch [ms]", "log", lambda each: _scaled(each.seconds, 1e3)),
@@ -289,15 +292,15 @@ def write_comparison_page(folder: Path, studies: Sequence[str] = NAMES) -> Path:
         study, begun = read_folder(place)
         rows = read_rows(place, study.columns, levels=study.levels)
         results = level_results(study, rows)
-        figure = comparison_figure(study, results)
-        save_figure(figure, place / PICTURE)
-        sections[f"{study.name}"] = (
+        picture = picture_bytes(comparison_figure(results), "png", dpi=DPI)
+        write_bytes(place / PICTURE, picture)
+        sections[study.name] = (
             f"<p>{escape(study.options.description)}</p>"
             + note(
                 f"{len(rows)} of {len(study)} runs, {study.options.seeds} seeds, begun {begun.get('begun', '')[:10]} "
                 f"at commit {str(begun.get('commit', ''))[:12]} on {begun.get('machine', '')}."
             )
-            + image(picture_bytes(figure, "png", dpi=110), f"{study.name}: estimators by level")
+            + image(picture, f"{study.name}: estimators by level")
             + _result_table(results)
         )
         choices += _choices(study.name, results)
@@ -311,12 +314,12 @@ def write_comparison_page(folder: Path, studies: Sequence[str] = NAMES) -> Path:
         "choose",
         "processor ms an epoch",
         "worst error over the reference",
-        "smoother, ms an epoch",
+        "reference, ms an epoch",
     ]
     remark = (
         "Choose: the cheapest estimator of the study whose errors of attitude, rate, position and moments are, "
         f"with 95 % confidence, at most {WORSE:g} times the reference's on the same recordings, and nine of whose ten results "
-        f"lie within {LARGEST_STATED_ERROR:g} stated deviations. Where none is as good as the smoother, choose that. "
+        f"lie within {LARGEST_STATED_ERROR:g} stated deviations. The reference is the smoother, of a study without it the MEKF. "
         "Filters answer at once, the smoother in the end or after its lag; that is not in this table."
     )
     write_text(
@@ -329,9 +332,8 @@ def write_comparison_page(folder: Path, studies: Sequence[str] = NAMES) -> Path:
 def _choices(study: str, results: Sequence[LevelResult]) -> Iterator[list[str]]:
     """Rows of the first table: of each level the estimator to choose."""
     for level, group in by_level(results).items():
-        reference = next(
-            (each for each in group if each.estimator == reference_of([e.estimator for e in group])), None
-        )
+        name = reference_of([each.estimator for each in group])
+        reference = next((each for each in group if each.estimator == name), None)
         chosen = recommended(group)
         worst = None if chosen is None else max(chosen.ratios.values(), key=lambda each: each.value)
         yield [
@@ -345,7 +347,7 @@ def _choices(study: str, results: Sequence[LevelResult]) -> Iterator[list[str]]:
 
 
 def _result_table(results: Sequence[LevelResult]) -> str:
-    titles = [title for title in (*ERRORS.values(), MOMENTS) if any(title in each.ratios for each in results)]
+    titles = _error_titles(results)
     within = f"within {LARGEST_STATED_ERROR:g} deviations"
     head = [
         "level",
@@ -363,7 +365,7 @@ def _result_table(results: Sequence[LevelResult]) -> str:
         [
             escape(each.level or "all"),
             escape(each.estimator),
-            *(_text(each.ratios.get(title, NOTHING)) for title in titles),
+            *(_text(_ratio(title, each)) for title in titles),
             _text(each.cost),
             _text(each.seconds, 1e3),
             _text(each.nees),

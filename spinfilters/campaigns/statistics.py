@@ -23,6 +23,8 @@ QUANTITY_OF: Final = {
     "error_center_of_mass": CENTRE,
 }
 """Quantity of a verdict by the beginning of the column of an error."""
+MOST_UNDETERMINED: Final = 0.5
+"""Share of a cell's runs that may leave a quantity open for it to count as determined."""
 QUANTILE: Final = float(ndtri(0.975))
 
 
@@ -155,7 +157,12 @@ class CellSummary:
     def determines(self, metric: Metric) -> bool:
         """Whether at least half of the runs determine what an error is of."""
         name = next((each for start, each in QUANTITY_OF.items() if metric.column_name.startswith(start)), "")
-        return self.undetermined.get(name, 0.0) <= 0.5
+        return self.undetermined.get(name, 0.0) <= MOST_UNDETERMINED
+
+    @property
+    def determines_all(self) -> bool:
+        """Whether at least half of the runs determine every quantity."""
+        return max(self.undetermined.values()) <= MOST_UNDETERMINED
 
     @property
     def nees(self) -> Interval:

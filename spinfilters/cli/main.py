@@ -82,10 +82,10 @@ def _run(options: argparse.Namespace, pressed: Sequence[int]) -> int:
     except SystemExit as stop:  # of a plug-in; ours end commands before they run
         if (plugin := plugin_in(stop)) is None:
             raise
-        return _complain(f"{plugin}; mend or uninstall it")
+        return _complain_of_plugin(plugin)
     except OSError as error:
         if plugin := plugin_in(error):
-            return _complain(f"{plugin}; mend or uninstall it")
+            return _complain_of_plugin(plugin)
         name = f"{error.filename}: " if error.filename else ""
         return _complain(
             f"{name}{error.strerror or error}; free space or choose another folder, then run again"
@@ -98,11 +98,15 @@ def _run(options: argparse.Namespace, pressed: Sequence[int]) -> int:
         if is_verbose or os.environ.get(DEBUG):
             raise
         if plugin := plugin_in(error):
-            return _complain(f"{plugin}; mend or uninstall it")
+            return _complain_of_plugin(plugin)
         return _complain(
             f"unexpected {type(error).__name__} in {_place(error)}; this is a fault of spinfilters: please report it "
             f"with what {DEBUG}=1 shows"
         )
+
+
+def _complain_of_plugin(what: str) -> int:
+    return _complain(f"{what}; mend or uninstall it")
 
 
 def _say_what_it_took(begun: float) -> None:

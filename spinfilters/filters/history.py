@@ -187,6 +187,11 @@ class EstimateHistory:
         return np.sqrt(np.einsum("tij,tij->ti", self.factor, self.factor))
 
 
+def finished_history(histories: Sequence[EstimateHistory]) -> EstimateHistory | None:
+    """The first history that has not failed; None without any."""
+    return next((each for each in histories if not each.has_failed), None)
+
+
 class GrowingHistory:
     """Growing record of a run's epochs.
 

@@ -5,7 +5,8 @@ import math
 import struct
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Final
 
@@ -62,7 +63,7 @@ class ArrayExportReader(StatedReader):
 
 def _npz(path: Path) -> ArrayColumns:
     """Arrays of an .npz. InputError: objects in it, or more numbers than are read."""
-    try:
+    with _refused_if_damaged(path, "is no .npz of plain arrays", "save it with numpy.savez"):
         with zipfile.ZipFile(path) as archive:
             _require_size(path, sum(member.file_size for member in archive.infolist()))
             for member in archive.infolist():
@@ -70,13 +71,18 @@ def _npz(path: Path) -> ArrayColumns:
                     _require_whole(archive, member)
         with np.load(path, allow_pickle=False) as members:
             arrays = {name: members[name] for name in members.files}
+    return _columns_of(path, arrays)
+
+
+@contextmanager
+def _refused_if_damaged(path: Path, what: str, cure: str) -> Iterator[None]:
+    """Turn whatever a parser raises into one InputError: what it raises of damaged bytes is not documented."""
+    try:
+        yield
     except InputError:
         raise
-    except Exception as error:  # what a parser raises of damaged bytes is not documented
-        raise InputError(
-            f"{path_text(path)}: is no .npz of plain arrays ({reason(error)}); save it with numpy.savez"
-        ) from None
-    return _columns_of(path, arrays)
+    except Exception as error:
+        raise InputError(f"{path_text(path)}: {what} ({reason(error)}); {cure}") from None
 
 
 def _require_whole(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> None:
@@ -98,7 +104,7 @@ def _mat(path: Path) -> ArrayColumns:
     content = read_bytes(path, LARGEST)
     if content.startswith(MATLAB_HDF5):
         return _hdf5(path)
-    try:
+    with _refused_if_damaged(path, "is no whole .mat", "save it in MATLAB with save(..., '-v7')"):
         _require_sound_mat(content)
         with ignored_warnings(UserWarning):
             variables = whosmat(path)
@@ -108,12 +114,6 @@ def _mat(path: Path) -> ArrayColumns:
                 raise ValueError("a variable stands twice")
             _require_size(path, sum(8 * math.prod(shape) for _, shape, _ in variables))
             held = loadmat(path, simplify_cells=True)
-    except InputError:
-        raise
-    except Exception as error:  # as above
-        raise InputError(
-            f"{path_text(path)}: is no whole .mat ({reason(error)}); save it in MATLAB with save(..., '-v7')"
-        ) from None
     return _columns_of(path, _by_last_name(_flat(held)))
 
 
@@ -136,17 +136,10 @@ def _hdf5(path: Path) -> ArrayColumns:
             "pip install 'spinfilters[hdf5]', or save it in MATLAB with save(..., '-v7')"
         ) from None
     is_matlab = path.suffix.lower() == ".mat"
-    try:
-        with h5py.File(path, "r") as file:
-            sets = _number_sets(file)
-            _require_size(path, sum(8 * each.size for each in sets.values()))
-            arrays = {name: np.asarray(each[()]) for name, each in sets.items()}
-    except InputError:
-        raise
-    except Exception as error:  # what the library raises of damaged bytes is not documented
-        raise InputError(
-            f"{path_text(path)}: is no whole HDF5 file ({reason(error)}); save it again"
-        ) from None
+    with _refused_if_damaged(path, "is no whole HDF5 file", "save it again"), h5py.File(path, "r") as file:
+        sets = _number_sets(file)
+        _require_size(path, sum(8 * each.size for each in sets.values()))
+        arrays = {name: np.asarray(each[()]) for name, each in sets.items()}
     if is_matlab:
         arrays = {name: array.T for name, array in arrays.items()}
     return _columns_of(path, _by_last_name(arrays))

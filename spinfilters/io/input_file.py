@@ -232,3 +232,10 @@ def nearest_text(word: str, known: Iterable[str]) -> str:
     begun = [each for each in words if each.startswith(word) and len(word) > 2]
     near = begun if len(begun) == 1 else get_close_matches(word, words, n=1, cutoff=0.7)
     return f"did you mean {near[0]}" if near else ""
+
+
+def unknown_key(shown: str, key: str, known: Iterable[str]) -> str:
+    """Complaint about a key, as it is shown, with the known ones and the nearest of them."""
+    names = list(known)
+    meant = nearest_text(key, names)
+    return f"unknown key {shown}; known are {', '.join(names)}" + (f"; {meant}" if meant else "")

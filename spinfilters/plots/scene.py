@@ -167,15 +167,21 @@ def faces_viewer(
     ndarray of bool, shape (n,)
         False for what the ellipsoid hides.
     """
+    return (points / np.square(semi_axes)) @ viewer_direction(axes) >= 0.0
+
+
+def viewer_direction(axes: Axes3D) -> Float[np.ndarray, "3"]:
+    """Unit vector from the origin of three-dimensional axes to the viewer.
+
+    Parameters
+    ----------
+    axes : Axes3D
+        Whose elevation and azimuth say where the viewer is.
+    """
     elevation, azimuth = np.deg2rad(axes.elev), np.deg2rad(axes.azim)
-    viewer = np.array(
-        [
-            np.cos(elevation) * np.cos(azimuth),
-            np.cos(elevation) * np.sin(azimuth),
-            np.sin(elevation),
-        ]
+    return np.array(
+        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)]
     )
-    return (points / np.square(semi_axes)) @ viewer >= 0.0
 
 
 def frustum_edges(rig: Rig, depth: float) -> Float[np.ndarray, "8 2 3"]:

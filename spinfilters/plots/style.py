@@ -1,7 +1,7 @@
 """Figure style: colours for colour-blind readers, a line per estimator, saving."""
 
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -261,6 +261,25 @@ def truth_handle(label: str = "truth") -> Line2D:
         For `legend_below`.
     """
     return Line2D([], [], color=BLACK, linestyle=(0, (2, 1.5)), linewidth=1.3, label=label)
+
+
+def dot_handles(colours: Mapping[str, str]) -> list[Artist]:
+    """Legend entries of points.
+
+    Parameters
+    ----------
+    colours : mapping of str to str
+        Colours by the text of the entry.
+
+    Returns
+    -------
+    list of Artist
+        For `legend_below`.
+    """
+    return [
+        Line2D([], [], linestyle="none", marker="o", color=colour, label=name)
+        for name, colour in colours.items()
+    ]
 
 
 def plot_truth(axes: Axes, time: np.ndarray, values: np.ndarray) -> None:

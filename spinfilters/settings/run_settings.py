@@ -19,7 +19,7 @@ from spinfilters.filters.shared_modes import LandmarkOptions
 from spinfilters.filters.timeline import Timeline, times_of
 from spinfilters.io.consider_parameter import consider_parameters
 from spinfilters.io.dataset import DENSITIES
-from spinfilters.io.input_file import nearest_text, path_text, read_toml, value_text
+from spinfilters.io.input_file import nearest_text, path_text, read_toml, unknown_key, value_text
 from spinfilters.io.sensor_format import noise_options
 from spinfilters.io.stated_values import NumberRange, plain_number
 from spinfilters.models.process import ProcessNoise
@@ -549,9 +549,7 @@ def settings_from(document: Mapping[str, Any], source: str) -> Settings:
     known = [each.name for each in fields(Settings)]
     for key in values:
         if key not in known:
-            meant = nearest_text(key, known)
-            hint = f"; {meant}" if meant else ""
-            raise InputError(f"{source}: unknown key {value_text(key)}; known are {', '.join(known)}{hint}")
+            raise InputError(f"{source}: {unknown_key(value_text(key), key, known)}")
     try:
         return Settings(**values)
     except InputError as error:

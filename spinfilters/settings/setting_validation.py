@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 
 from spinfilters.core.errors import InputError
-from spinfilters.io.input_file import nearest_text, value_text
+from spinfilters.io.input_file import unknown_key, value_text
 
 
 def validated(record: type, values: Mapping[str, object]) -> dict[str, Any]:
@@ -61,9 +61,7 @@ def _line(record: type, error: ValidationError) -> str:
         return f"{table} is {value}; it must be a table [{table}]"
     key, keys = inner[0], get_type_hints(kind, include_extras=True)
     if key not in keys:
-        meant = nearest_text(key, keys)
-        hint = f"; {meant}" if meant else ""
-        return f"unknown key {table}.{value_text(key)[1:-1]}; known are {', '.join(keys)}{hint}"
+        return unknown_key(f"{table}.{value_text(key)[1:-1]}", key, keys)
     return f"{table}.{key} is {value}; give {wanted(keys[key])}"
 
 

@@ -12,7 +12,7 @@ from spinfilters.evaluation.consistency import WHOLE, compared_parts, expected_n
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.filters.ekf import MultiplicativeEkf
 from spinfilters.filters.estimator import LandmarkBelief
-from spinfilters.filters.history import EstimateHistory
+from spinfilters.filters.history import EstimateHistory, finished_history
 from spinfilters.filters.timeline import run
 from spinfilters.inference.first_epochs import DETERMINED_STD, LARGEST_DEPARTURE, is_bent, moments_std_of
 from spinfilters.inference.setup import Setup
@@ -179,11 +179,6 @@ LEAST_EVIDENCE = 30.0
 """Of moments that a motion determines (`inertia_evidence`)."""
 FEWEST_EPOCHS = 10
 """With less the evidence, at three numbers an epoch, says nothing of the motion."""
-
-
-def finished_history(histories: Sequence[EstimateHistory]) -> EstimateHistory | None:
-    """The first history that has not failed; None without any."""
-    return next((each for each in histories if not each.has_failed), None)
 
 
 def reference_smoother(

@@ -8,7 +8,7 @@ import numpy as np
 
 from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate, not_failed
 from spinfilters.evaluation.trajectory_errors import Alignment
-from spinfilters.filters.history import EstimateHistory
+from spinfilters.filters.history import EstimateHistory, finished_history
 from spinfilters.inference.estimator_entry import AnyEntry
 from spinfilters.inference.first_epochs import DETERMINED_STD, moments_std_of
 from spinfilters.inference.identified_noise import LARGEST_ERROR
@@ -20,7 +20,6 @@ from spinfilters.models.status import Finding, Verdict
 from spinfilters.settings.run_settings import FILTER, Settings
 from spinfilters.verdict.agreement_tests import (
     agreement_diagnostics,
-    finished_history,
     motion_diagnostics,
     reference_smoother,
 )

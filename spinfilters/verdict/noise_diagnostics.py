@@ -9,7 +9,7 @@ from jaxtyping import Float
 from spinfilters.core.errors import NUMERICAL_ERRORS, numerical
 from spinfilters.evaluation.estimator_evaluation import without_calibration
 from spinfilters.evaluation.noise_tests import MEASUREMENTS, MOST_EPOCHS, FilterTests, NoiseTest, filter_tests
-from spinfilters.filters.history import EstimateHistory
+from spinfilters.filters.history import EstimateHistory, finished_history
 from spinfilters.filters.noise_levels import BLOCK, CYCLE, DISTURBANCES, VarianceComponent
 from spinfilters.inference.identification import Identified, LevelTest, identify, level_tests
 from spinfilters.inference.identified_noise import Unstated, noise_model
@@ -162,7 +162,7 @@ def _levels_of_run(setup: Setup, settings: Settings, histories: Sequence[Estimat
     start = setup.initial
     trajectory, ids, points, needed, used = start.mean, start.ids, start.points, OBSERVATIONS_NEEDED, None
     if not start.has_landmarks:
-        history = next((each for each in histories if not each.has_failed), None)
+        history = finished_history(histories)
         if history is None or history.layout != setup.process.layout:
             return None
         mean = history.mean[:STRETCH]

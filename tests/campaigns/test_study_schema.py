@@ -5,13 +5,17 @@ from pathlib import Path
 
 import pytest
 
+from spinfilters.campaigns.filter_comparison import NAMES, study_file
 from spinfilters.campaigns.study_schema import study_schema
 
 Draft202012Validator = pytest.importorskip(
     "jsonschema", reason="needs jsonschema of the extra test"
 ).Draft202012Validator
 
-STUDIES = sorted((Path(__file__).parents[2] / "experiments" / "studies").glob("*.toml"))
+STUDIES = [
+    *sorted((Path(__file__).parents[2] / "experiments" / "studies").glob("*.toml")),
+    *map(study_file, NAMES),
+]
 SMALL = {"study": {"name": "small", "seeds": 2}, "factors": {"estimator": ["mekf"]}}
 
 

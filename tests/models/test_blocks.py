@@ -96,4 +96,4 @@ def test_the_how_to_page_shows_the_gyro_bias_as_it_is() -> None:
     blocks = (PACKAGE / "models" / "state_blocks.py").read_text(encoding="utf-8")
     entry = blocks[blocks.index("GYRO_BIAS: Final") :].split("\n\n")[0]
     assert entry in text
-    assert len(text.splitlines()) <= 60  # with the section on a term of the motion
+    assert len(text.splitlines()) <= 50

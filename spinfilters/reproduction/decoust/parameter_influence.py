@@ -4,7 +4,7 @@ The thesis prints pictures and says what they show; the numbers here are counts 
 """
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import cache
 from typing import Final
 
@@ -12,10 +12,9 @@ import numpy as np
 from jaxtyping import Float, Int
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from spinfilters.lidar.scan import RayPattern
-from spinfilters.plots.style import BLUE, GREY, RED, SKY, legend_below
+from spinfilters.plots.style import BLUE, GREY, RED, SKY, dot_handles, legend_below
 from spinfilters.reproduction.decoust.scan_features import Parameters, find_bndry_points, find_edge_points
 from spinfilters.reproduction.decoust.sequences import PLACE
 from spinfilters.reproduction.decoust.surfaces import surf_segm
@@ -173,7 +172,7 @@ def make_normal_tolerance() -> ItemResult:
         )
     most = int(max(each.max() for each in surfaces)) + 1
     surface_colours = {f"surface {k + 1}": f"C{k}" for k in range(min(most, 10))}
-    legend_below(figure, _dots(surface_colours | {"edge or boundary": GREY}))
+    legend_below(figure, dot_handles(surface_colours | {"edge or boundary": GREY}))
     return ItemResult(
         [
             ComparedNumber("surfaces at 0.1, as large a tolerance as the cube bears", counts[0], printed=3.0),
@@ -208,16 +207,8 @@ def _clouds(
         _scatter(axes, np.array([colours.get(int(each), SKY) for each in label]), f"{name} {value:g}")
     names = {EDGE: "edge", BOUNDARY: "boundary"}
     shown = {"other points": SKY} | {f"{names[kind]} points": colour for kind, colour in colours.items()}
-    legend_below(figure, _dots(shown))
+    legend_below(figure, dot_handles(shown))
     return figure
-
-
-def _dots(colours: Mapping[str, str]) -> list[Line2D]:
-    """Legend entries of points by their names."""
-    return [
-        Line2D([], [], linestyle="none", marker="o", color=colour, label=name)
-        for name, colour in colours.items()
-    ]
 
 
 def _scatter(axes: Axes, colours: np.ndarray, title: str) -> None:

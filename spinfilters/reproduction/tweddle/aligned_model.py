@@ -6,13 +6,12 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 
 from spinfilters.core.attitude_conversions import matrix_from_rotation_vector
 from spinfilters.evaluation.reference_fit import axis_and_angle
 from spinfilters.lidar.mesh import TriangleMesh
 from spinfilters.lidar.registration import Cloud, registered
-from spinfilters.plots.style import BLUE, RED, legend_below, tidy
+from spinfilters.plots.style import BLUE, RED, dot_handles, legend_below, tidy
 from spinfilters.reproduction.item import ComparedNumber, Item, ItemResult, tweddle_item
 from spinfilters.reproduction.tweddle.rendered_recording import (
     RENDERED,
@@ -145,13 +144,7 @@ def _figure(known: Float[np.ndarray, "n 3"], moved: Float[np.ndarray, "m 3"]) ->
         axes.set(xlabel=f"{'xyz'[u]} [mm]", ylabel=f"{'xyz'[v]} [mm]", aspect="equal")
         axes.set_title(f"slice across {'xyz'[axis]}", loc="left", fontsize="medium")
         tidy(axes)
-    legend_below(
-        figure,
-        [
-            Line2D([], [], linestyle="none", marker="o", color=BLUE, label="known shape"),
-            Line2D([], [], linestyle="none", marker="o", color=RED, label="dense model, aligned"),
-        ],
-    )
+    legend_below(figure, dot_handles({"known shape": BLUE, "dense model, aligned": RED}))
     return figure
 
 

@@ -12,7 +12,7 @@ from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from spinfilters.lidar.mesh import TriangleMesh
-from spinfilters.plots.scene import equal_scales
+from spinfilters.plots.scene import equal_scales, viewer_direction
 from spinfilters.reproduction.item import ComparedNumber, Item, ItemResult, tweddle_item
 from spinfilters.reproduction.tweddle.rendered_recording import RADIUS, RENDERED, rendered_recording
 
@@ -39,10 +39,8 @@ def make_model() -> ItemResult:
         axes = figure.add_subplot(1, 2, number, projection="3d")
         assert isinstance(axes, Axes3D)
         axes.view_init(elevation, azimuth)
-        up, around = np.deg2rad([elevation, azimuth])
-        viewer = np.array([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up)])
         # the inside of what no camera closed is dark; one collection sorts all triangles by depth
-        light = np.where(surface.normals @ viewer > 0, 1.0, 0.25)
+        light = np.where(surface.normals @ viewer_direction(axes) > 0, 1.0, 0.25)
         grey = np.repeat(np.clip(light * shade, 0.0, 1.0)[:, np.newaxis], 3, axis=1).tolist()
         corners = (100.0 * surface.corners).tolist()
         axes.add_collection3d(Poly3DCollection(corners, facecolors=grey, edgecolors=grey, linewidths=0.3))

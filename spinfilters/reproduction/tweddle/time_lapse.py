@@ -37,10 +37,8 @@ SECONDS: Final = 40.0
 def make_time_lapse() -> ItemResult:
     """Figure 6-15: four pairs with the principal axes where the estimate puts them, and the true ones."""
     found = rendered_recording()
-    estimated, true = axis_ends(found)
-    off = np.linalg.norm(
-        projected(found.rig, estimated)[:, :, 1:] - projected(found.rig, true)[:, :, 1:], axis=-1
-    )
+    estimated, true = (projected(found.rig, each) for each in axis_ends(found))
+    off = np.linalg.norm(estimated[:, :, 1:] - true[:, :, 1:], axis=-1)
     rows = [
         ComparedNumber(
             "ends of the drawn axes off the true ones, root mean square over 4 pairs",
@@ -55,11 +53,9 @@ def make_time_lapse() -> ItemResult:
         time = found.evaluation.trajectory.time[TIME_LAPSE[row]]
         for side, (axes, image, name) in enumerate(zip(panels, pair, ("left", "right"), strict=True)):
             axes.imshow(image, cmap="gray", vmin=0, vmax=255)
-            _draw_axes(
-                axes, projected(found.rig, estimated)[side, row], projected(found.rig, true)[side, row]
-            )
+            _draw_axes(axes, estimated[side, row], true[side, row])
             axes.set_title(f"{name} image at {time:.1f} s", loc="left", fontsize="medium")
-            u, v = projected(found.rig, estimated)[side, row, 0]
+            u, v = estimated[side, row, 0]
             axes.set(xlim=(u - SHOWN_PX, u + SHOWN_PX), ylim=(v + 0.75 * SHOWN_PX, v - 0.75 * SHOWN_PX))
             axes.set_axis_off()
     handles = [
