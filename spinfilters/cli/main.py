@@ -26,8 +26,10 @@ EXIT_OK, EXIT_BAD_INPUT = 0, 2
 INTERRUPTED: Final[str] = "interrupted; nothing unfinished is left behind, run the command again"
 PACKAGES: Final[tuple[str, ...]] = ("spinfilters", "observability")
 """Those whose lines an unexpected error names."""
-LONGEST_COMPLAINT: Final[int] = 280
-"""Characters of a complaint: of a longer one, which holds long names, the middle is left out."""
+LONGEST_COMPLAINT: Final[int] = 500
+"""Characters of a complaint: a longer one loses its middle."""
+LONGEST_WORD: Final[int] = 120
+"""A longer path or value of a stranger loses its middle, so that the sentence about it stays whole."""
 DEBUG: Final[str] = "SPINFILTERS_DEBUG"
 """Environment variable with which an unexpected error shows its whole trace."""
 
@@ -171,12 +173,16 @@ class _CompileNotice(logging.Handler):
 
 def _complain(text: str) -> int:
     """Say it in one printable line of bounded length."""
-    line = printable(" ".join(text.split()))
-    if len(line) > LONGEST_COMPLAINT:
-        half = LONGEST_COMPLAINT // 2
-        line = f"{line[:half]} ... {line[-half:]}"
-    print(f"spinfilters: {line}", file=sys.stderr)
+    line = " ".join(
+        _without_middle(word, LONGEST_WORD) for word in printable(" ".join(text.split())).split(" ")
+    )
+    print(f"spinfilters: {_without_middle(line, LONGEST_COMPLAINT)}", file=sys.stderr)
     return EXIT_BAD_INPUT
+
+
+def _without_middle(text: str, longest: int) -> str:
+    half = longest // 2
+    return text if len(text) <= longest else f"{text[:half]} ... {text[-half:]}"
 
 
 def _place(error: BaseException) -> str:

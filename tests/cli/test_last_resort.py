@@ -159,3 +159,17 @@ def test_a_recording_of_any_name_is_estimated(
     assert main(["compare", str(recording), "--estimators", "mekf", "-o", str(run)]) == 0
     assert (run / "summary.json").is_file()
     assert "[bold]" in capsys.readouterr().out
+
+
+def test_a_path_of_usual_length_leaves_a_long_message_whole(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / f"{'a' * (119 - len(str(tmp_path)) - 5)}.csv"
+    path.write_text(
+        "".join(["t [s],w_x [rad/s],w_y [rad/s],w_z [rad/s]\n", *(f"{0.1 * k},1,2,3\n" for k in range(60))])
+    )
+    said = refusal(capsys, "compare", str(path), "-o", str(tmp_path / "run"))
+    assert said.startswith(
+        f"spinfilters: {path}: the gyro's rates never change, so its noise cannot be distinguished from"
+    )
+    assert said.endswith("or another recording\n")
