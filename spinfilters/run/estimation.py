@@ -140,8 +140,9 @@ def compare_estimators(
     Raises
     ------
     InputError
-        An estimator that holds no landmarks, for tracks without a known map; no epoch is left after the start; a checkpoint is
-        damaged, of another run, or cannot be written.
+        Tracks without a known map, and an estimator that holds no landmarks.
+        No epoch is left after those of the initialisation.
+        A checkpoint is damaged, belongs to another run, or cannot be written.
     """
     evaluations: list[Evaluation] = []
     maps: dict[str, np.ndarray] = {}
