@@ -40,32 +40,53 @@ def chosen_reference(path: str, inspector: str | None, shares: Sequence[str]) ->
     return relative_reference(reference, read_reference(Path(inspector)))
 
 
+def compare_histories(
+    histories: Sequence[EstimateHistory], reference: ReferenceMotion
+) -> dict[str, ReferenceComparison | str]:
+    """Every estimator against a reference, by its name; a sentence in place of what cannot be compared."""
+    found: dict[str, ReferenceComparison | str] = {}
+    for history in histories:
+        try:
+            with np.errstate(all="ignore"):
+                found[history.name] = compare_with_reference(history, reference)
+        except InputError as error:
+            found[history.name] = str(error)
+        except NUMERICAL_ERRORS as error:
+            found[history.name] = reason(numerical(error))
+    return found
+
+
 def write_reference(
-    folder: Path, histories: Sequence[EstimateHistory], reference: ReferenceMotion, with_figures: bool = True
+    folder: Path, name: str, compared: Mapping[str, ReferenceComparison | str], with_figures: bool = True
 ) -> list[str]:
     """Write `REFERENCE_FILE`, a table of each estimator, and two pictures if wanted; returns the names of the pictures.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the run.
+    name : str
+        Of the reference.
+    compared : mapping
+        As `compare_histories` returns it.
+    with_figures : bool
+        Whether the pictures are drawn.
 
     Raises
     ------
     InputError
         A file cannot be written.
     """
-    document: dict[str, Any] = {"schema": SCHEMA, "reference": reference.name, "estimators": {}}
+    document: dict[str, Any] = {"schema": SCHEMA, "reference": name, "estimators": {}}
     drawn: list[str] = []
-    for history in histories:
-        try:
-            with np.errstate(all="ignore"):
-                found = compare_with_reference(history, reference)
-        except InputError as error:
-            document["estimators"][history.name] = {"refused": str(error)}
+    for estimator, found in compared.items():
+        if isinstance(found, str):
+            document["estimators"][estimator] = {"refused": found}
             continue
-        except NUMERICAL_ERRORS as error:
-            document["estimators"][history.name] = {"refused": reason(numerical(error))}
-            continue
-        document["estimators"][history.name] = finite_document(found.document)
-        _write_table(folder / history.name / REFERENCE_TABLE, found)
+        document["estimators"][estimator] = finite_document(found.document)
+        _write_table(folder / estimator / REFERENCE_TABLE, found)
         if with_figures:
-            drawn += _draw(folder, history.name, found)
+            drawn += _draw(folder, estimator, found)
     write_json(folder / REFERENCE_FILE, document)
     return drawn
 
