@@ -17,7 +17,7 @@ State blocks (error dimension; defined in `spinfilters.models.state_blocks`)
     ``t`` 3  origin of g in i, m                 ``a`` 3  attitude error of q_ig, rad
     ``v`` 3  velocity of the centre of mass, i, m/s   ``w`` 3  body rate, g axes, rad/s
     ``c`` 3  centre of mass in g, m              ``s`` 5  mass distribution (see `spinfilters.core.mass_distribution`)
-    Expressions call the attitude ``q`` (4), which is its mean; ``a`` (3) is its error.
+    The attitude has two names: its mean is ``q`` (4) in expressions, its error ``a`` (3) in layouts and covariances.
     Optional, each where a data set or a setting asks for it:
     ``d`` 1  aerodynamic drag, 1/rad             ``l`` 1  drag linear in the rate, 1/s
     ``b`` 3  bias of the gyro, g axes, rad/s     ``k`` 1  scale error of the gyro, 1
