@@ -10,7 +10,6 @@ import numpy as np
 
 from spinfilters.core.errors import InputError
 from spinfilters.evaluation.estimator_evaluation import Evaluation
-from spinfilters.evaluation.reference_comparison import ReferenceComparison
 from spinfilters.filters.history import EstimateHistory
 from spinfilters.inference.setup import Setup
 from spinfilters.io.dataset import Dataset
@@ -31,7 +30,12 @@ from spinfilters.run.predictions import (
     write_predictions,
 )
 from spinfilters.run.preparation import prepare
-from spinfilters.run.reference_output import compare_histories, reference_lines, write_reference
+from spinfilters.run.reference_output import (
+    ReferenceComparisons,
+    compare_histories,
+    reference_lines,
+    write_reference,
+)
 from spinfilters.run.run_folder import (
     CONVERGENCE_PICTURE,
     EXPLANATIONS_FILE,
@@ -248,12 +252,12 @@ class OptionalOutputs:
             smoother_convergence.write_convergence(folder, comparison.setup, settings, on_epoch, with_figures)
         if self.explain:
             write_explanations(folder, comparison, settings)
-        if self.reference is not None:
-            write_reference(folder, self.reference.name, compared, with_figures)
+        if compared is not None:
+            write_reference(folder, compared, with_figures)
 
-    def _compared(self, histories: Sequence[EstimateHistory]) -> dict[str, ReferenceComparison | str]:
-        """Every estimator against the reference, once for its own files and for predictions; nothing without one."""
-        return {} if self.reference is None else compare_histories(histories, self.reference)
+    def _compared(self, histories: Sequence[EstimateHistory]) -> ReferenceComparisons | None:
+        """Every estimator against the reference, once for its own files and for predictions; None without one."""
+        return None if self.reference is None else compare_histories(histories, self.reference)
 
     def _write_predictions(
         self,
@@ -261,11 +265,11 @@ class OptionalOutputs:
         process: TorqueFreeProcess,
         evaluations: Sequence[Evaluation],
         seconds: float,
-        compared: Mapping[str, ReferenceComparison | str],
+        compared: ReferenceComparisons | None,
         with_figures: bool,
     ) -> list[str]:
         """Predictions and races; returns the names of the pictures."""
-        references = {name: found for name, found in compared.items() if not isinstance(found, str)}
+        references = {} if compared is None else compared.found
         drawn = write_predictions(folder, process, evaluations, seconds, references, with_figures)
         if self.race:
             drawn += write_race(folder, self.race, evaluations, seconds, with_figures)
@@ -302,7 +306,7 @@ class OptionalOutputs:
             own = compare_estimators(prepare(dataset, settings), settings, lambda *_: None)
             write_explanations(folder, own, settings)
             made.append(EXPLANATIONS_FILE)
-        compared = {}
+        compared = None
         if self.reference is not None:
             compared = self._compared(read_histories(folder, settings.estimators))
         if self.predict_s is not None:
@@ -311,8 +315,8 @@ class OptionalOutputs:
             made += self._write_predictions(
                 folder, process, evaluations, self.predict_s, compared, with_figures
             )
-        if self.reference is not None:
-            made += write_reference(folder, self.reference.name, compared, with_figures)
+        if compared is not None:
+            made += write_reference(folder, compared, with_figures)
         return made
 
     def sentences(self, folder: Path) -> Sequence[str]:

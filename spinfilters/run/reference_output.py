@@ -4,6 +4,7 @@ Nothing about a reference ends a run: what cannot be compared is a sentence in i
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -40,53 +41,58 @@ def chosen_reference(path: str, inspector: str | None, shares: Sequence[str]) ->
     return relative_reference(reference, read_reference(Path(inspector)))
 
 
+@dataclass(frozen=True)
+class ReferenceComparisons:
+    """All estimators of a run against one reference.
+
+    Attributes
+    ----------
+    reference : str
+        Its name.
+    found : mapping of str to ReferenceComparison
+        By the names of the estimators.
+    refused : mapping of str to str
+        Why the others cannot be compared.
+    """
+
+    reference: str
+    found: Mapping[str, ReferenceComparison]
+    refused: Mapping[str, str]
+
+
 def compare_histories(
     histories: Sequence[EstimateHistory], reference: ReferenceMotion
-) -> dict[str, ReferenceComparison | str]:
-    """Every estimator against a reference, by its name; a sentence in place of what cannot be compared."""
-    found: dict[str, ReferenceComparison | str] = {}
+) -> ReferenceComparisons:
+    """Every estimator against a reference; what cannot be compared is a sentence."""
+    found: dict[str, ReferenceComparison] = {}
+    refused: dict[str, str] = {}
     for history in histories:
         try:
             with np.errstate(all="ignore"):
                 found[history.name] = compare_with_reference(history, reference)
         except InputError as error:
-            found[history.name] = str(error)
+            refused[history.name] = str(error)
         except NUMERICAL_ERRORS as error:
-            found[history.name] = reason(numerical(error))
-    return found
+            refused[history.name] = reason(numerical(error))
+    return ReferenceComparisons(reference.name, found, refused)
 
 
-def write_reference(
-    folder: Path, name: str, compared: Mapping[str, ReferenceComparison | str], with_figures: bool = True
-) -> list[str]:
+def write_reference(folder: Path, compared: ReferenceComparisons, with_figures: bool = True) -> list[str]:
     """Write `REFERENCE_FILE`, a table of each estimator, and two pictures if wanted; returns the names of the pictures.
-
-    Parameters
-    ----------
-    folder : Path
-        Of the run.
-    name : str
-        Of the reference.
-    compared : mapping
-        As `compare_histories` returns it.
-    with_figures : bool
-        Whether the pictures are drawn.
 
     Raises
     ------
     InputError
         A file cannot be written.
     """
-    document: dict[str, Any] = {"schema": SCHEMA, "reference": name, "estimators": {}}
+    documents = {name: {"refused": why} for name, why in compared.refused.items()}
+    documents |= {name: finite_document(found.document) for name, found in compared.found.items()}
     drawn: list[str] = []
-    for estimator, found in compared.items():
-        if isinstance(found, str):
-            document["estimators"][estimator] = {"refused": found}
-            continue
-        document["estimators"][estimator] = finite_document(found.document)
-        _write_table(folder / estimator / REFERENCE_TABLE, found)
+    for name, found in compared.found.items():
+        _write_table(folder / name / REFERENCE_TABLE, found)
         if with_figures:
-            drawn += _draw(folder, estimator, found)
+            drawn += _draw(folder, name, found)
+    document = {"schema": SCHEMA, "reference": compared.reference, "estimators": documents}
     write_json(folder / REFERENCE_FILE, document)
     return drawn
 
