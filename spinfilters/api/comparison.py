@@ -487,10 +487,16 @@ def compare(
         Of a table in memory, see `load`.
     units : str, Mapping or None
         Of the columns of a table or of a file, see `load`.
-    unit, clock, topic, columns : str or None
-        How to read a file or a table, see `load`; the command's options of these names.
+    unit : str or None
+        Of body rates or positions whose header states none, as the option of the command; see `load`.
+    clock : str or None
+        Unit of time stamps, likewise.
     rate : float or None
         Samples a second, Hz, of a table without a clock.
+    topic : str or None
+        Of a ROS bag.
+    columns : str or None
+        Names of the columns of a table without a header.
     resume : bool
         Whether to go on from what an interrupted run has left in ``output``; a finished run is read from there.
     predict : float or None
