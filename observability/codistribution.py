@@ -111,7 +111,7 @@ class GradientRows:
     """
 
     common: Num[np.ndarray, "r b m"]
-    families: tuple[Num[np.ndarray, "l v c"], ...] = ()
+    families: tuple[Num[np.ndarray, "_ _ _"], ...] = ()
 
 
 def gradient_rows(flow: Flow, orders: int) -> Iterator[GradientRows]:
@@ -208,7 +208,7 @@ class Codistribution:
 
     def _own_part(
         self, k: int, base: Num[np.ndarray, "n d"], start: int, total: int
-    ) -> Num[np.ndarray, "o d"]:
+    ) -> Num[np.ndarray, "o t"]:
         """Own unknowns of a family's items: what makes up for the common ones, and what is free among themselves."""
         _, own, width = self._own[k].shape
         rows, held = self._own[k], self._held(k)
