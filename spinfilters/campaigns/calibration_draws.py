@@ -113,7 +113,7 @@ def drawn_scenario(sensor: str, seed: int) -> Scenario:
     yaw, pitch, roll = generator.uniform(-1.0, 1.0, 3).tolist()
     u, v, w = rates.tolist()
     a, b, c = (CENTRE_STD * generator.standard_normal(3)).tolist()
-    return Scenario(
+    scenario = Scenario(
         kind=sensor,
         principal_moments=(x, y, z),
         rate_rpm=(u, v, w),
@@ -122,8 +122,8 @@ def drawn_scenario(sensor: str, seed: int) -> Scenario:
         epochs=EPOCHS,
         noise=ProcessNoise(force_psd=level(PSD), torque_psd=level(PSD)),
         seed=seed,
-        **noise,
     )
+    return replace(scenario, **noise)
 
 
 def made_draws(sensor: str, seed: int, estimators: Sequence[str], stated: bool) -> list[CalibrationDraw]:
