@@ -1,6 +1,6 @@
 """Every estimator on one prepared data set: run, evaluate, judge.
 
-A measurement passes the subpackages in this order. `io` reads files into arrays; `vision` and `lidar` turn images and
+The subpackages, in the order of their use. `io` reads files into arrays; `vision` and `lidar` turn images and
 scans into such arrays. `models` says how state and sensors behave, and `simulation` draws from the same models. `inference` finds
 the first state, inertia and noise levels. `filters` estimate epoch by epoch, and `smoother` solves all epochs by least squares.
 `evaluation` computes errors, bounds and all metrics; `verdict` tests the residuals and says what holds; `plots` draws figures and
@@ -39,7 +39,7 @@ from spinfilters.verdict.doubts import doubts_of, evaluated, with_verdicts
 from spinfilters.verdict.tested_models import NOT_TESTED, TestedModels
 
 CALIBRATION_ERROR_FILTER: Final = "mekf"
-"""Filter whose calibration errors serve for a long smoother with landmarks too (`CalibrationErrors`)."""
+"""Where a smoother with landmarks is too long to find its calibration errors, this filter's are taken (`CalibrationErrors`)."""
 Progress = Callable[[str, int, int], None]
 """Called with the estimator's name, epochs done and epochs in all."""
 Rehearsing = Callable[[Estimator, float, Timeline], None]
@@ -141,8 +141,9 @@ def compare_estimators(
     Raises
     ------
     InputError
-        An estimator that holds no landmarks, for tracks without a known map; no epoch is left after the start; a checkpoint is
-        damaged, of another run, or cannot be written.
+        Tracks without a known map, and an estimator that holds no landmarks.
+        No epoch is left after those of the initialisation.
+        A checkpoint is damaged, belongs to another run, or cannot be written.
     """
     evaluations: list[Evaluation] = []
     maps: dict[str, np.ndarray] = {}
@@ -230,7 +231,7 @@ def _run_epochs(
     history : EstimateHistory
         Of these epochs.
     record : GrowingHistory
-        The same, with room for those of the initialisation in front.
+        Its rows as they grow, with room in front for the epochs of the initialisation.
     """
     rest, name = setup.timeline[len(setup.initial.mean) :], entry.name
     if not len(rest):

@@ -307,6 +307,8 @@ class FixedLagEntry(SmootherEntry):
         Place in the table.
     """
 
+    forgets = True
+
     def __init__(self, lag: int, order: int) -> None:
         self.name, self.order, self.lag = f"smoother-lag-{lag}", order, lag
 

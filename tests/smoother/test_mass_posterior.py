@@ -28,7 +28,7 @@ def test_a_weak_motion_publishes_the_marginal_posterior_and_not_its_mode() -> No
     assert data.truth is not None
     assert data.truth.principal_moments is not None
     truth = np.sort(data.truth.principal_moments)
-    found = compare(data, ["smoother"]).summary["estimators"]["smoother"]
+    found = compare(data, ["smoother"], verdict="filter").summary["estimators"]["smoother"]
     away = np.array(found["principal_moments"]) - truth / truth[-1]
     assert (np.abs(away[:2]) < 2.5 * np.array(found["principal_moments_std"])[:2]).all()
     low, high = np.array(found["principal_moments_interval"]).T
@@ -37,5 +37,5 @@ def test_a_weak_motion_publishes_the_marginal_posterior_and_not_its_mode() -> No
 
 
 def test_a_rich_motion_is_not_sampled() -> None:
-    run = compare(simulate("pose", frames=115), ["smoother"])
+    run = compare(simulate("pose", frames=115), ["smoother"], verdict="filter")
     assert run.summary["estimators"]["smoother"]["principal_moments_interval"] is None
