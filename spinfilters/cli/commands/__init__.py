@@ -82,7 +82,7 @@ COMMANDS: Final = (
     ListedCommand(
         "calibration",
         "test by simulation whether truths lie in stated posteriors as often as they should",
-        "spinfilters.cli.commands.calibration",
+        "spinfilters.cli.commands.simulated_calibration",
     ),
     ListedCommand(
         "condition",
