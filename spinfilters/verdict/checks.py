@@ -60,6 +60,14 @@ CHECKS: Final[tuple[Check, ...]] = (
         "record a motion that wobbles",
     ),
     Check(
+        "posterior-curved", BODY, Needs.SMOOTHER,
+        "Does the ridge of likely mass distributions follow its tangent? NEES that the Gaussian belief expects of truths along the "
+        "ridge at most 2 per degree of freedom", LIMIT,
+        "the posterior of the mass distribution is curved: truths along it have a NEES of {nees:.2g} per degree of freedom in its "
+        "Gaussian (limit 2)",
+        "record a motion that wobbles",
+    ),
+    Check(
         "unobservable", NOTHING, Needs.SMOOTHER,
         "Is each component of the state known better than 0.7 of its prior deviation?", LIMIT,
         "the data do not determine some components of the state", "record a motion that wobbles",
