@@ -68,6 +68,7 @@ class PictureProcess:
             process.wait(LAST_PICTURE if self._is_drawing else 0.0)
         process.kill()
         process.wait()
+        process.stdout.close()
 
     def _answers(self, text: str) -> bool:
         stdin, stdout = self._process.stdin, self._process.stdout
