@@ -10,9 +10,9 @@ class PlatformWheel(bdist_wheel):
 
     def finalize_options(self) -> None:
         """Name the platform where ``.ci/libraries.py`` has built libraries."""
-        super().finalize_options()
         if any(Path(__file__).with_name("libraries").glob("*.so")):
-            self.root_is_pure = False
+            self.distribution.has_ext_modules = lambda: True  # by which setuptools knows such a wheel
+        super().finalize_options()
 
     def get_tag(self) -> tuple[str, str, str]:
         """Tags of Python, its binary interface, and the platform."""
