@@ -211,6 +211,38 @@ def with_samples(history: EstimateHistory, mass: MassSamples) -> EstimateHistory
     return replace(history, mass=mass, status=status)
 
 
+POSTERIOR = "posterior"
+"""Name of the estimator that samples the posterior."""
+
+
+def sample_at_once(setup: Setup, settings: Settings, on_epoch: OnEpoch) -> EstimateHistory:
+    """Posterior of all epochs, sampled about the smoother's solution at its levels of noise (`sample_posterior`)."""
+    from spinfilters.smoother.posterior import sample_posterior
+
+    smoothed = _smoothed_at_once(setup, settings, on_epoch)
+    history, begin = replace(smoothed.history, name=POSTERIOR), working_seconds()
+    found = None
+    with suppress(*NUMERICAL_ERRORS):
+        found = sample_posterior(smoothed.problem, smoothed.found.mean)
+    if found is None:
+        return replace(history, status=history.status.failed("the posterior could not be sampled"))
+    runtime = history.runtime + (working_seconds() - begin) / len(history.time)
+    return replace(
+        history,
+        mean=found.mean,
+        factor=found.factor,
+        mass=found.mass,
+        posterior=found.last,
+        runtime=runtime,
+    )
+
+
+def smoothed_problem(setup: Setup, settings: Settings) -> tuple[Problem, BatchSmoothing]:
+    """The least-squares problem of a recording without landmarks at its noise levels, and its solution."""
+    smoothed = _smoothed_at_once(setup, settings, lambda done, every: None)
+    return smoothed.problem, smoothed.found
+
+
 def _not_gaussian(shape: float) -> Finding:
     """The finding that a Gaussian does not describe the posterior of the mass distribution."""
     return Finding(

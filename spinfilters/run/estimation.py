@@ -21,6 +21,7 @@ from jaxtyping import Float
 from spinfilters.core.errors import NUMERICAL_ERRORS, InputError, numerical
 from spinfilters.core.plugins import require_made
 from spinfilters.evaluation.estimator_evaluation import Evaluation
+from spinfilters.evaluation.posterior_distance import with_posterior_distances
 from spinfilters.evaluation.recording_bound import Bounding, with_bounds
 from spinfilters.filters.estimator import Estimator
 from spinfilters.filters.history import EstimateHistory, GrowingHistory
@@ -175,7 +176,7 @@ def compare_estimators(
     if not interrupted:
         evaluations = _with_sampled_moments(evaluations, setup, settings, baselines)
     doubts = doubts_of(evaluations, setup, settings, baselines)
-    with_verdict = with_verdicts(doubts, settings, entries)
+    with_verdict = with_posterior_distances(with_verdicts(doubts, settings, entries))
     bounded = with_verdict if interrupted else extent.bounding(with_verdict, setup)
     return Comparison(setup, tuple(bounded), interrupted, maps, doubts.models)
 
