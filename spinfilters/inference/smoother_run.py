@@ -19,6 +19,7 @@ from spinfilters.inference.identified_noise import noise_model
 from spinfilters.inference.initialisation import guessed_trajectory
 from spinfilters.inference.setup import Setup, camera_view
 from spinfilters.io.sensor_format import sensor_format
+from spinfilters.models.body import MassSamples
 from spinfilters.models.state_layout import StateLayout
 from spinfilters.models.status import AXES, BODY, EstimatorStatus, Finding, Verdict
 from spinfilters.settings.run_settings import Settings
@@ -207,11 +208,15 @@ def smooth_and_sample(setup: Setup, settings: Settings, on_epoch: OnEpoch) -> Es
     seconds = working_seconds() - begin
     if mass is None:
         return replace(history, status=_with_curvature(history.status, nees))
+    return with_samples(replace(history, runtime=history.runtime + seconds / len(history.time)), mass)
+
+
+def with_samples(history: EstimateHistory, mass: MassSamples) -> EstimateHistory:
+    """The history with samples of the mass distribution; its status says where a Gaussian is no proposal for them."""
     status = history.status
     if not mass.gaussian_shape < LARGEST_SHAPE:
         status = status.doubted(_not_gaussian(mass.gaussian_shape))
-    runtime = history.runtime + seconds / len(history.time)
-    return replace(history, mass=mass, status=status, runtime=runtime)
+    return replace(history, mass=mass, status=status)
 
 
 POSTERIOR = "posterior"

@@ -28,6 +28,7 @@ from spinfilters.core.importance_weights import LARGEST_SHAPE, ImportanceWeights
 from spinfilters.core.robust_losses import LeastSquares
 from spinfilters.models.body import MassSamples
 from spinfilters.models.state_blocks import MASS_DISTRIBUTION
+from spinfilters.models.state_layout import StateLayout
 from spinfilters.smoother.batch_smoother import BatchSmoothing
 from spinfilters.smoother.linear_system import Marginals, SchurSystem, latest_factor
 from spinfilters.smoother.priors import FirstStatePrior
@@ -339,6 +340,14 @@ def log_determinant(solution: SchurSystem) -> float:
     return 2 * float(np.log(np.abs(chain)).sum() + np.log(np.abs(rest)).sum())
 
 
+def leaves_one_direction_open(layout: StateLayout, factor: Float[np.ndarray, "n n"]) -> bool:
+    """Whether a belief of this covariance factor hardly determines one direction of the mass distribution, and others well."""
+    if not layout.has(MASS_DISTRIBUTION) or not np.isfinite(factor).all():
+        return False
+    std = np.linalg.svd(factor[layout.slice(MASS_DISTRIBUTION.name)], compute_uv=False)
+    return bool(std[0] > WIDE > std[1])
+
+
 def sampled_mass(problem: Problem, smoothed: BatchSmoothing) -> MassSamples | None:
     """Weighted samples of the mass distribution, where a motion leaves one direction of it hardly determined; None elsewhere.
 
@@ -357,11 +366,7 @@ def sampled_mass(problem: Problem, smoothed: BatchSmoothing) -> MassSamples | No
         or not layout.has(MASS_DISTRIBUTION)
     ):
         return None
-    rows = smoothed.factor[0, layout.slice(MASS_DISTRIBUTION.name)]
-    if not np.isfinite(smoothed.factor).all():
-        return None
-    std = np.linalg.svd(rows, compute_uv=False)
-    if not std[0] > WIDE > std[1]:
+    if not np.isfinite(smoothed.factor).all() or not leaves_one_direction_open(layout, smoothed.factor[0]):
         return None
     sampler = MassSampler(problem)
     nodes = sampler.ridge(smoothed.mean)
