@@ -21,14 +21,13 @@ from spinfilters.inference.setup import Setup, camera_view
 from spinfilters.io.sensor_format import sensor_format
 from spinfilters.models.body import MassSamples
 from spinfilters.models.state_layout import StateLayout
-from spinfilters.models.status import AXES, BODY, EstimatorStatus, Finding, Verdict
+from spinfilters.models.status import AXES, EstimatorStatus, Finding, Verdict
 from spinfilters.settings.run_settings import Settings
 from spinfilters.smoother.batch_smoother import NO_LANDMARKS, BatchSmoothing, smooth_problem, smooth_recording
 from spinfilters.smoother.closed_form import InitialMotion, initial_motion
-from spinfilters.smoother.curved_posterior import expected_nees
 from spinfilters.smoother.mass_posterior import sampled_mass
 from spinfilters.smoother.motion_factors import STRETCH
-from spinfilters.smoother.problem import InitialGuess, LinearProblem, Problem, problem_of
+from spinfilters.smoother.problem import InitialGuess, Problem, problem_of
 from spinfilters.smoother.recursive_smoother import RecursiveSmoother
 from spinfilters.smoother.sliding_smoother import MarginalizedState, UpdateResult
 from spinfilters.smoother.window import WindowPolicy
@@ -109,11 +108,10 @@ def smoothed_at_levels(
 
 
 NAME = "smoother"
-NOT_GAUSSIAN, CURVED = "posterior-not-gaussian", "posterior-curved"
-"""Names of the checks in the verdict."""
-WOBBLE = "record a motion that wobbles"
-LARGEST_EXPECTED_NEES = 2.0
-"""Per degree of freedom of the mass distribution: above, its Gaussian states too little of a curved posterior."""
+NOT_GAUSSIAN = "posterior-not-gaussian"
+"""Name of the check in the verdict."""
+LARGEST_SAMPLED_NEES = 2.0
+"""Mean NEES per degree of freedom of the posterior's samples in its Gaussian: above, this misses a part of the posterior."""
 NO_FILTER = (
     "the filter for the initial guess of the smoother failed: it started directly from the measurements"
 )
@@ -153,8 +151,6 @@ def smoothed_history(smoother: RecursiveSmoother, passed: EstimateHistory, setup
     rows = rows[: first + len(passed.time)]
     for doubt in smoother.sliding.unobservable():
         status = status.doubted(doubt)
-    with suppress(*NUMERICAL_ERRORS):
-        status = _with_curvature(status, smoother.sliding.expected_nees())
     factor = np.array([row.factor for row in rows])
     if not np.isfinite(factor).all():
         status = status.failed(SOME_DIRECTIONS, "unobservable")
@@ -200,22 +196,20 @@ def smooth_and_sample(setup: Setup, settings: Settings, on_epoch: OnEpoch) -> Es
     """
     smoothed = _smoothed_at_once(setup, settings, on_epoch)
     history, begin = smoothed.history, working_seconds()
-    mass, nees, solved = None, 1.0, smoothed.found.solved
+    mass = None
     with suppress(*NUMERICAL_ERRORS):
         mass = sampled_mass(smoothed.problem, smoothed.found)
-        if mass is None:
-            nees = expected_nees(smoothed.problem, LinearProblem(solved.point, solved.normal))
     seconds = working_seconds() - begin
     if mass is None:
-        return replace(history, status=_with_curvature(history.status, nees))
+        return history
     return with_samples(replace(history, runtime=history.runtime + seconds / len(history.time)), mass)
 
 
 def with_samples(history: EstimateHistory, mass: MassSamples) -> EstimateHistory:
     """The history with samples of the mass distribution; its status says where a Gaussian is no proposal for them."""
     status = history.status
-    if not mass.gaussian_shape < LARGEST_SHAPE:
-        status = status.doubted(_not_gaussian(mass.gaussian_shape))
+    if not (mass.gaussian_shape < LARGEST_SHAPE and mass.gaussian_nees <= LARGEST_SAMPLED_NEES):
+        status = status.doubted(_not_gaussian(mass))
     return replace(history, mass=mass, status=status)
 
 
@@ -251,27 +245,17 @@ def smoothed_problem(setup: Setup, settings: Settings) -> tuple[Problem, BatchSm
     return smoothed.problem, smoothed.found
 
 
-def _not_gaussian(shape: float) -> Finding:
+def _not_gaussian(mass: MassSamples) -> Finding:
     """The finding that a Gaussian does not describe the posterior of the mass distribution."""
     return Finding(
         NOT_GAUSSIAN,
-        f"the posterior of the moments is not Gaussian (Pareto shape {shape:.2g}, limit {LARGEST_SHAPE:g}): mean and "
-        "interval of the moments are those of its samples, axes those of its mode",
-        WOBBLE,
-        {"shape": shape},
+        f"the posterior of the moments is not Gaussian (Pareto shape {mass.gaussian_shape:.2g}, limit {LARGEST_SHAPE:g}; NEES of "
+        f"its samples {mass.gaussian_nees:.2g}, limit {LARGEST_SAMPLED_NEES:g}): mean and interval of the moments are those of its "
+        "samples, axes those of its mode",
+        "record a motion that wobbles",
+        {"shape": mass.gaussian_shape, "nees": mass.gaussian_nees},
         frozenset({AXES}),
     )
-
-
-def _with_curvature(status: EstimatorStatus, nees: float) -> EstimatorStatus:
-    """A status that says so where the posterior of the mass distribution bends away from its Gaussian."""
-    if nees <= LARGEST_EXPECTED_NEES or not np.isfinite(nees):
-        return status
-    text = (
-        f"the posterior of the mass distribution is curved: truths along it have a NEES of {nees:.2g} per degree of freedom "
-        f"in its Gaussian (limit {LARGEST_EXPECTED_NEES:g})"
-    )
-    return status.doubted(Finding(CURVED, text, WOBBLE, {"nees": nees}, BODY))
 
 
 class _Smoothed(NamedTuple):

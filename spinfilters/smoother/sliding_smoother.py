@@ -13,7 +13,6 @@ from spinfilters.filters.shared_modes import LandmarkOptions
 from spinfilters.filters.timeline import Epoch, Timeline
 from spinfilters.models.state_layout import Gaussian, StateLayout
 from spinfilters.models.status import EstimatorStatus, Finding
-from spinfilters.smoother.curved_posterior import expected_nees
 from spinfilters.smoother.latest_epoch import (
     is_poor_guess,
     latest_pose,
@@ -379,13 +378,6 @@ class SlidingSmoother:
         if len(linear.point.trajectory) != len(self.window.epochs):
             return []
         return unobservable_directions(self.problem(), linear.point, linear.normal)
-
-    def expected_nees(self) -> float:
-        """NEES that the belief expects of a bent ridge of mass distributions; 1 once the first epoch has left the window."""
-        linear = self._linearised()
-        if self.window.marginal_prior is not None or len(linear.point.trajectory) != len(self.window.epochs):
-            return 1.0
-        return expected_nees(self.problem(), linear)
 
     def _solved(self, measurements: tuple[Measurement, ...]) -> tuple[int, Problem]:
         """Relinearise and iterate; the number of iterations is returned too."""
