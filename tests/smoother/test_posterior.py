@@ -50,10 +50,6 @@ def test_walkers_find_the_posterior_that_importance_finds() -> None:
     assert np.sqrt(walked.mass.weights @ np.square(walked_away)) == pytest.approx(std, rel=0.5)
 
 
-def test_a_gaussian_reaches_the_samples_of_a_rich_motion() -> None:
-    assert posterior((4.0, 9.0, 3.0), FEW).mass.gaussian_nees == pytest.approx(1.0, abs=0.4)
-
-
 def test_tracks_without_a_map_are_refused() -> None:
     with pytest.raises(Exception, match="posterior"):
         compare(simulate("stereo-tracks", frames=30), ["posterior"])
