@@ -22,8 +22,9 @@ from spinfilters.core.attitude_conversions import (
     rotation_vector_from_matrix,
 )
 from spinfilters.core.camera_trajectory import CameraTrajectory
-from spinfilters.core.errors import InputError
+from spinfilters.core.errors import NUMERICAL_ERRORS, InputError
 from spinfilters.evaluation.continuous_motion import ContinuousMotion
+from spinfilters.evaluation.kinetic_energy import EnergyCourse, quadratic_energy
 from spinfilters.evaluation.reference_fit import (
     ReferenceFit,
     axis_and_angle,
@@ -113,6 +114,10 @@ class ReferenceComparison:
         About m, rad/s: with the flip alone, and corrected.
     rate_rms_i : float
         Root mean square of the rates' difference in axes i, rad/s, as the errors against a truth are.
+    inertia : (3, 3) float array
+        Estimated, about m, over the largest moment.
+    rate_std, velocity_std : float
+        Median deviation of one component of the estimate, rad/s and m/s.
     """
 
     name: str
@@ -129,6 +134,42 @@ class ReferenceComparison:
     rate_before: Course
     rate_after: Course
     rate_rms_i: float
+    inertia: Float[np.ndarray, "3 3"]
+    rate_std: float
+    velocity_std: float
+
+    @cached_property
+    def energies(self) -> Mapping[str, tuple[EnergyCourse, EnergyCourse]]:
+        """Kinetic energy of estimate and reference: of the rotation over the largest moment, of the translation over the mass.
+
+        In (rad/s)^2 and (m/s)^2. What both differ by is taken as the noise of the reference.
+        """
+        courses = {"rotation": (self.rate_after, self.inertia, self.rate_std)}
+        if self.velocity is not None:
+            courses["translation"] = (self.velocity, np.eye(3), self.velocity_std)
+        found = {}
+        for name, (course, form, std) in courses.items():
+            own = np.broadcast_to(std**2 * np.eye(3), (len(course.time), 3, 3))
+            theirs = np.broadcast_to(np.diag(np.var(course.difference, axis=0)), own.shape)
+            found[name] = (
+                quadratic_energy(course.time, course.estimate, own, form),
+                quadratic_energy(course.time, course.reference, theirs, form),
+            )
+        return found
+
+    @cached_property
+    def energy_changes(self) -> Mapping[str, Mapping[str, tuple[float, float]]]:
+        """Relative change of each energy over the common time with its deviation, of both; none of too few rows."""
+        found: dict[str, dict[str, tuple[float, float]]] = {}
+        for name, pair in self.energies.items():
+            for whose, course in zip(("estimate", "reference"), pair, strict=True):
+                try:
+                    change = course.change(float(course.time[0]), float(course.time[-1]))
+                except (*NUMERICAL_ERRORS, IndexError):
+                    continue
+                if np.isfinite(change).all():
+                    found.setdefault(name, {})[whose] = change
+        return found
 
     @cached_property
     def statistics(self) -> Mapping[str, tuple[float, float]]:
@@ -184,6 +225,12 @@ class ReferenceComparison:
             f"turned by {np.rad2deg(angle):.3f} ± {np.rad2deg(self.correction_std):.2g} "
             f"deg about [{', '.join(f'{value:.3f}' for value in axis)}]"
         )
+        for name, changes in self.energy_changes.items():
+            words = [
+                f"{100 * change:+.2g} ± {100 * std:.1g} % by the {whose}"
+                for whose, (change, std) in changes.items()
+            ]
+            found.append(f"the energy of the {name} changes by {', '.join(words)}")
         return found
 
     @property
@@ -211,6 +258,10 @@ class ReferenceComparison:
             "gaps_s": [list(gap) for gap in self.reference.gaps],
             "rows": len(self.rate_after.time) if self.attitude is None else len(self.attitude),
             "rms": self.rms,
+            "energy_changes": {
+                name: {whose: {"relative": change, "std": std} for whose, (change, std) in changes.items()}
+                for name, changes in self.energy_changes.items()
+            },
             "statistics": {name: {"mean": mean, "std": std} for name, (mean, std) in self.statistics.items()},
             "sentences": self.sentences,
         }
@@ -264,6 +315,9 @@ def compare_with_reference(history: EstimateHistory, reference: ReferenceMotion)
         rate_before,
         rate_after,
         rms,
+        fit.axes.T @ motion.inertia @ fit.axes / float(np.linalg.eigvalsh(motion.inertia)[-1]),
+        motion.rate_std,
+        motion.velocity_std,
     )
 
 
