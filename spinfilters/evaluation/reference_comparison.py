@@ -41,6 +41,8 @@ FEWEST_COMMON: Final = 4
 """Rows of a reference within an estimate."""
 LARGEST_TURN: Final = 0.3
 """Of the body between two differenced rows, rad."""
+ALIKE: Final = 0.9
+"""Correlation from which a sentence says that the clock and a rotation are hardly told apart."""
 _AXES = "xyz"
 
 
@@ -118,6 +120,8 @@ class ReferenceComparison:
         Estimated, about m, over the largest moment.
     rate_std, velocity_std : float
         Median deviation of one component of the estimate, rad/s and m/s.
+    typical_rate : float
+        Median of the rate, rad/s.
     """
 
     name: str
@@ -137,6 +141,7 @@ class ReferenceComparison:
     inertia: Float[np.ndarray, "3 3"]
     rate_std: float
     velocity_std: float
+    typical_rate: float
 
     @cached_property
     def energies(self) -> Mapping[str, tuple[EnergyCourse, EnergyCourse]]:
@@ -217,6 +222,12 @@ class ReferenceComparison:
             found.append(
                 f"its clock is {1e3 * abs(fit.clock_offset):.2f} ± {1e3 * fit.clock_std:.2g} ms {late}"
             )
+            if fit.clock_correlation > ALIKE:
+                turn = np.rad2deg(self.typical_rate * fit.clock_std)
+                found.append(
+                    f"the spin hardly tells an offset of the clock from a rotation about its axis (correlation "
+                    f"{fit.clock_correlation:.3f}): {1e3 * fit.clock_std:.2g} ms are {turn:.2g} deg"
+                )
         else:
             found.append("the motion does not determine the offset of its clock, which is taken as zero")
         axis, angle = axis_and_angle(self.correction)
@@ -242,6 +253,7 @@ class ReferenceComparison:
             "reference": self.reference.name,
             "clock_offset_s": fit.clock_offset if fit.has_clock else None,
             "clock_offset_std_s": fit.clock_std if fit.has_clock else None,
+            "clock_correlation": fit.clock_correlation if fit.has_clock else None,
             "axes_R_gm": fit.axes.tolist(),
             "axes_std_rad": fit.axes_std.tolist(),
             "flip_R_mb": self.flip.tolist(),
@@ -318,6 +330,7 @@ def compare_with_reference(history: EstimateHistory, reference: ReferenceMotion)
         fit.axes.T @ motion.inertia @ fit.axes / float(np.linalg.eigvalsh(motion.inertia)[-1]),
         motion.rate_std,
         motion.velocity_std,
+        motion.typical_rate,
     )
 
 

@@ -106,8 +106,8 @@ def make_late_filters() -> ItemResult:
     note = (
         "Section 1.4.3 prefers a smoother because a filter throws old measurements away before it has converged; no filter is "
         "shown there. Poses of the thesis' motion, root mean squares over the recordings of "
-        f"seeds {RECORDINGS[0]} to {RECORDINGS[-1]}. Where poses do not tell the motion, up to a third more are smoothed than asked "
-        "for (epochs_smoothed)."
+        f"seeds {RECORDINGS[0]} to {RECORDINGS[-1]}. Where poses do not tell the motion, up to a third more are smoothed than "
+        "asked for (epochs_smoothed)."
     )
     return ItemResult(rows, {"late_filters": figure}, {"late_filters": table}, note)
 
