@@ -238,7 +238,7 @@ class ReferenceComparison:
         )
         for name, changes in self.energy_changes.items():
             words = [
-                f"{100 * change:+.2g} ± {100 * std:.1g} % by the {whose}"
+                f"{100 * change:+.3g} ± {100 * std:.3g} % by the {whose}"
                 for whose, (change, std) in changes.items()
             ]
             found.append(f"the energy of the {name} changes by {', '.join(words)}")
