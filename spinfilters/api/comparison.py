@@ -22,6 +22,7 @@ from spinfilters.api.given_settings import SETTINGS_GIVEN, AnySettings, chosen_s
 from spinfilters.api.labelled_arrays import labelled_arrays, write_netcdf
 from spinfilters.api.mcap_file import write_mcap
 from spinfilters.api.recordings import load
+from spinfilters.api.rerun_file import write_rrd
 from spinfilters.core.errors import InputError
 from spinfilters.evaluation.comparison_table import ComparisonCells, comparison_cells, comparison_table
 from spinfilters.evaluation.estimated_motion import (
@@ -274,13 +275,13 @@ class Run(Mapping[str, EstimatorResult]):
 
     @checked_arguments(folder=path("a folder"))
     def save(self, folder: str | os.PathLike[str]) -> Path:
-        """Write the run folder of the command, with its pictures, or one file of NetCDF or MCAP; returns its path.
+        """Write the run folder of the command, with its pictures, or one file of NetCDF, MCAP or Rerun; returns its path.
 
         Parameters
         ----------
         folder : str or os.PathLike[str]
             New, or that of an earlier run. A name that ends in ``.nc`` is a file with the content of `to_xarray`; one in
-            ``.mcap`` holds the motions as messages of ROS 2.
+            ``.mcap`` holds the motions as messages of ROS 2; one in ``.rrd`` shows motions, bodies, maps and courses in Rerun.
 
         Returns
         -------
@@ -290,7 +291,7 @@ class Run(Mapping[str, EstimatorResult]):
         Raises
         ------
         ImportError
-            A file of NetCDF needs xarray, one of MCAP rosbags, which is not installed.
+            A file of NetCDF needs xarray, one of MCAP rosbags, one of Rerun rerun-sdk, which is not installed.
         InputError
             The folder holds something else than a run or cannot be written; the run was read from a folder itself.
         """
@@ -299,6 +300,10 @@ class Run(Mapping[str, EstimatorResult]):
             return Path(folder)
         if Path(folder).suffix == ".mcap":
             write_mcap(Path(folder), self._evaluations)
+            return Path(folder)
+        if Path(folder).suffix == ".rrd":
+            maps = {each.name: each.landmarks for each in self.values() if each.landmarks is not None}
+            write_rrd(Path(folder), self._evaluations, maps, self.dataset.name)
             return Path(folder)
         if self.comparison is None:
             raise InputError(f"this run was read from {self.folder}; copy that folder")

@@ -104,7 +104,7 @@ def place_courses_figure(found: ReferenceComparison, difference: bool) -> Figure
     for (label, course), panels in zip(rows.items(), grid, strict=False):
         for axis, axes in enumerate(panels):
             _course_panel(axes, course, axis, 1e3, difference)
-            axes.set_title(f"{label.split()[0]} {_axes('in i')[axis]}", loc="left", fontsize="medium")
+            axes.set_title(f"{label.split()[0]} along {'xyz'[axis]} of i", loc="left", fontsize="medium")
         panels[0].set_ylabel(label)
     _finish_courses(figure, found, difference)
     return figure
@@ -130,7 +130,7 @@ def turn_courses_figure(found: ReferenceComparison, corrected: bool, difference:
     for axis in range(3):
         axes = figure.add_subplot(grid[0, axis])
         _course_panel(axes, rate, axis, DEGREES, difference)
-        axes.set_title(f"rate {_axes('of the body')[axis]}", loc="left", fontsize="medium")
+        axes.set_title(f"rate about {'xyz'[axis]} of the body", loc="left", fontsize="medium")
         if axis == 0:
             axes.set_ylabel("rate [deg/s]")
     if angles and attitude is not None:
