@@ -100,9 +100,10 @@ class MultiplicativeFilter(Estimator):
     After an update the error is folded into the mean (4 x MRP on the body side) and the covariance moves with the derivative of
     that reset, so that it always refers to the present mean.
 
-    Where landmarks are not known, the factor has more than the state's n rows. The r rows behind them are modes of error that all
-    landmarks share, the last ones the move from the map's frame to frame g (`spinfilters.filters.landmark_map`). These rows do not
-    change with time, and no sensor without landmarks sees them; what the state learns, they learn by correlation.
+    Where landmarks are not known, the factor has more than the state's n rows. Rows behind them are errors that all landmarks
+    share, such as a turn of the whole map (`spinfilters.filters.shared_modes`), and the pose of the map's frame in frame g
+    (`spinfilters.filters.landmark_map`). These errors do not change with time, and no sensor without landmarks sees them; what
+    the state learns, they learn by correlation.
 
     Parameters
     ----------

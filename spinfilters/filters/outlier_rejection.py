@@ -216,8 +216,9 @@ class SensorOutlierRejection:
     as long as fewer than `AGREEING_SHARE` of the values lie inside it, and Cauchy weights take its place, their width scaled by
     the median distance: the majority counts, and what disagrees with it does not.
 
-    A further rule belongs in `distance_weights` of this file. Where it applies, `limit` must be negative: compiled
-    updates know one gate only. `spinfilters.filters.joint_ekf` has a gate of its own, as a textbook has it.
+    A further rule for each value belongs in `distance_weights` of this file; `sparing_weights` passes it only values outside the
+    gate, where there is no loss. A rule that compares all values belongs in `weights` of this class. Where a rule applies, `limit`
+    must be negative: compiled updates know one gate only. `spinfilters.filters.joint_ekf` has a gate of its own, as in a textbook.
     """
 
     def __init__(self, options: RobustOptions) -> None:

@@ -19,6 +19,7 @@ from spinfilters.inference.identified_noise import noise_model
 from spinfilters.inference.initialisation import guessed_trajectory
 from spinfilters.inference.setup import Setup, camera_view
 from spinfilters.io.sensor_format import sensor_format
+from spinfilters.models.body import MassSamples
 from spinfilters.models.state_layout import StateLayout
 from spinfilters.models.status import AXES, EstimatorStatus, Finding, Verdict
 from spinfilters.settings.run_settings import Settings
@@ -199,11 +200,47 @@ def smooth_and_sample(setup: Setup, settings: Settings, on_epoch: OnEpoch) -> Es
     seconds = working_seconds() - begin
     if mass is None:
         return history
+    return with_samples(replace(history, runtime=history.runtime + seconds / len(history.time)), mass)
+
+
+def with_samples(history: EstimateHistory, mass: MassSamples) -> EstimateHistory:
+    """The history with samples of the mass distribution; its status says where a Gaussian is no proposal for them."""
     status = history.status
     if not mass.gaussian_shape < LARGEST_SHAPE:
         status = status.doubted(_not_gaussian(mass.gaussian_shape))
-    runtime = history.runtime + seconds / len(history.time)
-    return replace(history, mass=mass, status=status, runtime=runtime)
+    return replace(history, mass=mass, status=status)
+
+
+POSTERIOR = "posterior"
+"""Name of the estimator that samples the posterior."""
+
+
+def sample_at_once(setup: Setup, settings: Settings, on_epoch: OnEpoch) -> EstimateHistory:
+    """Posterior of all epochs, sampled about the smoother's solution at its levels of noise (`sample_posterior`)."""
+    from spinfilters.smoother.posterior import sample_posterior
+
+    smoothed = _smoothed_at_once(setup, settings, on_epoch)
+    history, begin = replace(smoothed.history, name=POSTERIOR), working_seconds()
+    found = None
+    with suppress(*NUMERICAL_ERRORS):
+        found = sample_posterior(smoothed.problem, smoothed.found.mean)
+    if found is None:
+        return replace(history, status=history.status.failed("the posterior could not be sampled"))
+    runtime = history.runtime + (working_seconds() - begin) / len(history.time)
+    return replace(
+        history,
+        mean=found.mean,
+        factor=found.factor,
+        mass=found.mass,
+        posterior=found.last,
+        runtime=runtime,
+    )
+
+
+def smoothed_problem(setup: Setup, settings: Settings) -> tuple[Problem, BatchSmoothing]:
+    """The least-squares problem of a recording without landmarks at its noise levels, and its solution."""
+    smoothed = _smoothed_at_once(setup, settings, lambda done, every: None)
+    return smoothed.problem, smoothed.found
 
 
 def _not_gaussian(shape: float) -> Finding:

@@ -3,11 +3,14 @@
 Disturbances are white, with the densities of `ProcessNoise`. Drag, a constant torque, a flywheel and a constant acceleration are
 optional blocks of the state (`spinfilters.models.state_blocks`).
 
-A further torque is a term of `body_acceleration`, of rate, inertia and constants, which all users share; its constant's block is
-named in `ACCELERATION_TERMS` of `spinfilters.models.rotation_integrator`. A further force is a term of
-`RotationSubsteps.translated` there, which moves the centre of mass in filters, smoother and simulation. Repeat it in `derivative`,
-else verdict and observability analyser miss it. A further density is a field of `ProcessNoise`, enters G in
-`spinfilters.models.rotation_integrator`, and gets its setting in `spinfilters.settings.run_settings`.
+To add to the model:
+
+- a torque is a term of `body_acceleration`, of rate, inertia and constants. Its constant is a state block, named in
+  `ACCELERATION_TERMS` of `spinfilters.models.rotation_integrator`, from where all users take it;
+- a force is a term of `RotationSubsteps.translated` in that file, which moves the centre of mass in filters, smoother and
+  simulation. Repeat it in `derivative`, else verdict and observability analyser miss it;
+- a white disturbance is a field of `ProcessNoise` and a part of the noise factor G in that file. Its setting is in
+  `spinfilters.settings.run_settings`.
 """
 
 from dataclasses import dataclass

@@ -41,7 +41,7 @@ def reference_values_figure(found: ReferenceComparison) -> Figure:
             axes = figure.add_subplot(grid[k, 4 * axis : 4 * axis + 4])
             draw_course(axes, course.time, scale * course.reference[:, axis], RED, dots=True)
             draw_course(axes, course.time, scale * course.estimate[:, axis], BLUE)
-            axes.set_title(names[axis], loc="left", fontsize="medium")
+            axes.set_title(f"{label.split(' [')[0]}, {names[axis]}", loc="left", fontsize="medium")
             if axis == 0:
                 axes.set_ylabel(label)
             tidy(axes)
@@ -84,12 +84,12 @@ def reference_differences_figure(found: ReferenceComparison) -> Figure:
         for axis, name in enumerate(_axes("in i")):
             axes = figure.add_subplot(grid[k, 4 * axis : 4 * axis + 4])
             _difference(axes, course, axis, scale, BLUE)
-            _finish(axes, name, label if axis == 0 else "")
+            _finish(axes, f"{label.split(' [')[0]}, {name}", label if axis == 0 else "")
     for axis, name in enumerate(_axes("of the reference's body")):
         axes = figure.add_subplot(grid[len(places), 4 * axis : 4 * axis + 4])
         _difference(axes, found.rate_before, axis, DEGREES, ORANGE)
         _difference(axes, found.rate_after, axis, DEGREES, BLUE)
-        _finish(axes, name, "rate [deg/s]" if axis == 0 else "")
+        _finish(axes, f"rate, {name}", "rate [deg/s]" if axis == 0 else "")
     if found.attitude_before is not None and found.attitude_after is not None:
         axes = figure.add_subplot(grid[count - 1, :])
         draw_course(axes, found.attitude_before.time, DEGREES * found.attitude_before.angle, ORANGE)

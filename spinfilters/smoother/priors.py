@@ -189,23 +189,32 @@ class MarginalizationPrior:
     def at(self, trajectory: Float[np.ndarray, "k m"]) -> "LinearizedPrior":
         """Linearised about a trajectory that begins with the F epochs."""
         here = trajectory[: len(self.first)]
-        away = column_errors(self.ordering, self.ordering.layout.local(self.first, here))
-        rest = self.right - self.information_sqrt @ away
-        gram, gradient, p = self.gram.copy(), self.information_sqrt.T @ rest, len(self.ordering.pose)
+        errors = self.ordering.layout.local(self.first, here)
+        rest = self.right - self.information_sqrt @ column_errors(self.ordering, errors)
+        resets = self.ordering.layout.reset_jacobian(errors)
+        # R' R and R' rest by errors about here, d = away + G^-1 e with the reset Jacobian G of each epoch
+        by_trial = np.linalg.inv(resets)
+        gram = with_columns_reset(self.ordering, self.gram, by_trial)
+        gram = with_columns_reset(self.ordering, gram.T, by_trial)
+        gradient = with_columns_reset(self.ordering, (rest @ self.information_sqrt)[None], by_trial)[0]
+        p = len(self.ordering.pose)
         if p:
-            shift = self.shift(here)
-            moved = self.gram @ shift
+            shift = self.shift(here, resets)
+            moved = gram @ shift
             gram[:, :p] += moved
             gram[:p] += moved.T
             gram[:p, :p] += shift.T @ moved
             gradient[:p] += shift.T @ gradient
         return LinearizedPrior(self, gram, gradient, float(rest @ rest) + self.constant_cost)
 
-    def shift(self, here: Float[np.ndarray, "F m"]) -> Float[np.ndarray, "q p"]:
-        """D in R_now = R (I + D on the oldest pose's columns)."""
+    def shift(
+        self, here: Float[np.ndarray, "F m"], resets: Float[np.ndarray, "F n n"]
+    ) -> Float[np.ndarray, "q p"]:
+        """D in R_now = R G^-1 (I + D on the oldest pose's columns), with the reset Jacobians G at ``here``."""
         p = len(self.ordering.pose)
         now = gauge_columns(self.ordering, here)
-        return np.linalg.solve(now[:p].T, (self._gauge - now).T).T
+        then = with_columns_reset(self.ordering, self._gauge.T, resets.swapaxes(1, 2)).T
+        return np.linalg.solve(now[:p].T, (then - now).T).T
 
 
 @dataclass(frozen=True)
@@ -245,6 +254,28 @@ def column_errors(ordering: VariableOrdering, errors: Float[np.ndarray, "F n"]) 
     """Errors of F epochs in the order of the prior's columns."""
     poses = errors[:, ordering.pose].reshape(-1)
     return np.concatenate([poses, errors[0, ordering.constant], errors[0, ordering.tridiagonal]])
+
+
+def with_columns_reset(
+    ordering: VariableOrdering, rows: Float[np.ndarray, "r x"], jacobians: Float[np.ndarray, "F n n"]
+) -> Float[np.ndarray, "r x"]:
+    """Rows times the block-diagonal matrix of a Jacobian (n, n) for each epoch, in the order of the prior's columns.
+
+    Columns behind the prior's stay as they are.
+    """
+    p, c, v, F = len(ordering.pose), len(ordering.constant), len(ordering.tridiagonal), len(jacobians)
+    result = rows.copy()
+    if p:
+        # poses of all epochs, (F, r, p) @ (F, p, p): each epoch's columns by its own Jacobian
+        poses = rows[:, : F * p].reshape(len(rows), F, p).swapaxes(0, 1)
+        turned = poses @ jacobians[:, ordering.pose[:, None], ordering.pose]
+        result[:, : F * p] = turned.swapaxes(0, 1).reshape(len(rows), F * p)
+    constants, tridiagonal = slice(F * p, F * p + c), slice(F * p + c, F * p + c + v)
+    result[:, constants] = rows[:, constants] @ jacobians[0][ordering.constant[:, None], ordering.constant]
+    result[:, tridiagonal] = (
+        rows[:, tridiagonal] @ jacobians[0][ordering.tridiagonal[:, None], ordering.tridiagonal]
+    )
+    return result
 
 
 def gauge_columns(ordering: VariableOrdering, points: Float[np.ndarray, "F m"]) -> Float[np.ndarray, "q 6"]:

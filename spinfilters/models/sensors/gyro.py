@@ -123,7 +123,7 @@ class GyroSensor(Sensor):
         allowed=RATE,
         check=require_slow_turns,
     )
-    # Where its noise is not stated, the residuals over |w| identify this level: errors of usual gyros grow with the rate.
+    # Where no noise is stated, this level is identified from residuals divided by |w|: errors of usual gyros grow with the rate.
     identified_option = "gyro_scale_std"
     error_blocks = (GYRO_BIAS, GYRO_SCALE)
     analysis = AnalysedSensor(
