@@ -10,7 +10,9 @@ from spinfilters.io.stated_values import Argument, NumberRange
 class LiveArguments:
     """Arguments of ``live``."""
 
-    dataset: Annotated[str, Argument("a recording, as compare takes it; no images", positional=True, metavar="DATASET")]
+    dataset: Annotated[
+        str, Argument("a recording, as compare takes it; no images", positional=True, metavar="DATASET")
+    ]
     input: Annotated[
         str | None,
         Argument(

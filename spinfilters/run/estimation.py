@@ -21,18 +21,22 @@ from jaxtyping import Float
 from spinfilters.core.errors import NUMERICAL_ERRORS, InputError, numerical
 from spinfilters.core.plugins import require_made
 from spinfilters.evaluation.estimator_evaluation import Evaluation
+from spinfilters.evaluation.posterior_distance import with_posterior_distances
 from spinfilters.evaluation.recording_bound import Bounding, with_bounds
 from spinfilters.filters.estimator import Estimator
 from spinfilters.filters.history import EstimateHistory, GrowingHistory
 from spinfilters.filters.timeline import NO_EPOCH_LEFT, Timeline, rehearse, run_interruptible
 from spinfilters.inference.estimator_entry import AnyEntry
 from spinfilters.inference.setup import Setup
+from spinfilters.inference.smoother_run import NAME as SMOOTHER
+from spinfilters.inference.smoother_run import smooth_and_sample, with_samples
 from spinfilters.io.input_file import reason
 from spinfilters.models.status import EstimatorStatus
 from spinfilters.run.checkpoints import StoreOf, no_checkpoints
 from spinfilters.run.conditions import Conditions, conditions_of
 from spinfilters.run.estimators import estimator_entries
 from spinfilters.settings.run_settings import Settings
+from spinfilters.smoother.mass_posterior import leaves_one_direction_open
 from spinfilters.verdict.calibration_errors import CalibrationErrors
 from spinfilters.verdict.doubts import doubts_of, evaluated, with_verdicts
 from spinfilters.verdict.tested_models import NOT_TESTED, TestedModels
@@ -169,10 +173,44 @@ def compare_estimators(
             raise
         interrupted = True
     baselines = frozenset(name for name, entry in entries.items() if entry.is_baseline)
+    if not interrupted:
+        evaluations = _with_sampled_moments(evaluations, setup, settings, entries)
     doubts = doubts_of(evaluations, setup, settings, baselines)
-    with_verdict = with_verdicts(doubts, settings, entries)
+    with_verdict = with_posterior_distances(with_verdicts(doubts, settings, entries))
     bounded = with_verdict if interrupted else extent.bounding(with_verdict, setup)
     return Comparison(setup, tuple(bounded), interrupted, maps, doubts.models)
+
+
+def _with_sampled_moments(
+    evaluations: list[Evaluation], setup: Setup, settings: Settings, entries: Mapping[str, AnyEntry]
+) -> list[Evaluation]:
+    """Filters with samples of the moments' posterior where their last belief hardly determines one direction of the inertia.
+
+    The posterior after the last epoch is the same for every estimator: the smoother's samples serve where it is in the run. A
+    filter's own Gaussian lies at the mode of the first epochs, away from the mean. Others' estimators stay as they are.
+    """
+
+    def is_open(each: Evaluation) -> bool:
+        own, entry = each.history, entries[each.name]
+        is_filter = (entry.continues or entry.forgets) and not entry.is_baseline
+        return (
+            is_filter and not own.has_failed and leaves_one_direction_open(own.layout, own.belief(-1).factor)
+        )
+
+    if setup.is_given or setup.initial.has_landmarks or not any(map(is_open, evaluations)):
+        return evaluations
+    smoothed = next((each.history for each in evaluations if each.name == SMOOTHER), None)
+    if smoothed is None:
+        try:
+            smoothed = smooth_and_sample(setup, settings, lambda *_: None)
+        except (InputError, *NUMERICAL_ERRORS):
+            return evaluations
+    mass = smoothed.mass
+    if mass is None or smoothed.has_failed:
+        return evaluations
+    return [
+        evaluated(with_samples(each.history, mass), setup) if is_open(each) else each for each in evaluations
+    ]
 
 
 def _fitting_entries(settings: Settings, setup: Setup) -> dict[str, AnyEntry]:
