@@ -174,7 +174,7 @@ def compare_estimators(
         interrupted = True
     baselines = frozenset(name for name, entry in entries.items() if entry.is_baseline)
     if not interrupted:
-        evaluations = _with_sampled_moments(evaluations, setup, settings, baselines)
+        evaluations = _with_sampled_moments(evaluations, setup, settings, entries)
     doubts = doubts_of(evaluations, setup, settings, baselines)
     with_verdict = with_posterior_distances(with_verdicts(doubts, settings, entries))
     bounded = with_verdict if interrupted else extent.bounding(with_verdict, setup)
@@ -182,7 +182,7 @@ def compare_estimators(
 
 
 def _with_sampled_moments(
-    evaluations: list[Evaluation], setup: Setup, settings: Settings, baselines: frozenset[str]
+    evaluations: list[Evaluation], setup: Setup, settings: Settings, entries: Mapping[str, AnyEntry]
 ) -> list[Evaluation]:
     """Filters with samples of the moments' posterior where their last belief hardly determines one direction of the inertia.
 
@@ -191,11 +191,11 @@ def _with_sampled_moments(
     """
 
     def is_open(each: Evaluation) -> bool:
-        own = each.history
-        lacks = not (
-            own.has_failed or own.mass is not None or each.name in baselines or each.name == SMOOTHER
+        own, entry = each.history, entries[each.name]
+        is_filter = (entry.continues or entry.forgets) and not entry.is_baseline
+        return (
+            is_filter and not own.has_failed and leaves_one_direction_open(own.layout, own.belief(-1).factor)
         )
-        return lacks and leaves_one_direction_open(own.layout, own.belief(-1).factor)
 
     if setup.is_given or setup.initial.has_landmarks or not any(map(is_open, evaluations)):
         return evaluations

@@ -12,8 +12,7 @@ from spinfilters.core.c_library import KERNEL_FLAGS, LANES, Signature, load_text
 
 SOURCES = ("kernels.h", "landmarks.c", "velocities.c")
 _SIGNATURES = {
-    "eliminate_landmarks": Signature("ii" + "pppp" + "d" + "pppppp", ctypes.c_int),
-    "spread_blocks": Signature("ii" + "pp", None),
+    "eliminate_landmarks": Signature("iii" + "pppp" + "d" + "pppppp", ctypes.c_int),
     "follow_poses": Signature("i" + "pppppppp", None),
     "step_rows": Signature("iiiii" + "pp" + "d" + "ppppp", ctypes.c_int),
     "add_information_blocks": Signature("iiiiii" + "ppppp", ctypes.c_int),
