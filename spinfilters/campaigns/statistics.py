@@ -48,7 +48,8 @@ def share(hits: int, count: int) -> Interval:
     p, z2 = hits / count, QUANTILE**2
     centre, width = p + z2 / (2 * count), QUANTILE * np.sqrt(p * (1 - p) / count + z2 / (4 * count**2))
     low, high = (centre - width) / (1 + z2 / count), (centre + width) / (1 + z2 / count)
-    return Interval(p, float(max(low, 0.0)), float(min(high, 1.0)), count)
+    # none or all of the runs: the end is exact, and would differ from it by rounding
+    return Interval(p, float(low) if hits else 0.0, float(high) if hits < count else 1.0, count)
 
 
 def mean(values: Float[np.ndarray, " n"]) -> Interval:

@@ -110,6 +110,8 @@ def smoothed_at_levels(
 NAME = "smoother"
 NOT_GAUSSIAN = "posterior-not-gaussian"
 """Name of the check in the verdict."""
+LARGEST_SAMPLED_NEES = 2.0
+"""Mean NEES per degree of freedom of the posterior's samples in its Gaussian: above, this misses a part of the posterior."""
 NO_FILTER = (
     "the filter for the initial guess of the smoother failed: it started directly from the measurements"
 )
@@ -206,8 +208,8 @@ def smooth_and_sample(setup: Setup, settings: Settings, on_epoch: OnEpoch) -> Es
 def with_samples(history: EstimateHistory, mass: MassSamples) -> EstimateHistory:
     """The history with samples of the mass distribution; its status says where a Gaussian is no proposal for them."""
     status = history.status
-    if not mass.gaussian_shape < LARGEST_SHAPE:
-        status = status.doubted(_not_gaussian(mass.gaussian_shape))
+    if not (mass.gaussian_shape < LARGEST_SHAPE and mass.gaussian_nees <= LARGEST_SAMPLED_NEES):
+        status = status.doubted(_not_gaussian(mass))
     return replace(history, mass=mass, status=status)
 
 
@@ -243,14 +245,15 @@ def smoothed_problem(setup: Setup, settings: Settings) -> tuple[Problem, BatchSm
     return smoothed.problem, smoothed.found
 
 
-def _not_gaussian(shape: float) -> Finding:
+def _not_gaussian(mass: MassSamples) -> Finding:
     """The finding that a Gaussian does not describe the posterior of the mass distribution."""
     return Finding(
         NOT_GAUSSIAN,
-        f"the posterior of the moments is not Gaussian (Pareto shape {shape:.2g}, limit {LARGEST_SHAPE:g}): mean and "
-        "interval of the moments are those of its samples, axes those of its mode",
+        f"the posterior of the moments is not Gaussian (Pareto shape {mass.gaussian_shape:.2g}, limit {LARGEST_SHAPE:g}; NEES of "
+        f"its samples {mass.gaussian_nees:.2g}, limit {LARGEST_SAMPLED_NEES:g}): mean and interval of the moments are those of its "
+        "samples, axes those of its mode",
         "record a motion that wobbles",
-        {"shape": shape},
+        {"shape": mass.gaussian_shape, "nees": mass.gaussian_nees},
         frozenset({AXES}),
     )
 

@@ -206,6 +206,17 @@ class MassSampler:
         weights = smoothed_weights(log_density - self._log_proposal(points, nodes, roots, share))
         return MassPosterior(every, np.array(factors), points, log_density, weights)
 
+    def gaussian_nees(
+        self, node: MassNode, points: Float[np.ndarray, "n 5"], weights: Float[np.ndarray, " n"]
+    ) -> float:
+        """Mean NEES per degree of freedom of samples in the Gaussian about a node."""
+        origin = np.tile(node.trajectory[0], (len(points), 1))
+        moved = origin.copy()
+        moved[:, self._at] = points
+        error = self.layout.local(origin, moved)[:, self._s]
+        squares = np.einsum("ni,ni->n", error, np.linalg.solve(node.covariance, error.T).T)
+        return float(weights @ squares) / error.shape[1]
+
     def gaussian_shape(self, node: MassNode, count: int, seed: int) -> float:
         """Pareto shape of the Gaussian about a node as a proposal: above 0.7 the posterior is not Gaussian."""
         generator, root, logs = np.random.default_rng(seed), np.linalg.cholesky(node.covariance), []
@@ -373,4 +384,9 @@ def sampled_mass(problem: Problem, smoothed: BatchSmoothing) -> MassSamples | No
     found = sampler.sample(nodes, SAMPLES, 0)
     if found is None or not found.weights.shape < LARGEST_SHAPE:
         return None
-    return MassSamples(found.points, found.weights.weights, sampler.gaussian_shape(nodes[0], TRIED, 1))
+    points, weights = found.points, found.weights.weights
+    shape, nees = (
+        sampler.gaussian_shape(nodes[0], TRIED, 1),
+        sampler.gaussian_nees(nodes[0], points, weights),
+    )
+    return MassSamples(points, weights, shape, nees)

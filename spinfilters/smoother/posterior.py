@@ -122,7 +122,8 @@ def sample_posterior(
         method,
     )
     shape = sampler.gaussian_shape(nodes[0], TRIED, options.seed + 1)
-    return Posterior(mean, factor, last, MassSamples(found.points, weights, shape))
+    nees = sampler.gaussian_nees(nodes[0], found.points, weights)
+    return Posterior(mean, factor, last, MassSamples(found.points, weights, shape, nees))
 
 
 def _walked(

@@ -47,3 +47,10 @@ def test_filters_share_the_samples_of_the_smoother_and_baselines_keep_their_own_
 def test_a_rich_motion_is_not_sampled() -> None:
     run = compare(simulate("pose", frames=115), ["smoother"], verdict="filter")
     assert run.summary["estimators"]["smoother"]["principal_moments_interval"] is None
+
+
+def test_a_gaussian_that_misses_most_of_the_posterior_is_told() -> None:
+    # the samples lie along a ridge of which the Gaussian about the mode follows the tangent
+    data = simulate("pose", rate_rpm=WEAK_RPM, frames=100, seed=3)
+    reasons = compare(data, ["smoother"]).summary["estimators"]["smoother"]["reasons"]
+    assert any("not Gaussian" in each for each in reasons)
