@@ -62,6 +62,8 @@ def noted_interrupts() -> Iterator[list[int]]:
             timer.cancel()
         sys.unraisablehook = shown
         signal.signal(signal.SIGINT, signal.default_int_handler)
+        # Python notes a Ctrl-C within an exec, as of a dataclass, and ends ``python -m`` as by a signal; an exec clears that
+        exec("")
 
 
 def require_uninterrupted() -> None:

@@ -127,6 +127,24 @@ def test_a_lost_ctrl_c_does_no_harm_behind_the_command(default_interrupts: None)
     assert pressed
 
 
+def test_a_ctrl_c_within_a_string_of_code_leaves_the_exit_code(tmp_path: Path) -> None:
+    """As that of a dataclass while a package loads: Python then ends the process as by a signal, although it was caught."""
+    (tmp_path / "pressed.py").write_text(
+        """
+import signal
+from contextlib import suppress
+from spinfilters.cli.interrupts import noted_interrupts
+
+signal.signal(signal.SIGINT, signal.default_int_handler)
+with noted_interrupts(), suppress(KeyboardInterrupt):
+    exec("signal.raise_signal(signal.SIGINT)")
+raise SystemExit(2)
+"""
+    )
+    ended = subprocess.run([sys.executable, "-m", "pressed"], cwd=tmp_path, check=False)
+    assert ended.returncode == 2
+
+
 def test_what_a_finalizer_fails_of_reaches_the_hook_that_was_there(
     monkeypatch: pytest.MonkeyPatch, default_interrupts: None
 ) -> None:
