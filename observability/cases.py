@@ -8,10 +8,10 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
+from observability.body_model import InputSeries
 from observability.canonical_motions import CANONICAL_MOTIONS as MOTIONS
 from observability.canonical_motions import CanonicalMotion, landmarks, point_of, principal_axes
 from observability.certificate import Certificate, certify
-from observability.codistribution import InputSeries
 from observability.coordinates import MOMENTS, RATIOS, Chart, FilterChart, PrincipalChart, TensorChart
 from observability.cramer_rao import LANDMARK_STD, PRIOR_STD, Bound, Deviations, cramer_rao_bound
 from observability.exact_numbers import Rationals, as_floats, rationals

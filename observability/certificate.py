@@ -8,22 +8,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from fractions import Fraction
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Num
 
-from observability.codistribution import (
-    Elimination,
-    InputSeries,
-    SensorCodistribution,
-    codistribution,
-    eliminate,
-    motion_series,
-)
+from observability.body_model import InputSeries, body_rank, flow_of_system
+from observability.codistribution import motion_coefficients
 from observability.exact_numbers import PrimeField, Rationals
-from observability.explanation import Explained, explained, tangent_symmetries, tangent_vectors
+from observability.explanation import Explained, explained, tangent_symmetries
 from observability.residue_matrices import FIELD
 from observability.system import System, is_linear_in_body_axes
 
@@ -31,8 +24,6 @@ STEADY_ORDERS = 13
 """Orders 0 to 12 determine everything of a steady motion. In axes that turn with the body the linearised motion has constant
 coefficients: blocks of degree 3 each for place, velocity, attitude and rate, and 1 for all constants. By Cayley and Hamilton the
 13th and all later derivatives of an output that is linear in those axes are combinations of the first 13."""
-FEW_ORDERS = 6
-"""Enough for all motions in general position so far; where they are not, `STEADY_ORDERS` are taken."""
 
 
 class Proof(StrEnum):
@@ -116,46 +107,19 @@ def certify(system: System, point: Rationals, inputs: Sequence[InputSeries] = ()
         Experiments with the system's known inputs; their rows are taken together.
     """
     experiments = list(inputs) or [()]
-    together = _rows(system, point, experiments, STEADY_ORDERS)
-    ranks, last = _ranks(together)
-    tangents = tangent_symmetries(system, point, together)
+    exact = body_rank(system, point, STEADY_ORDERS, experiments)
+    tangents = tangent_symmetries(system, point, exact)
     explanations = _explained(system, point, tangents.symmetries, experiments)
     return Certificate(
         dimension=system.dimension,
         names=system.names,
-        ranks=ranks,
-        regular=_generic_rank(system, point, experiments) == ranks[-1],
-        null_space=last.null_space(),
+        ranks=exact.ranks + (exact.rank,) * (STEADY_ORDERS - len(exact.ranks)),
+        regular=_generic_rank(system, point, experiments) == exact.rank,
+        null_space=exact.null_space,
         explanations=tuple(explanations),
-        vectors=tangent_vectors(system, point, [each.symmetry for each in explanations]),
-        proof=_proof(system, point, ranks[-1], explanations),
+        vectors=tangents.of([each.symmetry for each in explanations]),
+        proof=_proof(system, point, exact.rank, explanations),
     )
-
-
-def _rows(
-    system: System,
-    point: Rationals,
-    experiments: Sequence[InputSeries],
-    orders: int,
-    field: PrimeField = FIELD,
-) -> list[SensorCodistribution]:
-    """Rows of all experiments together, so many orders in a field."""
-    rows = [codistribution(system, point, orders, field, given) for given in experiments]
-    return [joined(parts) for parts in zip(*rows, strict=True)]
-
-
-def joined(parts: Sequence[SensorCodistribution]) -> SensorCodistribution:
-    """Rows of one sensor from several experiments as one: the same unknowns."""
-    return SensorCodistribution(
-        np.concatenate([part.common for part in parts], axis=2),
-        np.concatenate([part.own for part in parts], axis=2),
-    )
-
-
-def _ranks(rows: Sequence[SensorCodistribution]) -> tuple[tuple[int, ...], Elimination]:
-    most = rows[0].own.shape[1]
-    eliminations = [eliminate([part.upto(orders) for part in rows]) for orders in range(1, most + 1)]
-    return tuple(each.rank for each in eliminations), eliminations[-1]
 
 
 def _explained(
@@ -192,11 +156,12 @@ def _proof(system: System, point: Rationals, rank: int, explanations: Sequence[E
 
 def _steady(system: System, point: Rationals) -> bool:
     """Whether the rate's own rate is exactly 0."""
-    coefficients = motion_series(system, point, 2, FIELD)
+    flow = flow_of_system(system, point, FIELD)
+    *_, (slope, _) = motion_coefficients(flow, 2)
     start = 0
     for block in system.chart.blocks:
         if block.name == "w":
-            return not coefficients[1, start : start + block.size, 0].any()
+            return not slope[start : start + block.size, 0, 0].any()
         start += block.size
     return False
 
@@ -206,7 +171,7 @@ def _generic_rank(system: System, point: Rationals, experiments: Sequence[InputS
 
     A quaternion is taken along a random turn, whose rank any unit quaternion has.
     Without inputs the rank of points in general position has grown to its end at the first order that adds nothing (Hermann and
-    Krener 1977), so that few orders tell it where they show such an order.
+    Krener 1977).
     """
     generator = np.random.default_rng(0)
     moved = tuple(
@@ -216,11 +181,7 @@ def _generic_rank(system: System, point: Rationals, experiments: Sequence[InputS
         )
     )
     field = PrimeField(int(generator.integers(2, 1 << 30)))
-    if not system.inputs:
-        ranks = _ranks(_rows(system, moved, experiments, FEW_ORDERS, field))[0]
-        if any(later == earlier for earlier, later in pairwise(ranks)):
-            return ranks[-1]
-    return eliminate(_rows(system, moved, experiments, STEADY_ORDERS, field)).rank
+    return body_rank(system, moved, STEADY_ORDERS, experiments, field, stops=not system.inputs).rank
 
 
 def _additive(system: System) -> list[bool]:

@@ -6,11 +6,11 @@ from typing import Final
 import numpy as np
 from jaxtyping import Num
 
+from observability.codistribution import ExactRank
 from observability.exact_numbers import PrimeField
 from observability.function_values import BranchDecisions, Residues, function_values
 from observability.model_rank import (
     DrawnPoint,
-    ExactRank,
     ReachedModel,
     draw_point,
     drawn_values,

@@ -6,17 +6,18 @@ from fractions import Fraction
 
 import casadi as ca
 import numpy as np
-from jaxtyping import Bool, Float, Num
+from jaxtyping import Float, Num
 
-from observability.codistribution import InputSeries, SensorCodistribution
-from observability.exact_numbers import Rationals, Reals, as_floats
+from observability.body_model import InputSeries, known_inputs
+from observability.codistribution import ExactRank, Flow, motion_coefficients
+from observability.exact_numbers import Arithmetic, Rationals, Reals, as_floats
 from observability.function_values import BranchDecisions, branch_decisions
 from observability.named_symmetries import candidates
 from observability.power_series import Series
-from observability.residue_matrices import FIELD, product_of, reduce_columns
+from observability.residue_matrices import in_span, reduce_columns
 from observability.symmetry import State, Symmetry
 from observability.system import System
-from observability.tape import evaluate, float_choices, tape_of
+from observability.tape import Tape, evaluate, float_choices, tape_of
 
 ORDERS = 22
 """With steps that turn by at most 0.6 rad the first term left out is below 1e-16 of the state."""
@@ -54,16 +55,16 @@ def simulate(
 def _after(
     system: System, x: Float[np.ndarray, "n b"], dt: float, inputs: InputSeries
 ) -> Float[np.ndarray, "n b"]:
-    arithmetic, batch = Reals(), x.shape[1]
-    series = Series(system.motion, _smooth(system, x, inputs), arithmetic, (ORDERS, batch, 1))
-    coefficient, after = x[:, :, np.newaxis], x.copy()
-    for order in range(ORDERS - 1):
-        series.put(0, order, coefficient)
-        known = [float(given[order]) if order < len(given) else 0.0 for given in inputs]
-        series.put(1, order, np.tile(np.array(known).reshape(-1, 1, 1), (1, batch, 1)))
-        coefficient = series.advance(order) / (order + 1)
-        after = after + coefficient[:, :, 0] * dt ** (order + 1)
-    return after
+    start = x[:, :, np.newaxis]
+    flow = Flow(
+        Reals(),
+        system.motion,
+        _smooth(system, x, inputs),
+        start,
+        known_inputs(inputs, Reals(), start.shape[1:]),
+    )
+    coefficients = motion_coefficients(flow, ORDERS)
+    return sum((each[:, :, 0] * dt**order for order, (each, _) in enumerate(coefficients)), np.zeros_like(x))
 
 
 def _smooth(system: System, x: Float[np.ndarray, "n b"], inputs: InputSeries) -> BranchDecisions:
@@ -123,22 +124,27 @@ class Explained:
 
 @dataclass(frozen=True)
 class Tangents:
-    """Candidates that no row sees and that are independent, with their directions as residues (n, k)."""
+    """Candidates that no row sees and that are independent, with their directions in floats (n, k)."""
 
     symmetries: list[Symmetry]
-    directions: Num[np.ndarray, "n k"]
+    directions: Float[np.ndarray, "n k"]
+
+    def of(self, symmetries: Sequence[Symmetry]) -> Float[np.ndarray, "n k"]:
+        """Directions of some of them."""
+        return self.directions[:, [self.symmetries.index(each) for each in symmetries]]
 
 
-def tangent_symmetries(system: System, point: Rationals, rows: Sequence[SensorCodistribution]) -> Tangents:
+def tangent_symmetries(system: System, point: Rationals, exact: ExactRank) -> Tangents:
     """All independent candidates whose tangents lie in the null space, exactly."""
     found = candidates(system, point)
-    if not found:
-        return Tangents([], np.zeros((system.dimension, 0), dtype=np.uint64))
-    tangents = _tangents(system, point, found)
-    unseen = np.flatnonzero(_unseen(rows, tangents))
-    pivots = reduce_columns(tangents[np.newaxis, :, unseen], len(unseen)).pivots[0]
+    if not found or not exact.null_space.shape[1]:
+        return Tangents([], np.zeros((system.dimension, 0)))
+    tape = _tape_of_moves(system, found)
+    tangents = _tangents(tape, system, point, exact.field)
+    unseen = np.flatnonzero(in_span(exact.null_space, tangents, exact.field))
+    pivots = reduce_columns(tangents[np.newaxis, :, unseen], len(unseen), exact.field).pivots[0]
     kept = unseen[pivots >= 0]
-    return Tangents([found[k] for k in kept], tangents[:, kept])
+    return Tangents([found[k] for k in kept], _tangents(tape, system, point, Reals())[:, kept])
 
 
 def explained(
@@ -163,53 +169,24 @@ def explained(
     ]
 
 
-def _unseen(rows: Sequence[SensorCodistribution], tangents: Num[np.ndarray, "n k"]) -> Bool[np.ndarray, " k"]:
-    """Whether every row is orthogonal to a tangent."""
-    unseen, offset = np.ones(tangents.shape[1], dtype=bool), rows[0].common.shape[-1]
-    for sensor in rows:
-        items, unknown, common = len(sensor.own), sensor.own.shape[-1], sensor.common.shape[-1]
-        for item in range(items):
-            own = tangents[offset + item * unknown : offset + (item + 1) * unknown]
-            matrix = np.concatenate([sensor.common[item], sensor.own[item]], axis=-1).reshape(
-                -1, common + unknown
-            )
-            unseen &= ~product_of(matrix, np.concatenate([tangents[:common], own])).any(axis=0)
-        offset += items * unknown
-    return unseen
-
-
-def _tangents(system: System, point: Rationals, symmetries: Sequence[Symmetry]) -> Num[np.ndarray, "n k"]:
-    """Directions of the moves at amount 0, as residues."""
+def _tape_of_moves(system: System, symmetries: Sequence[Symmetry]) -> Tape:
+    """(state and parameters, amount) -> errors of all moves, stacked."""
     x, parameters, amount = _symbols(system)
-    errors, flat = _errors(system, symmetries, x, parameters, amount)
-    tape = tape_of("a symmetry", [flat, amount], errors)
-    numbers = _flat(system, point)
-    series = Series(tape, branch_decisions(tape, [[numbers], [(Fraction(0),)]], FIELD), FIELD, (1, 1, 2))
-    values = np.zeros((len(numbers), 1, 2), dtype=np.uint64)
-    values[:, 0, 0] = FIELD.numbers(numbers)
-    series.put(0, 0, values)
-    series.put(1, 0, np.array([[[0, 1]]], dtype=np.uint64))
-    return series.advance(0)[:, 0, 1].reshape(len(symmetries), -1).T
-
-
-def tangent_vectors(
-    system: System, point: Rationals, symmetries: Sequence[Symmetry]
-) -> Float[np.ndarray, "n k"]:
-    """Directions of the moves at amount 0 in floats, in the order of `System.names`."""
-    if not symmetries:
-        return np.zeros((system.dimension, 0))
-    x, parameters, amount = _symbols(system)
-    errors, flat = _errors(system, symmetries, x, parameters, amount)
-    slope = ca.Function("tangents", [flat, amount], [ca.densify(ca.jacobian(errors, amount))])
-    return np.asarray(slope(as_floats(_flat(system, point)), 0.0)).reshape(len(symmetries), -1).T
-
-
-def _errors(
-    system: System, symmetries: Sequence[Symmetry], x: ca.SX, parameters: list[ca.SX], amount: ca.SX
-) -> tuple[ca.SX, ca.SX]:
-    """Errors of all moves, stacked, with their state and parameters."""
     errors = [_error(system, x, parameters, symmetry, amount) for symmetry in symmetries]
-    return ca.vertcat(*errors), ca.vertcat(x, *[ca.vec(each) for each in parameters])
+    flat = ca.vertcat(x, *[ca.vec(each) for each in parameters])
+    return tape_of("a symmetry", [flat, amount], ca.vertcat(*errors))
+
+
+def _tangents(tape: Tape, system: System, point: Rationals, arithmetic: Arithmetic) -> Num[np.ndarray, "n k"]:
+    """Directions of the moves at amount 0, in the order of `System.names`."""
+    numbers = _flat(system, point)
+    decisions = branch_decisions(tape, [[numbers], [(Fraction(0),)]], arithmetic)
+    series = Series(tape, decisions, arithmetic, (1, 1, 2))
+    values = np.zeros((len(numbers), 1, 2), dtype=arithmetic.dtype)
+    values[:, 0, 0] = arithmetic.numbers(numbers)
+    series.put(0, 0, values)
+    series.put(1, 0, np.array([[[0, 1]]], dtype=arithmetic.dtype))
+    return series.advance(0)[:, 0, 1].reshape(-1, system.dimension).T
 
 
 def _moved(

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from observability.branches import branch_conditions
+from observability.codistribution import ExactRank
 from observability.discrete_rank import outputs_rank
 from observability.discrete_symmetries import DiscreteSearch, SolutionFamily, discrete_symmetries
 from observability.generators import Generator, named_directions
@@ -17,7 +18,7 @@ from observability.invariant_manifold import known_numbers, restricted, staying
 from observability.invariants import Invariant, InvariantSet, Reparametrisation, invariants, reparametrised
 from observability.lie_derivatives import ObservabilityMatrix, observability_matrix
 from observability.model import Model, model_of, with_norms
-from observability.model_rank import ExactRank, reached
+from observability.model_rank import reached
 from observability.null_vectors import RationalNullSpace, rational_null_space, symbolic_null_vectors
 from observability.other_solutions import NOT_SEARCHED, OtherSolutions, other_solutions
 from observability.real_rank import RealRank, real_rank

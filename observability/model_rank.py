@@ -9,6 +9,7 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Bool, Int, Num
 
+from observability.codistribution import ExactRank, Flow, motion_coefficients, rank_by_orders
 from observability.exact_numbers import PRIME, NotRegularError, PrimeField, residue
 from observability.function_values import (
     BranchDecisions,
@@ -20,7 +21,7 @@ from observability.function_values import (
 from observability.invariant_manifold import staying
 from observability.model import Model
 from observability.power_series import Series
-from observability.residue_matrices import Echelon, Reduced, null_vectors, reduce_columns
+from observability.residue_matrices import Reduced, null_vectors, reduce_columns
 from observability.tape import PIECEWISE, Choices, Tape, float_choices, tape_of
 from spinfilters.core.errors import InputError
 
@@ -412,41 +413,6 @@ def unit_residues(given: Num[np.ndarray, "n b"], modulus: int) -> Num[np.ndarray
     return np.concatenate([np.uint64(2) * u % m, ((np.uint64(1) + m - s) % m)[np.newaxis]]) * over % m
 
 
-@dataclass(frozen=True)
-class ExactRank:
-    """Rank of all orders that were taken.
-
-    Attributes
-    ----------
-    names : tuple[str, ...]
-        Unknowns that outputs depend on.
-    ranks : tuple[int, ...]
-        With orders 0, 0 to 1, and so on.
-    null_space : ndarray of shape (n, d)
-        Residues, one vector in each column.
-    complete : bool
-        Whether no higher order can add to it.
-    field : PrimeField
-        Of the residues.
-    """
-
-    names: tuple[str, ...]
-    ranks: tuple[int, ...]
-    null_space: Num[np.ndarray, "n d"]
-    complete: bool
-    field: PrimeField
-
-    @property
-    def rank(self) -> int:
-        """Of all orders."""
-        return len(self.names) - self.null_space.shape[1]
-
-    @property
-    def order(self) -> int:
-        """The first with the last rank."""
-        return self.ranks.index(self.ranks[-1]) if self.ranks else 0
-
-
 def exact_rank(part: ReachedModel, seed: int = 0) -> ExactRank:
     """Rank and null space of a model's outputs by its unknowns.
 
@@ -462,15 +428,8 @@ def exact_rank(part: ReachedModel, seed: int = 0) -> ExactRank:
     if part.unknown_inputs:
         return _with_unknown_inputs(part, point, generator)
     most = len(names) + 2 if part.is_invariant else part.most_orders
-    rows, ranks = Echelon(len(names), point.field), []
-    for order_rows in output_rows(part, point, most, generator):
-        rows.add(order_rows[:, 0])
-        ranks.append(rows.rank)
-        if rows.rank == len(names):
-            return ExactRank(names, tuple(ranks), rows.null_space(), True, point.field)
-        if part.is_invariant and len(ranks) > 1 and ranks[-1] == ranks[-2]:
-            return ExactRank(names, tuple(ranks), rows.null_space(), True, point.field)
-    return ExactRank(names, tuple(ranks), rows.null_space(), False, point.field)
+    flow = flow_at(part, point, most, generator)
+    return rank_by_orders(names, [flow], point.field, most, part.is_invariant)
 
 
 def _with_unknown_inputs(part: ReachedModel, point: DrawnPoint, generator: np.random.Generator) -> ExactRank:
@@ -515,24 +474,25 @@ def output_coefficients(
     InputError
         Where those of another order would take too long.
     """
-    field, states, unknown = point.field, len(part.states), len(part.unknown_inputs)
-    width = 1 + len(part.unknowns) + unknown * (orders - 1)
-    series = Series(part.tape, point.decisions, field, (orders, point.count, width))
-    state = start_values(part, point, width)
-    work = 0.0
-    for order in range(orders):
-        work += float(order) * part.tape.size * width * point.count
-        if work > LARGEST_WORK:
+    flow = flow_at(part, point, orders, generator)
+    for _, found in motion_coefficients(flow, orders):
+        yield found
+
+
+def flow_at(part: ReachedModel, point: DrawnPoint, orders: int, generator: np.random.Generator) -> Flow:
+    """The model's motion at every point, with tangents by unknowns and by jets of unknown inputs up to so many orders."""
+    width = 1 + len(part.unknowns) + len(part.unknown_inputs) * (orders - 1)
+    products = part.tape.size * width * point.count
+
+    def others(order: int) -> Iterator[tuple[int, Num[np.ndarray, "n b m"]]]:
+        if order * (order + 1) / 2 * products > LARGEST_WORK:
             raise InputError(
                 f"{part.model.name}: derivatives of the outputs of order {order} and more by {len(part.unknowns)} unknowns take "
                 "too long; measure more states, declare what is known among known_constants, or analyse a part of the system"
             )
-        series.put(0, order, state)
-        for index, given in _given(part, point, order, width, generator):
-            series.put(index, order, given)
-        found = series.advance(order)
-        yield found[states:]
-        state = field.product(found[:states], field.numbers([Fraction(1, order + 1)]))
+        return _given(part, point, order, width, generator)
+
+    return Flow(point.field, part.tape, point.decisions, start_values(part, point, width), others)
 
 
 def start_values(part: ReachedModel, point: DrawnPoint, width: int) -> Num[np.ndarray, "n b m"]:

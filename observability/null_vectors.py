@@ -14,12 +14,13 @@ import casadi as ca
 import numpy as np
 from jaxtyping import Num
 
+from observability.codistribution import ExactRank
 from observability.exact_numbers import NotRegularError, PrimeField, residue, unit_vector
 from observability.generators import INTERPOLATION_SECONDS, Generator, as_generator
 from observability.generators import MOST_PRIMES as GENERATOR_PRIMES
 from observability.invariant_manifold import at_values
 from observability.model import Model
-from observability.model_rank import ExactRank, ReachedModel, other_primes, output_rows
+from observability.model_rank import ReachedModel, other_primes, output_rows
 from observability.monomials import Polynomial
 from observability.null_fields import NullFields, is_rational, point_at
 from observability.rational_generators import rational_fields

@@ -13,9 +13,10 @@ from time import monotonic
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Num
 
+from observability.codistribution import ExactRank
 from observability.exact_numbers import NotRegularError, Reals
 from observability.function_values import BranchDecisions
-from observability.model_rank import ExactRank, ReachedModel
+from observability.model_rank import ReachedModel
 from observability.null_fields import is_rational
 from observability.power_series import Series
 from spinfilters.core.errors import InputError

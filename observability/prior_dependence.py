@@ -9,10 +9,11 @@ import numpy as np
 from jaxtyping import Float, Num
 from scipy.linalg import eigh
 
+from observability.body_model import body_rank, flow_of_system
 from observability.canonical_motions import equal_moments, point_of
 from observability.cases import Case
-from observability.certificate import STEADY_ORDERS, joined
-from observability.codistribution import Elimination, codistribution, eliminate
+from observability.certificate import STEADY_ORDERS
+from observability.codistribution import gradient_rows
 from observability.cramer_rao import (
     BLOCK_NAMES,
     EACH_MOMENT,
@@ -213,10 +214,8 @@ def _null_space(case: Case) -> Num[np.ndarray, "n d"]:
     """
     system = case.filter_system
     point = point_of(system.chart, case.motion)
-    experiments = list(case.experiments) or [()]
-    rows = [codistribution(system, point, STEADY_ORDERS, FIELD, given) for given in experiments]
-    eliminated: Elimination = eliminate([joined(parts) for parts in zip(*rows, strict=True)])
-    space = eliminated.null_space()[: system.chart.error_dim]
+    exact = body_rank(system, point, STEADY_ORDERS, case.experiments)
+    space = exact.null_space[: system.chart.error_dim]
     if not case.defined or not space.shape[1]:
         return space
     combinations = null_vectors(
@@ -229,8 +228,8 @@ def _place_change(case: Case, space: Num[np.ndarray, "n d"]) -> Num[np.ndarray, 
     """Change of the centre of mass's place along null directions."""
     chart = case.filter_system.chart
     system = System(chart, [SystemSensor(_CentreOfMass(case.layout), ((Fraction(0),),))])
-    (rows,) = codistribution(system, point_of(chart, case.motion), 1, FIELD)
-    return product_of(rows.common[0, 0], space)
+    (rows,) = gradient_rows(flow_of_system(system, point_of(chart, case.motion), FIELD), 1)
+    return product_of(rows.families[0][0], space)
 
 
 class _CentreOfMass(MeasurementModel):

@@ -15,9 +15,10 @@ from typing import Final
 import numpy as np
 from jaxtyping import Num
 
+from observability.codistribution import Coefficients, ExactRank, Flow, motion_coefficients
 from observability.exact_numbers import SIMPLE, Arithmetic
 from observability.function_values import BranchDecisions
-from observability.model_rank import ExactRank, ReachedModel, draw_point, later_inputs, with_tangents
+from observability.model_rank import ReachedModel, draw_point, later_inputs, with_tangents
 from observability.power_series import Series
 from observability.tape import PIECEWISE, TRANSCENDENTAL, Choices, float_choices
 from spinfilters.core.errors import InputError
@@ -251,26 +252,23 @@ def _gradients(
 ) -> Num[np.ndarray, "r b n"]:
     """Gradients of the outputs' Taylor coefficients by the unknowns, then by jets of unknown inputs."""
     orders, width = shape
-    states, firsts = len(part.states), _firsts(part, values, arithmetic, width)
+    firsts = _firsts(part, values, arithmetic, width)
     try:
         choices = float_choices(part.tape, [np.real(firsts[0][..., 0]), *values[1:]])
     except InputError:
         raise _NotRealError from None
     if any(np.any(choices[index] != each) for index, each in branch.items()):
         raise _OtherBranchError
-    series = Series(part.tape, BranchDecisions(choices, {}), arithmetic, (orders, TIMES, width))
-    state, found = firsts[0], []
-    for order in range(orders):
-        series.put(0, order, state)
-        for index in (1, 2, 3):
-            if order == 0:
-                series.put(index, 0, firsts[index])
-            elif index > 1 and part.groups[index]:
-                series.put(index, order, _jets(part, index, order, width, generator))
-        rows = series.advance(order)
-        found.append(rows[states:, :, 1:])
-        state = arithmetic.product(rows[:states], arithmetic.numbers([Fraction(1, order + 1)]))
-    return np.concatenate(found)
+
+    def others(order: int) -> Coefficients:
+        if order == 0:
+            return [(index, firsts[index]) for index in (1, 2, 3)]
+        return [
+            (index, _jets(part, index, order, width, generator)) for index in (2, 3) if part.groups[index]
+        ]
+
+    flow = Flow(arithmetic, part.tape, BranchDecisions(choices, {}), firsts[0], others)
+    return np.concatenate([found[..., 1:] for _, found in motion_coefficients(flow, orders)])
 
 
 def _gradients_of_steps(

@@ -81,6 +81,15 @@ def rank_of(matrix: Num[np.ndarray, "r c"], field: PrimeField = FIELD) -> int:
     return int(reduce_columns(matrix[np.newaxis], matrix.shape[1], field).rank[0])
 
 
+def in_span(
+    basis: Num[np.ndarray, "n d"], vectors: Num[np.ndarray, "n k"], field: PrimeField = FIELD
+) -> Bool[np.ndarray, " k"]:
+    """Whether each vector is a combination of the basis: elimination of the basis then leaves nothing of it."""
+    count = basis.shape[1]
+    rest = reduce_columns(np.concatenate([basis, vectors], axis=1)[np.newaxis], count, field).rest[0]
+    return ~rest[:, count:].any(axis=0)
+
+
 def product_of(
     a: Num[np.ndarray, "i j"], b: Num[np.ndarray, "j k"], field: PrimeField = FIELD
 ) -> Num[np.ndarray, "i k"]:

@@ -1,6 +1,7 @@
 """What all tests share: checked shapes, figures without a screen, Ctrl-C, and the recordings of `../shared/data`."""
 
 import gc
+import os
 import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -14,6 +15,8 @@ from shape_checks import check_shapes_of
 check_shapes_of("spinfilters")
 check_shapes_of("observability")
 mpl.use("Agg")
+# tests change what draws in their own process; those of further ones say so
+os.environ.setdefault("SPINFILTERS_PICTURE_PROCESSES", "0")
 # a busy machine is no failure
 settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any machine")

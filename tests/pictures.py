@@ -5,6 +5,7 @@ from contextlib import contextmanager
 from io import BytesIO
 
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
@@ -23,5 +24,6 @@ EMPTY_PICTURE = _one_pixel()
 def unrendered_pictures() -> Iterator[None]:
     """Write an empty PNG in a picture's place: rendering takes most of a small run's time, and has its tests."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Figure, "savefig", lambda _, target, **__: target.write(EMPTY_PICTURE))
+        for owner, name in ((Figure, "savefig"), (FigureCanvasAgg, "print_png")):
+            patch.setattr(owner, name, lambda _, target, **__: target.write(EMPTY_PICTURE))
         yield

@@ -13,12 +13,11 @@ from typing import Any, Final
 from experiments.benchmarks.symbolic_series import lie_derivatives
 from experiments.command_line import run_study
 from observability import system as sensors
+from observability.body_model import body_rank
 from observability.canonical_motions import CANONICAL_MOTIONS, CanonicalMotion, landmarks, point_of
 from observability.cases import Case
 from observability.certificate import STEADY_ORDERS, certify
-from observability.codistribution import codistribution, eliminate
 from observability.coordinates import Chart, FilterChart, PrincipalChart, TensorChart
-from observability.residue_matrices import FIELD
 from observability.system import System
 
 CHARTS: Final[tuple[Chart, ...]] = (PrincipalChart(), TensorChart(), FilterChart())
@@ -75,8 +74,7 @@ def _stereo(chart: Chart, count: int) -> System:
 
 
 def _rank(chart: Chart, motion: CanonicalMotion, count: int) -> Any:
-    rows = codistribution(_stereo(chart, count), point_of(chart, motion), STEADY_ORDERS, FIELD)
-    return eliminate(rows).null_space()
+    return body_rank(_stereo(chart, count), point_of(chart, motion), STEADY_ORDERS).null_space
 
 
 def _certificate(chart: Chart, motion: CanonicalMotion, count: int) -> Any:

@@ -64,7 +64,7 @@ def lie_derivatives(system: System, index: int, orders: int) -> LieDerivatives:
     InputError: for a system with inputs.
     """
     if system.inputs:
-        raise InputError("Lie derivatives along known inputs are made by numbers: use codistribution")
+        raise InputError("Lie derivatives along known inputs are made by numbers: use gradient_rows")
     motion = _motion(system, orders)
     return LieDerivatives(motion, _sensor(system, index, motion))
 

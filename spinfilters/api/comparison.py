@@ -22,6 +22,7 @@ from spinfilters.api.given_settings import SETTINGS_GIVEN, AnySettings, chosen_s
 from spinfilters.api.labelled_arrays import labelled_arrays, write_netcdf
 from spinfilters.api.mcap_file import write_mcap
 from spinfilters.api.recordings import load
+from spinfilters.api.rerun_file import write_rrd
 from spinfilters.core.errors import InputError
 from spinfilters.evaluation.comparison_table import ComparisonCells, comparison_cells, comparison_table
 from spinfilters.evaluation.estimated_motion import (
@@ -48,6 +49,7 @@ from spinfilters.io.argument_checks import (
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.input_file import path_text, value_text
 from spinfilters.io.memory_tables import WHAT_TO_GIVE, is_table
+from spinfilters.io.stated_values import ReadingOptions
 from spinfilters.models.body import BodyEstimate
 from spinfilters.models.status import verdict_sentences
 from spinfilters.run.comparison_run import RunOutput, compare_dataset, compare_into, silent, write_comparison
@@ -274,13 +276,13 @@ class Run(Mapping[str, EstimatorResult]):
 
     @checked_arguments(folder=path("a folder"))
     def save(self, folder: str | os.PathLike[str]) -> Path:
-        """Write the run folder of the command, with its pictures, or one file of NetCDF or MCAP; returns its path.
+        """Write the run folder of the command, with its pictures, or one file of NetCDF, MCAP or Rerun; returns its path.
 
         Parameters
         ----------
         folder : str or os.PathLike[str]
             New, or that of an earlier run. A name that ends in ``.nc`` is a file with the content of `to_xarray`; one in
-            ``.mcap`` holds the motions as messages of ROS 2.
+            ``.mcap`` holds the motions as messages of ROS 2; one in ``.rrd`` shows motions, bodies, maps and courses in Rerun.
 
         Returns
         -------
@@ -290,7 +292,7 @@ class Run(Mapping[str, EstimatorResult]):
         Raises
         ------
         ImportError
-            A file of NetCDF needs xarray, one of MCAP rosbags, which is not installed.
+            A file of NetCDF needs xarray, one of MCAP rosbags, one of Rerun rerun-sdk, which is not installed.
         InputError
             The folder holds something else than a run or cannot be written; the run was read from a folder itself.
         """
@@ -299,6 +301,10 @@ class Run(Mapping[str, EstimatorResult]):
             return Path(folder)
         if Path(folder).suffix == ".mcap":
             write_mcap(Path(folder), self._evaluations)
+            return Path(folder)
+        if Path(folder).suffix == ".rrd":
+            maps = {each.name: each.landmarks for each in self.values() if each.landmarks is not None}
+            write_rrd(Path(folder), self._evaluations, maps, self.dataset.name)
             return Path(folder)
         if self.comparison is None:
             raise InputError(f"this run was read from {self.folder}; copy that folder")
@@ -423,6 +429,7 @@ def _html_lines(lines: list[str] | tuple[str, ...]) -> str:
 
 @checked_arguments(
     RunArguments,
+    ReadingOptions,
     kind=optional(text(KIND)),
     segment=optional(one_of(int, str, cure='a number, times such as "6.55:7.4", or "auto"')),
     belief=optional(one_of(Mapping, cure='{"mean": {"rate": (0, 0, 1), ...}, "std": {...}}')),
@@ -442,6 +449,11 @@ def compare(
     *,
     kind: str | None = None,
     units: str | Mapping[str, str] | None = None,
+    unit: str | None = None,
+    clock: str | None = None,
+    rate: float | None = None,
+    topic: str | None = None,
+    columns: str | None = None,
     resume: bool = False,
     predict: float | None = None,
     convergence: bool = False,
@@ -475,6 +487,16 @@ def compare(
         Of a table in memory, see `load`.
     units : str, Mapping or None
         Of the columns of a table or of a file, see `load`.
+    unit : str or None
+        Of body rates or positions whose header states none, as the option of the command; see `load`.
+    clock : str or None
+        Unit of time stamps, likewise.
+    rate : float or None
+        Samples a second, Hz, of a table without a clock.
+    topic : str or None
+        Of a ROS bag.
+    columns : str or None
+        Names of the columns of a table without a header.
     resume : bool
         Whether to go on from what an interrupted run has left in ``output``; a finished run is read from there.
     predict : float or None
@@ -518,7 +540,8 @@ def compare(
         Ctrl-C; what was estimated is in ``output``, if given, for ``resume`` to go on from.
     """
     chosen = _beginning(_settings(settings, estimators, verdict), belief, from_truth)
-    dataset = given_dataset(data, segment, kind, units)
+    reading = {"unit": unit, "clock": clock, "rate": rate, "topic": topic, "columns": columns}
+    dataset = given_dataset(data, segment, kind=kind, units=units, **reading)
     how = RunArguments(
         resume=resume,
         predict=predict,
@@ -628,10 +651,8 @@ def _names(estimators: Sequence[str] | str) -> tuple[str, ...]:
     return names_in(estimators) if isinstance(estimators, str) else tuple(estimators)
 
 
-def given_dataset(
-    data: Any, segment: int | str | None, kind: str | None, units: str | Mapping[str, str] | None
-) -> Dataset:
-    """The data set, or that of a path or of a table in memory, see `compare`.
+def given_dataset(data: Any, segment: int | str | None, **reading: Any) -> Dataset:
+    """The data set, or that of a path or of a table in memory, read as `load` reads it; see `compare`.
 
     Raises
     ------
@@ -641,9 +662,12 @@ def given_dataset(
     if not isinstance(data, Dataset):
         if not is_path(data) and not is_table(data):
             refuse("data", data, WHAT_TO_GIVE)
-        return load(data, segment, kind=kind, units=units)
+        return load(data, segment, **reading)
     if segment is not None:
         raise InputError(f"segment {segment} is of a recording's folder; give its path, not a data set")
-    if kind is not None or units is not None:
-        raise InputError("kind and units are of tables in memory; a data set has its own: leave them out")
+    for name, value in reading.items():
+        if value is not None:
+            raise InputError(
+                f"{name} {value_text(value)} says how to read a file or a table; a data set has its own: leave it out"
+            )
     return data

@@ -25,7 +25,14 @@ from scipy.stats import chi2
 from spinfilters.campaigns.campaign_folder import STUDY_FILE, read_folder
 from spinfilters.campaigns.paired_ratios import ESTIMATOR, MARKERS, geometric_ratio, reference_of
 from spinfilters.campaigns.rows_folder import read_rows
-from spinfilters.campaigns.statistics import NOTHING, Interval, cell_summaries, mean, ratio_of_squares, share
+from spinfilters.campaigns.statistics import (
+    NOTHING,
+    Interval,
+    cell_summaries,
+    positive_mean,
+    ratio_of_squares,
+    share,
+)
 from spinfilters.campaigns.study import Study, read_study
 from spinfilters.core.errors import InputError
 from spinfilters.evaluation.stated_errors import LARGEST_STATED_ERROR
@@ -34,7 +41,17 @@ from spinfilters.io.output_files import write_bytes, write_text
 from spinfilters.plots.page import image, note, page, table
 from spinfilters.plots.style import GREY, estimator_lines, legend_below, picture_bytes, tidy
 
-NAMES: Final = ("cases", "motions", "rates", "noise", "lags", "initial-error", "iterations", "family")
+NAMES: Final = (
+    "cases",
+    "motions",
+    "rates",
+    "noise",
+    "lags",
+    "initial-error",
+    "iterations",
+    "family",
+    "members",
+)
 """Ready studies, in the order of the page."""
 PAGE: Final = "studies.html"
 PICTURE: Final = "comparison.png"
@@ -139,7 +156,6 @@ def level_results(study: Study, rows: pa.Table) -> list[LevelResult]:
                 " ".join(summary.levels[name] for name in others),
                 summary.levels[ESTIMATOR],
                 **_numbers(own, plain[plain["cell"] == beside]),
-                nees=summary.nees,
                 lost=summary.runs - summary.outcomes.get("done", 0),
             )
         )
@@ -164,10 +180,11 @@ def _numbers(own: Any, reference: Any) -> dict[str, Any]:
     return {
         "ratios": {title: each for title, each in ratios.items() if each.count},
         "cost": geometric_ratio(*pairs("time_per_epoch_s")),
-        "seconds": mean(own["time_per_epoch_s"].to_numpy(float)),
+        "seconds": positive_mean(own["time_per_epoch_s"].to_numpy(float)),
+        "nees": positive_mean(own["nees"].to_numpy(float)),
         "right": share(int(right.sum()), len(right)),
         "converged": share(int(np.isfinite(settled).sum()), len(settled)),
-        "settling": mean(settled[np.isfinite(settled)]),
+        "settling": positive_mean(settled[np.isfinite(settled)]),
     }
 
 
@@ -246,7 +263,9 @@ def comparison_figure(results: Sequence[LevelResult]) -> Figure:
                 axes.axhline(1.0, color=GREY, linewidth=0.8, zorder=0)
         axes.set_title(title, fontsize="small", loc="left")
         axes.set_xticks(
-            range(len(levels)), [fill(level or "all", 16) for level in levels], fontsize="x-small"
+            range(len(levels)),
+            [fill(level or "all", 60 // len(levels) + 2) for level in levels],
+            fontsize="x-small",
         )
         tidy(axes)
     for axes in panels[len(draws) :]:

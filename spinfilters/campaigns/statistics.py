@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 import pyarrow as pa
 from jaxtyping import Float, Int
-from scipy.special import ndtri
+from scipy.special import ndtri, stdtrit
 
 from spinfilters.campaigns.row_columns import TIMES
 from spinfilters.campaigns.study import Study
@@ -48,7 +48,8 @@ def share(hits: int, count: int) -> Interval:
     p, z2 = hits / count, QUANTILE**2
     centre, width = p + z2 / (2 * count), QUANTILE * np.sqrt(p * (1 - p) / count + z2 / (4 * count**2))
     low, high = (centre - width) / (1 + z2 / count), (centre + width) / (1 + z2 / count)
-    return Interval(p, float(max(low, 0.0)), float(min(high, 1.0)), count)
+    # none or all of the runs: the end is exact, and would differ from it by rounding
+    return Interval(p, float(low) if hits else 0.0, float(high) if hits < count else 1.0, count)
 
 
 def mean(values: Float[np.ndarray, " n"]) -> Interval:
@@ -61,6 +62,19 @@ def mean(values: Float[np.ndarray, " n"]) -> Interval:
         return Interval(value, np.nan, np.nan, len(finite))
     width = QUANTILE * float(finite.std(ddof=1)) / np.sqrt(len(finite))
     return Interval(value, value - width, value + width, len(finite))
+
+
+def positive_mean(values: Float[np.ndarray, " n"]) -> Interval:
+    """Interval of a mean of independent values that are not negative, by that of its logarithm: it stays positive.
+
+    The deviation of the logarithm is that of the mean over the mean; few values widen it as Student's t does.
+    """
+    found = mean(values)
+    if not (found.value > 0 and np.isfinite(found.low)):
+        return found
+    quantile = float(stdtrit(found.count - 1, 0.975))
+    factor = float(np.exp(quantile / QUANTILE * (found.high - found.value) / found.value))
+    return Interval(found.value, found.value / factor, found.value * factor, found.count)
 
 
 def root_mean_square(values: Float[np.ndarray, " n"]) -> Interval:

@@ -18,6 +18,7 @@ from typing import Final, NamedTuple
 import casadi as ca
 import platformdirs
 
+from spinfilters.core.shipped_libraries import NATIVE, has_libraries, processor, shipped_library
 from spinfilters.core.working_time import building
 
 OWN_FOLDER, OWN_FILE = 0o700, 0o600
@@ -144,8 +145,6 @@ def _has_one_member(group: int) -> bool:
 
 FLAGS = ("-O2", "-ffp-contract=off", "-shared", "-fPIC")
 """No contraction into fused multiply-adds, so that compiled code rounds as CasADi's virtual machine does."""
-NATIVE = "-march=native"
-"""Every instruction of this machine: for code that handles many items side by side."""
 KERNEL_FLAGS = (*(flag for flag in FLAGS if "contract" not in flag), "-O3", NATIVE, "-fno-math-errno")
 """Of loops that are linear algebra and have a NumPy reference: sums may be contracted."""
 
@@ -168,10 +167,15 @@ int spinfilters_loop(long long n, const double* const* base, const long long* st
 """
 
 
+def interprets_all() -> bool:
+    """Whether no compiled code is wanted, ``SPINFILTERS_COMPILE=off``."""
+    return os.environ.get("SPINFILTERS_COMPILE", "on").lower() in {"off", "0", "no"}
+
+
 @cache
 def compiler() -> str | None:
     """Path of the C compiler (``$CC``, cc, gcc, clang), or None, as with ``SPINFILTERS_COMPILE=off``."""
-    if os.environ.get("SPINFILTERS_COMPILE", "on").lower() in {"off", "0", "no"}:
+    if interprets_all():
         return None
     for name in (os.environ.get("CC"), "cc", "gcc", "clang"):
         if name and (found := shutil.which(name)):
@@ -182,16 +186,19 @@ def compiler() -> str | None:
 def load_loop(function: ca.Function) -> ctypes.PyDLL | None:
     """The function's loop over items as a shared library, or None (the caller then interprets)."""
     with building():
-        return load_text(function.name(), _source(function), FLAGS) if compiler() else None
+        may_load = compiler() or (has_libraries() and not interprets_all())
+        return load_text(function.name(), _source(function), FLAGS) if may_load else None
 
 
 def load_text(name: str, text: str, flags: tuple[str, ...]) -> ctypes.PyDLL | None:
-    """C text as a shared library, or None.
+    """C text as a shared library, or None: the one that came with the package, else compiled here.
 
     A file in the cache that is damaged, or that another user could have written, is not loaded but built again. There is no library
     without a working compiler, nor without a folder that is the user's alone.
     """
     cc = compiler()
+    if not interprets_all() and (shipped := _shipped(text, flags)) is not None:
+        return shipped
     if cc is None:
         return None
     with building():
@@ -210,6 +217,16 @@ def load_text(name: str, text: str, flags: tuple[str, ...]) -> ctypes.PyDLL | No
             reason(error),
         )
         return None
+
+
+def _shipped(text: str, flags: tuple[str, ...]) -> ctypes.PyDLL | None:
+    """The library that came with the package; None without one that this system can load."""
+    with building():
+        library = shipped_library(text, flags)
+        try:
+            return None if library is None else ctypes.PyDLL(str(library))
+        except OSError:  # of a newer C library, say
+            return None
 
 
 _TYPES = {"i": ctypes.c_longlong, "d": ctypes.c_double, "p": ctypes.c_void_p}
@@ -240,23 +257,13 @@ def reason(error: OSError | subprocess.SubprocessError) -> str:
     return str(error)
 
 
-@cache
-def processor() -> str:
-    """Name of this processor, where machines may share the cache folder."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text().splitlines()
-    except OSError:
-        return platform.processor()
-    return next((line for line in lines if line.startswith(("flags", "Features"))), platform.processor())
-
-
 def has_wide_vectors() -> bool:
     """Whether this processor has vectors of 512 bits, as far as the system says."""
     return "avx512f" in processor().split()
 
 
-LANES: Final = 8 if has_wide_vectors() else 4
-"""Numbers side by side in loops written for vectors: one vector of this machine.
+LANES: Final = int(os.environ.get("SPINFILTERS_LANES") or (8 if has_wide_vectors() else 4))
+"""Numbers side by side in loops written for vectors: one vector of this machine, or of the one that libraries are built for.
 
 GCC takes a vector wider than the machine's apart, which costs 2 to 9 times the time."""
 

@@ -17,13 +17,15 @@ State blocks (error dimension; defined in `spinfilters.models.state_blocks`)
     ``t`` 3  origin of g in i, m                 ``a`` 3  attitude error of q_ig, rad
     ``v`` 3  velocity of the centre of mass, i, m/s   ``w`` 3  body rate, g axes, rad/s
     ``c`` 3  centre of mass in g, m              ``s`` 5  mass distribution (see `spinfilters.core.mass_distribution`)
-    Expressions call the attitude ``q`` (4), which is its mean; ``a`` (3) is its error.
+    Letters of blocks have nothing to do with those of frames. The attitude has two: its mean is ``q`` (4) in expressions, its
+    error ``a`` (3) in layouts and covariances.
     Optional, each where a data set or a setting asks for it:
     ``d`` 1  aerodynamic drag, 1/rad             ``l`` 1  drag linear in the rate, 1/s
     ``b`` 3  bias of the gyro, g axes, rad/s     ``k`` 1  scale error of the gyro, 1
     ``f`` 3  constant acceleration, i, m/s^2     ``h`` 3  angular momentum of a flywheel inside, g axes, unit of J times rad/s
     ``m`` 3  constant torque on the body as its angular acceleration J^-1 tau, g axes, rad/s^2
-    The centre of mass moves as r = t + R_ig c, r' = v; the rate as w' = J^-1 (J w x w), J in g axes.
+    The centre of mass moves as r = t + R_ig c, r' = v, v' = f; the rate as w' = J^-1 ((J w + h) x w) - d |w| w - l w + m, J in g
+    axes, without the terms of blocks that a state lacks.
     A data set that shows rotation only (a gyro) uses a, w, s and the optional blocks d, l, b, k, h, m; the origin of i is then the
     centre of mass.
 Noise

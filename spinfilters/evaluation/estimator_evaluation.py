@@ -203,6 +203,22 @@ def _body(body: BodyEstimate, fitted: bool) -> BodyErrors:
     )
 
 
+@dataclass(frozen=True)
+class PosteriorDistance:
+    """Distance of an estimator's belief from the posterior in one quantity (`spinfilters.evaluation.posterior_distance`).
+
+    Attributes
+    ----------
+    divergence : float
+        Kullback-Leibler divergence, nats.
+    tail : float
+        Posterior probability outside the stated central 95 %.
+    """
+
+    divergence: float
+    tail: float
+
+
 _MOST_DECIMALS: Final = 9
 
 
@@ -224,6 +240,8 @@ class Evaluation:
         Cramer-Rao bound of the errors, where it was asked for and exists.
     bound_missing : str or None
         Why there is none, in words.
+    distances : Mapping[str, PosteriorDistance] or None
+        From a sampled posterior, by quantity; None where no estimator of the run has sampled it.
     """
 
     history: EstimateHistory
@@ -234,6 +252,7 @@ class Evaluation:
     nees: NormalisedErrors | None = None
     bound: ErrorBound | None = None
     bound_missing: str | None = None
+    distances: Mapping[str, PosteriorDistance] | None = None
 
     @property
     def name(self) -> str:

@@ -18,13 +18,18 @@ from spinfilters.core.errors import NUMERICAL_ERRORS, InputError
 from spinfilters.core.plugins import installed_plugins, require_made
 from spinfilters.evaluation.consistency import NormalisedErrors
 from spinfilters.evaluation.epoch_spans import EpochSpan, ObservationUse
-from spinfilters.evaluation.estimator_evaluation import ConstantEstimate, Evaluation, numbers_text
+from spinfilters.evaluation.estimator_evaluation import (
+    ConstantEstimate,
+    Evaluation,
+    PosteriorDistance,
+    numbers_text,
+)
 from spinfilters.evaluation.stated_errors import LARGEST_STATED_ERROR
 from spinfilters.evaluation.trajectory_errors import BodyErrors
 from spinfilters.filters.history import EstimateHistory
 from spinfilters.models.body import BodyEstimate
 from spinfilters.models.state_blocks import BLOCKS, ReportedConstant, StateBlock
-from spinfilters.models.status import LABELS, TRANSLATION, Holds, Verdict
+from spinfilters.models.status import LABELS, QUANTITIES, TRANSLATION, Holds, Verdict
 
 ValueOf = Callable[[EpochSpan], Any]
 """A metric's value within a span of epochs, in SI: a number, a text, an array; None where there is none."""
@@ -368,6 +373,31 @@ def _nees(read: Callable[[NormalisedErrors], Any]) -> ValueOf:
     return lambda span: None if span.nees is None else read(span.nees)
 
 
+def _distance_metrics(quantity: str) -> tuple[Metric, ...]:
+    """Divergence and tail of a quantity from the posterior, where an estimator of the run has sampled it."""
+
+    def distance(read: Callable[[PosteriorDistance], float]) -> ValueOf:
+        """None without a posterior."""
+
+        def value(span: EpochSpan) -> Any:
+            """After the last epoch."""
+            found = (span.evaluation.distances or {}).get(quantity)
+            return None if found is None else read(found)
+
+        return value
+
+    label = LABELS[quantity]
+    # fmt: off
+    return (
+        Metric(f"posterior_divergence.{quantity}", f"divergence from the posterior, {label}", "nats",
+               distance(lambda d: d.divergence), form=number(".2g"), section=CONSISTENCY,
+               column="", null=False),
+        Metric(f"posterior_tail.{quantity}", "  posterior outside stated 95 %", "%", distance(lambda d: d.tail), 100.0,
+               form=number(".2g"), expected=0.05, section=CONSISTENCY, column="", null=False),
+    )
+    # fmt: on
+
+
 def _worst(read: Callable[[str, float], Any]) -> ValueOf:
     """Of the quantity with the largest error in stated standard deviations, and that error."""
     return lambda span: None if span.worst_stated_error is None else read(*span.worst_stated_error)
@@ -452,6 +482,7 @@ METRICS: Final[tuple[Metric, ...]] = (
     Metric("errors.nees_dof", "", "", _nees(lambda n: n.dof), section=CONSISTENCY, column="dof", kind=int),
     Metric("nis_per_dof", "NIS per dof", "", lambda s: s.evaluation.nis_ratio, form=number(".3f"), expected=1.0,
            section=CONSISTENCY, column="nis"),
+    *(metric for quantity in QUANTITIES for metric in _distance_metrics(quantity)),
     Metric("errors.worst_error", "largest error at the end", "std", _worst(lambda _, error: error), form=number(".2g"),
            section=CONSISTENCY),
     Metric("errors.worst_quantity", "", "", _worst(lambda quantity, _: quantity), form=words, section=CONSISTENCY, kind=str),

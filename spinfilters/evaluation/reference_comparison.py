@@ -22,8 +22,9 @@ from spinfilters.core.attitude_conversions import (
     rotation_vector_from_matrix,
 )
 from spinfilters.core.camera_trajectory import CameraTrajectory
-from spinfilters.core.errors import InputError
+from spinfilters.core.errors import NUMERICAL_ERRORS, InputError
 from spinfilters.evaluation.continuous_motion import ContinuousMotion
+from spinfilters.evaluation.kinetic_energy import EnergyCourse, quadratic_energy
 from spinfilters.evaluation.reference_fit import (
     ReferenceFit,
     axis_and_angle,
@@ -40,6 +41,8 @@ FEWEST_COMMON: Final = 4
 """Rows of a reference within an estimate."""
 LARGEST_TURN: Final = 0.3
 """Of the body between two differenced rows, rad."""
+ALIKE: Final = 0.9
+"""Correlation from which a sentence says that the clock and a rotation are hardly told apart."""
 _AXES = "xyz"
 
 
@@ -113,6 +116,12 @@ class ReferenceComparison:
         About m, rad/s: with the flip alone, and corrected.
     rate_rms_i : float
         Root mean square of the rates' difference in axes i, rad/s, as the errors against a truth are.
+    inertia : (3, 3) float array
+        Estimated, about m, over the largest moment.
+    rate_std, velocity_std : float
+        Median deviation of one component of the estimate, rad/s and m/s.
+    typical_rate : float
+        Median of the rate, rad/s.
     """
 
     name: str
@@ -129,6 +138,43 @@ class ReferenceComparison:
     rate_before: Course
     rate_after: Course
     rate_rms_i: float
+    inertia: Float[np.ndarray, "3 3"]
+    rate_std: float
+    velocity_std: float
+    typical_rate: float
+
+    @cached_property
+    def energies(self) -> Mapping[str, tuple[EnergyCourse, EnergyCourse]]:
+        """Kinetic energy of estimate and reference: of the rotation over the largest moment, of the translation over the mass.
+
+        In (rad/s)^2 and (m/s)^2. What both differ by is taken as the noise of the reference.
+        """
+        courses = {"rotation": (self.rate_after, self.inertia, self.rate_std)}
+        if self.velocity is not None:
+            courses["translation"] = (self.velocity, np.eye(3), self.velocity_std)
+        found = {}
+        for name, (course, form, std) in courses.items():
+            own = np.broadcast_to(std**2 * np.eye(3), (len(course.time), 3, 3))
+            theirs = np.broadcast_to(np.diag(np.var(course.difference, axis=0)), own.shape)
+            found[name] = (
+                quadratic_energy(course.time, course.estimate, own, form),
+                quadratic_energy(course.time, course.reference, theirs, form),
+            )
+        return found
+
+    @cached_property
+    def energy_changes(self) -> Mapping[str, Mapping[str, tuple[float, float]]]:
+        """Relative change of each energy over the common time with its deviation, of both; none of too few rows."""
+        found: dict[str, dict[str, tuple[float, float]]] = {}
+        for name, pair in self.energies.items():
+            for whose, course in zip(("estimate", "reference"), pair, strict=True):
+                try:
+                    change = course.change(float(course.time[0]), float(course.time[-1]))
+                except (*NUMERICAL_ERRORS, IndexError):
+                    continue
+                if np.isfinite(change).all():
+                    found.setdefault(name, {})[whose] = change
+        return found
 
     @cached_property
     def statistics(self) -> Mapping[str, tuple[float, float]]:
@@ -176,6 +222,12 @@ class ReferenceComparison:
             found.append(
                 f"its clock is {1e3 * abs(fit.clock_offset):.2f} ± {1e3 * fit.clock_std:.2g} ms {late}"
             )
+            if fit.clock_correlation > ALIKE:
+                turn = np.rad2deg(self.typical_rate * fit.clock_std)
+                found.append(
+                    f"the spin hardly tells an offset of the clock from a rotation about its axis (correlation "
+                    f"{fit.clock_correlation:.3f}): {1e3 * fit.clock_std:.2g} ms are {turn:.2g} deg"
+                )
         else:
             found.append("the motion does not determine the offset of its clock, which is taken as zero")
         axis, angle = axis_and_angle(self.correction)
@@ -184,6 +236,12 @@ class ReferenceComparison:
             f"turned by {np.rad2deg(angle):.3f} ± {np.rad2deg(self.correction_std):.2g} "
             f"deg about [{', '.join(f'{value:.3f}' for value in axis)}]"
         )
+        for name, changes in self.energy_changes.items():
+            words = [
+                f"{100 * change:+.3g} ± {100 * std:.3g} % by the {whose}"
+                for whose, (change, std) in changes.items()
+            ]
+            found.append(f"the energy of the {name} changes by {', '.join(words)}")
         return found
 
     @property
@@ -195,6 +253,7 @@ class ReferenceComparison:
             "reference": self.reference.name,
             "clock_offset_s": fit.clock_offset if fit.has_clock else None,
             "clock_offset_std_s": fit.clock_std if fit.has_clock else None,
+            "clock_correlation": fit.clock_correlation if fit.has_clock else None,
             "axes_R_gm": fit.axes.tolist(),
             "axes_std_rad": fit.axes_std.tolist(),
             "flip_R_mb": self.flip.tolist(),
@@ -211,6 +270,10 @@ class ReferenceComparison:
             "gaps_s": [list(gap) for gap in self.reference.gaps],
             "rows": len(self.rate_after.time) if self.attitude is None else len(self.attitude),
             "rms": self.rms,
+            "energy_changes": {
+                name: {whose: {"relative": change, "std": std} for whose, (change, std) in changes.items()}
+                for name, changes in self.energy_changes.items()
+            },
             "statistics": {name: {"mean": mean, "std": std} for name, (mean, std) in self.statistics.items()},
             "sentences": self.sentences,
         }
@@ -264,6 +327,10 @@ def compare_with_reference(history: EstimateHistory, reference: ReferenceMotion)
         rate_before,
         rate_after,
         rms,
+        fit.axes.T @ motion.inertia @ fit.axes / float(np.linalg.eigvalsh(motion.inertia)[-1]),
+        motion.rate_std,
+        motion.velocity_std,
+        motion.typical_rate,
     )
 
 

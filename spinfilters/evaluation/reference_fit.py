@@ -105,6 +105,18 @@ class ReferenceFit:
         """Whether the motion determines the offset."""
         return bool(np.isfinite(self.clock_std))
 
+    @property
+    def clock_correlation(self) -> float:
+        """Multiple correlation of the clock's offset with all else that was fitted, 0 to 1.
+
+        In a spin of constant rate w an offset d and a rotation by w d about the spin axis are the same: then it is close to 1.
+        """
+        if not self.has_clock or len(self.covariance) < 2:
+            return 0.0
+        alone, rest = self.covariance[0, 0], self.covariance[1:, 1:]
+        shared = self.covariance[0, 1:] @ np.linalg.pinv(rest, hermitian=True) @ self.covariance[1:, 0]
+        return float(np.sqrt(np.clip(shared / alone, 0.0, 1.0)))
+
 
 def fit_reference(
     motion: ContinuousMotion, reference: ReferenceMotion
@@ -448,7 +460,14 @@ class _Problem:
 
     def whitened(self) -> tuple[Float[np.ndarray, "k g3"], Float[np.ndarray, "k g3 p"]]:
         """Residuals and derivatives as white noise of deviation one, outliers weighing less."""
-        e, J, own = self.rows()
+        return self._whiten(*self.rows())
+
+    def _whiten(
+        self,
+        e: Float[np.ndarray, "k g 3"],
+        J: Float[np.ndarray, "k g 3 p"],
+        own: Float[np.ndarray, "k g"],
+    ) -> tuple[Float[np.ndarray, "k g3"], Float[np.ndarray, "k g3 p"]]:
         count, size = len(e), J.shape[3]
         both = np.concatenate([e[..., None], J], axis=3)
         if self.alike:
@@ -541,15 +560,25 @@ class _Problem:
         return other
 
     def covariance(self) -> tuple[Float[np.ndarray, "p p"], Bool[np.ndarray, " p"]]:
-        """Of what is fitted, larger where what is left is larger than stated; and which of it is determined at all."""
-        e, J = self.whitened()
+        """Of what is fitted, larger where what is left is larger than stated; and which of it is determined at all.
+
+        An error of the estimate that keeps its direction in m or l, as that of the first epoch's pose does, leaves no residual
+        where what is fitted can take it up. So it is counted by itself: the step that it makes the fit take, with its deviation.
+        """
+        e, J, own = self.rows()
+        constant = np.zeros((*e.shape, 3 * e.shape[1]))
+        for group in range(e.shape[1]):
+            constant[:, group, :, 3 * group : 3 * group + 3] = own[:, group, None, None] * np.eye(3)
+        e, both = self._whiten(e, np.concatenate([J, constant], axis=3), own)
+        J, constant = both[..., : J.shape[3]], both[..., J.shape[3] :]
         A = np.einsum("kip,kiq->pq", J, J)
         scale = np.sqrt(np.maximum(np.diag(A), 1e-300))
         values, vectors = np.linalg.eigh(A / scale[:, None] / scale)
         good = values > UNDETERMINED * values[-1]
         inverse_A = (vectors[:, good] / values[good]) @ vectors[:, good].T / scale[:, None] / scale
         determined = np.sum(vectors[:, ~good] ** 2, axis=1) < 0.01
-        return inverse_A * max(1.0, float(np.mean(e**2))), determined
+        taken_up = inverse_A @ np.einsum("kip,kiq->pq", J, constant)
+        return inverse_A * max(1.0, float(np.mean(e**2))) + taken_up @ taken_up.T, determined
 
     def result(self) -> ReferenceFit:
         """The fit as others use it."""

@@ -4,13 +4,13 @@ The formulas of predict and update, which the UKF shares, are in `spinfilters.fi
 linearises, and by which of four paths it updates:
 
 1. compiled code updates with all values in one pass, and the linear model holds over the step;
-2. without compiled code, with a robust loss, or where that step is too large, the values are linearised here, and the linear
-   model holds;
+2. without compiled code, with a robust loss, or where a sample of the values denies the large step of path 1, the values are
+   linearised here, and the linear model holds;
 3. as 2, but the linear model does not hold: the update is iterated (`spinfilters.filters.iterated_update`);
 4. landmarks of an unknown map, which have an iteration of their own (`correct_by_landmarks`).
 
 Another filter is a class of its own in this package that linearises process and measurements in its own way, and an entry in the
-table `spinfilters.run.estimators`.
+table `OWN` of `spinfilters.run.estimators`.
 """
 
 import numpy as np

@@ -51,8 +51,8 @@ class LinearisedProcess(NamedTuple):
     noise : ndarray of float, shape (n, k)
         G with G G' = Q, at the stated densities.
     spread : ndarray of float, shape (n, r), or None
-        F S, the predicted errors per column of the square root S, with further columns for what a regression cannot explain;
-        None where F S itself is meant.
+        Of the UKF: predicted errors per column of the square root S, with further columns for what its regression cannot
+        explain; None: F S.
     """
 
     mean: Float[np.ndarray, " m"]
@@ -100,9 +100,10 @@ class MultiplicativeFilter(Estimator):
     After an update the error is folded into the mean (4 x MRP on the body side) and the covariance moves with the derivative of
     that reset, so that it always refers to the present mean.
 
-    Where landmarks are not known, the factor goes on behind the state's n rows: with r modes of error that all landmarks share, and
-    with the move from the map's frame to frame g (`spinfilters.filters.landmark_map`). Neither changes with time, and no sensor
-    without landmarks sees them; what the state learns, they learn by correlation.
+    Where landmarks are not known, the factor has more than the state's n rows. Rows behind them are errors that all landmarks
+    share, such as a turn of the whole map (`spinfilters.filters.shared_modes`), and the pose of the map's frame in frame g
+    (`spinfilters.filters.landmark_map`). These errors do not change with time, and no sensor without landmarks sees them; what
+    the state learns, they learn by correlation.
 
     Parameters
     ----------

@@ -12,6 +12,7 @@ from spinfilters.filters.noise_levels import VarianceComponent
 from spinfilters.filters.square_root import lower_roots
 from spinfilters.models.body import MassSamples
 from spinfilters.models.state_layout import Gaussian, StateLayout
+from spinfilters.models.state_mixture import StateMixture
 from spinfilters.models.status import EstimatorStatus, Verdict
 
 COUNTS = ("dof", "accepted", "rejected")
@@ -61,6 +62,8 @@ class EstimateHistory:
         where the calibration is exact.
     mass : MassSamples or None
         Samples of the mass distribution after the last epoch where its posterior is not Gaussian; moments are then theirs.
+    posterior : StateMixture or None
+        Posterior of the last epoch, of an estimator that samples it.
     """
 
     name: str
@@ -80,6 +83,7 @@ class EstimateHistory:
     noise: tuple[VarianceComponent, ...] = ()
     calibration: Float[np.ndarray, "n e c"] | None = None
     mass: MassSamples | None = None
+    posterior: StateMixture | None = None
 
     @property
     def own(self) -> slice:

@@ -6,7 +6,7 @@ The EKF predicts a measurement by its Jacobian, the UKF by statistical linear re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -16,9 +16,6 @@ from spinfilters.filters.estimator import Measurement, ProcessModel
 from spinfilters.filters.square_root import MeasurementPrediction, compressed, triangular_factor
 from spinfilters.io.stated_values import NumberRange
 from spinfilters.models.state_layout import Gaussian, StateLayout
-
-if TYPE_CHECKING:
-    from filterpy.kalman import MerweScaledSigmaPoints
 
 
 @dataclass(frozen=True)
@@ -140,25 +137,6 @@ class SigmaPointOptions:
     beta: Annotated[float, NumberRange(0, 1e6)] = 2.0
     kappa: Annotated[float, NumberRange(-10, 1e6)] = 0.0
 
-    def points(self, n: int) -> "MerweScaledSigmaPoints":
-        """filterpy's set over n coordinates.
-
-        Raises
-        ------
-        InputError
-            When a covariance weight is negative, with which a covariance could become indefinite.
-        """
-        # slow to import, and settings alone need none of it
-        from filterpy.kalman import MerweScaledSigmaPoints
-
-        points = MerweScaledSigmaPoints(n, self.alpha, self.beta, self.kappa)
-        if np.min(points.Wc) < 0:
-            raise InputError(
-                f"sigma points with alpha={self.alpha}, beta={self.beta} have a covariance weight of {np.min(points.Wc):.3g}"
-                "; choose alpha >= 0.518 with beta = 2 so that covariances stay positive"
-            )
-        return points
-
 
 @dataclass(frozen=True)
 class SigmaPoints:
@@ -196,9 +174,26 @@ class SigmaPoints:
 
 @cache
 def sigma_points(n: int, options: SigmaPointOptions) -> SigmaPoints:
-    """The set over n coordinates. InputError as `SigmaPointOptions.points`."""
-    merwe = options.points(n)
-    return SigmaPoints(merwe.sigma_points(np.zeros(n), np.eye(n)), merwe.Wm, np.sqrt(merwe.Wc))
+    """Van der Merwe's scaled set over n coordinates: the mean, then both ends of every axis (van der Merwe 2004, Sec. 3.2.2).
+
+    Raises
+    ------
+    InputError
+        When a covariance weight is negative, with which a covariance could become indefinite.
+    """
+    alpha, beta = options.alpha, options.beta
+    excess = alpha**2 * (n + options.kappa) - n  # lambda of the source
+    ends = np.sqrt(excess + n) * np.eye(n)
+    mean_weights = np.full(2 * n + 1, 0.5 / (n + excess))
+    weights = mean_weights.copy()
+    mean_weights[0] = excess / (n + excess)
+    weights[0] = mean_weights[0] + (1 - alpha**2 + beta)
+    if np.min(weights) < 0:
+        raise InputError(
+            f"sigma points with alpha={alpha}, beta={beta} have a covariance weight of {np.min(weights):.3g}"
+            "; choose alpha >= 0.518 with beta = 2 so that covariances stay positive"
+        )
+    return SigmaPoints(np.concatenate([np.zeros((1, n)), ends, -ends]), mean_weights, np.sqrt(weights))
 
 
 @dataclass(frozen=True)

@@ -213,9 +213,12 @@ class SensorOutlierRejection:
 
     The latest values, and how often in a row few passed the gate.
     A filter that is wrong would refuse everything for ever. So after `RECOVERY_COUNT` refusals in a row the gate is lifted for
-    as long as
-    fewer than `AGREEING_SHARE` of the values lie inside it, and Cauchy weights take its place, their width scaled by the median
-    distance: the majority counts, and what disagrees with it does not.
+    as long as fewer than `AGREEING_SHARE` of the values lie inside it, and Cauchy weights take its place, their width scaled by
+    the median distance: the majority counts, and what disagrees with it does not.
+
+    A further rule for each value belongs in `distance_weights` of this file; `sparing_weights` passes it only values outside the
+    gate, where there is no loss. A rule that compares all values belongs in `weights` of this class. Where a rule applies, `limit`
+    must be negative: compiled updates know one gate only. `spinfilters.filters.joint_ekf` has a gate of its own, as in a textbook.
     """
 
     def __init__(self, options: RobustOptions) -> None:

@@ -10,7 +10,7 @@ from spinfilters.filters.estimator import Measurement, ProcessModel
 from spinfilters.filters.filter import LinearisedProcess, MultiplicativeFilter
 from spinfilters.filters.landmark_observations import Regression, SolvedObservations, solve
 from spinfilters.filters.landmark_steps import MapObservations
-from spinfilters.filters.measurement_prediction import SigmaPointOptions, usable
+from spinfilters.filters.measurement_prediction import SigmaPointOptions, sigma_points, usable
 from spinfilters.filters.noise_levels import AdaptationOptions
 from spinfilters.filters.outlier_rejection import RobustOptions, SensorOutlierRejection
 from spinfilters.filters.shared_modes import LandmarkOptions
@@ -24,7 +24,7 @@ from spinfilters.filters.square_root import (
 
 
 class MultiplicativeUkf(MultiplicativeFilter):
-    """Sigma points on the manifold, set and weights from filterpy.
+    """Sigma points on the manifold.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class MultiplicativeUkf(MultiplicativeFilter):
     Raises
     ------
     InputError
-        As `SigmaPointOptions.points`.
+        As `sigma_points`.
     """
 
     name = "ukf"
@@ -57,10 +57,10 @@ class MultiplicativeUkf(MultiplicativeFilter):
     ) -> None:
         super().__init__(process, robust, adaptation, landmarks)
         n, self._points_options = self.layout.error_dim, options or SigmaPointOptions()
-        points = self._points_options.points(n)
-        self._offsets = points.sigma_points(np.zeros(n), np.eye(n))
-        self._mean_weights = points.Wm
-        self._root_weights = np.sqrt(points.Wc)
+        points = sigma_points(n, self._points_options)
+        self._offsets = points.offsets
+        self._mean_weights = points.mean_weights
+        self._root_weights = points.root_weights
         self._subset = cache(self._build_subset)
 
     def linearise_process(self, dt: float) -> LinearisedProcess:

@@ -59,11 +59,14 @@ class EstimatorEntry(NamedEstimator, ABC, Generic[Built]):
         Whether it is another project's estimator to compare with, whose disagreement says nothing of ours.
     continues : bool
         Whether it continues from the initialisation, so that doubts about that are doubts about it.
+    forgets : bool
+        Of one that does not: whether it keeps linearisations of epochs that have left, and is compared with the smoother for that.
     """
 
     holds_landmarks: bool = False
     is_baseline: bool = False
     continues: bool = True
+    forgets: bool = False
 
     @abstractmethod
     def build(self, setup: "Setup", settings: "Settings") -> Built:

@@ -19,6 +19,7 @@ from spinfilters.inference.identified_noise import noise_model
 from spinfilters.inference.initialisation import guessed_trajectory
 from spinfilters.inference.setup import Setup, camera_view
 from spinfilters.io.sensor_format import sensor_format
+from spinfilters.models.body import MassSamples
 from spinfilters.models.state_layout import StateLayout
 from spinfilters.models.status import AXES, EstimatorStatus, Finding, Verdict
 from spinfilters.settings.run_settings import Settings
@@ -109,6 +110,8 @@ def smoothed_at_levels(
 NAME = "smoother"
 NOT_GAUSSIAN = "posterior-not-gaussian"
 """Name of the check in the verdict."""
+LARGEST_SAMPLED_NEES = 2.0
+"""Mean NEES per degree of freedom of the posterior's samples in its Gaussian: above, this misses a part of the posterior."""
 NO_FILTER = (
     "the filter for the initial guess of the smoother failed: it started directly from the measurements"
 )
@@ -199,21 +202,58 @@ def smooth_and_sample(setup: Setup, settings: Settings, on_epoch: OnEpoch) -> Es
     seconds = working_seconds() - begin
     if mass is None:
         return history
+    return with_samples(replace(history, runtime=history.runtime + seconds / len(history.time)), mass)
+
+
+def with_samples(history: EstimateHistory, mass: MassSamples) -> EstimateHistory:
+    """The history with samples of the mass distribution; its status says where a Gaussian is no proposal for them."""
     status = history.status
-    if not mass.gaussian_shape < LARGEST_SHAPE:
-        status = status.doubted(_not_gaussian(mass.gaussian_shape))
-    runtime = history.runtime + seconds / len(history.time)
-    return replace(history, mass=mass, status=status, runtime=runtime)
+    if not (mass.gaussian_shape < LARGEST_SHAPE and mass.gaussian_nees <= LARGEST_SAMPLED_NEES):
+        status = status.doubted(_not_gaussian(mass))
+    return replace(history, mass=mass, status=status)
 
 
-def _not_gaussian(shape: float) -> Finding:
+POSTERIOR = "posterior"
+"""Name of the estimator that samples the posterior."""
+
+
+def sample_at_once(setup: Setup, settings: Settings, on_epoch: OnEpoch) -> EstimateHistory:
+    """Posterior of all epochs, sampled about the smoother's solution at its levels of noise (`sample_posterior`)."""
+    from spinfilters.smoother.posterior import sample_posterior
+
+    smoothed = _smoothed_at_once(setup, settings, on_epoch)
+    history, begin = replace(smoothed.history, name=POSTERIOR), working_seconds()
+    found = None
+    with suppress(*NUMERICAL_ERRORS):
+        found = sample_posterior(smoothed.problem, smoothed.found.mean)
+    if found is None:
+        return replace(history, status=history.status.failed("the posterior could not be sampled"))
+    runtime = history.runtime + (working_seconds() - begin) / len(history.time)
+    return replace(
+        history,
+        mean=found.mean,
+        factor=found.factor,
+        mass=found.mass,
+        posterior=found.last,
+        runtime=runtime,
+    )
+
+
+def smoothed_problem(setup: Setup, settings: Settings) -> tuple[Problem, BatchSmoothing]:
+    """The least-squares problem of a recording without landmarks at its noise levels, and its solution."""
+    smoothed = _smoothed_at_once(setup, settings, lambda done, every: None)
+    return smoothed.problem, smoothed.found
+
+
+def _not_gaussian(mass: MassSamples) -> Finding:
     """The finding that a Gaussian does not describe the posterior of the mass distribution."""
     return Finding(
         NOT_GAUSSIAN,
-        f"the posterior of the moments is not Gaussian (Pareto shape {shape:.2g}, limit {LARGEST_SHAPE:g}): mean and "
-        "interval of the moments are those of its samples, axes those of its mode",
+        f"the posterior of the moments is not Gaussian (Pareto shape {mass.gaussian_shape:.2g}, limit {LARGEST_SHAPE:g}; NEES of "
+        f"its samples {mass.gaussian_nees:.2g}, limit {LARGEST_SAMPLED_NEES:g}): mean and interval of the moments are those of its "
+        "samples, axes those of its mode",
         "record a motion that wobbles",
-        {"shape": shape},
+        {"shape": mass.gaussian_shape, "nees": mass.gaussian_nees},
         frozenset({AXES}),
     )
 

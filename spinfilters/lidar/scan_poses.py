@@ -9,7 +9,7 @@ from jaxtyping import Float
 from scipy.optimize import linear_sum_assignment
 
 from spinfilters.core.absolute_orientation import nearest_rotation
-from spinfilters.core.attitude_conversions import matrix_from_rotation_vector
+from spinfilters.core.attitude_conversions import angle_from_matrix, matrix_from_rotation_vector
 from spinfilters.core.errors import InputError
 from spinfilters.core.gauss_newton import gauss_newton
 from spinfilters.core.robust_losses import median_deviation
@@ -306,6 +306,12 @@ MOST_EXCESS: Final = 1.25
 """Mean reduced chi-square of the planes' points, of the median scan, at most.
 
 Patches of a curved surface exceed the noise: plane faces have 0.8 to 1.0, a bumpy sphere of a metre at 30 m 1.2 to 2.5."""
+CONFIRMED: Final = np.deg2rad(5.0)
+"""Angle between attitudes that were found in two ways, up to which they are the same one."""
+FEWEST_CONFIRMED: Final = 2
+"""Scans with such an attitude, of fewer of which nothing is estimated."""
+MOST_FRAMES: Final = 50
+"""Scans whose rotation between both frames g is tried."""
 LOOKED_AT: Final = 9
 """Scans from which it is decided whether a body has faces."""
 MOST_IN_FRONT: Final = 0.1
@@ -389,12 +395,54 @@ def scan_poses(scans: Sequence[Scan], noise: PointNoise | None = None, seed: int
     if faces is not None:
         faces = edge_adjusted(faces, clouds, noise, extent_of(clouds[0]))
         poses, inflation = faces.poses, shared_inflation(faces.poses, faces.common)
+    coarse: tuple[str, ...] = ()
+    if _are_few(clouds) and (planes is None or not _is_convex(clouds, planes, noise)):
+        kept = _confirmed_scans(poses, _poses_found_otherwise(times, clouds, by_faces))
+        sentence = _describe_coarse_scans(clouds, len(clouds) - len(kept), by_faces)
+        if len(kept) < FEWEST_CONFIRMED:
+            raise InputError(sentence)
+        coarse = (sentence,) if len(kept) < len(clouds) else ()
+        faces = None if faces is None else _faces_of_scans(faces, kept)
+        poses = [poses[k] for k in kept] if faces is None else faces.poses
+        usable, clouds = [usable[k] for k in kept], [clouds[k] for k in kept]
     isolated = sum(count for _, count in solid) / sum(np.count_nonzero(scan.is_return) for scan in scans)
     remarks = _remarks(len(scans) - len(usable), isolated, poses, faces)
-    doubts = _doubts(poses, faces, clouds)
-    if planes is not None and _are_few(clouds) and not _is_convex(clouds, planes, noise):
-        doubts += (_describe_coarse_scans(clouds),)
+    doubts = (*_doubts(poses, faces, clouds), *coarse)
     return ScanPoses(tuple(poses), tuple(usable), faces, noise, remarks, doubts, inflation)
+
+
+def _poses_found_otherwise(
+    times: Sequence[float], clouds: Sequence[Float[np.ndarray, "n 3"]], by_faces: bool
+) -> Sequence[ScanPose]:
+    """Poses by the points where they were found by faces; where they were by points, from the last scan back to the first."""
+    if by_faces:
+        return match_scans(times, clouds, clouds[0].mean(axis=0)).poses
+    backwards = [-time for time in reversed(times)]
+    return match_scans(backwards, clouds[::-1], clouds[-1].mean(axis=0)).poses[::-1]
+
+
+def _confirmed_scans(poses: Sequence[ScanPose], others: Sequence[ScanPose]) -> list[int]:
+    """Scans whose attitude is found in two ways; none where these are not most of them.
+
+    Few points leave several attitudes that fit nearly alike, and faces that hide one another are confused, but two ways that
+    fail differently hardly find the same wrong attitude. Either has a frame g of its own; the rotation between both is the one
+    that most scans agree with.
+    """
+    between = np.array([a.rotation.T @ b.rotation for a, b in zip(poses, others, strict=True)])
+    tried = between[:: max(1, len(between) // MOST_FRAMES)]
+    apart = angle_from_matrix(nearest_rotation(np.swapaxes(tried, 1, 2)[:, None] @ between[None]))
+    confirmed = np.flatnonzero(apart[np.argmax(np.count_nonzero(apart < CONFIRMED, axis=1))] < CONFIRMED)
+    return confirmed.tolist() if len(confirmed) > len(between) / 2 else []
+
+
+def _faces_of_scans(faces: TrackedFaces, kept: Sequence[int]) -> TrackedFaces:
+    """The map with the poses and matches of some scans."""
+    return replace(
+        faces,
+        poses=tuple(faces.poses[k] for k in kept),
+        matches=tuple(faces.matches[k] for k in kept),
+        common=tuple(faces.common[k] for k in kept),
+    )
 
 
 def _require_usable(scans: Sequence[Scan]) -> list[Scan]:
@@ -515,11 +563,12 @@ def _poses(
     return faces.poses, faces, 1.0
 
 
-def _describe_coarse_scans(clouds: Sequence[Float[np.ndarray, "n 3"]]) -> str:
-    """Why faces of a body that is not convex are no evidence: with more points it would be registered."""
+def _describe_coarse_scans(clouds: Sequence[Float[np.ndarray, "n 3"]], unused: int, by_faces: bool) -> str:
+    """Why scans are not used, and the cure: with more points they would be registered."""
+    ways = "faces and points" if by_faces else "the scans before and those behind"
     return (
-        f"{np.median([len(points) for points in clouds]):.0f} points a scan do not tell faces of this body apart, of which "
-        f"some hide others; attitudes may be off by any angle; give scans of {FEWEST_REGISTERED} points or more"
+        f"{np.median([len(points) for points in clouds]):.0f} points a scan leave several attitudes of this body; {unused} of "
+        f"{len(clouds)} scans are not used, because {ways} tell different ones; give scans of {FEWEST_REGISTERED} points or more"
     )
 
 

@@ -138,11 +138,15 @@ class MassSamples:
         (n,) their sum is one.
     gaussian_shape : float
         Pareto shape of the Gaussian belief as a proposal of the samples' density (`spinfilters.core.importance_weights`).
+    gaussian_nees : float
+        Mean NEES per degree of freedom of the samples in the Gaussian belief. It is large where that misses a part of the
+        posterior, in which it proposes nothing, so that the shape does not tell.
     """
 
     points: Float[np.ndarray, "n 5"]
     weights: Float[np.ndarray, " n"]
     gaussian_shape: float
+    gaussian_nees: float
 
     @cached_property
     def principal_moments(self) -> Float[np.ndarray, "n 3"]:

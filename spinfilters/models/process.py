@@ -1,11 +1,16 @@
 """Process model of a rigid body that turns and moves freely: propagation, linearised steps, process noise.
 
 Disturbances are white, with the densities of `ProcessNoise`. Drag, a constant torque, a flywheel and a constant acceleration are
-optional blocks of the state (`spinfilters.models.state_blocks`). A further torque is a term of `body_acceleration`, which all users
-share. A further force is a term of `RotationSubsteps.translated` in `spinfilters.models.rotation_integrator`, by which filters,
-smoother and simulation move the centre of mass, and the same term of `derivative`, which only the verdict and the observability
-analyser use. A further density is a field of `ProcessNoise`, enters G in `spinfilters.models.rotation_integrator`, and gets its
-setting in `spinfilters.settings.run_settings`.
+optional blocks of the state (`spinfilters.models.state_blocks`).
+
+To add to the model:
+
+- a torque is a term of `body_acceleration`, of rate, inertia and constants. Its constant is a state block, named in
+  `ACCELERATION_TERMS` of `spinfilters.models.rotation_integrator`, from where all users take it;
+- a force is a term of `RotationSubsteps.translated` in that file, which moves the centre of mass in filters, smoother and
+  simulation. Repeat it in `derivative`, else verdict and observability analyser miss it;
+- a white disturbance is a field of `ProcessNoise` and a part of the noise factor G in that file. Its setting is in
+  `spinfilters.settings.run_settings`.
 """
 
 from dataclasses import dataclass
@@ -316,7 +321,7 @@ class TorqueFreeProcess:
         dt : ndarray of float, shape (k,)
             Duration of each step, s.
         there : Float[np.ndarray, 'k m']
-            Expected ends of the steps, with the mass distribution of ``here``.
+            Expected ends of the steps; the caller gives them the mass distribution and other constants of ``here``.
         about : Float[np.ndarray, 'k m'] | None
             States at which the derivatives are taken: those of ``here`` with other constants (inertia, drag);
             None for ``here``.

@@ -361,10 +361,17 @@ def draw_run(
 
     every = {f"{name}.png": draw for name, draw in _figures(figure_data)}
     figures = {name: draw for name, draw in every.items() if wanted is None or name in wanted}
-    for index, (name, draw) in enumerate(figures.items()):
-        progress(index, len(figures))
-        draw_figure(draw, folder / name)
-        gc.collect()  # a figure is a knot of references that would wait for the next ones
+    is_frozen = gc.get_freeze_count() > 0
+    if not is_frozen:
+        gc.freeze()  # what was there before need not be searched behind each figure
+    try:
+        for index, (name, draw) in enumerate(figures.items()):
+            progress(index, len(figures))
+            draw_figure(draw, folder / name)
+            gc.collect()  # a figure is a knot of references that would wait for the next ones
+    finally:
+        if not is_frozen:
+            gc.unfreeze()
     progress(len(figures), len(figures))
     return list(figures)
 

@@ -14,11 +14,15 @@ from spinfilters.evaluation.reference_comparison import AttitudeCourse, Course, 
 from spinfilters.plots.style import AXIS_COLOURS, BLACK, BLUE, GREY, ORANGE, RED, extremes, legend_below, tidy
 
 DEGREES: Final = 180.0 / np.pi
+_ENERGY_UNITS: Final = {
+    "rotation": (1.0, r"over $J_{max}$  [rad$^2$/s$^2$]"),
+    "translation": (1e6, "over mass  [uJ/kg]"),
+}
 _GAP = 3.0  # median intervals between rows from which on a curve is cut
 
 
 def reference_values_figure(found: ReferenceComparison) -> Figure:
-    """Estimate and reference over time: position, velocity, attitude and rate about the reference's axes."""
+    """Estimate and reference over time: position, velocity, rate about the reference's axes, energies, attitude."""
     rows = [
         (label, course, scale, names)
         for label, course, scale, names in (
@@ -29,7 +33,7 @@ def reference_values_figure(found: ReferenceComparison) -> Figure:
         if course is not None
     ]
     with_attitude = found.attitude_after is not None
-    count = len(rows) + with_attitude
+    count = len(rows) + 1 + with_attitude
     figure = Figure(figsize=(11.0, 1.3 + 2.1 * count), layout="constrained")
     grid = figure.add_gridspec(count, 12)
     for k, (label, course, scale, names) in enumerate(rows):
@@ -37,10 +41,19 @@ def reference_values_figure(found: ReferenceComparison) -> Figure:
             axes = figure.add_subplot(grid[k, 4 * axis : 4 * axis + 4])
             draw_course(axes, course.time, scale * course.reference[:, axis], RED, dots=True)
             draw_course(axes, course.time, scale * course.estimate[:, axis], BLUE)
-            axes.set_title(names[axis], loc="left", fontsize="medium")
+            axes.set_title(f"{label.split(' [')[0]}, {names[axis]}", loc="left", fontsize="medium")
             if axis == 0:
                 axes.set_ylabel(label)
             tidy(axes)
+    width = 12 // len(found.energies)
+    for k, (name, (own, theirs)) in enumerate(found.energies.items()):
+        axes = figure.add_subplot(grid[len(rows), width * k : width * (k + 1)])
+        scale, label = _ENERGY_UNITS[name]
+        draw_course(axes, theirs.time, scale * theirs.energy, RED, dots=True)
+        draw_course(axes, own.time, scale * own.energy, BLUE)
+        axes.set_title(f"kinetic energy of the {name}", loc="left", fontsize="medium")
+        axes.set_ylabel(label)
+        tidy(axes)
     if found.attitude_after is not None:
         _quaternions(figure.add_subplot(grid[count - 1, :]), found.attitude_after)
     figure.axes[-1].set_xlabel("time [s]")
@@ -71,12 +84,12 @@ def reference_differences_figure(found: ReferenceComparison) -> Figure:
         for axis, name in enumerate(_axes("in i")):
             axes = figure.add_subplot(grid[k, 4 * axis : 4 * axis + 4])
             _difference(axes, course, axis, scale, BLUE)
-            _finish(axes, name, label if axis == 0 else "")
+            _finish(axes, f"{label.split(' [')[0]}, {name}", label if axis == 0 else "")
     for axis, name in enumerate(_axes("of the reference's body")):
         axes = figure.add_subplot(grid[len(places), 4 * axis : 4 * axis + 4])
         _difference(axes, found.rate_before, axis, DEGREES, ORANGE)
         _difference(axes, found.rate_after, axis, DEGREES, BLUE)
-        _finish(axes, name, "rate [deg/s]" if axis == 0 else "")
+        _finish(axes, f"rate, {name}", "rate [deg/s]" if axis == 0 else "")
     if found.attitude_before is not None and found.attitude_after is not None:
         axes = figure.add_subplot(grid[count - 1, :])
         draw_course(axes, found.attitude_before.time, DEGREES * found.attitude_before.angle, ORANGE)
@@ -104,7 +117,7 @@ def place_courses_figure(found: ReferenceComparison, difference: bool) -> Figure
     for (label, course), panels in zip(rows.items(), grid, strict=False):
         for axis, axes in enumerate(panels):
             _course_panel(axes, course, axis, 1e3, difference)
-            axes.set_title(f"{label.split()[0]} {_axes('in i')[axis]}", loc="left", fontsize="medium")
+            axes.set_title(f"{label.split()[0]} along {'xyz'[axis]} of i", loc="left", fontsize="medium")
         panels[0].set_ylabel(label)
     _finish_courses(figure, found, difference)
     return figure
@@ -130,7 +143,7 @@ def turn_courses_figure(found: ReferenceComparison, corrected: bool, difference:
     for axis in range(3):
         axes = figure.add_subplot(grid[0, axis])
         _course_panel(axes, rate, axis, DEGREES, difference)
-        axes.set_title(f"rate {_axes('of the body')[axis]}", loc="left", fontsize="medium")
+        axes.set_title(f"rate about {'xyz'[axis]} of the body", loc="left", fontsize="medium")
         if axis == 0:
             axes.set_ylabel("rate [deg/s]")
     if angles and attitude is not None:

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -50,6 +51,7 @@ _DASHES: Final[tuple[tuple[float, tuple[float, ...]], ...]] = (
 MOST_DRAWN: Final[int] = 8000
 """Points of a curve: four times as many as a picture has columns."""
 _DPI = 150
+_COMPRESSION = 3  # of PNG files; half the time of the usual 6
 _LETTER_INCHES, _HANDLE_INCHES = 0.078, 0.75  # of a legend's entries at the default font size
 
 
@@ -467,8 +469,21 @@ def picture_bytes(figure: Figure, form: str, **options: Any) -> bytes:
     """
     target = BytesIO()
     with ONE_DRAWS:
-        figure.savefig(target, format=form, **options)
+        if form == "png" and options.keys() <= {"dpi"}:
+            _draw_png(figure, target, **options)
+        else:
+            figure.savefig(target, format=form, **options)
     return target.getvalue()
+
+
+def _draw_png(figure: Figure, target: BytesIO, dpi: float | None = None) -> None:
+    """Lay out and draw once: `Figure.savefig` draws a figure with a layout twice, first without pixels."""
+    own = figure.dpi
+    try:
+        figure.dpi = own if dpi is None else dpi
+        FigureCanvasAgg(figure).print_png(target, pil_kwargs={"compress_level": _COMPRESSION})
+    finally:
+        figure.dpi = own
 
 
 def _legend_width(widths: Sequence[float], rows: int) -> float:

@@ -3,7 +3,7 @@
 What draws is imported where it draws: matplotlib would be a third of the time before the first epoch.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,6 +16,7 @@ from spinfilters.io.output_files import made_folder
 from spinfilters.plots.figures import FigureData, draw_run, picture_files
 from spinfilters.run.checkpoints import StoreOf, checkpoint_stores, no_checkpoints, remove_checkpoints
 from spinfilters.run.estimation import Comparison, Progress, compare_estimators
+from spinfilters.run.picture_process import PictureProcess, draw_together, picture_processes
 from spinfilters.run.preparation import prepare
 from spinfilters.run.run_folder import (
     REPORT_FILE,
@@ -165,6 +166,17 @@ def _compare_and_write(
     dataset: Dataset, settings: Settings, output: RunOutput, report: Progress
 ) -> WrittenRun:
     """Run, write and draw in a locked folder, from its checkpoints when resuming."""
+    with picture_processes(output.with_figures) as processes:  # they load what draws meanwhile
+        return _estimate_and_write(dataset, settings, output, report, processes)
+
+
+def _estimate_and_write(
+    dataset: Dataset,
+    settings: Settings,
+    output: RunOutput,
+    report: Progress,
+    processes: Sequence[PictureProcess],
+) -> WrittenRun:
     folder, optional_outputs = output.folder, output.optional_outputs
     setup = _initialised(dataset, settings, report)
     if optional_outputs is not None:
@@ -174,7 +186,9 @@ def _compare_and_write(
     if comparison.interrupted:  # by Ctrl-C: no figures of a part
         return written
     figure_data = figure_data_of(comparison) if output.with_figures else None
-    if figure_data is not None:
+    if figure_data is not None and processes:
+        draw_together(figure_data, folder, _figure_progress(report), processes)
+    elif figure_data is not None:
         _draw(folder, figure_data, report)
     try:
         if optional_outputs is not None:
@@ -210,7 +224,11 @@ def _draw(
     folder: Path, figure_data: FigureData, report: Progress, names: Sequence[str] | None = None
 ) -> list[str]:
     """Draw these figures, or all; their names."""
-    return draw_run(figure_data, folder, lambda done, total: report("figures", done, total), names)
+    return draw_run(figure_data, folder, _figure_progress(report), names)
+
+
+def _figure_progress(report: Progress) -> Callable[[int, int], None]:
+    return lambda done, total: report("figures", done, total)
 
 
 def _write_report(folder: Path, figure_data: FigureData) -> None:

@@ -1,6 +1,6 @@
 """Every estimator on one prepared data set: run, evaluate, judge.
 
-A measurement passes the subpackages in this order. `io` reads files into arrays; `vision` and `lidar` turn images and
+The subpackages, in the order of their use. `io` reads files into arrays; `vision` and `lidar` turn images and
 scans into such arrays. `models` says how state and sensors behave, and `simulation` draws from the same models. `inference` finds
 the first state, inertia and noise levels. `filters` estimate epoch by epoch, and `smoother` solves all epochs by least squares.
 `evaluation` computes errors, bounds and all metrics; `verdict` tests the residuals and says what holds; `plots` draws figures and
@@ -21,24 +21,28 @@ from jaxtyping import Float
 from spinfilters.core.errors import NUMERICAL_ERRORS, InputError, numerical
 from spinfilters.core.plugins import require_made
 from spinfilters.evaluation.estimator_evaluation import Evaluation
+from spinfilters.evaluation.posterior_distance import with_posterior_distances
 from spinfilters.evaluation.recording_bound import Bounding, with_bounds
 from spinfilters.filters.estimator import Estimator
 from spinfilters.filters.history import EstimateHistory, GrowingHistory
 from spinfilters.filters.timeline import NO_EPOCH_LEFT, Timeline, rehearse, run_interruptible
 from spinfilters.inference.estimator_entry import AnyEntry
 from spinfilters.inference.setup import Setup
+from spinfilters.inference.smoother_run import NAME as SMOOTHER
+from spinfilters.inference.smoother_run import smooth_and_sample, with_samples
 from spinfilters.io.input_file import reason
 from spinfilters.models.status import EstimatorStatus
 from spinfilters.run.checkpoints import StoreOf, no_checkpoints
 from spinfilters.run.conditions import Conditions, conditions_of
 from spinfilters.run.estimators import estimator_entries
 from spinfilters.settings.run_settings import Settings
+from spinfilters.smoother.mass_posterior import leaves_one_direction_open
 from spinfilters.verdict.calibration_errors import CalibrationErrors
 from spinfilters.verdict.doubts import doubts_of, evaluated, with_verdicts
 from spinfilters.verdict.tested_models import NOT_TESTED, TestedModels
 
 CALIBRATION_ERROR_FILTER: Final = "mekf"
-"""Filter whose calibration errors serve for a long smoother with landmarks too (`CalibrationErrors`)."""
+"""Where a smoother with landmarks is too long to find its calibration errors, this filter's are taken (`CalibrationErrors`)."""
 Progress = Callable[[str, int, int], None]
 """Called with the estimator's name, epochs done and epochs in all."""
 Rehearsing = Callable[[Estimator, float, Timeline], None]
@@ -140,8 +144,9 @@ def compare_estimators(
     Raises
     ------
     InputError
-        An estimator that holds no landmarks, for tracks without a known map; no epoch is left after the start; a checkpoint is
-        damaged, of another run, or cannot be written.
+        Tracks without a known map, and an estimator that holds no landmarks.
+        No epoch is left after those of the initialisation.
+        A checkpoint is damaged, belongs to another run, or cannot be written.
     """
     evaluations: list[Evaluation] = []
     maps: dict[str, np.ndarray] = {}
@@ -168,10 +173,44 @@ def compare_estimators(
             raise
         interrupted = True
     baselines = frozenset(name for name, entry in entries.items() if entry.is_baseline)
+    if not interrupted:
+        evaluations = _with_sampled_moments(evaluations, setup, settings, entries)
     doubts = doubts_of(evaluations, setup, settings, baselines)
-    with_verdict = with_verdicts(doubts, settings, entries)
+    with_verdict = with_posterior_distances(with_verdicts(doubts, settings, entries))
     bounded = with_verdict if interrupted else extent.bounding(with_verdict, setup)
     return Comparison(setup, tuple(bounded), interrupted, maps, doubts.models)
+
+
+def _with_sampled_moments(
+    evaluations: list[Evaluation], setup: Setup, settings: Settings, entries: Mapping[str, AnyEntry]
+) -> list[Evaluation]:
+    """Filters with samples of the moments' posterior where their last belief hardly determines one direction of the inertia.
+
+    The posterior after the last epoch is the same for every estimator: the smoother's samples serve where it is in the run. A
+    filter's own Gaussian lies at the mode of the first epochs, away from the mean. Others' estimators stay as they are.
+    """
+
+    def is_open(each: Evaluation) -> bool:
+        own, entry = each.history, entries[each.name]
+        is_filter = (entry.continues or entry.forgets) and not entry.is_baseline
+        return (
+            is_filter and not own.has_failed and leaves_one_direction_open(own.layout, own.belief(-1).factor)
+        )
+
+    if setup.is_given or setup.initial.has_landmarks or not any(map(is_open, evaluations)):
+        return evaluations
+    smoothed = next((each.history for each in evaluations if each.name == SMOOTHER), None)
+    if smoothed is None:
+        try:
+            smoothed = smooth_and_sample(setup, settings, lambda *_: None)
+        except (InputError, *NUMERICAL_ERRORS):
+            return evaluations
+    mass = smoothed.mass
+    if mass is None or smoothed.has_failed:
+        return evaluations
+    return [
+        evaluated(with_samples(each.history, mass), setup) if is_open(each) else each for each in evaluations
+    ]
 
 
 def _fitting_entries(settings: Settings, setup: Setup) -> dict[str, AnyEntry]:
@@ -229,7 +268,7 @@ def _run_epochs(
     history : EstimateHistory
         Of these epochs.
     record : GrowingHistory
-        The same, with room for those of the initialisation in front.
+        Its rows as they grow, with room in front for the epochs of the initialisation.
     """
     rest, name = setup.timeline[len(setup.initial.mean) :], entry.name
     if not len(rest):

@@ -25,7 +25,9 @@ from spinfilters.inference.initial_estimate import InitialEstimate
 from spinfilters.inference.setup import Setup
 from spinfilters.inference.smoother_run import (
     NAME,
+    POSTERIOR,
     begin_after_initialisation,
+    sample_at_once,
     sliding_smoother,
     smooth_and_sample,
     smoothed_history,
@@ -228,6 +230,49 @@ class SmootherEntry(EstimatorEntry[RecursiveSmoother]):
         return float(chi_square_tail(settings.smoother.width**2, dimension))
 
 
+@dataclass(frozen=True)
+class PosteriorSampler:
+    """Reference posterior of sensors without landmarks, by `sample_at_once`."""
+
+    setup: Setup
+    settings: Settings
+
+    def smooth(self, timeline: Timeline, initial: InitialEstimate, on_epoch: OnEpoch) -> EstimateHistory:
+        """Sample about the smoother's solution."""
+        own = replace(self.setup, timeline=timeline, initial=initial)
+        return sample_at_once(own, self.settings, on_epoch)
+
+
+MOST_SAMPLED_EPOCHS = 400
+"""Of a recording whose posterior is sampled: every sample holds all of them."""
+
+
+class PosteriorEntry(EstimatorEntry[RecursiveSmoother]):
+    """Table entry of the reference posterior (`spinfilters.smoother.posterior`)."""
+
+    name, order = POSTERIOR, 30
+    continues = False
+
+    def batch(self, setup: Setup, settings: Settings) -> PosteriorSampler:
+        """The sampler.
+
+        Raises
+        ------
+        InputError
+            A recording that is too long.
+        """
+        if len(setup.timeline) > MOST_SAMPLED_EPOCHS:
+            raise InputError(
+                f"{self.name} takes at most {MOST_SAMPLED_EPOCHS} epochs, this recording has {len(setup.timeline)}; cut it "
+                "(--segment), or leave the estimator out"
+            )
+        return PosteriorSampler(setup, settings)
+
+    def build(self, setup: Setup, settings: Settings) -> RecursiveSmoother:
+        """Never called: `batch` takes every recording that this estimator accepts."""
+        return sliding_smoother(setup, settings)
+
+
 class LatestSmootherEntry(SmootherEntry):
     """Table entry of the smoother without revision by later measurements, to be compared with filters."""
 
@@ -261,6 +306,8 @@ class FixedLagEntry(SmootherEntry):
     order : int
         Place in the table.
     """
+
+    forgets = True
 
     def __init__(self, lag: int, order: int) -> None:
         self.name, self.order, self.lag = f"smoother-lag-{lag}", order, lag
@@ -377,6 +424,7 @@ OWN: Final[tuple[AnyEntry, ...]] = (
     RauchTungStriebelEntry(),
     InvariantEntry(),
     JointEntry(),
+    PosteriorEntry(),
     *(FixedLagEntry(lag, 12 + place) for place, lag in enumerate(LAGS)),
 )
 """Estimators of this package; the settings take their names from here (`spinfilters.settings.run_settings.estimator_names`)."""

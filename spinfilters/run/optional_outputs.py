@@ -10,12 +10,14 @@ import numpy as np
 
 from spinfilters.core.errors import InputError
 from spinfilters.evaluation.estimator_evaluation import Evaluation
+from spinfilters.filters.history import EstimateHistory
 from spinfilters.inference.setup import Setup
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.input_file import read_settings_text
 from spinfilters.io.output_files import write_text
 from spinfilters.io.reference_motion import ReferenceMotion
 from spinfilters.io.truth import Truth
+from spinfilters.models.process import TorqueFreeProcess
 from spinfilters.run import smoother_convergence
 from spinfilters.run.array_files import finite_document
 from spinfilters.run.estimation import Comparison, compare_estimators
@@ -28,7 +30,12 @@ from spinfilters.run.predictions import (
     write_predictions,
 )
 from spinfilters.run.preparation import prepare
-from spinfilters.run.reference_output import reference_lines, write_reference
+from spinfilters.run.reference_output import (
+    ReferenceComparisons,
+    compare_histories,
+    reference_lines,
+    write_reference,
+)
 from spinfilters.run.run_folder import (
     CONVERGENCE_PICTURE,
     EXPLANATIONS_FILE,
@@ -235,20 +242,38 @@ class OptionalOutputs:
         with_figures: bool = True,
     ) -> None:
         """Write into the folder of a written run; `lacking` tells what could not be made. Raises InputError."""
+        evaluations = comparison.evaluations
+        compared = self._compared([each.history for each in evaluations])
         if self.predict_s is not None:
-            setup, evaluations = comparison.setup, comparison.evaluations
-            write_predictions(
-                folder, setup.process, evaluations, self.predict_s, self.reference, with_figures
+            self._write_predictions(
+                folder, comparison.setup.process, evaluations, self.predict_s, compared, with_figures
             )
-            if self.race:
-                write_race(folder, self.race, evaluations, self.predict_s, with_figures)
         if self.convergence:
             smoother_convergence.write_convergence(folder, comparison.setup, settings, on_epoch, with_figures)
         if self.explain:
             write_explanations(folder, comparison, settings)
-        if self.reference is not None:
-            histories = [each.history for each in comparison.evaluations]
-            write_reference(folder, histories, self.reference, with_figures)
+        if compared is not None:
+            write_reference(folder, compared, with_figures)
+
+    def _compared(self, histories: Sequence[EstimateHistory]) -> ReferenceComparisons | None:
+        """Every estimator against the reference, once for its own files and for predictions; None without one."""
+        return None if self.reference is None else compare_histories(histories, self.reference)
+
+    def _write_predictions(
+        self,
+        folder: Path,
+        process: TorqueFreeProcess,
+        evaluations: Sequence[Evaluation],
+        seconds: float,
+        compared: ReferenceComparisons | None,
+        with_figures: bool,
+    ) -> list[str]:
+        """Predictions and races; returns the names of the pictures."""
+        references = {} if compared is None else compared.found
+        drawn = write_predictions(folder, process, evaluations, seconds, references, with_figures)
+        if self.race:
+            drawn += write_race(folder, self.race, evaluations, seconds, with_figures)
+        return drawn
 
     def complete(
         self,
@@ -281,17 +306,17 @@ class OptionalOutputs:
             own = compare_estimators(prepare(dataset, settings), settings, lambda *_: None)
             write_explanations(folder, own, settings)
             made.append(EXPLANATIONS_FILE)
+        compared = None
+        if self.reference is not None:
+            compared = self._compared(read_histories(folder, settings.estimators))
         if self.predict_s is not None:
             process = read_process(folder, settings.process.tolerance)
             evaluations = read_figure_data(folder).evaluations
-            made += write_predictions(
-                folder, process, evaluations, self.predict_s, self.reference, with_figures
+            made += self._write_predictions(
+                folder, process, evaluations, self.predict_s, compared, with_figures
             )
-            if self.race:
-                made += write_race(folder, self.race, evaluations, self.predict_s, with_figures)
-        if self.reference is not None:
-            histories = read_histories(folder, settings.estimators)
-            made += write_reference(folder, histories, self.reference, with_figures)
+        if compared is not None:
+            made += write_reference(folder, compared, with_figures)
         return made
 
     def sentences(self, folder: Path) -> Sequence[str]:

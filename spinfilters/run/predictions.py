@@ -3,13 +3,13 @@
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
 from jaxtyping import Float
 
 from spinfilters.core.errors import NUMERICAL_ERRORS, InputError, numerical
-from spinfilters.evaluation.continuous_motion import ContinuousMotion
 from spinfilters.evaluation.estimated_motion import estimated_rates, trajectory_of, write_trajectory_csv
 from spinfilters.evaluation.estimator_evaluation import Evaluation, not_failed
 from spinfilters.evaluation.prediction_errors import (
@@ -18,12 +18,11 @@ from spinfilters.evaluation.prediction_errors import (
     errors_against_reference,
     errors_ahead,
 )
-from spinfilters.evaluation.reference_fit import fit_reference
+from spinfilters.evaluation.reference_comparison import ReferenceComparison
 from spinfilters.filters.history import EstimateHistory, GrowingHistory
 from spinfilters.filters.measurement_prediction import predict_ahead
 from spinfilters.io.input_file import path_text, read_settings_text, reason
 from spinfilters.io.output_files import write_json
-from spinfilters.io.reference_motion import ReferenceMotion
 from spinfilters.io.text_table import write_csv
 from spinfilters.models.body import body_estimate
 from spinfilters.models.process import TorqueFreeProcess
@@ -102,7 +101,7 @@ def write_predictions(
     process: TorqueFreeProcess,
     evaluations: Sequence[Evaluation],
     seconds: float,
-    reference: ReferenceMotion | None = None,
+    references: Mapping[str, ReferenceComparison] = MappingProxyType({}),
     with_figures: bool = True,
 ) -> list[str]:
     """Write prediction.csv of each estimator and prediction.png of all, and their errors where the truth goes on.
@@ -113,6 +112,21 @@ def write_predictions(
     behind the last epoch, these are among what is predicted, and prediction.json, <estimator>/prediction_errors.csv and
     prediction-errors.png hold the errors with their stated deviations and NEES.
     Returns the names of the pictures; none where nothing could be predicted.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the run.
+    process : TorqueFreeProcess
+        Of the run.
+    evaluations : sequence of Evaluation
+        Of its estimators.
+    seconds : float
+        To predict, s.
+    references : mapping
+        Comparisons of estimators with a reference, by name; one judges where there is no truth.
+    with_figures : bool
+        Whether the pictures are drawn.
 
     Raises
     ------
@@ -132,11 +146,9 @@ def write_predictions(
         else:
             (folder / each.name / TABLE).unlink(missing_ok=True)
     compared = _compared_with_truth(good, predicted)
-    if reference is not None:
-        without = [k for k, each in enumerate(good) if each.truth is None]
-        compared |= _compared_with_reference(
-            [good[k].history for k in without], [predicted[k] for k in without], reference
-        )
+    compared |= _compared_with_references(
+        [ahead for each, ahead in zip(good, predicted, strict=True) if each.truth is None], references
+    )
     _write_errors(folder, seconds, good, compared)
     if with_figures:
         return _draw(folder, good, predicted, compared)
@@ -207,20 +219,22 @@ def _compared_with_truth(
     return found
 
 
-def _compared_with_reference(
-    histories: Sequence[EstimateHistory], predicted: Sequence[EstimateHistory], reference: ReferenceMotion
+def _compared_with_references(
+    predicted: Sequence[EstimateHistory], references: Mapping[str, ReferenceComparison]
 ) -> dict[str, PredictionErrors]:
     """Errors of every prediction that a reference can judge, as it was fitted over the measurements; what cannot ends no run."""
     found = {}
-    for history, ahead in zip(histories, predicted, strict=True):
+    for ahead in predicted:
+        judge = references.get(ahead.name)
+        if judge is None:
+            continue
         try:
             with np.errstate(all="ignore"):
-                fit, used = fit_reference(ContinuousMotion(history), reference)
-                errors = errors_against_reference(ahead, used, fit)
+                errors = errors_against_reference(ahead, judge.reference, judge.fit)
         except (*NUMERICAL_ERRORS, InputError):
             continue
         if errors is not None:
-            found[history.name] = errors
+            found[ahead.name] = errors
     return found
 
 

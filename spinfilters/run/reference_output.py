@@ -4,6 +4,7 @@ Nothing about a reference ends a run: what cannot be compared is a sentence in i
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -40,9 +41,43 @@ def chosen_reference(path: str, inspector: str | None, shares: Sequence[str]) ->
     return relative_reference(reference, read_reference(Path(inspector)))
 
 
-def write_reference(
-    folder: Path, histories: Sequence[EstimateHistory], reference: ReferenceMotion, with_figures: bool = True
-) -> list[str]:
+@dataclass(frozen=True)
+class ReferenceComparisons:
+    """All estimators of a run against one reference.
+
+    Attributes
+    ----------
+    reference : str
+        Its name.
+    found : mapping of str to ReferenceComparison
+        By the names of the estimators.
+    refused : mapping of str to str
+        Why the others cannot be compared.
+    """
+
+    reference: str
+    found: Mapping[str, ReferenceComparison]
+    refused: Mapping[str, str]
+
+
+def compare_histories(
+    histories: Sequence[EstimateHistory], reference: ReferenceMotion
+) -> ReferenceComparisons:
+    """Every estimator against a reference; what cannot be compared is a sentence."""
+    found: dict[str, ReferenceComparison] = {}
+    refused: dict[str, str] = {}
+    for history in histories:
+        try:
+            with np.errstate(all="ignore"):
+                found[history.name] = compare_with_reference(history, reference)
+        except InputError as error:
+            refused[history.name] = str(error)
+        except NUMERICAL_ERRORS as error:
+            refused[history.name] = reason(numerical(error))
+    return ReferenceComparisons(reference.name, found, refused)
+
+
+def write_reference(folder: Path, compared: ReferenceComparisons, with_figures: bool = True) -> list[str]:
     """Write `REFERENCE_FILE`, a table of each estimator, and two pictures if wanted; returns the names of the pictures.
 
     Raises
@@ -50,22 +85,14 @@ def write_reference(
     InputError
         A file cannot be written.
     """
-    document: dict[str, Any] = {"schema": SCHEMA, "reference": reference.name, "estimators": {}}
+    documents = {name: {"refused": why} for name, why in compared.refused.items()}
+    documents |= {name: finite_document(found.document) for name, found in compared.found.items()}
     drawn: list[str] = []
-    for history in histories:
-        try:
-            with np.errstate(all="ignore"):
-                found = compare_with_reference(history, reference)
-        except InputError as error:
-            document["estimators"][history.name] = {"refused": str(error)}
-            continue
-        except NUMERICAL_ERRORS as error:
-            document["estimators"][history.name] = {"refused": reason(numerical(error))}
-            continue
-        document["estimators"][history.name] = finite_document(found.document)
-        _write_table(folder / history.name / REFERENCE_TABLE, found)
+    for name, found in compared.found.items():
+        _write_table(folder / name / REFERENCE_TABLE, found)
         if with_figures:
-            drawn += _draw(folder, history.name, found)
+            drawn += _draw(folder, name, found)
+    document = {"schema": SCHEMA, "reference": compared.reference, "estimators": documents}
     write_json(folder / REFERENCE_FILE, document)
     return drawn
 

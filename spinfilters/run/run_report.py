@@ -138,7 +138,7 @@ def _model_section(figure_data: FigureData, folder: Path) -> str:
         model, what = _map_model(figure_data, evaluation), "The map of landmarks"
     if model is None:
         model, what = (
-            shown_box(_box_edge(motion) * box_of_equal_inertia(body)),
+            shown_box(box_edge(motion.position, motion.sees_position) * box_of_equal_inertia(body)),
             "The uniform box of equal inertia, of no known size,",
         )
     words = (
@@ -152,11 +152,11 @@ BOX_SHARE: Final = 0.25
 """Longest edge of a box over the extent of the path."""
 
 
-def _box_edge(motion: ShownMotion) -> float:
+def box_edge(position: Float[np.ndarray, "n 3"], sees_position: bool) -> float:
     """Length of the longest edge of a box whose size nobody knows: 1, or a share of the path."""
-    finite = motion.position[np.isfinite(motion.position).all(axis=1)]
+    finite = position[np.isfinite(position).all(axis=1)]
     extent = float(np.linalg.norm(np.ptp(finite, axis=0))) if len(finite) else 0.0
-    return BOX_SHARE * extent if motion.sees_position and extent > 0 else 1.0
+    return BOX_SHARE * extent if sees_position and extent > 0 else 1.0
 
 
 def box_of_equal_inertia(body: BodyEstimate) -> Float[np.ndarray, "3"]:

@@ -67,8 +67,6 @@ def _give_back(raw: np.ndarray) -> None:
 
 POSE = 6
 """Errors of a pose."""
-WIDE = 8
-"""Row of a pose's block in memory: one vector of the machine."""
 FLATTEST = 1e-12
 """Determinant of a landmark's scaled information below which its depth is not determined."""
 
@@ -168,19 +166,16 @@ def eliminate(
     is_constrained, gradient = np.empty(L, dtype=bool), np.empty((L, 3))
     information_sqrt = np.empty((L, 3, 3))
     coupling, slope = pooled_array(N, 3, POSE), np.zeros(kept)
-    blocks, information = pooled_array(epochs * (epochs + 1) // 2 * POSE * WIDE), pooled_zeros(kept + 1, kept)
+    information = pooled_zeros(kept + 1, kept)
     weight, rows = np.ascontiguousarray(weight), np.ascontiguousarray(linear.rows)
     failed = library.eliminate_landmarks(
-        L,
-        epochs,
+        *(L, epochs, kept),
         *map(address, (observations.start, observations.epoch, rows, weight)),
         FLATTEST,
-        *map(address, (is_constrained, information_sqrt, gradient, coupling, blocks, slope)),
+        *map(address, (is_constrained, information_sqrt, gradient, coupling, information, slope)),
     )
     if failed:
         raise MemoryError("no memory to eliminate the landmarks")
-    # Blocks of pairs of epochs, stored one behind the other, into the lower triangle of the matrix.
-    library.spread_blocks(epochs, kept, address(blocks), address(information))
     used = (weight > 0) & is_constrained[observations.landmark]
     return Eliminated(
         observations, weight, is_constrained, used, information_sqrt, gradient, coupling, information, slope
@@ -313,9 +308,12 @@ class VelocityElimination:
 
         From the lower triangle over poses and constants, and from the right-hand side in the last row.
         """
-        K, v, width = self.coupling.shape
-        p, rest = self.pose, K * self.pose
-        X = self.coupling.reshape(K * v, width)
+        (K, v, width), p, library = self.coupling.shape, self.pose, kernels()
+        if library is not None:
+            sizes = (K, v, p, K if p else 0, width - 1, self.reach)
+            library.reduce_velocities(*sizes, *map(address, (self.begin, self.coupling, M)))
+            return
+        rest, X = K * p, self.coupling.reshape(K * v, width)
         # Constants and right-hand side: every epoch's X takes part in full.
         tail = X[:, rest:]
         M[rest:, rest:] -= tail.T @ tail[:, :-1]

@@ -5,11 +5,10 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { R = 3, POSE = 6, WIDE = 8, ROW = POSE + 3 + 1 };
+enum { R = 3, POSE = 6, ROW = POSE + 3 + 1 };
 typedef long long integer;
-typedef double wide __attribute__((vector_size(8 * WIDE), aligned(8 * WIDE)));
 typedef double lanes __attribute__((vector_size(8 * LANES), aligned(8 * LANES)));
-typedef double unaligned_wide __attribute__((vector_size(8 * WIDE), aligned(8)));
+typedef double loose __attribute__((vector_size(8 * LANES), aligned(8)));
 typedef double four __attribute__((vector_size(32), aligned(8)));
 typedef double two __attribute__((vector_size(16), aligned(8)));
 

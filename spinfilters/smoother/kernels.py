@@ -12,12 +12,12 @@ from spinfilters.core.c_library import KERNEL_FLAGS, LANES, Signature, load_text
 
 SOURCES = ("kernels.h", "landmarks.c", "velocities.c")
 _SIGNATURES = {
-    "eliminate_landmarks": Signature("ii" + "pppp" + "d" + "pppppp", ctypes.c_int),
-    "spread_blocks": Signature("ii" + "pp", None),
+    "eliminate_landmarks": Signature("iii" + "pppp" + "d" + "pppppp", ctypes.c_int),
     "follow_poses": Signature("i" + "pppppppp", None),
     "step_rows": Signature("iiiii" + "pp" + "d" + "ppppp", ctypes.c_int),
     "add_information_blocks": Signature("iiiiii" + "ppppp", ctypes.c_int),
     "eliminate_velocities": Signature("iiiiii" + "d" + "pppp", ctypes.c_longlong),
+    "reduce_velocities": Signature("iiiiii" + "ppp", None),
     "solve_velocities": Signature("ii" + "ppp", None),
     "chained_covariances": Signature("iii" + "ppppp", ctypes.c_int),
 }

@@ -31,92 +31,156 @@ static int landmark_root(integer first, integer last, const double* rows, const 
   return 1;
 }
 
-/* What one observation gives its pose, and its coupling L^-1 J_p' J_x, added to Y (3 rows of WIDE); out holds 1 / diagonal of L.
- * A row is read as one vector: its last two lanes, of the landmark, are computed and never used. */
-static void one_observation(const double* rows, double weight, const double* L, const double out[3], wide* H, wide* g, wide Y[3]) {
-  wide W[3] = {{0}, {0}, {0}}, h[POSE], slope = *g;
-  for (int a = 0; a < POSE; ++a) h[a] = H[a];
-  /* Row r: H += J_x' J_x (pose), W += J_p' J_x, gradient += J_x' rho. */
+/* What one observation gives: J_x' J_x to the block H of its pose, J_x' rho to the gradient g, and its coupling
+ * L^-1 J_p' J_x to Y [3][6], added to what is there with `again`; out holds 1 / diagonal of L. Six columns are one vector of four and one of two. */
+static inline void one_observation(const double* rows, double weight, const double* L, const double out[3], double* H, double* g,
+                                   int again, double* Y) {
+  four x4[R], s4 = *(const four*)g, w4[3] = {{0}, {0}, {0}};
+  two x2[R], s2 = *(const two*)(g + 4), w2[3] = {{0}, {0}, {0}};
   for (int r = 0; r < R; ++r) {
     const double* J = rows + r * ROW;
-    wide x = *(const unaligned_wide*)J, scaled = weight * x;
-    for (int a = 0; a < POSE; ++a) h[a] += J[a] * scaled;
-    for (int a = 0; a < 3; ++a) W[a] += J[POSE + a] * scaled;
-    slope += J[ROW - 1] * scaled;
+    x4[r] = weight * *(const four*)J;
+    x2[r] = weight * *(const two*)(J + 4);
   }
-  for (int a = 0; a < POSE; ++a) H[a] = h[a];
-  *g = slope;
+  /* Row a of the pose's block: H += J_x' J_x. */
+  for (int a = 0; a < POSE; ++a) {
+    four h4 = *(const four*)(H + a * POSE);
+    two h2 = *(const two*)(H + a * POSE + 4);
+    for (int r = 0; r < R; ++r) {
+      h4 += rows[r * ROW + a] * x4[r];
+      h2 += rows[r * ROW + a] * x2[r];
+    }
+    *(four*)(H + a * POSE) = h4;
+    *(two*)(H + a * POSE + 4) = h2;
+  }
+  /* W = J_p' J_x, gradient += J_x' rho. */
+  for (int r = 0; r < R; ++r) {
+    const double* J = rows + r * ROW;
+    for (int a = 0; a < 3; ++a) {
+      w4[a] += J[POSE + a] * x4[r];
+      w2[a] += J[POSE + a] * x2[r];
+    }
+    s4 += J[ROW - 1] * x4[r];
+    s2 += J[ROW - 1] * x2[r];
+  }
+  *(four*)g = s4;
+  *(two*)(g + 4) = s2;
   /* Y += L^-1 W by forward substitution. */
-  wide y0 = W[0] * out[0], y1 = (W[1] - L[3] * y0) * out[1];
-  Y[0] += y0;
-  Y[1] += y1;
-  Y[2] += (W[2] - L[6] * y0 - L[7] * y1) * out[2];
+  w4[0] *= out[0];
+  w2[0] *= out[0];
+  w4[1] = (w4[1] - L[3] * w4[0]) * out[1];
+  w2[1] = (w2[1] - L[3] * w2[0]) * out[1];
+  w4[2] = (w4[2] - L[6] * w4[0] - L[7] * w4[1]) * out[2];
+  w2[2] = (w2[2] - L[6] * w2[0] - L[7] * w2[1]) * out[2];
+  for (int a = 0; a < 3; ++a) {
+    *(four*)(Y + a * POSE) = again ? *(four*)(Y + a * POSE) + w4[a] : w4[a];
+    *(two*)(Y + a * POSE + 4) = again ? *(two*)(Y + a * POSE + 4) + w2[a] : w2[a];
+  }
 }
 
-/* S [6][8] -= left' right, left and right [3][8]. */
-static void subtract_block(wide* S, const wide* left, const wide* right) {
-  wide r0 = right[0], r1 = right[1], r2 = right[2];
-  for (int a = 0; a < POSE; ++a) S[a] -= left[0][a] * r0 + left[1][a] * r1 + left[2][a] * r2;
+/* The first two numbers of four. */
+static inline two half(four x) {
+  two first;
+  memcpy(&first, &x, sizeof first);
+  return first;
+}
+
+/* S [6][6] in rows of n -= left' right, left and right [3][6]. */
+static inline void subtract_block(double* S, integer n, const double* left, const double* right) {
+  const four r0 = *(const four*)right, r1 = *(const four*)(right + POSE), r2 = *(const four*)(right + 2 * POSE);
+  const two q0 = *(const two*)(right + 4), q1 = *(const two*)(right + POSE + 4), q2 = *(const two*)(right + 2 * POSE + 4);
+  /* Row a: a number of the left block times the columns 0 .. 4, and half of the same vector times the columns 4 .. 6. */
+  for (int a = 0; a < POSE; ++a, S += n) {
+    const four l0 = left[a] - (four){0}, l1 = left[POSE + a] - (four){0}, l2 = left[2 * POSE + a] - (four){0};
+    *(four*)S = *(const four*)S - l0 * r0 - l1 * r1 - l2 * r2;
+    *(two*)(S + 4) = *(const two*)(S + 4) - half(l0) * q0 - half(l1) * q1 - half(l2) * q2;
+  }
+}
+
+enum { TOGETHER = 8 }; /* epochs whose rows of M stay in the second cache, while the Y of their landmarks pass by once */
+
+/* What is known of the observations that count, in the order in which their poses are coupled: by groups of TOGETHER epochs, and
+ * in a group by landmark. begin, end [groups]: where a group begins and ends; number, first: an observation, and its landmark's
+ * first one. */
+typedef struct {
+  integer groups, *begin, *end;
+  int *number, *first;
+} Order;
+
+/* Schur complement of the landmarks, M_ij -= Y_i' Y_j for epochs j <= i; column[i]: first column of an observation's epoch. Y of
+ * a landmark's earlier observations are adjacent and taken in one run; those of the next run are fetched meanwhile. */
+static void couple_poses(const Order* order, integer n, const int* column, const double* Y, double* M) {
+  for (integer g = 0; g < order->groups; ++g)
+    for (integer e = order->begin[g]; e < order->end[g]; ++e) {
+      const integer i = order->number[e];
+      double* S = M + column[i] * n;
+      if (e + 1 < order->end[g]) {
+        const double *next = Y + (integer)order->first[e + 1] * 3 * POSE, *end = Y + ((integer)order->number[e + 1] + 1) * 3 * POSE;
+        for (; next < end; next += 8) __builtin_prefetch(next);
+      }
+      for (integer j = order->first[e]; j <= i; ++j) subtract_block(S + column[j], n, Y + i * 3 * POSE, Y + j * 3 * POSE);
+    }
 }
 
 /* Landmarks [L] with observations start[l] .. start[l + 1], sorted by epoch. Out: told [L], root [L][9], y [L][3], Y [N][18]
- * (zero for an observation that is not the first of its landmark in its epoch), S: pairs of epochs i >= j, block i (i + 1) / 2 +
- * j, [6][8]; gradient [epochs][6]. */
-int eliminate_landmarks(integer landmarks, integer epochs, const integer* start, const integer* epoch, const double* rows,
-                        const double* weight, double flattest, unsigned char* told, double* root, double* y, double* Y,
-                        double* blocks, double* gradient) {
-  integer most = 1;
-  for (integer l = 0; l < landmarks; ++l)
-    if (start[l + 1] - start[l] > most) most = start[l + 1] - start[l];
-  void* raw = malloc((most * 3 + epochs) * sizeof(wide) + most * sizeof(integer) + 64);
-  if (raw == 0) return 1;
-  wide* couple = (wide*)(((size_t)raw + 63) & ~(size_t)63);
-  wide* slope = couple + 3 * most;
-  integer* seen = (integer*)(slope + epochs);
-  wide* S = (wide*)blocks;
-  memset(blocks, 0, epochs * (epochs + 1) / 2 * POSE * sizeof(wide));
-  memset(slope, 0, epochs * sizeof(wide));
+ * (zero for an observation that is not the first of its landmark in its epoch), M (zero before): lower triangle over poses, six
+ * rows of n an epoch; gradient [epochs][6]. */
+int eliminate_landmarks(integer landmarks, integer epochs, integer n, const integer* start, const integer* epoch,
+                        const double* rows, const double* weight, double flattest, unsigned char* told, double* root, double* y,
+                        double* Y, double* M, double* gradient) {
+  const integer count = start[landmarks], groups = (epochs + TOGETHER - 1) / TOGETHER;
+  char* room = (char*)calloc(epochs * POSE * POSE * sizeof(double) + (2 * groups + 1) * sizeof(integer) + 3 * count * sizeof(int), 1);
+  if (room == 0) return 1;
+  double* H = (double*)room;
+  integer *begin = (integer*)(H + epochs * POSE * POSE), *end = begin + groups + 1;
+  int *number = (int*)(end + groups), *first = number + count, *column = first + count;
+  /* begin[g + 1]: observations of group g, then of all groups up to it: room for every one; end[g] is where its next one goes. */
+  for (integer i = 0; i < count; ++i) {
+    ++begin[epoch[i] / TOGETHER + 1];
+    column[i] = (int)epoch[i] * POSE;
+  }
+  for (integer g = 0; g < groups; ++g) {
+    begin[g + 1] += begin[g];
+    end[g] = begin[g];
+  }
+  memset(gradient, 0, epochs * POSE * sizeof(double));
   for (integer l = 0; l < landmarks; ++l) {
     double *V = root + 9 * l, *v = y + 3 * l;
-    memset(Y + start[l] * 18, 0, (start[l + 1] - start[l]) * 18 * sizeof(double));
     told[l] = landmark_root(start[l], start[l + 1], rows, weight, flattest, V, v);
-    if (!told[l]) continue;
+    if (!told[l]) {
+      memset(Y + start[l] * 3 * POSE, 0, (start[l + 1] - start[l]) * 3 * POSE * sizeof(double));
+      continue;
+    }
     const double out[3] = {1 / V[0], 1 / V[4], 1 / V[8]};
-    integer count = 0;
-    /* One Y per epoch that saw the landmark: observations of one epoch are adjacent and share it. */
+    integer seen = -1;
+    /* One Y per epoch that saw the landmark: observations of one epoch are adjacent and share that of the first. */
     for (integer i = start[l]; i < start[l + 1]; ++i) {
-      if (!(weight[i] > 0)) continue;
-      int again = count && epoch[seen[count - 1]] == epoch[i];
-      wide* mine = couple + 3 * (count - again);
+      const integer f = epoch[i];
+      const int counts = weight[i] > 0, again = seen >= 0 && epoch[seen] == f;
+      if (!counts || again) memset(Y + i * 3 * POSE, 0, 3 * POSE * sizeof(double));
+      if (!counts) continue;
       if (!again) {
-        mine[0] = mine[1] = mine[2] = (wide){0};
-        seen[count++] = i;
+        integer* place = end + f / TOGETHER;
+        number[*place] = (int)i;
+        first[(*place)++] = (int)start[l];
+        seen = i;
       }
-      integer f = epoch[i];
-      one_observation(rows + i * R * ROW, weight[i], V, out, S + (f * (f + 1) / 2 + f) * POSE, slope + f, mine);
+      one_observation(rows + i * R * ROW, weight[i], V, out, H + f * POSE * POSE, gradient + f * POSE, again, Y + seen * 3 * POSE);
     }
-    /* Schur complement: S_ij -= Y_i' Y_j for j <= i, gradient_i -= Y_i' y. */
-    for (integer i = 0; i < count; ++i) {
-      integer f = epoch[seen[i]];
-      const wide* left = couple + 3 * i;
-      slope[f] -= v[0] * left[0] + v[1] * left[1] + v[2] * left[2];
-      for (int a = 0; a < 3; ++a) memcpy(Y + seen[i] * 18 + a * POSE, left + a, POSE * sizeof(double));
-      wide* line = S + f * (f + 1) / 2 * POSE;
-      for (integer j = 0; j <= i; ++j) subtract_block(line + epoch[seen[j]] * POSE, left, couple + 3 * j);
-    }
+    /* gradient_i -= Y_i' y. */
+    for (integer i = start[l]; i < start[l + 1]; ++i)
+      for (int a = 0; a < POSE; ++a) {
+        const double* x = Y + i * 3 * POSE + a;
+        gradient[column[i] + a] -= v[0] * x[0] + v[1] * x[POSE] + v[2] * x[2 * POSE];
+      }
   }
-  for (integer f = 0; f < epochs; ++f) memcpy(gradient + f * POSE, slope + f, POSE * sizeof(double));
-  free(raw);
+  /* Diagonal blocks of M: J_x' J_x of each pose. */
+  for (integer f = 0; f < epochs; ++f)
+    for (int a = 0; a < POSE; ++a) memcpy(M + (f * POSE + a) * n + f * POSE, H + (f * POSE + a) * POSE, POSE * sizeof(double));
+  const Order order = {groups, begin, end, number, first};
+  couple_poses(&order, n, column, Y, M);
+  free(room);
   return 0;
-}
-
-/* Blocks of pairs of epochs into the lower triangle of a matrix with rows of n. */
-void spread_blocks(integer epochs, integer n, const double* blocks, double* M) {
-  for (integer i = 0; i < epochs; ++i)
-    for (integer j = 0; j <= i; ++j) {
-      const double* block = blocks + (i * (i + 1) / 2 + j) * POSE * WIDE;
-      for (int a = 0; a < POSE; ++a) memcpy(M + (i * POSE + a) * n + j * POSE, block + a * WIDE, POSE * sizeof(double));
-    }
 }
 
 /* Back-substitution of a pose step to the landmarks: L^-T (y - sum Y e); zero where a landmark is not well constrained. */

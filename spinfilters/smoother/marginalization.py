@@ -9,7 +9,14 @@ from spinfilters.core.linear_algebra import dpstrf, dtpqrt, dtrtrs
 from spinfilters.smoother.elimination import POSE, eliminate
 from spinfilters.smoother.landmark_factors import LinearObservations
 from spinfilters.smoother.motion_factors import EpochFactors, prior_rows
-from spinfilters.smoother.priors import MarginalizationPrior, VariableOrdering, column_errors, gauge_columns
+from spinfilters.smoother.priors import (
+    MarginalizationPrior,
+    VariableOrdering,
+    column_errors,
+    column_resets,
+    gauge_columns,
+    with_columns_reset,
+)
 from spinfilters.smoother.problem import LinearProblem, NormalEquations, Problem
 from spinfilters.smoother.window import Window
 
@@ -246,15 +253,17 @@ def _at_first_estimates(
     more : int
         Columns between those of a carried quadratic and the right-hand side, of errors whose first estimate is that of now.
     """
-    result, p, last = rows.copy(), len(ordering.pose), rows.shape[1] - 1 - more
-    # Columns of the first pose take up the change of the gauge: (J + D) N_then = J N_now, with D in those p columns alone.
+    errors = ordering.layout.local(first, here)
+    # Errors about here by those about the first estimates: e = G (d - away), with the reset Jacobian G of each epoch.
+    result = with_columns_reset(rows, column_resets(ordering, errors))
+    p, last = len(ordering.pose), rows.shape[1] - 1 - more
+    # Columns of the first pose take up the change of the gauge: (J G + D) N_then = J N_now, with D in those p columns alone.
     if p:
         now, then = gauge_columns(ordering, here), gauge_columns(ordering, first)
-        change = rows[:, :last] @ (now - then)
+        change = rows[:, :last] @ now - result[:, :last] @ then
         result[:, :p] += np.linalg.solve(then[:p].T, change.T).T
     # The right-hand side refers to the first estimates: y + J (here [-] first).
-    away = column_errors(ordering, ordering.layout.local(first, here))
-    result[:, -1] += result[:, :last] @ away
+    result[:, -1] += result[:, :last] @ column_errors(ordering, errors)
     return result
 
 

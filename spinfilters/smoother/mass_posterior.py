@@ -22,13 +22,15 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
+from scipy.special import chdtri, ndtri
 
 from spinfilters.core.importance_weights import LARGEST_SHAPE, ImportanceWeights, smoothed_weights
 from spinfilters.core.robust_losses import LeastSquares
 from spinfilters.models.body import MassSamples
 from spinfilters.models.state_blocks import MASS_DISTRIBUTION
+from spinfilters.models.state_layout import StateLayout
 from spinfilters.smoother.batch_smoother import BatchSmoothing
-from spinfilters.smoother.linear_system import Marginals, SchurSystem
+from spinfilters.smoother.linear_system import Marginals, SchurSystem, latest_factor
 from spinfilters.smoother.priors import FirstStatePrior
 from spinfilters.smoother.problem import Problem, Stage
 from spinfilters.smoother.solver import SolverOptions, solve
@@ -47,12 +49,14 @@ PROPOSAL_DOF, PROPOSAL_WIDTH = 6.0, 1.25
 """Degrees of freedom of the t distributions, and their width over the local one."""
 SMALLEST_GAP = 1e-6
 """Half a difference of eigenvalues below which sinh(d) / d is 1 to rounding."""
-SAMPLES, TRIED = 200, 80
+SAMPLES, TRIED = 256, 80
 """Samples of the mixture, and of the Gaussian belief whose Pareto shape is asked for."""
 WIDE = 0.1
 """Standard deviation of the logarithm of second moments beyond which a direction counts as hardly determined."""
 MOST_EPOCHS = 600
 """Of a recording whose posterior is sampled: a sample solves all of them."""
+SMALLEST_UNIFORM = 1e-9
+"""Of points of the unit cube, which have no sample at its faces."""
 NO_POINTS = np.zeros((0, 3))
 STRICT = Stage(LeastSquares())
 
@@ -89,11 +93,34 @@ class MassNode:
 
 
 @dataclass(frozen=True)
-class MassPosterior:
-    """Weighted samples of the mass distribution.
+class ConditionalMotion:
+    """The motion given a mass distribution, a Gaussian about its most probable trajectory.
 
     Attributes
     ----------
+    trajectory : ndarray of float, shape (k, m)
+        Most probable states.
+    log_density : float
+        log p(s | y) of the mass distribution, up to the constant.
+    solution : SchurSystem
+        Linear problem there.
+    """
+
+    trajectory: Float[np.ndarray, "k m"]
+    log_density: float
+    solution: SchurSystem
+
+
+@dataclass(frozen=True)
+class MassPosterior:
+    """Weighted samples of the mass distribution, each with its motion.
+
+    Attributes
+    ----------
+    trajectories : ndarray of float, shape (n, k, m)
+        Most probable states given each sample.
+    last_factors : ndarray of float, shape (n, e, e)
+        Covariance factors of the last epoch given each sample.
     points : ndarray of float, shape (n, 5)
         Samples s.
     log_density : ndarray of float, shape (n,)
@@ -102,6 +129,8 @@ class MassPosterior:
         Of the samples.
     """
 
+    trajectories: Float[np.ndarray, "n k m"]
+    last_factors: Float[np.ndarray, "n e e"]
     points: Float[np.ndarray, "n 5"]
     log_density: Float[np.ndarray, " n"]
     weights: ImportanceWeights
@@ -129,10 +158,10 @@ class MassSampler:
 
     def node(self, trajectory: Float[np.ndarray, "k m"]) -> MassNode | None:
         """The node at a trajectory's mass distribution; None where a linear problem has no solution."""
-        found = self._conditional(trajectory, iterations=4)
+        found = self.conditional(trajectory, iterations=4)
         if found is None:
             return None
-        x, log_density = found
+        x, log_density = found.trajectory, found.log_density
         here = self.problem.at(x, NO_POINTS)
         solution = self.problem.normal(here, STRICT).solution
         if solution is None:
@@ -152,35 +181,49 @@ class MassSampler:
         return nodes
 
     def sample(self, nodes: list[MassNode], count: int, seed: int) -> MassPosterior | None:
-        """Weighted samples from a mixture at the nodes; None without any node."""
+        """Weighted samples from a mixture at the nodes, evenly spread over it; None without any node."""
         if not nodes:
             return None
-        generator = np.random.default_rng(seed)
         roots = [self._root(node) for node in nodes]
         log_mass = np.array([self._log_mass(node) for node in nodes])
         share = np.exp(log_mass - log_mass.max())
         share = 0.9 * share / share.sum() + 0.1 / len(nodes)
-        chosen = generator.choice(len(nodes), count, p=share)
-        points, density = [], []
-        for k in chosen:
-            z = generator.standard_normal(5) * np.sqrt(PROPOSAL_DOF / generator.chisquare(PROPOSAL_DOF))
-            found = self._conditional(self._moved(nodes[k], roots[k] @ z), iterations=1)
+        uniform = even_points(count, 7, seed)
+        chosen = np.minimum(np.searchsorted(np.cumsum(share), uniform[:, 0]), len(nodes) - 1)
+        tails = np.sqrt(PROPOSAL_DOF / chdtri(PROPOSAL_DOF, 1 - uniform[:, 1]))
+        steps = ndtri(uniform[:, 2:]) * tails[:, np.newaxis]
+        trajectories, factors, density = [], [], []
+        for k, step in zip(chosen, steps, strict=True):
+            found = self.conditional(self.moved(nodes[k], roots[k] @ step), iterations=1)
             if found is not None:
-                points.append(found[0][0, self._at])
-                density.append(found[1])
-        if not points:
+                trajectories.append(found.trajectory)
+                factors.append(latest_factor(found.solution))
+                density.append(found.log_density)
+        if not trajectories:
             return None
-        log_density = np.array(density)
-        proposal = self._log_proposal(np.array(points), nodes, roots, share)
-        return MassPosterior(np.array(points), log_density, smoothed_weights(log_density - proposal))
+        every, log_density = np.array(trajectories), np.array(density)
+        points = every[:, 0, self._at]
+        weights = smoothed_weights(log_density - self._log_proposal(points, nodes, roots, share))
+        return MassPosterior(every, np.array(factors), points, log_density, weights)
+
+    def gaussian_nees(
+        self, node: MassNode, points: Float[np.ndarray, "n 5"], weights: Float[np.ndarray, " n"]
+    ) -> float:
+        """Mean NEES per degree of freedom of samples in the Gaussian about a node."""
+        origin = np.tile(node.trajectory[0], (len(points), 1))
+        moved = origin.copy()
+        moved[:, self._at] = points
+        error = self.layout.local(origin, moved)[:, self._s]
+        squares = np.einsum("ni,ni->n", error, np.linalg.solve(node.covariance, error.T).T)
+        return float(weights @ squares) / error.shape[1]
 
     def gaussian_shape(self, node: MassNode, count: int, seed: int) -> float:
         """Pareto shape of the Gaussian about a node as a proposal: above 0.7 the posterior is not Gaussian."""
         generator, root, logs = np.random.default_rng(seed), np.linalg.cholesky(node.covariance), []
         for _ in range(count):
             z = generator.standard_normal(5)
-            found = self._conditional(self._moved(node, root @ z), iterations=1)
-            logs.append(-np.inf if found is None else found[1] + 0.5 * float(z @ z))
+            found = self.conditional(self.moved(node, root @ z), iterations=1)
+            logs.append(-np.inf if found is None else found.log_density + 0.5 * float(z @ z))
         return smoothed_weights(np.array(logs)).shape
 
     def _walk(self, first: MassNode, direction: Float[np.ndarray, " 5"]) -> list[MassNode]:
@@ -189,14 +232,14 @@ class MassSampler:
         while len(nodes) < MOST_NODES:
             std = here.softest[0]
             length = min(max(STEP * std, SMALLEST_STEP), LONGEST_STEP)
-            there = self.node(self._moved(here, length * direction))
+            there = self.node(self.moved(here, length * direction))
             if there is None:
                 break
             for _ in range(2):  # Newton's step across the ridge
                 there_across = self._across(there, direction)
                 if np.linalg.norm(there_across) < 0.1 * length:
                     break
-                moved = self.node(self._moved(there, there_across))
+                moved = self.node(self.moved(there, there_across))
                 if moved is None:
                     break
                 there = moved
@@ -248,17 +291,15 @@ class MassSampler:
             terms.append(np.log(part) - np.linalg.slogdet(root)[1] + tail)
         return np.logaddexp.reduce(np.array(terms), axis=0)
 
-    def _moved(self, node: MassNode, d: Float[np.ndarray, " 5"]) -> Float[np.ndarray, "k m"]:
+    def moved(self, node: MassNode, d: Float[np.ndarray, " 5"]) -> Float[np.ndarray, "k m"]:
         """A node's trajectory with its mass distribution moved by d, everything else following by regression."""
         F = node.factors
         by_mass = F @ np.swapaxes(F[:, self._s], 1, 2) @ np.linalg.solve(node.covariance, d)
         by_mass[:, self._s] = d
         return self.layout.retract(node.trajectory, by_mass)
 
-    def _conditional(
-        self, trajectory: Float[np.ndarray, "k m"], iterations: int
-    ) -> tuple[Float[np.ndarray, "k m"], float] | None:
-        """The most probable trajectory with a fixed mass distribution, and the log density of that."""
+    def conditional(self, trajectory: Float[np.ndarray, "k m"], iterations: int) -> ConditionalMotion | None:
+        """The motion given a trajectory's mass distribution; None where a linear problem has no solution."""
         mean, std = self._prior.mean.copy(), self._prior_std.copy()
         mean[self._at], std[self._s] = trajectory[0, self._at], FIXED_STD
         fixed = replace(self.problem, motion=replace(self.problem.motion, prior=FirstStatePrior(mean, std)))
@@ -272,9 +313,23 @@ class MassSampler:
         x[:, self._at] = trajectory[0, self._at]
         away = self.layout.local(self._prior.mean, x[0])[self._s] / self._prior_std[self._s]
         cost = solved.point.cost(None, STRICT) - solved.normal.predicted_reduction + float(away @ away)
-        return x, -0.5 * cost - 0.5 * log_determinant(solution) - log_volume_ratio(
-            traceless_part(away * self._prior_std[self._s])
-        )
+        log_density = -0.5 * cost - 0.5 * log_determinant(solution)
+        outside = log_volume_ratio(traceless_part(away * self._prior_std[self._s]))
+        return ConditionalMotion(x, log_density - outside, solution)
+
+
+def even_points(count: int, dimension: int, seed: int) -> Float[np.ndarray, "n d"]:
+    """Points of the open unit cube, more even than independent ones.
+
+    Multiples of the powers of 1 / g, g^(d + 1) = g + 1, modulo one, with a random shift (Roberts 2018; Cranley, Patterson 1976).
+    """
+    ratio = 2.0
+    for _ in range(40):  # a contraction: the last digits settle
+        ratio = (1 + ratio) ** (1 / (dimension + 1))
+    generators = ratio ** -np.arange(1.0, dimension + 1)
+    shift = np.random.default_rng(seed).random(dimension)
+    points = (shift + np.outer(np.arange(count), generators)) % 1.0
+    return np.clip(points, SMALLEST_UNIFORM, 1 - SMALLEST_UNIFORM)
 
 
 def log_volume_ratio(D: Float[np.ndarray, "3 3"]) -> float:
@@ -296,6 +351,14 @@ def log_determinant(solution: SchurSystem) -> float:
     return 2 * float(np.log(np.abs(chain)).sum() + np.log(np.abs(rest)).sum())
 
 
+def leaves_one_direction_open(layout: StateLayout, factor: Float[np.ndarray, "n n"]) -> bool:
+    """Whether a belief of this covariance factor hardly determines one direction of the mass distribution, and others well."""
+    if not layout.has(MASS_DISTRIBUTION) or not np.isfinite(factor).all():
+        return False
+    std = np.linalg.svd(factor[layout.slice(MASS_DISTRIBUTION.name)], compute_uv=False)
+    return bool(std[0] > WIDE > std[1])
+
+
 def sampled_mass(problem: Problem, smoothed: BatchSmoothing) -> MassSamples | None:
     """Weighted samples of the mass distribution, where a motion leaves one direction of it hardly determined; None elsewhere.
 
@@ -314,15 +377,16 @@ def sampled_mass(problem: Problem, smoothed: BatchSmoothing) -> MassSamples | No
         or not layout.has(MASS_DISTRIBUTION)
     ):
         return None
-    rows = smoothed.factor[0, layout.slice(MASS_DISTRIBUTION.name)]
-    if not np.isfinite(smoothed.factor).all():
-        return None
-    std = np.linalg.svd(rows, compute_uv=False)
-    if not std[0] > WIDE > std[1]:
+    if not np.isfinite(smoothed.factor).all() or not leaves_one_direction_open(layout, smoothed.factor[0]):
         return None
     sampler = MassSampler(problem)
     nodes = sampler.ridge(smoothed.mean)
     found = sampler.sample(nodes, SAMPLES, 0)
     if found is None or not found.weights.shape < LARGEST_SHAPE:
         return None
-    return MassSamples(found.points, found.weights.weights, sampler.gaussian_shape(nodes[0], TRIED, 1))
+    points, weights = found.points, found.weights.weights
+    shape, nees = (
+        sampler.gaussian_shape(nodes[0], TRIED, 1),
+        sampler.gaussian_nees(nodes[0], points, weights),
+    )
+    return MassSamples(points, weights, shape, nees)

@@ -14,6 +14,7 @@ from spinfilters.core.robust_losses import LeastSquares, RobustLoss
 from spinfilters.filters.estimator import ProcessModel
 from spinfilters.filters.timeline import Timeline, by_sensor, times_of
 from spinfilters.models.measurement import MeasurementModel
+from spinfilters.models.rotation_integrator import LinearisedSteps
 from spinfilters.smoother.kernels import kernels
 from spinfilters.smoother.priors import StatePrior, VariableOrdering
 
@@ -280,6 +281,8 @@ class EpochFactors:
             return InformationBlocks(NOTHING, NOTHING, 0.0, NOTHING)
         about = None if self.first is None else self._at_first_constants(trajectory[:-1])
         steps = self.process.linearise_steps(trajectory[:-1], trajectory[1:], self.dt, about)
+        if about is not None:
+            steps = self._by_errors_here(steps, trajectory[0])
         rows, blocks = whitened_steps(self.ordering, *map(np.ascontiguousarray, steps))
         cost = float(blocks[:, -1, -1].sum())
         return InformationBlocks(NOTHING, blocks, cost, rows, noise=steps[2] if about is None else None)
@@ -293,6 +296,15 @@ class EpochFactors:
         at, constant = trajectory.copy(), self.process.layout.constant_indices
         at[:, constant] = self.first[constant]
         return at
+
+    def _by_errors_here(self, steps: LinearisedSteps, state: Float[np.ndarray, " m"]) -> LinearisedSteps:
+        """Steps whose derivatives by the constants about the first estimates become those by the constants' errors at ``state``."""
+        assert self.first is not None
+        layout, constant = self.process.layout, self.ordering.constant
+        by_here = np.linalg.inv(layout.reset_jacobian(layout.local(self.first, state)))
+        transition = steps.transition.copy()
+        transition[:, :, constant] = transition[:, :, constant] @ by_here[np.ix_(constant, constant)]
+        return steps._replace(transition=transition)
 
     def measurements(
         self, trajectory: Float[np.ndarray, "k m"], pose_only_loss: RobustLoss | None = None

@@ -124,6 +124,25 @@ class VariableOrdering:
         """
         return np.concatenate([self.moving, self.constant])
 
+    @cached_property
+    def curved_columns(self) -> list[tuple[slice, Int[np.ndarray, "e d"]]]:
+        """Slice in an error and columns in a prior of every block whose errors a reset transforms, by epoch.
+
+        A prior's columns are the poses of all epochs, the constants, and the tridiagonal components of the first epoch.
+        """
+        p, behind = len(self.pose), self.epochs * len(self.pose)
+        # component of an error -> its column for the first epoch, and how far apart the epochs' columns are
+        first = {int(each): (k, p) for k, each in enumerate(self.pose)}
+        rest = np.concatenate([self.constant, self.tridiagonal])
+        first |= {int(each): (behind + k, 0) for k, each in enumerate(rest)}
+        found = []
+        for block in self.layout.curved:
+            place = self.layout.slice(block.name)
+            begin, apart = first[place.start]
+            epochs = np.arange(self.epochs if apart else 1)
+            found.append((place, begin + epochs[:, np.newaxis] * apart + np.arange(block.dimension)))
+        return found
+
     @property
     def separator_dim(self) -> int:
         """Dimension of the separator: all poses, then the constants."""
@@ -146,6 +165,10 @@ class VariableOrdering:
     def _of(self, blocks: Sequence[StateBlock]) -> Int[np.ndarray, " b"]:
         every = np.arange(self.layout.error_dim)
         return np.concatenate([every[:0], *[every[self.layout.slice(block.name)] for block in blocks]])
+
+
+Resets = list[tuple[Int[np.ndarray, "e d"], Float[np.ndarray, "e d d"]]]
+"""Columns of each block with a curved chart, by epoch, and a Jacobian of each epoch's."""
 
 
 @dataclass(frozen=True)
@@ -189,23 +212,30 @@ class MarginalizationPrior:
     def at(self, trajectory: Float[np.ndarray, "k m"]) -> "LinearizedPrior":
         """Linearised about a trajectory that begins with the F epochs."""
         here = trajectory[: len(self.first)]
-        away = column_errors(self.ordering, self.ordering.layout.local(self.first, here))
-        rest = self.right - self.information_sqrt @ away
-        gram, gradient, p = self.gram.copy(), self.information_sqrt.T @ rest, len(self.ordering.pose)
+        errors = self.ordering.layout.local(self.first, here)
+        rest = self.right - self.information_sqrt @ column_errors(self.ordering, errors)
+        resets = column_resets(self.ordering, errors)
+        # R' R and R' rest by errors about here, d = away + G^-1 e with the reset Jacobian G of each epoch
+        by_trial = inverse_resets(resets)
+        gram = with_columns_reset(with_columns_reset(self.gram, by_trial).T, by_trial)
+        gradient = with_columns_reset((rest @ self.information_sqrt)[None], by_trial)[0]
+        p = len(self.ordering.pose)
         if p:
-            shift = self.shift(here)
-            moved = self.gram @ shift
+            shift = self.shift(here, resets)
+            moved = gram @ shift
             gram[:, :p] += moved
             gram[:p] += moved.T
             gram[:p, :p] += shift.T @ moved
             gradient[:p] += shift.T @ gradient
         return LinearizedPrior(self, gram, gradient, float(rest @ rest) + self.constant_cost)
 
-    def shift(self, here: Float[np.ndarray, "F m"]) -> Float[np.ndarray, "q p"]:
-        """D in R_now = R (I + D on the oldest pose's columns)."""
+    def shift(self, here: Float[np.ndarray, "F m"], resets: Resets) -> Float[np.ndarray, "q p"]:
+        """D in R_now = R G^-1 (I + D on the oldest pose's columns), with the reset Jacobians G at ``here``."""
         p = len(self.ordering.pose)
         now = gauge_columns(self.ordering, here)
-        return np.linalg.solve(now[:p].T, (self._gauge - now).T).T
+        turned = [(columns, jacobians.swapaxes(1, 2)) for columns, jacobians in resets]
+        then = with_columns_reset(self._gauge.T, turned).T
+        return np.linalg.solve(now[:p].T, (then - now).T).T
 
 
 @dataclass(frozen=True)
@@ -245,6 +275,27 @@ def column_errors(ordering: VariableOrdering, errors: Float[np.ndarray, "F n"]) 
     """Errors of F epochs in the order of the prior's columns."""
     poses = errors[:, ordering.pose].reshape(-1)
     return np.concatenate([poses, errors[0, ordering.constant], errors[0, ordering.tridiagonal]])
+
+
+def column_resets(ordering: VariableOrdering, errors: Float[np.ndarray, "F n"]) -> Resets:
+    """Reset Jacobians, at some errors, of the blocks whose charts are curved, with their columns in a prior."""
+    jacobians = ordering.layout.reset_jacobian(errors)
+    return [(columns, jacobians[: len(columns), place, place]) for place, columns in ordering.curved_columns]
+
+
+def inverse_resets(resets: Resets) -> Resets:
+    """The inverse of each Jacobian."""
+    return [(columns, np.linalg.inv(jacobians)) for columns, jacobians in resets]
+
+
+def with_columns_reset(rows: Float[np.ndarray, "r x"], resets: Resets) -> Float[np.ndarray, "r x"]:
+    """Rows times the block-diagonal matrix of the Jacobians; columns of other blocks, and those behind the prior's, stay."""
+    result = rows.copy()
+    for columns, jacobians in resets:
+        # (e, r, d) @ (e, d, d): each epoch's columns by its own Jacobian
+        turned = rows[:, columns].swapaxes(0, 1) @ jacobians
+        result[:, columns] = turned.swapaxes(0, 1)
+    return result
 
 
 def gauge_columns(ordering: VariableOrdering, points: Float[np.ndarray, "F m"]) -> Float[np.ndarray, "q 6"]:

@@ -53,10 +53,10 @@ CHECKS: Final[tuple[Check, ...]] = (
     ),
     Check(
         "posterior-not-gaussian", frozenset({AXES}), Needs.SMOOTHER,
-        "Does the Gaussian belief of the mass distribution propose samples of its posterior? Pareto shape at most 0.7, where one "
-        "direction has a deviation above 0.1", LIMIT,
-        "the posterior of the moments is not Gaussian (Pareto shape {shape:.2g}, limit 0.7): mean and interval of the "
-        "moments come from its samples, axes from its mode",
+        "Does the Gaussian belief of the mass distribution propose samples of its posterior, and reach all of it? Pareto shape at "
+        "most 0.7, mean NEES of the samples at most 2 per degree of freedom, where one direction has a deviation above 0.1", LIMIT,
+        "the posterior of the moments is not Gaussian (Pareto shape {shape:.2g}, limit 0.7; NEES of its samples {nees:.2g}, "
+        "limit 2): mean and interval of the moments come from its samples, axes from its mode",
         "record a motion that wobbles",
     ),
     Check(
@@ -269,8 +269,8 @@ CHECKS: Final[tuple[Check, ...]] = (
     ),
     Check(
         "over-confident", ALL, Needs.SMOOTHER,
-        "Is a filter's expected NEES, with the smoother as the truth, that of a consistent filter? Whole "
-        "error and mass distribution, mean over its epochs and at the last",
+        "Is the expected NEES of a filter or a fixed lag, with the smoother as the truth, that of a consistent filter? "
+        "Whole error and mass distribution, mean over its epochs and at the last",
         "1 % of consistent filters at most",
         "over-confident: its errors{which} {where} are {times:.2g} times its stated standard deviations (root mean square), "
         "judged by the smoother",

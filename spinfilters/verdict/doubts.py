@@ -97,12 +97,11 @@ class Doubts:
 
     def of(self, evaluation: Evaluation, entry: AnyEntry) -> list[Finding]:
         """Doubts about one estimator."""
+        agreement = self._agreement_of(evaluation) if entry.continues or entry.forgets else []
         if self.setup.is_given:
-            own = self._agreement_of(evaluation) if entry.continues else []
-            return [*self.shared, *own]
+            return [*self.shared, *agreement]
         if not entry.continues:
-            return [*self.shared, *self.of_levels, *self._of_landmarks]
-        agreement = self._agreement_of(evaluation)
+            return [*self.shared, *self.of_levels, *agreement, *self._of_landmarks]
         noise = [] if entry.is_baseline or agreement else self._noise_of(evaluation)
         levels = [] if entry.is_baseline else self.of_levels
         return [*self.shared, *levels, *agreement, *noise]

@@ -158,13 +158,14 @@ class CalibrationDeviations:
     ----------
     intrinsics : ndarray of float, shape (2, 4)
         fx, fy, cx, cy of both cameras, px.
-    baseline, rotation : float
-        m and rad.
+    position, rotation : ndarray of float, shape (3,)
+        Of the left camera's place in the right one, m, and of the rotation between both, rad, along the right camera's axes; NaN
+        where an older file does not tell them.
     """
 
     intrinsics: Float[np.ndarray, "2 4"]
-    baseline: float
-    rotation: float
+    position: Float[np.ndarray, "3"]
+    rotation: Float[np.ndarray, "3"]
 
 
 def read_deviations(folder: Path) -> CalibrationDeviations | None:
@@ -189,12 +190,17 @@ def read_deviations(folder: Path) -> CalibrationDeviations | None:
             [float(document[camera]["parameters"][key]["std"]) for key in ("fx", "fy", "cx", "cy")]
             for camera in ("cam0", "cam1")
         ]
-        numbers = float(document["baseline_m"]["std"]), float(document["rotation_std_rad"])
+        position, rotation = (
+            np.array([float(value) for value in document.get(key, [np.nan] * 3)])
+            for key in ("relative_position_std_m", "relative_rotation_std_rad")
+        )
+        if position.shape != (3,) or rotation.shape != (3,):
+            raise ValueError("three axes")
     except (ValueError, KeyError, TypeError, RecursionError):
         raise InputError(
             f"{path_text(path)}: holds no standard deviations of a calibration; write it with spinfilters calibrate"
         ) from None
-    return CalibrationDeviations(np.array(intrinsics), *numbers)
+    return CalibrationDeviations(np.array(intrinsics), position, rotation)
 
 
 def calibration_changes(
@@ -216,15 +222,15 @@ def calibration_changes(
     -------
     list of ParameterChange
         Focal lengths and centres, px; place of the left camera in the right one, mm; and the rotation from the first relative
-        attitude to the second, as an angle about each axis of the right camera, deg. Across the baseline no deviation of the
-        place is stated.
+        attitude to the second, as an angle about each axis of the right camera, deg.
     """
     known = [each for each in (first_std, second_std) if each is not None]
     joined = (
         CalibrationDeviations(
-            np.sqrt(np.sum([each.intrinsics**2 for each in known], axis=0)),
-            float(np.sqrt(sum(each.baseline**2 for each in known))),
-            float(np.sqrt(sum(each.rotation**2 for each in known))),
+            *(
+                np.sqrt(np.sum([values**2 for values in each], axis=0))
+                for each in zip(*((std.intrinsics, std.position, std.rotation) for std in known), strict=True)
+            )
         )
         if known
         else None
@@ -238,15 +244,18 @@ def calibration_changes(
             changes.append(ParameterChange(f"{name} {word}", "px", *values, std))
     for k, axis in enumerate("xyz"):
         values = 1e3 * float(first.relative_position[k]), 1e3 * float(second.relative_position[k])
-        std = None if joined is None or k else 1e3 * joined.baseline
+        std = None if joined is None else _stated(1e3 * joined.position[k])
         changes.append(ParameterChange(f"translation {axis}", "mm", *values, std))
     turn = np.rad2deg(_turn(first, second))
-    std = None if joined is None else float(np.rad2deg(joined.rotation))
-    changes += [
-        ParameterChange(f"rotation change about {axis}", "deg", 0.0, float(turn[k]), std)
-        for k, axis in enumerate("xyz")
-    ]
+    for k, axis in enumerate("xyz"):
+        std = None if joined is None else _stated(np.rad2deg(joined.rotation[k]))
+        changes.append(ParameterChange(f"rotation change about {axis}", "deg", 0.0, float(turn[k]), std))
     return changes
+
+
+def _stated(std: float) -> float | None:
+    """A deviation, None for NaN."""
+    return float(std) if np.isfinite(std) else None
 
 
 def rotation_change(first: RawRig, second: RawRig) -> tuple[float, Float[np.ndarray, "3"]]:

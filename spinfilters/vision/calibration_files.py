@@ -70,6 +70,8 @@ def _document(
         "stereo_rms_px": found.rms,
         "baseline_m": {"value": found.baseline, "std": found.baseline_std},
         "rotation_std_rad": found.rotation_std,
+        "relative_position_std_m": found.position_std.tolist(),
+        "relative_rotation_std_rad": found.turn_std.tolist(),
         "views": {
             view.name: errors for view, errors in zip(found.views, found.view_errors.tolist(), strict=True)
         },

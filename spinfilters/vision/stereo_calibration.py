@@ -55,8 +55,8 @@ class StereoCalibration:
         m.
     rotation_std : float
         Of the angle between the cameras, rad.
-    position_std : ndarray of shape (3,)
-        Of the left camera's place in the right one, m, along the right camera's axes.
+    position_std, turn_std : ndarray of shape (3,)
+        Of the left camera's place in the right one, m, and of the rotation between both, rad, along the right camera's axes.
     view_errors : ndarray of shape (v, 2)
         Rms of each used view in both images, px.
     """
@@ -70,6 +70,7 @@ class StereoCalibration:
     baseline_std: float
     rotation_std: float
     position_std: Float[np.ndarray, "3"]
+    turn_std: Float[np.ndarray, "3"]
     view_errors: Float[np.ndarray, "v 2"] = field(repr=False)
 
     @property
@@ -258,6 +259,7 @@ def _join_cameras(
         float(np.sqrt(along @ of_pose[3:, 3:] @ along)),
         float(np.sqrt(np.trace(of_pose[:3, :3]))),
         np.sqrt(np.diag(of_pose[3:, 3:])),
+        np.sqrt(np.diag(of_pose[:3, :3])),
         np.asarray(solved[-1]).reshape(-1, 2),
     )
 

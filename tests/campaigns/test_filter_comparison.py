@@ -20,6 +20,7 @@ from spinfilters.campaigns.filter_comparison import (
 )
 from spinfilters.campaigns.rows_folder import RowsFolder, read_rows
 from spinfilters.campaigns.runner import Runner, asked, ended
+from spinfilters.campaigns.statistics import positive_mean
 from spinfilters.campaigns.study import Study, study_from
 from spinfilters.core.errors import InputError
 from tests.campaigns.study_samples import gyro_document
@@ -146,3 +147,16 @@ def test_the_option_leaves_the_fingerprint_of_earlier_studies() -> None:
     document = copy.deepcopy(dict(_study().document))
     document["study"]["epochs"] = "common"
     assert study_from(document, "study").fingerprint != _study().fingerprint
+
+
+def test_the_interval_of_a_positive_mean_stays_positive_where_one_run_is_far_off() -> None:
+    found = positive_mean(np.array([1.0, 1.1, 0.9, 1.0, 2000.0]))
+    assert found.value == pytest.approx(400.8)
+    assert 0 < found.low < found.value < found.high
+
+
+def test_the_interval_of_a_positive_mean_holds_the_mean_of_few_runs() -> None:
+    generator = np.random.default_rng(3)
+    found = [positive_mean(generator.chisquare(20, 5) / 20) for _ in range(400)]
+    share = np.mean([each.low <= 1.0 <= each.high for each in found])
+    assert share == pytest.approx(0.95, abs=0.03)

@@ -8,6 +8,10 @@ import numpy as np
 import pytest
 
 from spinfilters.cli.main import main
+from spinfilters.evaluation import reference_comparison
+from spinfilters.evaluation.continuous_motion import ContinuousMotion
+from spinfilters.evaluation.reference_fit import ReferenceFit
+from spinfilters.io.reference_motion import ReferenceMotion
 from spinfilters.io.text_table import read_csv
 from spinfilters.io.truth import TRUTH_COLUMNS
 from spinfilters.run.predictions import stamps_ahead
@@ -66,7 +70,17 @@ def test_a_prediction_stops_at_every_stamp_of_the_truth_once() -> None:
     np.testing.assert_allclose(stamps_ahead(time, 1.5, truth), [0.5, 0.7, 1.0, 1.5], atol=1e-6)
 
 
-def test_a_reference_that_goes_on_judges_a_prediction_too(recordings: Path, tmp_path: Path) -> None:
+def test_a_reference_that_goes_on_judges_a_prediction_too(
+    recordings: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fits: list[str] = []
+    fit = reference_comparison.fit_reference
+
+    def counted(motion: ContinuousMotion, reference: ReferenceMotion) -> tuple[ReferenceFit, ReferenceMotion]:
+        fits.append(motion.name)
+        return fit(motion, reference)
+
+    monkeypatch.setattr(reference_comparison, "fit_reference", counted)
     dataset, reference = tmp_path / "data", tmp_path / "mocap.tum"
     copytree(recordings / "stereo-tracks", dataset, ignore=ignore_patterns("truth.*"))
     truth = read_csv(recordings / "stereo-tracks" / "truth.csv", TRUTH_COLUMNS).values
@@ -81,3 +95,4 @@ def test_a_reference_that_goes_on_judges_a_prediction_too(recordings: Path, tmp_
         assert 0.05 < each["end"] / each["end_std"] < 4.0
     assert found["nees_missing"]
     assert (tmp_path / "run" / "prediction-errors.png").stat().st_size > 10_000
+    assert fits == ["mekf"], "fitted once, for the reference's own files and for the prediction"

@@ -17,7 +17,6 @@ import pytest
 from spinfilters.cli.main import main, parser
 from spinfilters.io.dataset_folder import write_dataset
 from spinfilters.lidar.mesh import TriangleMesh, box
-from spinfilters.plots import style
 from spinfilters.simulation.board_images import drawn_poses, write_board_images
 from spinfilters.simulation.image_recordings import ImageScenario, example_rig, render
 from spinfilters.simulation.image_sequence import Imaging
@@ -129,15 +128,14 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def place(inputs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder of a page's own with the inputs, as the one where commands are run; figures are drawn coarsely.
+def place(inputs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, unrendered: None) -> Path:
+    """A folder of a page's own with the inputs, as the one where commands are run; figures are composed and not rendered.
 
     Pages share nothing, so that none depends on those which ran before it.
     """
     folder = tmp_path / "page"
     shutil.copytree(inputs, folder)
     monkeypatch.chdir(folder)
-    monkeypatch.setattr(style, "_DPI", 30)
     return folder
 
 
@@ -188,6 +186,7 @@ def _small(command: str) -> str | None:
         ("-o images", "-o rendered") if "simulate" in body else ("", ""),
         ("runs/images", "runs/mine"),
         ("rig/cam1 images/", "rig/cam1 calibrated/"),
+        ("--difference older-rig", "--difference rig"),
         ("runs/first", "runs/mine"),
         ("body.stl --scans", "body.stl --scale 0.001 --scans"),
     ):

@@ -38,7 +38,7 @@ def _run(folder: Path | None = None) -> Run:
     return spinfilters.compare(data, estimators="mekf", output=folder)
 
 
-@pytest.mark.usefixtures("module")
+@pytest.mark.usefixtures("module", "unrendered")
 def test_a_metric_from_outside_is_in_the_summary_the_terminal_the_page_and_the_notebook(
     tmp_path: Path,
 ) -> None:
@@ -52,7 +52,7 @@ def test_a_metric_from_outside_is_in_the_summary_the_terminal_the_page_and_the_n
         assert f"{angle:.3g}" in page
 
 
-@pytest.mark.usefixtures("module")
+@pytest.mark.usefixtures("module", "unrendered")
 def test_a_metric_from_outside_is_in_the_rows_and_the_report_of_a_campaign(tmp_path: Path) -> None:
     study, evaluation = gyro_study(), _run()["mekf"].evaluation
     (tmp_path / "campaign").mkdir()

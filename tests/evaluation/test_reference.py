@@ -18,6 +18,7 @@ from spinfilters.core.attitude_conversions import (
 )
 from spinfilters.core.errors import InputError
 from spinfilters.evaluation.reference_comparison import compare_with_reference
+from spinfilters.evaluation.reference_fit import reference_rates
 from spinfilters.filters.history import EstimateHistory
 from spinfilters.io.reference_motion import ReferenceMotion, read_reference, reference_of_truth
 from spinfilters.io.truth import Truth
@@ -70,6 +71,22 @@ def test_differences_are_those_from_a_truth_at_equal_stamps() -> None:
     ours, theirs = (compare_with_reference(history, each).rms for each in (moved(truth)[0], exact))
     for name in ("position", "attitude", "velocity", "rate"):
         assert ours[name] == pytest.approx(theirs[name], rel=0.02), name
+
+
+def test_energies_of_a_free_body_hold_and_a_loss_of_the_reference_is_found() -> None:
+    history, truth = smoothed()
+    free = moved(truth)[0]
+    found = compare_with_reference(history, free).energy_changes["rotation"]
+    for change, std in found.values():
+        assert abs(change) < max(4.0 * std, 0.02)
+    time, rate = reference_rates(free)
+    slower = np.exp(-0.1 * (time - time[0]) / np.ptp(time))[
+        :, None
+    ]  # of a motion that loses 18 % of its energy
+    lost = replace(free, time=time, attitude=None, position=None, rate=slower * rate)
+    change, std = compare_with_reference(history, lost).energy_changes["rotation"]["reference"]
+    assert change == pytest.approx(np.exp(-0.2) - 1.0, abs=0.02)
+    assert std < 0.02
 
 
 def test_quaternions_of_the_other_sense_are_read_so_and_named() -> None:

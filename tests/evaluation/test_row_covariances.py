@@ -17,7 +17,7 @@ from spinfilters.io.dataset_folder import write_dataset
 from spinfilters.io.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.run.preparation import prepare
 from spinfilters.run.readers import read_dataset
-from spinfilters.settings.run_settings import SensorSettings, Settings
+from spinfilters.settings.run_settings import FILTER, SensorSettings, Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
 
 GYRO = Scenario.simplified(kind="gyro", rate_rpm=RICH_RPM, epochs=150, interval=0.1)
@@ -63,8 +63,8 @@ def repeated(dataset: Dataset, std: float) -> Dataset:
 
 
 def estimated(dataset: Dataset, *names: str, sensors: SensorSettings | None = None) -> tuple[Evaluation, ...]:
-    """Evaluations of estimators, without the bound."""
-    settings = Settings(estimators=names, sensors=sensors or SensorSettings())
+    """Evaluations of estimators, without the bound and without tests of their models."""
+    settings = Settings(estimators=names, sensors=sensors or SensorSettings(), verdict=FILTER)
     return plain_comparison(dataset, settings).evaluations
 
 

@@ -171,18 +171,29 @@ def test_faces_behind_one_another_are_not_told_apart_by_their_normals() -> None:
 
 
 @pytest.mark.parametrize("noise", [LidarNoise(), rvs_noise()])
-def test_coarse_scans_of_a_body_with_hidden_faces_are_doubted(noise: LidarNoise) -> None:
-    """Panels are confused, so that attitudes are off by any angle; covariances were not positive definite."""
+def test_coarse_scans_of_a_body_with_hidden_faces_are_doubted_and_not_used(noise: LidarNoise) -> None:
+    """Panels are confused, so that attitudes are off by any angle; what registration does not find too has no weight."""
     mesh = spacecraft()
     start = Initial(np.eye(3), np.array([32.4, 0, 0]), np.array([0.1, 0.21, 0.16]), np.zeros(3))
     scanner = Scanner.of(mesh, LidarSettings(RayPattern((28.0, 28.0), (60, 60)), noise))
-    found = scan_poses(
-        scan_sequence(scanner, tumble_of(mesh, start), scan_times(8, 1.0, 0.0)[0], 0, lambda *_: None)
-    )
+    scans = scan_sequence(scanner, tumble_of(mesh, start), scan_times(8, 1.0, 0.0)[0], 0, lambda *_: None)
+    motion = tumble_of(mesh, start)
+    found = scan_poses(scans)
     assert found.by_faces
-    assert any("do not tell faces of this body apart" in each for each in found.doubts)
-    for pose in found.poses:
-        assert np.linalg.eigvalsh(pose.covariance)[0] > 0
+    assert any("are not used" in each for each in found.doubts)
+    assert 4 <= len(found.poses) < 8
+    R, t = motion.poses(np.array([pose.time for pose in found.poses]))
+    errors = errors_of(found.poses, R, t)
+    assert np.rad2deg(np.linalg.norm(errors[:, 3:], axis=1)).max() < 1.0
+
+
+def test_a_sequence_in_which_no_attitude_is_confirmed_is_refused() -> None:
+    mesh = spacecraft()
+    start = Initial(np.eye(3), np.array([32.4, 0, 0]), np.array([0.1, 0.21, 0.16]), np.zeros(3))
+    scanner = Scanner.of(mesh, LidarSettings(RayPattern((28.0, 28.0), (40, 40)), rvs_noise()))
+    scans = scan_sequence(scanner, tumble_of(mesh, start), scan_times(8, 1.0, 0.0)[0], 0, lambda *_: None)
+    with pytest.raises(InputError, match="8 of 8 scans are not used"):
+        scan_poses(scans)
 
 
 def test_planes_are_those_of_the_body_and_their_covariance_is_honest() -> None:

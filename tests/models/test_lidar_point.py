@@ -7,6 +7,8 @@ from spinfilters.core.attitude_conversions import quaternion_from_matrix
 from spinfilters.core.mass_distribution import from_inertia
 from spinfilters.lidar.mesh import box, mass_properties
 from spinfilters.lidar.scan import LidarNoise, RayPattern, Scan
+from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
+from spinfilters.models.rotation_integrator import ACCELERATION_TERMS
 from spinfilters.models.sensors.lidar_points import LidarPoint, lidar_point_parameters
 from spinfilters.models.state_layout import FULL_BLOCKS, StateLayout
 from spinfilters.simulation.lidar_scanner import LidarSettings, Scanner, TorqueFreeTumble
@@ -106,3 +108,25 @@ def test_the_noise_is_that_of_the_range_and_of_the_angles_as_they_change_it() ->
     )
     slope = 10.0 * np.tan(tilt)
     np.testing.assert_allclose(1 / W[0, 0], np.hypot(0.01, slope * 2e-3), rtol=1e-12)
+
+
+@pytest.mark.parametrize("term", sorted(ACCELERATION_TERMS))
+def test_during_a_scan_the_body_moves_with_every_constant_that_the_state_has(term: str) -> None:
+    block = ACCELERATION_TERMS[term]
+    layout = LAYOUT.joined(block)
+    x = layout.origin()
+    x[layout.mean_slice("t")] = [10.0, 0.0, 0.0]
+    x[layout.mean_slice("w")] = RATE
+    x[layout.mean_slice(block.name)] = 0.3
+    delay = 0.5
+    later = TorqueFreeProcess(layout, ProcessNoise(0.0, 0.0)).step(x, delay)
+    without = x.copy()
+    without[layout.mean_slice(block.name)] = 0.0
+    plane, noise = np.array([[-1.0, 0.0, 0.0, 0.5]]), np.tile(1e-4 * np.eye(3), (1, 1, 1))
+
+    def seen(state: np.ndarray, after: float) -> float:
+        parameters = lidar_point_parameters(np.array([[0.3, 0.1]]), np.array([after]), plane, noise)
+        return float(LidarPoint(layout).predict(state, parameters)[0, 0])
+
+    assert seen(x, delay) == pytest.approx(seen(later, 0.0), abs=1e-6)
+    assert abs(seen(without, delay) - seen(later, 0.0)) > 1e-4

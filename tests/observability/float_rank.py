@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from observability.codistribution import InputSeries, SensorCodistribution, codistribution
+from observability.body_model import InputSeries, flow_of_system
+from observability.codistribution import gradient_rows
 from observability.exact_numbers import Rationals, Reals
 from observability.system import System
 
@@ -47,8 +48,7 @@ def float_rank(
 
     The k-th times time_scale^k (s: about a radian of the motion).
     """
-    rows = codistribution(system, point, orders, Reals(), inputs)
-    matrix = dense(rows, time_scale)
+    matrix = dense(system, sensor_rows(system, point, orders, inputs), time_scale)
     matrix = matrix / np.maximum(np.linalg.norm(matrix, axis=1, keepdims=True), np.finfo(float).tiny)
     size = np.linalg.norm(matrix, axis=0)
     scale = 1 / np.where(size > 0, size, 1.0)
@@ -56,19 +56,29 @@ def float_rank(
     return FloatRank(values[: matrix.shape[1]], vectors, scale)
 
 
-def dense(rows: Sequence[SensorCodistribution], time_scale: float = 1.0) -> Float[np.ndarray, "k n"]:
+def sensor_rows(
+    system: System, point: Rationals, orders: int, inputs: InputSeries = ()
+) -> list[Float[np.ndarray, "k l v n"]]:
+    """Gradients in floats of every sensor, (orders, items, values, own and common unknowns)."""
+    taken = list(gradient_rows(flow_of_system(system, point, Reals(), inputs), orders))
+    return [np.stack([rows.families[k] for rows in taken]) for k in range(len(system.sensors))]
+
+
+def dense(
+    system: System, rows: Sequence[Float[np.ndarray, "k l v n"]], time_scale: float = 1.0
+) -> Float[np.ndarray, "k n"]:
     """All rows as one matrix in the order of `System.names`."""
-    unknowns = rows[0].common.shape[-1] + sum(sensor.own[:, 0, 0].size for sensor in rows)
-    parts, offset = [], rows[0].common.shape[-1]
-    for sensor in rows:
-        items, orders, values, own = sensor.own.shape
-        part = np.zeros((items, orders, values, unknowns))
-        part[..., : sensor.common.shape[-1]] = sensor.common
+    parts, offset = [], system.chart.error_dim
+    for sensor, given in zip(system.sensors, rows, strict=True):
+        orders, items, values, _ = given.shape
+        part = np.zeros((orders, items, values, system.dimension))
+        part[..., : system.chart.error_dim] = given[..., sensor.unknown :]
         for item in range(items):
-            start = offset + item * own
-            part[item, ..., start : start + own] = sensor.own[item]
-        offset += items * own
-        parts.append((part * time_scale ** np.arange(orders).reshape(1, -1, 1, 1)).reshape(-1, unknowns))
+            start = offset + item * sensor.unknown
+            part[:, item, :, start : start + sensor.unknown] = given[:, item, :, : sensor.unknown]
+        offset += items * sensor.unknown
+        scaled = part * time_scale ** np.arange(orders).reshape(-1, 1, 1, 1)
+        parts.append(scaled.reshape(-1, system.dimension))
     return np.concatenate(parts)
 
 

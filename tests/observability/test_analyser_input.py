@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from observability import system as sensors
+from observability.body_model import body_rank
 from observability.canonical_motions import landmarks, motion, point_of
 from observability.certificate import certify
-from observability.codistribution import codistribution
 from observability.coordinates import PrincipalChart
 from observability.exact_numbers import rational, rationals, unit_quaternion
 from observability.function_values import branch_decisions
@@ -102,11 +102,11 @@ def test_a_wrong_point_is_refused(blocks: dict, error: type[Exception], text: st
 def test_wrong_shapes_are_refused() -> None:
     system = System(EULER, [sensors.watching("gyro")])
     with pytest.raises(ShapeError, match="a point of the chart principal axes has 6 numbers, got 5"):
-        codistribution(system, point_of(EULER, TUMBLE)[:5], 3, FIELD)
+        body_rank(system, point_of(EULER, TUMBLE)[:5], 3)
     with pytest.raises(InputError, match="0 orders leave no rows"):
-        codistribution(system, point_of(EULER, TUMBLE), 0, FIELD)
+        body_rank(system, point_of(EULER, TUMBLE), 0)
     with pytest.raises(InputError, match="the system has 0 known inputs, got 1 series"):
-        codistribution(system, point_of(EULER, TUMBLE), 3, FIELD, [rationals((1.0,))])
+        body_rank(system, point_of(EULER, TUMBLE), 3, [[rationals((1.0,))]])
     with pytest.raises(ShapeError, match="a measurement of gyro has 2 parameters, got 3"):
         SystemSensor(Gyro(sensors.LAYOUT), (rationals((1.0, 2.0, 3.0)),))
     with pytest.raises(InputError, match="5 of 2 parameters of gyro cannot be unknown"):

@@ -10,7 +10,6 @@ import pytest
 from experiments.benchmarks.symbolic_series import lie_derivatives
 from observability import system as sensors
 from observability.canonical_motions import landmarks, point_of
-from observability.codistribution import codistribution
 from observability.coordinates import Chart
 from observability.exact_numbers import PrimeField, Rationals, Reals, as_floats, rationals
 from observability.function_values import branch_decisions
@@ -19,6 +18,7 @@ from observability.system import Input, System
 from observability.tape import tape_of
 from spinfilters.core.errors import InputError
 from tests.observability.analyser_samples import CHARTS, TUMBLE, stereo_system
+from tests.observability.float_rank import sensor_rows
 
 ORDERS = 6
 POINT = rationals((0.7, -1.3, 0.4))
@@ -104,7 +104,7 @@ def test_power_series_agree_with_repeated_differentiation_of_the_same_system(cha
 @pytest.mark.parametrize("chart", CHARTS, ids=lambda chart: chart.name)
 def test_the_numeric_rows_are_the_symbolic_ones_by_error_components_over_factorials(chart: Chart) -> None:
     system, point = stereo_system(chart, 3), point_of(chart, TUMBLE)
-    (rows,) = codistribution(system, point, 5, Reals())
+    (rows,) = sensor_rows(system, point, 5)
     x = ca.SX.sym("x", chart.mean_dim)
     directions = np.asarray(
         ca.Function("d", [x], [ca.densify(chart.directions(chart.unpack(x)))])(as_floats(point))
@@ -115,9 +115,11 @@ def test_the_numeric_rows_are_the_symbolic_ones_by_error_components_over_factori
     for item, gradient in enumerate(gradients):
         shaped = gradient.reshape(5, 3, -1) / scale
         np.testing.assert_allclose(
-            rows.common[item], shaped[..., : chart.mean_dim] @ directions, rtol=1e-11, atol=1e-10
+            rows[:, item, :, 3:], shaped[..., : chart.mean_dim] @ directions, rtol=1e-11, atol=1e-10
         )
-        np.testing.assert_allclose(rows.own[item], shaped[..., chart.mean_dim :], rtol=1e-11, atol=1e-10)
+        np.testing.assert_allclose(
+            rows[:, item, :, :3], shaped[..., chart.mean_dim :], rtol=1e-11, atol=1e-10
+        )
 
 
 @pytest.mark.parametrize("chart", CHARTS, ids=lambda chart: chart.name)
@@ -133,5 +135,5 @@ def test_the_expression_does_not_grow_with_the_number_of_landmarks() -> None:
 
 def test_symbolic_derivatives_along_inputs_are_refused() -> None:
     system = System(CHARTS[0], [sensors.watching("stereo", landmarks(1))], [Input.INSPECTOR_X])
-    with pytest.raises(InputError, match="use codistribution"):
+    with pytest.raises(InputError, match="use gradient_rows"):
         lie_derivatives(system, 0, 3)

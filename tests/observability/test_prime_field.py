@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from observability.codistribution import SensorCodistribution, eliminate
+from observability.codistribution import Codistribution, GradientRows
 from observability.exact_numbers import ORDER, PRIME, NotRegularError, PrimeField, residue
 from observability.residue_matrices import product_of, rank_of, reduce_columns
 
@@ -76,7 +76,11 @@ def test_eliminating_item_by_item_gives_rank_and_null_space_of_the_whole(own: in
         at = slice(item * rows, (item + 1) * rows)
         whole[at, :common] = blocks[item, 0]
         whole[at, common + item * own : common + (item + 1) * own] = unknown[item, 0]
-    found = eliminate([SensorCodistribution(blocks, unknown)])
+    found = Codistribution(common, [(items, own)], FIELD)
+    for row in range(rows):  # order by order
+        at = slice(row, row + 1)
+        given = np.concatenate([unknown[:, 0, at], blocks[:, 0, at]], axis=2)
+        found.add(GradientRows(np.zeros((0, 1, common), dtype=np.uint64), (given,)))
     space = found.null_space()
     assert found.rank == rank_of(whole)
     assert space.shape == (whole.shape[1], whole.shape[1] - found.rank)

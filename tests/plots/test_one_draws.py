@@ -21,13 +21,13 @@ def test_a_picture_holds_the_lock(
     draw: Callable[[Path], object], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     held: list[bool] = []
-    save = Figure.savefig
+    draw_panels = Figure.draw
 
     def watched(self: Figure, *arguments: Any, **options: Any) -> None:
         held.append(style.ONE_DRAWS._is_owned())  # pyright: ignore[reportAttributeAccessIssue]
-        save(self, *arguments, **options)
+        draw_panels(self, *arguments, **options)
 
-    monkeypatch.setattr(Figure, "savefig", watched)
+    monkeypatch.setattr(Figure, "draw", watched)
     draw(tmp_path)
     assert held
     assert all(held)

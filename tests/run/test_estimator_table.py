@@ -93,3 +93,17 @@ def test_every_member_of_the_family_estimates_the_same_recording(kind: str) -> N
     assert not any(
         each["name"] == "filter-disturbance" for each in run.summary["estimators"]["rts"]["checks"]
     )
+
+
+def test_an_epoch_that_leaves_before_the_inertia_is_known_carries_no_more_than_was_measured() -> None:
+    """On a flipping body the estimate moves by half its size after epochs have left; their NEES was 500."""
+    names = ("smoother-lag-1", "smoother-lag-10")
+    run = compare(simulate("pose", frames=100, rate_rpm=(0.5, 10.0, 0.5)), names, verdict="filter")
+    for name in names:
+        assert run.summary["estimators"][name]["errors"]["nees_per_dof"] < 3
+
+
+def test_a_fixed_lag_that_forgot_a_curved_belief_is_called_over_confident() -> None:
+    run = compare(simulate("pose", seed=3, frames=100, rate_rpm=(0.5, 10.0, 0.5)), "smoother-lag-10")
+    checks = [each["name"] for each in run.summary["estimators"]["smoother-lag-10"]["checks"]]
+    assert "over-confident" in checks

@@ -11,7 +11,15 @@ from spinfilters.models.process import ProcessNoise
 from spinfilters.smoother import window as window_policy
 from spinfilters.smoother.linear_system import SchurSystem, latest_factor
 from spinfilters.smoother.marginalization import without_landmarks, without_oldest
-from spinfilters.smoother.priors import FirstStatePrior, MarginalizationPrior, column_errors, gauge_columns
+from spinfilters.smoother.priors import (
+    FirstStatePrior,
+    MarginalizationPrior,
+    column_errors,
+    column_resets,
+    gauge_columns,
+    inverse_resets,
+    with_columns_reset,
+)
 from spinfilters.smoother.problem import LinearizationPoint, LinearProblem, NormalEquations, Problem
 from spinfilters.smoother.window import FixedLag, FullSmoothing, LandmarkMarginalization, Window, WindowPolicy
 from tests.smoother.smoothing_samples import (
@@ -180,9 +188,10 @@ def test_without_the_correction_moved_estimates_would_tell_the_gauge() -> None:
 
 def _rows_about(prior: MarginalizationPrior, here: np.ndarray) -> np.ndarray:
     """Rows [R_now | y_now] about other points of the prior's epochs."""
-    away = column_errors(prior.ordering, prior.ordering.layout.local(prior.first, here))
-    root, p = prior.information_sqrt.copy(), len(prior.ordering.pose)
-    root[:, :p] += prior.information_sqrt @ prior.shift(here)
+    errors = prior.ordering.layout.local(prior.first, here)
+    away, resets = column_errors(prior.ordering, errors), column_resets(prior.ordering, errors)
+    root, p = with_columns_reset(prior.information_sqrt, inverse_resets(resets)), len(prior.ordering.pose)
+    root[:, :p] += root @ prior.shift(here, resets)
     return np.concatenate([root, (prior.right - prior.information_sqrt @ away)[:, None]], axis=1)
 
 
@@ -201,6 +210,24 @@ def test_the_root_about_other_points_is_that_of_the_gram_matrix() -> None:
         gram[:-1, -1], about.gradient, rtol=1e-6, atol=1e-9 * np.abs(gram[:, -1]).max()
     )
     assert about.cost == pytest.approx(gram[-1, -1] + window.marginal_prior.constant_cost, rel=1e-9)
+
+
+@pytest.mark.parametrize("scale", [0.0, 1.0, 3.0])
+def test_the_gradient_of_the_carried_quadratic_is_the_derivative_of_its_cost(scale: float) -> None:
+    window = _carried_window()
+    assert window.marginal_prior is not None
+    prior, here, step = window.marginal_prior, _moved(window, scale), 1e-5
+    about, constant = prior.at(here), prior.ordering.constant
+    columns = len(prior.first) * len(prior.ordering.pose) + np.arange(len(constant))
+    for column, component in zip(columns, constant, strict=True):
+        error = np.zeros((len(here), LAYOUT.error_dim))
+        error[:, component] = step
+        ends = [prior.at(LAYOUT.retract(here, sign * error)).cost for sign in (-1.0, 1.0)]
+        # cost = |rest - R e|^2, and the gradient is R' rest
+        expected = -(ends[1] - ends[0]) / (4 * step)
+        assert about.gradient[column] == pytest.approx(
+            expected, rel=1e-4, abs=1e-6 * np.abs(about.gradient).max()
+        )
 
 
 def _known_of_the_gauge(factor: np.ndarray, x: np.ndarray) -> np.ndarray:

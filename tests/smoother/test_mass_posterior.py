@@ -23,12 +23,13 @@ def test_the_volume_ratio_is_that_of_the_exponential_map() -> None:
     assert log_volume_ratio(np.zeros((3, 3))) == pytest.approx(0.0, abs=1e-9)
 
 
-def test_a_weak_motion_publishes_the_marginal_posterior_and_not_its_mode() -> None:
+@pytest.mark.parametrize("name", ["smoother", "mekf"])
+def test_a_weak_motion_publishes_the_marginal_posterior_and_not_its_mode(name: str) -> None:
     data = simulate("pose", rate_rpm=WEAK_RPM, frames=100, seed=1)
     assert data.truth is not None
     assert data.truth.principal_moments is not None
     truth = np.sort(data.truth.principal_moments)
-    found = compare(data, ["smoother"]).summary["estimators"]["smoother"]
+    found = compare(data, [name], verdict="filter").summary["estimators"][name]
     away = np.array(found["principal_moments"]) - truth / truth[-1]
     assert (np.abs(away[:2]) < 2.5 * np.array(found["principal_moments_std"])[:2]).all()
     low, high = np.array(found["principal_moments_interval"]).T
@@ -36,6 +37,20 @@ def test_a_weak_motion_publishes_the_marginal_posterior_and_not_its_mode() -> No
     assert ((truth / truth[-1])[:2] <= high[:2]).all()
 
 
+def test_filters_share_the_samples_of_the_smoother_and_baselines_keep_their_own_moments() -> None:
+    data = simulate("pose", rate_rpm=WEAK_RPM, frames=100, seed=1)
+    found = compare(data, ["mekf", "smoother", "ekf-joint"], verdict="filter").summary["estimators"]
+    assert found["mekf"]["principal_moments"] == found["smoother"]["principal_moments"]
+    assert found["ekf-joint"]["principal_moments_interval"] is None
+
+
 def test_a_rich_motion_is_not_sampled() -> None:
-    run = compare(simulate("pose", frames=115), ["smoother"])
+    run = compare(simulate("pose", frames=115), ["smoother"], verdict="filter")
     assert run.summary["estimators"]["smoother"]["principal_moments_interval"] is None
+
+
+def test_a_gaussian_that_misses_most_of_the_posterior_is_told() -> None:
+    # the samples lie along a ridge of which the Gaussian about the mode follows the tangent
+    data = simulate("pose", rate_rpm=WEAK_RPM, frames=100, seed=3)
+    reasons = compare(data, ["smoother"]).summary["estimators"]["smoother"]["reasons"]
+    assert any("not Gaussian" in each for each in reasons)

@@ -22,7 +22,8 @@ from spinfilters.smoother.landmark_factors import LandmarkObservations, LinearOb
 from spinfilters.smoother.linear_system import Marginals, SchurSystem
 from tests.smoother.smoothing_samples import MIDDLE, perturbed, sample, solved
 
-FRAMES, KEPT = 7, 6 * 7 + 8
+FRAMES, KEPT = 19, 6 * 19 + 8
+"""More epochs than a kernel takes together, and the unknowns that remain."""
 ALONE, UNSEEN, FLAT, UNBELIEVED, TWICE = range(5)
 """Landmarks with one observation, none, no depth, no weight, and several observations in one epoch."""
 LANDMARKS = 30

@@ -65,7 +65,7 @@ def test_no_view_is_refused() -> None:
 
 def test_changes_are_differences_with_the_deviations_of_both() -> None:
     rig = example_rig()
-    stated = CalibrationDeviations(np.full((2, 4), 0.3), 1e-4, 1e-3)
+    stated = CalibrationDeviations(np.full((2, 4), 0.3), np.array([1e-4, 2e-4, np.nan]), np.full(3, 1e-3))
     same = calibration_changes(rig, rig)
     assert all(each.difference == 0.0 and each.std is None for each in same)
     changes = calibration_changes(rig, turned(rig, TURN), stated, stated)
@@ -74,6 +74,8 @@ def test_changes_are_differences_with_the_deviations_of_both() -> None:
     np.testing.assert_allclose(found, np.rad2deg(TURN), atol=1e-9)
     assert by_name["left focal length fx"].std == pytest.approx(0.3 * np.sqrt(2))
     assert by_name["translation x"].std == pytest.approx(0.1 * np.sqrt(2))
+    assert by_name["translation y"].std == pytest.approx(0.2 * np.sqrt(2))
+    assert by_name["translation z"].std is None
     assert by_name["rotation change about y"].deviations == pytest.approx(TURN[1] / (1e-3 * np.sqrt(2)))
     angle, axis = rotation_change(rig, turned(rig, TURN))
     np.testing.assert_allclose(angle * axis, TURN, atol=1e-12)

@@ -80,6 +80,11 @@ COMMANDS: Final = (
         "spinfilters.cli.commands.ready_studies",
     ),
     ListedCommand(
+        "calibration",
+        "test by simulation whether truths lie in stated posteriors as often as they should",
+        "spinfilters.cli.commands.simulated_calibration",
+    ),
+    ListedCommand(
         "condition",
         "conditioning of covariances by time step and units",
         "spinfilters.cli.commands.condition",
@@ -125,7 +130,16 @@ COMMAND_GROUPS: Final[dict[str, tuple[str, ...]]] = {
         "rig",
         "reconstruct",
     ),
-    "study": ("observe", "campaign", "study", "condition", "polhode", "threshold", "reproduce"),
+    "study": (
+        "observe",
+        "campaign",
+        "study",
+        "calibration",
+        "condition",
+        "polhode",
+        "threshold",
+        "reproduce",
+    ),
     "deliver": ("embed", "schema", "completion", "doctor"),
 }
 """Commands by what they are for, as ``spinfilters --help`` lists them; others stand behind these."""

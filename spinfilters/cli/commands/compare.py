@@ -29,7 +29,7 @@ NAMES: Final = (
     "smoother-lag-10, smoother-lag-20, smoother-lag-50, filterpy-ekf, filterpy-ukf, embedded"
 )
 """Names for the help, which loads no estimator; a test compares them with the table."""
-RECORDING: Final = "data set folder, phyphox export, gyro .csv or TUM .tum"
+RECORDING: Final = "a recording: data set folder, stereo images, log of a phone or robot, table with named columns, ROS bag, TUM"
 _FLIGHTS_PRINTED: Final = 4
 OWN_SETTINGS: Final = "spinfilters.toml"
 """Settings file of the folder in which the command runs, taken where ``--config`` names no other."""

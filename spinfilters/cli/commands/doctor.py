@@ -58,6 +58,7 @@ def doctor(console: Console | None = None, checks: "Iterable[InstallationCheck] 
         _outcome(console, "cure", "", "install again: make clean, then make compare")
         return 1
     _row(console, "C compiler", _compiler())
+    _row(console, "compiled libraries", _libraries())
     with console.status("compiling; the first time this takes some seconds"):
         _row(console, "compiled code", _compiled_code())
     _row(console, "cache folder", _cache())
@@ -100,6 +101,21 @@ def _compiler() -> str:
     except (OSError, subprocess.SubprocessError) as error:
         return f"{path} does not run ({_reason(error)}): {COMPILER_CURE}"
     return f"{path}, {done.stdout.partition(chr(10))[0]}"
+
+
+def _libraries() -> str:
+    """Whether libraries came with the package, and for which instructions those are that this machine takes."""
+    from spinfilters.core.c_library import interprets_all
+    from spinfilters.core.shipped_libraries import LEVELS, levels, library_counts
+
+    counts = library_counts()
+    if not counts:
+        return "none came with this installation: C is compiled here, once"
+    came = ", ".join(f"{counts[name]} for {name}" for name in LEVELS if name in counts)
+    mine = levels()
+    if interprets_all() or not mine:
+        return f"{came}: not used{' (SPINFILTERS_COMPILE=off)' if mine else ', this machine has other instructions'}"
+    return f"{came}: those for {mine[0]} are used; C that none is built for is compiled here"
 
 
 def _compiled_code() -> str:

@@ -88,7 +88,7 @@ GYRO_FULL_SCALE: Final = 35.0
 
 
 def require_slow_turns(table: Table) -> None:
-    """Raise InputError where the body would turn so often between samples that the clock is hardly in seconds."""
+    """Raise InputError where the body turns so often between samples that the times are probably not in seconds."""
     require_turns(table, np.linalg.norm(table.values[:, 1:], axis=1))
 
 
@@ -123,7 +123,7 @@ class GyroSensor(Sensor):
         allowed=RATE,
         check=require_slow_turns,
     )
-    # Where its noise is not stated, the residuals over |w| identify this level: errors of usual gyros grow with the rate.
+    # Where no noise is stated, this level is identified from residuals divided by |w|: errors of usual gyros grow with the rate.
     identified_option = "gyro_scale_std"
     error_blocks = (GYRO_BIAS, GYRO_SCALE)
     analysis = AnalysedSensor(
@@ -148,7 +148,7 @@ class GyroSensor(Sensor):
     def initial_motion(
         self, stream: MeasurementStream, noise: SensorNoise, view: CameraView | None
     ) -> MotionSamples:
-        """The measured rates, as samples of the motion that the initialisation begins from."""
+        """What this sensor says of the motion, its rates; what it does not say `spinfilters.smoother.closed_form` computes."""
         return MotionSamples(stream.time, rates=stream.values)
 
     def measured_rates(self, stream: MeasurementStream) -> Float[np.ndarray, "n 3"]:

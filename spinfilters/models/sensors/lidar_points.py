@@ -17,6 +17,7 @@ from spinfilters.io.sensor_format import NoiseOption, SensorFormat, SensorNoise
 from spinfilters.io.stated_values import NumberRange
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.process import body_acceleration
+from spinfilters.models.rotation_integrator import ACCELERATION_TERMS
 from spinfilters.models.sensor import (
     AnalysedSensor,
     BoundStream,
@@ -29,7 +30,6 @@ from spinfilters.models.sensor import (
     row_covariance,
 )
 from spinfilters.models.sensor_noise import factor_of, parameters_of
-from spinfilters.models.state_blocks import DRAG, LINEAR_DRAG, ROTOR
 from spinfilters.models.state_layout import StateLayout
 
 NEAREST_RANGE = 1e-3
@@ -95,7 +95,7 @@ class LidarPoint(MeasurementModel):
 
     def __init__(self, layout: StateLayout) -> None:
         super().__init__(layout)
-        optional = (block.name for block in (DRAG, ROTOR, LINEAR_DRAG) if layout.has(block))
+        optional = (block.name for block in ACCELERATION_TERMS.values() if layout.has(block))
         self.needs = ("t", "a", "v", "w", "c", "s", *optional)
 
     def symbolic(self, state: dict[str, Expression], parameters: Expression) -> Expression:
@@ -154,12 +154,11 @@ def _beam(angles: Expression) -> Expression:
 def _attitude_after(state: dict[str, Expression], delay: Expression) -> Expression:
     """q_ig after ``delay`` s, which may be negative, by Runge-Kutta 4 of attitude and rate."""
     J, h = inertia(state["s"]), delay / STEPS
-    drag, rotor, linear = (state.get(block.symbol) for block in (DRAG, ROTOR, LINEAR_DRAG))
+    constants = {term: state.get(block.symbol) for term, block in ACCELERATION_TERMS.items()}
 
     def rates(x: Expression) -> Expression:
         """Time derivatives of attitude and rate."""
-        acceleration = body_acceleration(x[4:], J, drag, rotor=rotor, linear_drag=linear)
-        return ca.vertcat(quaternion_rate(x[:4], x[4:]), acceleration)
+        return ca.vertcat(quaternion_rate(x[:4], x[4:]), body_acceleration(x[4:], J, **constants))
 
     x = ca.vertcat(state["q"], state["w"])
     for _ in range(STEPS):

@@ -1,0 +1,134 @@
+"""A run as a recording of Rerun, which shows poses, points and scalars on one time line; needs the extra ``rerun``."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Final
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.core.attitude_conversions import quaternion_from_matrix
+from spinfilters.evaluation.estimator_evaluation import Evaluation
+from spinfilters.io.output_files import write_bytes
+from spinfilters.io.truth import Truth
+from spinfilters.run.run_report import box_edge, box_of_equal_inertia
+
+TIME_LINE: Final = "time"
+DEVIATIONS: Final = 3.0
+"""Half axes of the ellipsoids, in standard deviations."""
+AXES: Final = ("x", "y", "z")
+AXIS_COLORS: Final = ((200, 60, 60), (60, 150, 60), (60, 90, 210))
+
+
+def write_rrd(
+    path: Path, evaluations: Sequence[Evaluation], maps: Mapping[str, Float[np.ndarray, "k 3"]], name: str
+) -> None:
+    """Write motions, bodies and maps of all estimators, and the truth, atomically.
+
+    Everything spatial lies below ``/i``, the inertial frame in metres. ``/i/NAME/body`` moves with the centre of mass and frame g:
+    it holds the principal axes, a box of equal inertia and the landmarks. ``/i/NAME/position`` is an ellipsoid of 3 standard
+    deviations along the axes of i, ``/i/NAME/rate`` an arrow (rad/s). ``/NAME/...`` are courses over time: rate, velocity,
+    principal moments, their deviations, and NIS.
+
+    Parameters
+    ----------
+    path : Path
+        Of the file.
+    evaluations : Sequence[Evaluation]
+        Of a run.
+    maps : Mapping[str, ndarray of float, shape (k, 3)]
+        Landmarks in g, m, of the estimators that have a map, by name.
+    name : str
+        Of the data set.
+
+    Raises
+    ------
+    ImportError
+        The package rerun-sdk is not installed.
+    InputError
+        The file cannot be written.
+    """
+    try:
+        import rerun as rr  # pyright: ignore[reportMissingImports]
+    except ImportError:
+        raise ImportError(
+            "a .rrd needs rerun-sdk; install it with pip install 'spinfilters[rerun]'"
+        ) from None
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / "run.rrd"
+        recording = rr.RecordingStream("spinfilters", recording_id=name)
+        recording.save(str(file))
+        recording.log("i", rr.ViewCoordinates.RDF, static=True)  # x right, y down, z forward, as the camera
+        for each in evaluations:
+            _record_motion(rr, recording, each)
+            _record_body(rr, recording, each, maps.get(each.name))
+        truth = next((each.truth_in_own_frames for each in evaluations if each.truth_in_own_frames), None)
+        if truth is not None:
+            _record_truth(rr, recording, truth)
+        recording.flush()
+        recording.disconnect()
+        write_bytes(path, file.read_bytes())
+
+
+def _record_motion(rr: Any, recording: Any, evaluation: Evaluation) -> None:
+    motion, name = evaluation.trajectory, evaluation.name
+    when = [rr.TimeColumn(TIME_LINE, duration=motion.time)]
+    place = motion.position if motion.sees_position else np.zeros_like(motion.position)
+    moved = rr.Transform3D.columns(translation=place, quaternion=motion.q_ig)
+    recording.send_columns(f"i/{name}/body", indexes=when, columns=moved)
+    arrow = rr.Arrows3D.columns(origins=place, vectors=motion.rate_i)
+    recording.send_columns(f"i/{name}/rate", indexes=when, columns=arrow)
+    courses = {"rate": (motion.rate_i, motion.std_rate)}
+    if motion.sees_position:
+        spread = rr.Ellipsoids3D.columns(centers=place, half_sizes=DEVIATIONS * motion.std_position)
+        recording.send_columns(f"i/{name}/position", indexes=when, columns=spread)
+        finite = place[np.isfinite(place).all(axis=1)]
+        recording.log(f"i/{name}/path", rr.LineStrips3D([finite]), static=True)
+        courses["velocity"] = (motion.velocity, motion.std_velocity)
+    bodies = evaluation.bodies
+    variances = np.diagonal(bodies.principal_moments_cov, axis1=1, axis2=2)
+    courses["principal_moments"] = (bodies.principal_moments, np.sqrt(variances))
+    for word, (values, std) in courses.items():
+        for suffix, array in (("", values), ("_std", std)):
+            recording.log(
+                f"{name}/{word}{suffix}", rr.SeriesLines(names=AXES, colors=AXIS_COLORS), static=True
+            )
+            columns = rr.Scalars.columns(scalars=array)
+            recording.send_columns(f"{name}/{word}{suffix}", indexes=when, columns=columns)
+    nis = rr.Scalars.columns(scalars=evaluation.history.nis)
+    recording.send_columns(f"{name}/nis", indexes=when, columns=nis)
+
+
+def _record_body(
+    rr: Any, recording: Any, evaluation: Evaluation, landmarks: Float[np.ndarray, "k 3"] | None
+) -> None:
+    """What does not change in frame g, about the centre of mass, and the verdict in words."""
+    body, motion, name = evaluation.body, evaluation.trajectory, evaluation.name
+    status = evaluation.history.status
+    words = "\n".join([f"**{status.verdict}**", *(f"- {reason}" for reason in status.reasons)])
+    recording.log(f"{name}/verdict", rr.TextDocument(words, media_type=rr.MediaType.MARKDOWN), static=True)
+    axes = body.principal_axes_g
+    if not np.isfinite(axes).all():
+        return
+    edge = box_edge(motion.position, motion.sees_position)
+    box = rr.Boxes3D(
+        half_sizes=[edge * box_of_equal_inertia(body) / 2], quaternions=[quaternion_from_matrix(axes.T)]
+    )
+    recording.log(f"i/{name}/body/box_of_equal_inertia", box, static=True)
+    arrows = rr.Arrows3D(vectors=edge * axes, colors=AXIS_COLORS)
+    recording.log(f"i/{name}/body/principal_axes", arrows, static=True)
+    if landmarks is not None:
+        centre = np.zeros(3) if body.center_of_mass_g is None else body.center_of_mass_g
+        recording.log(f"i/{name}/body/map", rr.Points3D(landmarks - centre), static=True)
+
+
+def _record_truth(rr: Any, recording: Any, truth: Truth) -> None:
+    """The true motion in the frames of the estimates."""
+    when = [rr.TimeColumn(TIME_LINE, duration=truth.time)]
+    moved = rr.Transform3D.columns(translation=truth.center_of_mass, quaternion=truth.q_ig)
+    recording.send_columns("i/truth/body", indexes=when, columns=moved)
+    recording.log("i/truth/path", rr.LineStrips3D([truth.center_of_mass]), static=True)
+    recording.log("truth/rate", rr.SeriesLines(names=AXES, colors=AXIS_COLORS), static=True)
+    rates = rr.Scalars.columns(scalars=truth.rate_i)
+    recording.send_columns("truth/rate", indexes=when, columns=rates)

@@ -1,0 +1,285 @@
+"""Report of simulation-based calibration: a folder's numbers, pictures and page, with the code and the day that they belong to."""
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from spinfilters.campaigns.calibration_draws import CalibrationDraw
+from spinfilters.campaigns.calibration_statistics import (
+    LEVELS,
+    ComponentCalibration,
+    VerdictRates,
+    quantity_calibration,
+    rank_band,
+    verdict_rates,
+    width_characteristic,
+)
+from spinfilters.campaigns.statistics import Interval
+from spinfilters.core.errors import InputError
+from spinfilters.io.input_file import path_text
+from spinfilters.io.output_files import write_json, write_text
+from spinfilters.models.status import LABELS
+from spinfilters.plots.style import AXIS_COLOURS, BLACK, BLUE, GREEN, GREY, legend_below, save_figure, tidy
+from spinfilters.run.provenance import git_commit
+
+STUDY_FILE: Final = "calibration-study.json"
+RESULT_FILE: Final = "calibration.json"
+PAGE_FILE: Final = "calibration.md"
+DESCRIBED: Final = ("models", "filters", "smoother", "inference", "verdict")
+"""Packages whose code decides what estimates state."""
+COMPONENTS: Final = {
+    "moments": ("J smallest", "J middle", "k1", "k2"),
+    "axes": ("minor axis", "intermediate axis", "major axis"),
+    "rate": ("x", "y", "z"),
+    "center_of_mass": ("x", "y", "z"),
+}
+"""Names of components by quantity; of a principal axis, of the rotation about it."""
+COLOURS: Final = (*AXIS_COLOURS, BLACK)
+SIGNIFICANT: Final = 0.01
+"""Probability below which ranks are not uniform."""
+
+
+@dataclass(frozen=True)
+class CalibrationStudy:
+    """What the draws of a folder are of.
+
+    Attributes
+    ----------
+    sensor : str
+        Kind of recording.
+    estimators : tuple of str
+        Names.
+    noise : str
+        "stated" or "identified".
+    """
+
+    sensor: str
+    estimators: tuple[str, ...]
+    noise: str
+
+
+def claim_folder(folder: Path, study: CalibrationStudy) -> None:
+    """Write what a folder's draws are of.
+
+    Raises
+    ------
+    InputError
+        It holds draws of another study.
+    """
+    path = folder / STUDY_FILE
+    document = {**asdict(study), "estimators": list(study.estimators)}
+    if path.exists() and json.loads(path.read_text()) != document:
+        raise InputError(f"{path_text(path)}: holds draws of another study; choose another folder (-o)")
+    write_json(path, document)
+
+
+def source_hash() -> str:
+    """SHA-256 over the sources of `DESCRIBED`, by which a result is known to be of this code."""
+    package, digest = Path(__file__).parents[1], hashlib.sha256()
+    for name in DESCRIBED:
+        for path in sorted((package / name).rglob("*.py")):
+            digest.update(path.relative_to(package).as_posix().encode() + b"\0" + path.read_bytes())
+    return digest.hexdigest()
+
+
+def write_report(folder: Path, study: CalibrationStudy, draws: Sequence[CalibrationDraw]) -> list[Path]:
+    """Numbers, page and pictures of a folder's draws; the paths of the pictures."""
+    document: dict[str, Any] = {
+        "study": {**asdict(study), "estimators": list(study.estimators)},
+        "date": datetime.now(UTC).date().isoformat(),
+        "commit": git_commit(),
+        "source_sha256": source_hash(),
+        "estimators": {},
+    }
+    lines, pictures = [f"# Calibration: {study.sensor}, noise {study.noise}", ""], []
+    for name in study.estimators:
+        own = [draw for draw in draws if draw.estimator == name]
+        if not own:
+            continue
+        every = quantity_calibration(own, lambda draw: True)
+        given_ok = quantity_calibration(own, lambda draw: draw.is_ok)
+        rates = verdict_rates(own)
+        document["estimators"][name] = {
+            "draws": len(own),
+            "verdict": {key: _interval(value) for key, value in vars(rates).items()},
+            "all": _document(every),
+            "ok": _document(given_ok),
+        }
+        lines += _page(name, own, every, given_ok, rates)
+        picture = folder / f"ranks-{name}.png"
+        save_figure(rank_figure(name, {"all draws": every, "given ok": given_ok}, own), picture)
+        pictures.append(picture)
+    lines += [f"Code {document['commit']}, sources {document['source_sha256'][:12]}, {document['date']}.", ""]
+    write_json(folder / RESULT_FILE, document)
+    write_text(folder / PAGE_FILE, "\n".join(lines))
+    return pictures
+
+
+def rank_figure(
+    name: str,
+    groups: Mapping[str, Mapping[str, Sequence[ComponentCalibration]]],
+    draws: Sequence[CalibrationDraw],
+) -> Figure:
+    """Distributions of ranks minus the uniform one with their bands, coverage, and the verdict as a classifier."""
+    quantities = list(next(iter(groups.values())))
+    across = max(len(quantities), 2)
+    figure = Figure(figsize=(3.1 * across + 0.5, 8.4), layout="constrained")
+    panels = figure.subplots(len(groups) + 1, across, squeeze=False)
+    for row, (title, found) in zip(panels, groups.items(), strict=False):
+        for axes, quantity in zip(row, quantities, strict=False):
+            _draw_ranks(axes, quantity, found.get(quantity, ()))
+            axes.set_title(f"{LABELS[quantity]}, {title}", fontsize="small")
+        row[0].set_ylabel("share of ranks below, minus uniform [-]")
+        for axes in row[len(quantities) :]:
+            axes.set_visible(False)
+    _draw_coverage(panels[-1][0], next(iter(groups.values())))
+    _draw_characteristic(panels[-1][1], draws)
+    for axes in panels[-1][2:]:
+        axes.set_visible(False)
+    figure.suptitle(
+        f"{name}: ranks of the truth in the stated posterior, {len(draws)} draws", fontsize="medium"
+    )
+    names = (
+        "component 1 (J smallest, minor, x)",
+        "2 (J middle, intermediate, y)",
+        "3 (k1, major, z)",
+        "4 (k2)",
+    )
+    handles = [Line2D([], [], color=c, label=text) for c, text in zip(COLOURS, names, strict=True)]
+    legend_below(figure, [*handles, Patch(color=GREEN, alpha=0.25, label="simultaneous 95 % band")])
+    return figure
+
+
+def _draw_ranks(axes: Axes, quantity: str, components: Sequence[ComponentCalibration]) -> None:
+    for colour, each in zip(COLOURS, components, strict=False):
+        band = rank_band(len(each.ranks))
+        below = np.searchsorted(np.sort(each.ranks), band.at, side="right") / len(each.ranks)
+        axes.plot(band.at, below - band.at, color=colour, linewidth=1.1)
+    if components:
+        band = rank_band(max(len(each.ranks) for each in components))
+        axes.fill_between(
+            band.at, band.low - band.at, band.high - band.at, color=GREEN, alpha=0.25, linewidth=0
+        )
+    else:
+        axes.text(0.5, 0.5, "fewer than 10 draws", ha="center", transform=axes.transAxes, fontsize="small")
+    axes.axhline(0.0, color=GREY, linewidth=0.8)
+    axes.set_xlabel("rank of the truth [-]")
+    tidy(axes)
+
+
+def _draw_coverage(axes: Axes, found: Mapping[str, Sequence[ComponentCalibration]]) -> None:
+    """Mean coverage over the components of each quantity, with the widest interval of one."""
+    places = np.arange(len(LEVELS))
+    for number, (quantity, components) in enumerate(found.items()):
+        coverage = np.array([[each.value for each in one.coverage] for one in components])
+        low = np.array([[each.low for each in one.coverage] for one in components]).min(axis=0)
+        high = np.array([[each.high for each in one.coverage] for one in components]).max(axis=0)
+        middle, at = coverage.mean(axis=0), places + 0.16 * (number - (len(found) - 1) / 2)
+        ends = np.abs(np.stack([low, high]) - middle)
+        axes.errorbar(
+            at, middle, ends, fmt="o", ms=3.5, color=COLOURS[number], label=LABELS[quantity], elinewidth=0.9
+        )
+    for place, level in zip(places, LEVELS, strict=True):
+        axes.plot([place - 0.4, place + 0.4], [level, level], color=GREY, linewidth=1.2)
+    axes.set_xticks(places, [f"{100 * level:g}" for level in LEVELS])
+    axes.set_xlabel("stated interval [%]")
+    axes.set_ylabel("share of truths within [-]")
+    axes.legend(fontsize="x-small", frameon=False, loc="lower right")
+    axes.set_title("coverage, all draws", fontsize="small")
+    tidy(axes)
+
+
+def _draw_characteristic(axes: Axes, draws: Sequence[CalibrationDraw]) -> None:
+    rates = verdict_rates(draws)
+    false, true = width_characteristic(draws)
+    axes.plot(false, true, color=GREY, linewidth=1.1, label="by the moments' width alone")
+    if rates.ok_of_wrong.count:
+        axes.plot([rates.ok_of_wrong.value], [rates.ok_of_right.value], "o", color=BLUE, label="verdict ok")
+    else:
+        axes.axhline(rates.ok_of_right.value, color=BLUE, label="verdict ok (no draw beyond 4 deviations)")
+    axes.set_xlabel("share called ok of those beyond 4 deviations [-]")
+    axes.set_ylabel("share called ok of the others [-]")
+    axes.set_xlim(-0.02, 1.02)
+    axes.set_ylim(-0.02, 1.02)
+    axes.legend(fontsize="x-small", frameon=False, loc="lower right")
+    axes.set_title("verdict as a classifier", fontsize="small")
+    tidy(axes)
+
+
+def _page(
+    name: str,
+    draws: Sequence[CalibrationDraw],
+    every: Mapping[str, Sequence[ComponentCalibration]],
+    given_ok: Mapping[str, Sequence[ComponentCalibration]],
+    rates: VerdictRates,
+) -> list[str]:
+    lines = [f"## {name}, {len(draws)} draws", ""]
+    lines += [
+        f"`ok` in {_share(rates.ok)}, of determined ones in {_share(rates.ok_of_determined)}. Beyond 4 deviations of `ok` ones: "
+        f"{_share(rates.wrong_of_ok)}. `ok` of the right ones {_share(rates.ok_of_right)}, of the wrong ones "
+        f"{_share(rates.ok_of_wrong)}.",
+        "",
+    ]
+    for title, found in (("all draws", every), ("given `ok`", given_ok)):
+        heads = [f"{100 * level:g} %" for level in LEVELS]
+        lines += [
+            f"| {title} | rank test p | in band | {' | '.join(heads)} | mean square | inclination [dB] | CRPS | log score |",
+            f"|{'---|' * (7 + len(LEVELS))}",
+        ]
+        for quantity, components in found.items():
+            for label, each in zip(COMPONENTS[quantity], components, strict=True):
+                cells = [
+                    f"{LABELS[quantity]}: {label}",
+                    f"{each.probability:.2g}{' (!)' if each.probability < SIGNIFICANT else ''}",
+                    "yes" if each.inside else "no",
+                    *(f"{100 * c.value:.1f} [{100 * c.low:.0f}, {100 * c.high:.0f}]" for c in each.coverage),
+                    f"{each.squares.value:.2f} [{each.squares.low:.2f}, {each.squares.high:.2f}]",
+                    f"{each.inclination:+.1f}",
+                    f"{each.crps.value:.3g}",
+                    f"{each.log_score.value:.2f}",
+                ]
+                lines.append(f"| {' | '.join(cells)} |")
+        lines.append("")
+    return lines
+
+
+def _share(interval: Interval) -> str:
+    if not interval.count:
+        return "none of 0"
+    return f"{100 * interval.value:.1f} % [{100 * interval.low:.1f}, {100 * interval.high:.1f}] of {interval.count}"
+
+
+def _interval(interval: Interval) -> dict[str, float | int]:
+    return {"value": interval.value, "low": interval.low, "high": interval.high, "count": interval.count}
+
+
+def _document(found: Mapping[str, Sequence[ComponentCalibration]]) -> dict[str, Any]:
+    return {
+        quantity: {
+            label: {
+                "count": len(each.ranks),
+                "rank_probability": each.probability,
+                "inside_band": each.inside,
+                "coverage": {
+                    f"{level:g}": _interval(c) for level, c in zip(LEVELS, each.coverage, strict=True)
+                },
+                "bias": _interval(each.bias),
+                "mean_square": _interval(each.squares),
+                "inclination_db": each.inclination,
+                "crps": _interval(each.crps),
+                "log_score": _interval(each.log_score),
+            }
+            for label, each in zip(COMPONENTS[quantity], components, strict=True)
+        }
+        for quantity, components in found.items()
+    }

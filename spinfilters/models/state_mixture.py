@@ -1,0 +1,70 @@
+"""A posterior of one epoch's state that need not be Gaussian: weighted Gaussians."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import ndtr
+
+from spinfilters.models.state_layout import StateLayout
+
+BISECTIONS = 60
+"""Halvings of the interval of a quantile, which leave rounding."""
+REACH = 10.0
+"""Standard deviations beyond the outermost components within which a quantile lies."""
+
+
+@dataclass(frozen=True)
+class StateMixture:
+    """Weighted Gaussians over a layout, with what made them.
+
+    Attributes
+    ----------
+    layout : StateLayout
+        Of the state.
+    means : ndarray of float, shape (n, m)
+        Of the components.
+    factors : ndarray of float, shape (n, e, e)
+        Square roots of their covariances.
+    weights : ndarray of float, shape (n,)
+        Their sum is one.
+    shape : float
+        Pareto k of the importance weights that proposed them (`spinfilters.core.importance_weights`).
+    method : str
+        "importance" or "mcmc".
+    """
+
+    layout: StateLayout
+    means: Float[np.ndarray, "n m"]
+    factors: Float[np.ndarray, "n e e"]
+    weights: Float[np.ndarray, " n"]
+    shape: float
+    method: str
+
+
+def mixture_probability(
+    at: Float[np.ndarray, " q"],
+    values: Float[np.ndarray, " n"],
+    std: Float[np.ndarray, " n"],
+    weights: Float[np.ndarray, " n"],
+) -> Float[np.ndarray, " q"]:
+    """Probability that a scalar mixture of Gaussians lies below some numbers; components of no width are points."""
+    away = at[:, np.newaxis] - values
+    below = np.where(std > 0, ndtr(away / np.where(std > 0, std, 1.0)), 0.5 * (1 + np.sign(away)))
+    return below @ weights
+
+
+def mixture_quantiles(
+    levels: Float[np.ndarray, " q"],
+    values: Float[np.ndarray, " n"],
+    std: Float[np.ndarray, " n"],
+    weights: Float[np.ndarray, " n"],
+) -> Float[np.ndarray, " q"]:
+    """Quantiles of a scalar mixture of Gaussians, by bisection of its probability."""
+    low = np.full(len(levels), (values - REACH * std).min())
+    high = np.full(len(levels), (values + REACH * std).max())
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        below = mixture_probability(middle, values, std, weights) < levels
+        low, high = np.where(below, middle, low), np.where(below, high, middle)
+    return 0.5 * (low + high)

@@ -1,0 +1,199 @@
+"""Reference posterior of a problem without landmarks: a mixture of Gaussians that need not be Gaussian together.
+
+The state is the motion x and its constants, of which the mass distribution s alone makes the problem far from linear. The marginal
+posterior of s, with the motion integrated out about its optimum (`spinfilters.smoother.mass_posterior`), is sampled by importance;
+where the Pareto shape of the weights is above `spinfilters.core.importance_weights.LARGEST_SHAPE`, an ensemble of walkers
+continues from the resampled points (`spinfilters.core.ensemble_sampler`). Every sample of s comes with the Gaussian of the
+motion given s, so that
+
+    p(x, s | y) = sum over samples i of w_i N(x; x^(s_i), P(s_i)).
+
+What is published of the posterior are mixtures of these Gaussians, never their draws. Noise levels are those of the problem.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.core.ensemble_sampler import Ensemble, stretch_step
+from spinfilters.core.importance_weights import LARGEST_SHAPE
+from spinfilters.filters.square_root import lower_roots
+from spinfilters.models.body import MassSamples
+from spinfilters.models.state_blocks import MASS_DISTRIBUTION
+from spinfilters.models.state_layout import StateLayout
+from spinfilters.models.state_mixture import StateMixture
+from spinfilters.smoother.linear_system import Marginals, latest_factor
+from spinfilters.smoother.mass_posterior import (
+    TRIED,
+    MassNode,
+    MassPosterior,
+    MassSampler,
+    log_volume_ratio,
+    traceless_part,
+)
+from spinfilters.smoother.problem import Problem
+
+COVARIANCES = 24
+"""Samples over which the covariance of the motion given the mass distribution is averaged."""
+
+
+@dataclass(frozen=True)
+class SamplingOptions:
+    """How a posterior is sampled.
+
+    Attributes
+    ----------
+    samples : int
+        Of the mass distribution, by importance.
+    largest_shape : float
+        Pareto shape of their weights from which an ensemble of walkers follows.
+    walkers, steps, settling : int
+        Of the ensemble; of its steps the first ones are left out.
+    seed : int
+        Of everything random.
+    """
+
+    samples: int = 800
+    largest_shape: float = LARGEST_SHAPE
+    walkers: int = 40
+    steps: int = 60
+    settling: int = 20
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Posterior:
+    """Moments of every epoch's posterior, and the mixture of the last one.
+
+    Attributes
+    ----------
+    mean : ndarray of float, shape (k, m)
+        Means.
+    factor : ndarray of float, shape (k, n, n)
+        Square roots of the covariances.
+    last : StateMixture
+        Of the last epoch.
+    mass : MassSamples
+        Of the mass distribution.
+    """
+
+    mean: Float[np.ndarray, "k m"]
+    factor: Float[np.ndarray, "k n n"]
+    last: StateMixture
+    mass: MassSamples
+
+
+def sample_posterior(
+    problem: Problem, trajectory: Float[np.ndarray, "k m"], options: SamplingOptions = SamplingOptions()
+) -> Posterior | None:
+    """The posterior of a problem without landmarks.
+
+    Parameters
+    ----------
+    problem : Problem
+        With a prior of its first state and block s in its layout, at the noise levels that are taken as known.
+    trajectory : ndarray of float, shape (k, m)
+        Its solution, where the walk along the ridge of likely mass distributions begins.
+    options : SamplingOptions
+        How it is sampled.
+
+    Returns
+    -------
+    Posterior or None
+        None where a linear problem along the ridge has no solution.
+    """
+    sampler = MassSampler(problem)
+    nodes = sampler.ridge(trajectory)
+    found = sampler.sample(nodes, options.samples, options.seed)
+    if found is None:
+        return None
+    weights, method = found.weights.weights, "importance"
+    if not found.weights.shape < options.largest_shape:
+        found, method = _walked(sampler, nodes, found, options), "mcmc"
+        weights = np.full(len(found.points), 1 / len(found.points))
+    mean, factor = _moments(sampler, found, weights)
+    last = StateMixture(
+        problem.layout,
+        found.trajectories[:, -1],
+        found.last_factors,
+        weights,
+        found.weights.shape,
+        method,
+    )
+    shape = sampler.gaussian_shape(nodes[0], TRIED, options.seed + 1)
+    nees = sampler.gaussian_nees(nodes[0], found.points, weights)
+    return Posterior(mean, factor, last, MassSamples(found.points, weights, shape, nees))
+
+
+def _walked(
+    sampler: MassSampler, nodes: list[MassNode], found: MassPosterior, options: SamplingOptions
+) -> MassPosterior:
+    """Samples of an ensemble of walkers from resampled points, in errors about the first node."""
+    layout, s = sampler.layout, sampler.layout.slice(MASS_DISTRIBUTION.name)
+    at, origin = layout.mean_slice(MASS_DISTRIBUTION.name), nodes[0].trajectory[0]
+    generator = np.random.default_rng(options.seed)
+
+    def errors(points: Float[np.ndarray, "n 5"]) -> Float[np.ndarray, "n 5"]:
+        """Errors d of mass distributions about the first node."""
+        origins = np.tile(origin, (len(points), 1))
+        moved = origins.copy()
+        moved[:, at] = points
+        return layout.local(origins, moved)[:, s]
+
+    places = errors(found.points)
+    spread = np.linalg.inv(np.cov(places.T, aweights=found.weights.weights))
+
+    def evaluate(d: Float[np.ndarray, " 5"]) -> tuple[float, tuple[np.ndarray, np.ndarray] | None]:
+        """Density of d, and the motion there, begun at the nearest sample's."""
+        away = places - d
+        near = found.trajectories[int(np.einsum("ni,ij,nj->n", away, spread, away).argmin())]
+        step = np.zeros(layout.error_dim)
+        step[s] = d
+        begin = near.copy()
+        begin[:, at] = layout.retract(origin, step)[at]
+        there = sampler.conditional(begin, iterations=3)
+        if there is None:
+            return -np.inf, None
+        density = there.log_density + log_volume_ratio(traceless_part(d))
+        return density, (there.trajectory, latest_factor(there.solution))
+
+    chosen = generator.choice(len(places), options.walkers, p=found.weights.weights)
+    first = places[chosen] + 1e-3 * generator.standard_normal((options.walkers, 5)) * places.std(axis=0)
+    begun = [evaluate(d) for d in first]
+    ensemble = Ensemble(first, np.array([density for density, _ in begun]), tuple(kept for _, kept in begun))
+    kept: list[tuple[np.ndarray, np.ndarray]] = []
+    density: list[float] = []
+    for step in range(options.steps):
+        ensemble = stretch_step(ensemble, evaluate, generator)
+        if step >= options.settling:
+            good = [k for k, each in enumerate(ensemble.carried) if each is not None]
+            kept += [each for each in ensemble.carried if each is not None]
+            density += ensemble.log_density[good].tolist()
+    trajectories = np.array([trajectory for trajectory, _ in kept])
+    factors = np.array([factor for _, factor in kept])
+    return MassPosterior(trajectories, factors, trajectories[:, 0, at], np.array(density), found.weights)
+
+
+def _moments(
+    sampler: MassSampler, found: MassPosterior, weights: Float[np.ndarray, " i"]
+) -> tuple[Float[np.ndarray, "k m"], Float[np.ndarray, "k n n"]]:
+    """Mean and covariance factor of every epoch: P = E P(s) + cov x^(s)."""
+    layout = sampler.layout
+    mean = found.trajectories[int(weights.argmax())]
+    for _ in range(3):  # the mean on a manifold
+        mean = layout.retract(mean, np.einsum("i,ikn->kn", weights, _away(layout, mean, found.trajectories)))
+    away = _away(layout, mean, found.trajectories) * np.sqrt(weights)[:, np.newaxis, np.newaxis]
+    rows = [np.moveaxis(away, 0, 2)]
+    picked = np.searchsorted(np.cumsum(weights), (np.arange(COVARIANCES) + 0.5) / COVARIANCES)
+    for number in np.minimum(picked, len(weights) - 1):
+        there = sampler.conditional(found.trajectories[number], iterations=0)
+        if there is not None:
+            rows.append(Marginals(there.solution, None).factors / np.sqrt(COVARIANCES))
+    return mean, lower_roots(np.concatenate(rows, axis=2))
+
+
+def _away(
+    layout: StateLayout, mean: Float[np.ndarray, "k m"], trajectories: Float[np.ndarray, "i k m"]
+) -> Float[np.ndarray, "i k e"]:
+    return np.array([layout.local(mean, each) for each in trajectories])
