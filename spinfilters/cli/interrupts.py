@@ -9,6 +9,7 @@ import sys
 from _thread import interrupt_main
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import make_dataclass
 from threading import Timer, current_thread, main_thread
 from types import FrameType
 from typing import TYPE_CHECKING, Final, TypeVar
@@ -62,8 +63,8 @@ def noted_interrupts() -> Iterator[list[int]]:
             timer.cancel()
         sys.unraisablehook = shown
         signal.signal(signal.SIGINT, signal.default_int_handler)
-        # Python notes a Ctrl-C within an exec, as of a dataclass, and ends ``python -m`` as by a signal; an exec clears that
-        exec("")
+        # Python notes a Ctrl-C that hits while a dataclass is made, and ends ``python -m`` as by a signal; the next one clears that
+        make_dataclass("Cleared", ())
 
 
 def require_uninterrupted() -> None:
