@@ -6,6 +6,8 @@ A turn is exp(i a), its inverse the angle of a number of modulus 1: so sines and
 import math
 from collections.abc import Callable
 from fractions import Fraction
+from functools import lru_cache
+from itertools import product
 from typing import Protocol
 
 from observability.exact_numbers import near_simple
@@ -18,6 +20,15 @@ HALF_COSINES = (2, 1, -1, -2, -1, 1)
 """Twice the cosines of multiples of pi/3."""
 SIXTH_SINES = (0, 1, 1, 0, -1, -1)
 """Their sines over the root of 3/4."""
+DIGITS = 14
+"""A constant with no more of them is none that was computed."""
+DEEPEST_SUM = 8
+"""Levels of a sum that are searched for multiples of pi/12."""
+LARGEST_SHARE = 12
+"""Numerator and denominator of shares of roots in a sum of two."""
+SHARES = tuple(
+    sorted({Fraction(sign * n, d) for n in range(1, 7) for d in (1, 2, 3, 4, 6) for sign in (1, -1)})
+)
 SMALL_PRIMES = tuple(n for n in range(2, 100) if all(n % k for k in range(2, n)))
 LARGEST_IN_LOGARITHM = 1000
 """Numerator and denominator of numbers whose logarithm a constant is taken for."""
@@ -33,10 +44,13 @@ class Program(Protocol):
         Numbers of 2 and 3 that have roots in the arithmetic at hand.
     splits_logarithms : bool
         Whether logarithms of numbers are written with those of primes.
+    sums_roots : bool
+        Whether constants are written as sums of two roots.
     """
 
     roots: frozenset[int]
     splits_logarithms: bool
+    sums_roots: bool
 
     def emit(self, operation: str, *operands: int) -> int:
         """The register of an operation."""
@@ -68,22 +82,52 @@ def _turn(program: Program, angle: int) -> tuple[int, int]:
 
 
 def _exact_turn(program: Program, angle: int) -> int | None:
-    """exp(i x) exp(i c) of an angle x + c, x - c or c - x with such a multiple c; None of others."""
-    operation, left, right = program.written_as(angle) or ("", angle, angle)
-    if operation not in ("add", "sub"):
+    """exp(i x) exp(i c) of an angle whose sum holds constants that make up such a multiple c; None of others."""
+    steps, rest = _without_twelfths(program, angle)
+    root = _turn_by(program, int(steps) * math.pi / 12) if steps.denominator == 1 else None
+    if root is None:
         return None
-    for symbol, number in ((left, right), (right, left)):
-        value = program.constant_of(number)
-        root = None if value is None else _turn_by(program, float(value))
-        if root is None:
-            continue
-        turned = _turn(program, symbol)
-        if operation == "add":
-            return program.emit("mul", turned[0], root)
-        return (
-            program.emit("div", turned[0], root) if number == right else program.emit("mul", turned[1], root)
-        )
-    return None
+    return root if rest is None else program.emit("mul", _turn(program, rest)[0], root)
+
+
+def _without_twelfths(program: Program, angle: int, levels: int = DEEPEST_SUM) -> tuple[Fraction, int | None]:
+    """Multiples of pi/12 in the terms of a sum together, and what remains of it: None where that is nothing."""
+    none = (Fraction(0), angle)
+    value = program.constant_of(angle)
+    if value is not None:
+        steps = _twelfths(float(value))
+        return (Fraction(steps), None) if steps else none
+    operation, left, right = program.written_as(angle) or ("", angle, angle)
+    if not levels:
+        return none
+    if operation in ("add", "sub"):
+        (first, a), (second, b) = (_without_twelfths(program, each, levels - 1) for each in (left, right))
+        if not (first or second):
+            return none
+        steps = first + second if operation == "add" else first - second
+        if a is None or b is None:
+            rest = b if operation == "add" or b is None else program.emit("neg", b)
+            return steps, rest if a is None else a
+        return steps, program.emit(operation, a, b)
+    factor, other = _whole_multiple(program, operation, left, right)
+    if not factor:
+        return none
+    steps, rest = _without_twelfths(program, other, levels - 1)
+    if not steps:
+        return none
+    return steps * factor, None if rest is None else program.emit("mul", program.constant(factor), rest)
+
+
+def _whole_multiple(program: Program, operation: str, left: int, right: int) -> tuple[Fraction, int]:
+    """A constant factor with the other one; 0 where there is none."""
+    if operation in ("neg", "twice"):
+        return Fraction(-1 if operation == "neg" else 2), left
+    if operation == "mul":
+        for number, other in ((left, right), (right, left)):
+            value = program.constant_of(number)
+            if value is not None:
+                return value, other
+    return Fraction(0), left
 
 
 def roots_of_turn(angle: float) -> frozenset[int]:
@@ -121,18 +165,49 @@ def square_root(program: Program, number: int) -> int:
     return program.emit("sqrt", program.constant(Fraction(number)))
 
 
-def root_multiple(program: Program, value: float) -> int | None:
-    """The register of a constant that is a simple multiple of the root of 2, 3 or 6, such as sqrt(3)/2; None of others."""
-    for number in (2, 3, 6):
-        factors = frozenset(each for each in (2, 3) if number % each == 0)
-        share = near_simple(value / math.sqrt(number)) if factors <= program.roots else None
-        if share is None:
-            continue
+def roots_of_number(value: float) -> frozenset[int]:
+    """Which roots, of 2 and 3, a constant is a simple sum of; none of others."""
+    parts = _sum_of_roots(value, frozenset({2, 3}), 2)
+    return frozenset().union(*[_factors(number) for number in parts or () if number > 1])
+
+
+def sum_of_roots(program: Program, value: float) -> int | None:
+    """The register of a constant that is a simple sum of roots, such as sqrt(3)/2 or 1 + sqrt(2); None of others."""
+    parts = _sum_of_roots(value, program.roots, 2 if program.sums_roots else 1)
+    if parts is None:
+        return None
+    terms = []
+    for number, share in parts.items():
         register = program.constant(share)
-        for each in sorted(factors):
+        for each in sorted(_factors(number)):
             register = program.emit("mul", register, square_root(program, each))
-        return register
+        terms.append(register)
+    return terms[0] if len(terms) == 1 else program.emit("add", *terms)
+
+
+@lru_cache(maxsize=256)
+def _sum_of_roots(value: float, roots: frozenset[int], most: int) -> dict[int, Fraction] | None:
+    """Shares of one root of 2, 3 or 6, or of two of 1 and these at most, that add up to a number but for rounding."""
+    if not roots or float(f"{value:.{DIGITS}g}") == value or near_simple(value) is not None:
+        return None
+    known = [1, *[number for number in (2, 3, 6) if _factors(number) <= roots]]
+    for number in known[1:]:
+        share = near_simple(value / math.sqrt(number))
+        if share is not None:
+            return {number: share}
+    for number, share in product(known[1:], SHARES if most > 1 else ()):
+        rest = value - float(share) * math.sqrt(number)
+        for other in known:
+            more = Fraction(rest / math.sqrt(other)).limit_denominator(LARGEST_SHARE)
+            whole = float(more) * math.sqrt(other) + float(share) * math.sqrt(number)
+            if other != number and more and math.isclose(whole, value, rel_tol=ROUNDED, abs_tol=0):
+                return {other: more, number: share}
     return None
+
+
+def _factors(number: int) -> frozenset[int]:
+    """2 and 3 of those that divide a number."""
+    return frozenset(each for each in (2, 3) if number % each == 0)
 
 
 def _sine(program: Program, angle: int) -> int:

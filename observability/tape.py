@@ -13,8 +13,9 @@ from jaxtyping import Bool, Float, Int
 from observability.elementary_functions import (
     LOWERED,
     logarithm_multiple,
-    root_multiple,
+    roots_of_number,
     roots_of_turn,
+    sum_of_roots,
 )
 from observability.exact_numbers import near_simple, rational
 from spinfilters.core.errors import InputError
@@ -26,6 +27,8 @@ TRANSCENDENTAL = {"exp", "log", "cis", "arg"}
 """Values that residues do not compute from their operand's value alone: `function_values` finds them beforehand."""
 TURNS = {"cis", "arg", "times_i"}
 """exp(i a), the angle of a number of modulus 1, and i a: sines and their inverses are written with them."""
+ROOTING = {"sqrt", "log", "log1p", "pow", "constpow", "hypot", "asin", "acos", "asinh", "acosh", "atanh"}
+"""Functions with a root or logarithm of what they are of: beside them a sum of roots is no constant that is known to have one."""
 PRODUCTS = {"mul", "sq", "div", "inv", "sqrt"} | TRANSCENDENTAL | {"times_i"}
 CHOICES = {"fmax", "fmin", "if_else_zero", "fabs"}
 """Piecewise: smooth except where the alternatives meet, which `float_choices` refuses."""
@@ -160,7 +163,8 @@ def tape_of(name: str, inputs: list[ca.SX], output: ca.SX, constants_known: bool
     reader = _Reader(name, int(edges[-1]))
     if constants_known:
         operations = [NAMES[function.instruction_id(k)] for k in range(function.n_instructions())]
-        reader.roots = _roots_of_turns(function, operations)
+        reader.sums_roots = ROOTING.isdisjoint(operations)
+        reader.roots = _roots_of_constants(function, operations, reader.sums_roots)
         reader.splits_logarithms = not {"log", "log1p"}.isdisjoint(operations)
     for k in range(function.n_instructions()):
         reader.read(function, k, edges)
@@ -174,12 +178,16 @@ def _constant(value: float) -> Fraction:
     return (near_simple(value) if np.isfinite(value) else None) or rational(value)
 
 
-def _roots_of_turns(function: ca.Function, operations: list[str]) -> frozenset[int]:
-    """Numbers, 2 or 3, whose square roots the sines and cosines of a function's constant angles contain."""
-    if {"sin", "cos", "tan"}.isdisjoint(operations):
-        return frozenset()
-    angles = [function.instruction_constant(k) for k, each in enumerate(operations) if each == "const"]
-    return frozenset().union(*[roots_of_turn(angle) for angle in angles if np.isfinite(angle)])
+def _roots_of_constants(function: ca.Function, operations: list[str], sums_roots: bool) -> frozenset[int]:
+    """Numbers, 2 or 3, whose roots the sines and cosines of a function's constant angles contain, or its other constants."""
+    turns = not {"sin", "cos", "tan"}.isdisjoint(operations)
+    found: frozenset[int] = frozenset()
+    for k, each in enumerate(operations):
+        value = function.instruction_constant(k) if each == "const" else 0.0
+        if value and np.isfinite(value):
+            found |= roots_of_turn(value) if turns else frozenset()
+            found |= roots_of_number(value) if sums_roots else frozenset()
+    return found
 
 
 class _Reader:
@@ -189,8 +197,10 @@ class _Reader:
         self._name = name
         self.roots: frozenset[int] = frozenset()
         self.splits_logarithms = False
+        self.sums_roots = False
         self.levels = [0] * inputs
         self.constants: list[tuple[int, Fraction]] = []
+        self._constants: dict[int, Fraction] = {}
         self.outputs: dict[int, int] = {}
         self._current: dict[int, int] = {}
         self._written: dict[tuple[str, int, int], int] = {}
@@ -213,7 +223,7 @@ class _Reader:
 
     def _named(self, value: float) -> int:
         """The register of a constant, which is written as what it was computed from where that is known."""
-        for named in (root_multiple, logarithm_multiple):
+        for named in (sum_of_roots, logarithm_multiple):
             register = named(self, value) if np.isfinite(value) else None
             if register is not None:
                 return register
@@ -244,12 +254,13 @@ class _Reader:
         """The register of a constant."""
         if value not in self._constant_registers:
             self.constants.append((len(self.levels), value))
+            self._constants[len(self.levels)] = value
             self._constant_registers[value] = self._register(0)
         return self._constant_registers[value]
 
     def constant_of(self, register: int) -> Fraction | None:
         """The constant in a register, if there is one."""
-        return dict(self.constants).get(register)
+        return self._constants.get(register)
 
     def written_as(self, register: int) -> tuple[str, int, int] | None:
         """The operation that a register was written by, with its operands."""

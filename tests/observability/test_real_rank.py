@@ -143,6 +143,13 @@ def test_a_root_at_a_given_value_is_analysed(level: float | str) -> None:
         "sin(5*pi/6 - a) - sin(a + pi/6)",
         "cos(a + pi/12) - cos(a + pi/3)*sqrt(2)/2 - sin(a + pi/3)*sqrt(2)/2",
         "tan(a + pi/4) - (1 + tan(a))/(1 - tan(a))",
+        "cos(a + (b + pi/4))*sqrt(2) - cos(a + b) + sin(a + b)",
+        "cos(2*(a + pi/6)) - (cos(2*a) - sqrt(3)*sin(2*a))/2",
+        "sin(3*(pi/4 - a)) - (sin(3*a) + cos(3*a))/sqrt(2)",
+        "cos(a - b + pi/12) - cos(a - b)*cos(pi/12) + sin(a - b)*sin(pi/12)",
+        "a*(sqrt(2) + sqrt(3)) - a*sqrt(2) - a*sqrt(3)",
+        "exp(a*(1 + sqrt(2))) - exp(a)*exp(a*sqrt(2))",
+        "cos((1 + sqrt(2))*a) - cos(a)*cos(sqrt(2)*a) + sin(a)*sin(sqrt(2)*a)",
     ],
 )
 def test_sums_of_logarithms_and_turns_by_parts_of_pi_are_decided(factor: str) -> None:
@@ -162,11 +169,35 @@ def test_sums_of_logarithms_and_turns_by_parts_of_pi_are_decided(factor: str) ->
         "sin(a + 1.5707963)",
         "sin(a + pi/6) - 0.866*sin(a) - cos(a)/2",
         "sin(a + pi/4)*sqrt(a + b)",
+        "cos(2*(a + pi/6)) - (cos(2*a) + sqrt(3)*sin(2*a))/2",
+        "exp(a*(1 + sqrt(2))) - exp(a)*exp(a*sqrt(3))",
+        "a*(sqrt(2) + sqrt(3)) - 3.1462643*a",
     ],
 )
 def test_what_is_not_zero_stays_certified(factor: str) -> None:
     found = analyse(model(f"({factor})*x", ("a", "b")))
     assert (found.rank, found.certified) == (2, True)
+
+
+@pytest.mark.parametrize(
+    "factor",
+    [
+        "sqrt(a*(3 + 2*sqrt(2))) - sqrt(a)*(1 + sqrt(2))",
+        "cos(a + pi/5) - cos(a)*cos(pi/5) + sin(a)*sin(pi/5)",
+    ],
+)
+def test_relations_of_other_constants_are_left_open(factor: str) -> None:
+    found = analyse(model(f"({factor})*x", ("a", "b")))
+    assert not found.certified
+
+
+def test_a_sum_that_shares_its_terms_is_searched_to_a_depth() -> None:
+    angle, before = ca.SX.sym("a"), ca.SX.sym("b")
+    x, a, b = ca.SX.sym("x"), angle, before
+    for _ in range(60):
+        before, angle = angle, angle + before
+    found = analyse(-x, [x, ca.cos(angle + ca.pi / 4)], x, parameters=[a, b])
+    assert found.rank == 2
 
 
 @pytest.mark.parametrize("rate", ["-k*sqrt(2*x)", "-k*log(2*x)*sqrt(3*x)"])
