@@ -1,4 +1,4 @@
-"""Build the compiled libraries of a wheel: ``python .ci/libraries.py``, before ``pip wheel .``.
+"""Build the compiled libraries of a wheel: ``python .ci/libraries.py [KIND ...]``, before ``pip wheel .``.
 
 Runs the estimators on simulated recordings with a compiler that notes what it compiles. Then compiles each text for every
 instruction set of the architecture. Needs the package's dependencies and GCC or clang.
@@ -49,7 +49,7 @@ def main() -> int:
             wrapper = scratch / f"cc-{lanes}"
             wrapper.write_text(WRAPPER.format(noted=noted, compiler=compiler))
             wrapper.chmod(0o700)
-            note_texts(scratch / f"cache-{lanes}", wrapper, lanes)
+            note_texts(scratch / f"cache-{lanes}", wrapper, lanes, sys.argv[1:])
             for place in sorted(noted.iterdir()):
                 text = (place / "source.c").read_text()
                 flags = (place / "flags").read_text().split()
@@ -64,8 +64,8 @@ def main() -> int:
     return 0
 
 
-def note_texts(cache: Path, compiler: Path, lanes: int) -> None:
-    """Run the estimators on a recording of every kind, compiling all anew."""
+def note_texts(cache: Path, compiler: Path, lanes: int, kinds: list[str]) -> None:
+    """Run the estimators on a recording of each of the kinds, or of all and on the bundled example, compiling all anew."""
     environment = {
         **os.environ,
         "CC": str(compiler),
@@ -76,8 +76,8 @@ def note_texts(cache: Path, compiler: Path, lanes: int) -> None:
     command = [sys.executable, "-m", "spinfilters"]
     with tempfile.TemporaryDirectory() as name:
         quiet = ["-q", "--no-figures", "-o", f"{name}/run"]
-        runs = [["compare", *quiet], ["compare", "--known-map", *quiet]]
-        for kind in KINDS:
+        runs = [] if kinds else [["compare", *quiet], ["compare", "--known-map", *quiet]]
+        for kind in kinds or KINDS:
             recording = f"{name}/{kind}"
             runs += [["simulate", "-o", recording, "--kind", kind], ["compare", recording, *quiet]]
         for run in runs:

@@ -49,6 +49,7 @@ from spinfilters.io.argument_checks import (
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.input_file import path_text, value_text
 from spinfilters.io.memory_tables import WHAT_TO_GIVE, is_table
+from spinfilters.io.stated_values import ReadingOptions
 from spinfilters.models.body import BodyEstimate
 from spinfilters.models.status import verdict_sentences
 from spinfilters.run.comparison_run import RunOutput, compare_dataset, compare_into, silent, write_comparison
@@ -428,6 +429,7 @@ def _html_lines(lines: list[str] | tuple[str, ...]) -> str:
 
 @checked_arguments(
     RunArguments,
+    ReadingOptions,
     kind=optional(text(KIND)),
     segment=optional(one_of(int, str, cure='a number, times such as "6.55:7.4", or "auto"')),
     belief=optional(one_of(Mapping, cure='{"mean": {"rate": (0, 0, 1), ...}, "std": {...}}')),
@@ -447,6 +449,11 @@ def compare(
     *,
     kind: str | None = None,
     units: str | Mapping[str, str] | None = None,
+    unit: str | None = None,
+    clock: str | None = None,
+    rate: float | None = None,
+    topic: str | None = None,
+    columns: str | None = None,
     resume: bool = False,
     predict: float | None = None,
     convergence: bool = False,
@@ -480,6 +487,16 @@ def compare(
         Of a table in memory, see `load`.
     units : str, Mapping or None
         Of the columns of a table or of a file, see `load`.
+    unit : str or None
+        Of body rates or positions whose header states none, as the option of the command; see `load`.
+    clock : str or None
+        Unit of time stamps, likewise.
+    rate : float or None
+        Samples a second, Hz, of a table without a clock.
+    topic : str or None
+        Of a ROS bag.
+    columns : str or None
+        Names of the columns of a table without a header.
     resume : bool
         Whether to go on from what an interrupted run has left in ``output``; a finished run is read from there.
     predict : float or None
@@ -523,7 +540,8 @@ def compare(
         Ctrl-C; what was estimated is in ``output``, if given, for ``resume`` to go on from.
     """
     chosen = _beginning(_settings(settings, estimators, verdict), belief, from_truth)
-    dataset = given_dataset(data, segment, kind, units)
+    reading = {"unit": unit, "clock": clock, "rate": rate, "topic": topic, "columns": columns}
+    dataset = given_dataset(data, segment, kind=kind, units=units, **reading)
     how = RunArguments(
         resume=resume,
         predict=predict,
@@ -633,10 +651,8 @@ def _names(estimators: Sequence[str] | str) -> tuple[str, ...]:
     return names_in(estimators) if isinstance(estimators, str) else tuple(estimators)
 
 
-def given_dataset(
-    data: Any, segment: int | str | None, kind: str | None, units: str | Mapping[str, str] | None
-) -> Dataset:
-    """The data set, or that of a path or of a table in memory, see `compare`.
+def given_dataset(data: Any, segment: int | str | None, **reading: Any) -> Dataset:
+    """The data set, or that of a path or of a table in memory, read as `load` reads it; see `compare`.
 
     Raises
     ------
@@ -646,9 +662,12 @@ def given_dataset(
     if not isinstance(data, Dataset):
         if not is_path(data) and not is_table(data):
             refuse("data", data, WHAT_TO_GIVE)
-        return load(data, segment, kind=kind, units=units)
+        return load(data, segment, **reading)
     if segment is not None:
         raise InputError(f"segment {segment} is of a recording's folder; give its path, not a data set")
-    if kind is not None or units is not None:
-        raise InputError("kind and units are of tables in memory; a data set has its own: leave them out")
+    for name, value in reading.items():
+        if value is not None:
+            raise InputError(
+                f"{name} {value_text(value)} says how to read a file or a table; a data set has its own: leave it out"
+            )
     return data

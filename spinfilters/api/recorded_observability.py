@@ -81,7 +81,7 @@ def observe_recording(
         What `compare` refuses; a recording in which the smoother finds no motion, or of more than 5000 epochs.
     """
     chosen = Settings() if settings is None else chosen_settings(settings)
-    return ObservabilityResult(recording_report(given_dataset(data, segment, None, None), chosen, progress))
+    return ObservabilityResult(recording_report(given_dataset(data, segment), chosen, progress))
 
 
 def recording_report(dataset: Dataset, settings: Settings, progress: Progress) -> Report:

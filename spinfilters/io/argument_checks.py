@@ -24,24 +24,22 @@ Check = Callable[[str, Any], None]
 """Raises InputError for a value that the argument of this name cannot be."""
 
 
-def checked_arguments(
-    record: type | None = None, **checks: Check
-) -> Callable[[Callable[P, T]], Callable[P, T]]:
+def checked_arguments(*records: type, **checks: Check) -> Callable[[Callable[P, T]], Callable[P, T]]:
     """Decorator: arguments are checked before the function is called, with numbers of Python for NumPy's.
 
     Parameters
     ----------
-    record : type or None
-        Dataclass whose given fields (`spinfilters.io.argument_fields`) say what the arguments of their names may be.
+    *records : type
+        Dataclasses whose given fields (`spinfilters.io.argument_fields`) say what the arguments of their names may be.
     **checks : Check
-        Of further arguments, or in place of those of the record.
+        Of further arguments, or in place of those of the records.
 
     Raises
     ------
     InputError
         At a call, for the first argument that its check refuses.
     """
-    own = {} if record is None else {field.name: check_of(field) for field in given_fields(record)}
+    own = {field.name: check_of(field) for record in records for field in given_fields(record)}
 
     def decorate(function: Callable[P, T]) -> Callable[P, T]:
         """The function behind its checks."""

@@ -308,8 +308,8 @@ MOST_EXCESS: Final = 1.25
 Patches of a curved surface exceed the noise: plane faces have 0.8 to 1.0, a bumpy sphere of a metre at 30 m 1.2 to 2.5."""
 CONFIRMED: Final = np.deg2rad(5.0)
 """Angle between attitudes that were found in two ways, up to which they are the same one."""
-FEWEST_CONFIRMED: Final = 4
-"""Scans with such an attitude that a motion is estimated from."""
+FEWEST_CONFIRMED: Final = 2
+"""Scans with such an attitude, of fewer of which nothing is estimated."""
 MOST_FRAMES: Final = 50
 """Scans whose rotation between both frames g is tried."""
 LOOKED_AT: Final = 9

@@ -11,7 +11,7 @@ class LiveArguments:
     """Arguments of ``live``."""
 
     dataset: Annotated[
-        str, Argument("data set folder, gyro .csv or TUM .tum", positional=True, metavar="DATASET")
+        str, Argument("a recording, as compare takes it; no images", positional=True, metavar="DATASET")
     ]
     input: Annotated[
         str | None,

@@ -308,9 +308,12 @@ class VelocityElimination:
 
         From the lower triangle over poses and constants, and from the right-hand side in the last row.
         """
-        K, v, width = self.coupling.shape
-        p, rest = self.pose, K * self.pose
-        X = self.coupling.reshape(K * v, width)
+        (K, v, width), p, library = self.coupling.shape, self.pose, kernels()
+        if library is not None:
+            sizes = (K, v, p, K if p else 0, width - 1, self.reach)
+            library.reduce_velocities(*sizes, *map(address, (self.begin, self.coupling, M)))
+            return
+        rest, X = K * p, self.coupling.reshape(K * v, width)
         # Constants and right-hand side: every epoch's X takes part in full.
         tail = X[:, rest:]
         M[rest:, rest:] -= tail.T @ tail[:, :-1]

@@ -8,6 +8,7 @@
 enum { R = 3, POSE = 6, ROW = POSE + 3 + 1 };
 typedef long long integer;
 typedef double lanes __attribute__((vector_size(8 * LANES), aligned(8 * LANES)));
+typedef double loose __attribute__((vector_size(8 * LANES), aligned(8)));
 typedef double four __attribute__((vector_size(32), aligned(8)));
 typedef double two __attribute__((vector_size(16), aligned(8)));
 

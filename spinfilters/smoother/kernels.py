@@ -17,6 +17,7 @@ _SIGNATURES = {
     "step_rows": Signature("iiiii" + "pp" + "d" + "ppppp", ctypes.c_int),
     "add_information_blocks": Signature("iiiiii" + "ppppp", ctypes.c_int),
     "eliminate_velocities": Signature("iiiiii" + "d" + "pppp", ctypes.c_longlong),
+    "reduce_velocities": Signature("iiiiii" + "ppp", None),
     "solve_velocities": Signature("ii" + "ppp", None),
     "chained_covariances": Signature("iii" + "ppppp", ctypes.c_int),
 }

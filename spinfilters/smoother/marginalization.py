@@ -13,6 +13,7 @@ from spinfilters.smoother.priors import (
     MarginalizationPrior,
     VariableOrdering,
     column_errors,
+    column_resets,
     gauge_columns,
     with_columns_reset,
 )
@@ -253,9 +254,8 @@ def _at_first_estimates(
         Columns between those of a carried quadratic and the right-hand side, of errors whose first estimate is that of now.
     """
     errors = ordering.layout.local(first, here)
-    resets = ordering.layout.reset_jacobian(errors)
     # Errors about here by those about the first estimates: e = G (d - away), with the reset Jacobian G of each epoch.
-    result = with_columns_reset(ordering, rows, resets)
+    result = with_columns_reset(rows, column_resets(ordering, errors))
     p, last = len(ordering.pose), rows.shape[1] - 1 - more
     # Columns of the first pose take up the change of the gauge: (J G + D) N_then = J N_now, with D in those p columns alone.
     if p:

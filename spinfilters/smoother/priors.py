@@ -124,6 +124,25 @@ class VariableOrdering:
         """
         return np.concatenate([self.moving, self.constant])
 
+    @cached_property
+    def curved_columns(self) -> list[tuple[slice, Int[np.ndarray, "e d"]]]:
+        """Slice in an error and columns in a prior of every block whose errors a reset transforms, by epoch.
+
+        A prior's columns are the poses of all epochs, the constants, and the tridiagonal components of the first epoch.
+        """
+        p, behind = len(self.pose), self.epochs * len(self.pose)
+        # component of an error -> its column for the first epoch, and how far apart the epochs' columns are
+        first = {int(each): (k, p) for k, each in enumerate(self.pose)}
+        rest = np.concatenate([self.constant, self.tridiagonal])
+        first |= {int(each): (behind + k, 0) for k, each in enumerate(rest)}
+        found = []
+        for block in self.layout.curved:
+            place = self.layout.slice(block.name)
+            begin, apart = first[place.start]
+            epochs = np.arange(self.epochs if apart else 1)
+            found.append((place, begin + epochs[:, np.newaxis] * apart + np.arange(block.dimension)))
+        return found
+
     @property
     def separator_dim(self) -> int:
         """Dimension of the separator: all poses, then the constants."""
@@ -146,6 +165,10 @@ class VariableOrdering:
     def _of(self, blocks: Sequence[StateBlock]) -> Int[np.ndarray, " b"]:
         every = np.arange(self.layout.error_dim)
         return np.concatenate([every[:0], *[every[self.layout.slice(block.name)] for block in blocks]])
+
+
+Resets = list[tuple[Int[np.ndarray, "e d"], Float[np.ndarray, "e d d"]]]
+"""Columns of each block with a curved chart, by epoch, and a Jacobian of each epoch's."""
 
 
 @dataclass(frozen=True)
@@ -191,12 +214,11 @@ class MarginalizationPrior:
         here = trajectory[: len(self.first)]
         errors = self.ordering.layout.local(self.first, here)
         rest = self.right - self.information_sqrt @ column_errors(self.ordering, errors)
-        resets = self.ordering.layout.reset_jacobian(errors)
+        resets = column_resets(self.ordering, errors)
         # R' R and R' rest by errors about here, d = away + G^-1 e with the reset Jacobian G of each epoch
-        by_trial = np.linalg.inv(resets)
-        gram = with_columns_reset(self.ordering, self.gram, by_trial)
-        gram = with_columns_reset(self.ordering, gram.T, by_trial)
-        gradient = with_columns_reset(self.ordering, (rest @ self.information_sqrt)[None], by_trial)[0]
+        by_trial = inverse_resets(resets)
+        gram = with_columns_reset(with_columns_reset(self.gram, by_trial).T, by_trial)
+        gradient = with_columns_reset((rest @ self.information_sqrt)[None], by_trial)[0]
         p = len(self.ordering.pose)
         if p:
             shift = self.shift(here, resets)
@@ -207,13 +229,12 @@ class MarginalizationPrior:
             gradient[:p] += shift.T @ gradient
         return LinearizedPrior(self, gram, gradient, float(rest @ rest) + self.constant_cost)
 
-    def shift(
-        self, here: Float[np.ndarray, "F m"], resets: Float[np.ndarray, "F n n"]
-    ) -> Float[np.ndarray, "q p"]:
+    def shift(self, here: Float[np.ndarray, "F m"], resets: Resets) -> Float[np.ndarray, "q p"]:
         """D in R_now = R G^-1 (I + D on the oldest pose's columns), with the reset Jacobians G at ``here``."""
         p = len(self.ordering.pose)
         now = gauge_columns(self.ordering, here)
-        then = with_columns_reset(self.ordering, self._gauge.T, resets.swapaxes(1, 2)).T
+        turned = [(columns, jacobians.swapaxes(1, 2)) for columns, jacobians in resets]
+        then = with_columns_reset(self._gauge.T, turned).T
         return np.linalg.solve(now[:p].T, (then - now).T).T
 
 
@@ -256,25 +277,24 @@ def column_errors(ordering: VariableOrdering, errors: Float[np.ndarray, "F n"]) 
     return np.concatenate([poses, errors[0, ordering.constant], errors[0, ordering.tridiagonal]])
 
 
-def with_columns_reset(
-    ordering: VariableOrdering, rows: Float[np.ndarray, "r x"], jacobians: Float[np.ndarray, "F n n"]
-) -> Float[np.ndarray, "r x"]:
-    """Rows times the block-diagonal matrix of a Jacobian (n, n) for each epoch, in the order of the prior's columns.
+def column_resets(ordering: VariableOrdering, errors: Float[np.ndarray, "F n"]) -> Resets:
+    """Reset Jacobians, at some errors, of the blocks whose charts are curved, with their columns in a prior."""
+    jacobians = ordering.layout.reset_jacobian(errors)
+    return [(columns, jacobians[: len(columns), place, place]) for place, columns in ordering.curved_columns]
 
-    Columns behind the prior's stay as they are.
-    """
-    p, c, v, F = len(ordering.pose), len(ordering.constant), len(ordering.tridiagonal), len(jacobians)
+
+def inverse_resets(resets: Resets) -> Resets:
+    """The inverse of each Jacobian."""
+    return [(columns, np.linalg.inv(jacobians)) for columns, jacobians in resets]
+
+
+def with_columns_reset(rows: Float[np.ndarray, "r x"], resets: Resets) -> Float[np.ndarray, "r x"]:
+    """Rows times the block-diagonal matrix of the Jacobians; columns of other blocks, and those behind the prior's, stay."""
     result = rows.copy()
-    if p:
-        # poses of all epochs, (F, r, p) @ (F, p, p): each epoch's columns by its own Jacobian
-        poses = rows[:, : F * p].reshape(len(rows), F, p).swapaxes(0, 1)
-        turned = poses @ jacobians[:, ordering.pose[:, None], ordering.pose]
-        result[:, : F * p] = turned.swapaxes(0, 1).reshape(len(rows), F * p)
-    constants, tridiagonal = slice(F * p, F * p + c), slice(F * p + c, F * p + c + v)
-    result[:, constants] = rows[:, constants] @ jacobians[0][ordering.constant[:, None], ordering.constant]
-    result[:, tridiagonal] = (
-        rows[:, tridiagonal] @ jacobians[0][ordering.tridiagonal[:, None], ordering.tridiagonal]
-    )
+    for columns, jacobians in resets:
+        # (e, r, d) @ (e, d, d): each epoch's columns by its own Jacobian
+        turned = rows[:, columns].swapaxes(0, 1) @ jacobians
+        result[:, columns] = turned.swapaxes(0, 1)
     return result
 
 

@@ -183,6 +183,71 @@ integer eliminate_velocities(integer K, integer v, integer p, integer blocks, in
   return failed;
 }
 
+/* Rows i .. i + rows of M [][n], columns low .. end: M -= X' X, X [v][n + 1]. The numbers of a few rows times two vectors of
+ * columns stay in registers over all v. Up to `limit` further columns may be written: they lie above the diagonal, or X is zero. */
+static inline __attribute__((always_inline)) void subtract_products(const int rows, integer v, integer n, const double* X, integer i,
+                                                                    integer low, integer end, integer limit, double* M) {
+  const integer whole = low + (end - low + 2 * LANES - 1) / (2 * LANES) * (2 * LANES);
+  if (whole <= limit) end = whole;
+  integer j = low;
+  double* at = M + i * n;
+  for (; j + 2 * LANES <= end; j += 2 * LANES) {
+    lanes left[4], right[4];
+    for (int r = 0; r < rows; ++r) {
+      left[r] = *(const loose*)(at + r * n + j);
+      right[r] = *(const loose*)(at + r * n + j + LANES);
+    }
+    for (integer a = 0; a < v; ++a) {
+      const double* x = X + a * (n + 1);
+      const lanes x0 = *(const loose*)(x + j), x1 = *(const loose*)(x + j + LANES);
+      for (int r = 0; r < rows; ++r) {
+        left[r] -= x[i + r] * x0;
+        right[r] -= x[i + r] * x1;
+      }
+    }
+    for (int r = 0; r < rows; ++r) {
+      *(loose*)(at + r * n + j) = left[r];
+      *(loose*)(at + r * n + j + LANES) = right[r];
+    }
+  }
+  /* Columns that fill no two vectors. */
+  for (; j < end; ++j)
+    for (int r = 0; r < rows; ++r) {
+      double sum = 0;
+      for (integer a = 0; a < v; ++a) sum += X[a * (n + 1) + i + r] * X[a * (n + 1) + j];
+      at[r * n + j] -= sum;
+    }
+}
+
+/* The same for the rows low .. high of M, each up to its diagonal and no further than n, from column `from` on. */
+static void subtract_triangle(integer v, integer n, const double* X, integer low, integer high, integer from, double* M) {
+  integer i = low;
+  for (; i + 4 <= high; i += 4) subtract_products(4, v, n, X, i, from, i + 4 < n ? i + 4 : n, n, M);
+  for (; i < high; ++i) subtract_products(1, v, n, X, i, from, i + 1 < n ? i + 1 : n, n, M);
+}
+
+enum { AT_ONCE = 4 }; /* epochs whose X are multiplied at once, so that M passes by more seldom */
+
+/* Schur complement of the eliminated velocities on what remains, M [n + 1][n] -= X_k' X_k of every epoch: lower triangle and, in the
+ * last row, right-hand side. X_k [v][n + 1] is zero right of its last pose and negligible left of begin[k]; the columns behind the
+ * poses, of constants and right-hand side, count in every epoch. See `eliminate_velocities`. */
+void reduce_velocities(integer K, integer v, integer p, integer blocks, integer n, integer reach, const integer* begin,
+                       const double* X, double* M) {
+  const integer tail = blocks * p;
+  for (integer k = 0; k < K; k += AT_ONCE) {
+    /* X of the next few epochs as one, [rows][n + 1], over the poses that any of them feels. */
+    const integer after = k + AT_ONCE < K ? k + AT_ONCE : K, rows = (after - k) * v;
+    const integer end = after + 1 > reach ? after + 1 : reach, low = begin[k] * p, high = (end < blocks ? end : blocks) * p;
+    subtract_triangle(rows, n, X, low, high, low, M);
+    subtract_triangle(rows, n, X, tail, n + 1, tail, M);
+    /* Rows of constants and right-hand side by the poses. */
+    integer i = tail;
+    for (; i + 4 <= n + 1; i += 4) subtract_products(4, rows, n, X, i, low, high, tail, M);
+    for (; i <= n; ++i) subtract_products(1, rows, n, X, i, low, high, tail, M);
+    X += rows * (n + 1);
+  }
+}
+
 /* Behind a solution of what remains: right [K][v] becomes L_k^-T (right_k - F_k out_k+1). */
 void solve_velocities(integer K, integer v, const double* L, const double* F, double* right) {
   for (integer k = K - 1; k >= 0; --k) {

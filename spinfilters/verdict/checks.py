@@ -269,8 +269,8 @@ CHECKS: Final[tuple[Check, ...]] = (
     ),
     Check(
         "over-confident", ALL, Needs.SMOOTHER,
-        "Is a filter's expected NEES, with the smoother as the truth, that of a consistent filter? Whole "
-        "error and mass distribution, mean over its epochs and at the last",
+        "Is the expected NEES of a filter or a fixed lag, with the smoother as the truth, that of a consistent filter? "
+        "Whole error and mass distribution, mean over its epochs and at the last",
         "1 % of consistent filters at most",
         "over-confident: its errors{which} {where} are {times:.2g} times its stated standard deviations (root mean square), "
         "judged by the smoother",

@@ -1,6 +1,7 @@
 """The same numbers from a file, a data frame, a mapping and an array give the same estimates, bit for bit."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -32,6 +33,18 @@ def test_memory_gives_the_estimates_of_a_file(
         for part in ("time", "mean", "factor", "nis"):
             np.testing.assert_array_equal(getattr(ours, part), getattr(theirs, part))
         assert run[name].status == from_file[name].status
+
+
+def test_a_file_is_compared_as_it_is_loaded(gyro: spinfilters.Dataset, tmp_path: Path) -> None:
+    stream = gyro.log.stream("gyro")
+    path = tmp_path / "bare.csv"
+    np.savetxt(path, np.column_stack([1e3 * stream.time, np.degrees(stream.values)]), delimiter=",")
+    reading: dict[str, Any] = {"columns": "t,x,y,z", "unit": "deg/s", "clock": "ms"}
+    loaded = spinfilters.compare(spinfilters.load(path, **reading), "mekf", verdict="filter")
+    run = spinfilters.compare(path, "mekf", verdict="filter", **reading)
+    np.testing.assert_array_equal(run["mekf"].evaluation.history.mean, loaded["mekf"].evaluation.history.mean)
+    with pytest.raises(spinfilters.InputError, match="rate 5 says how to read a file"):
+        spinfilters.compare(gyro, rate=5)
 
 
 def test_memory_and_a_file_write_the_same_trajectories(

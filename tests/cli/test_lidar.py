@@ -100,19 +100,27 @@ def test_scans_needed_of_nothing_is_refused(tmp_path: Path, capsys: pytest.Captu
 
 
 @pytest.mark.parametrize(
-    ("body", "rays", "count"), [("cube", 30, 6), ("cube", 30, 12), ("spacecraft", 60, 6)]
+    ("body", "rays", "count", "least"),
+    [
+        ("cube", 30, 6, 6),
+        ("cube", 30, 12, 12),
+        ("spacecraft", 60, 6, 4),
+    ],  # two ways must agree where faces hide others
 )
-def test_scans_without_noise_become_regular_poses(body: str, rays: int, count: int, tmp_path: Path) -> None:
+def test_scans_without_noise_become_regular_poses(
+    body: str, rays: int, count: int, least: int, tmp_path: Path
+) -> None:
     command = ["lidar", "scan", body, "--scans", str(count), "--rays", str(rays), str(rays)]
     assert main([*command, "-o", str(tmp_path / "s")]) == 0
     dataset = read_dataset(tmp_path / "s")
     (stream,), truth = dataset.log.streams, dataset.truth
-    assert len(stream) == count
+    assert least <= len(stream) <= count
     assert stream.covariance is not None
     assert truth is not None
     std = np.sqrt(np.linalg.eigvalsh(stream.covariance))
     assert std.min() > 5e-6  # no face is flatter
-    apart = angle_between(truth.q_ig, stream.values[:, 3:])
+    true = truth.q_ig[np.searchsorted(truth.time, stream.time)]
+    apart = angle_between(true, stream.values[:, 3:])
     sure = np.sqrt(np.linalg.eigvalsh(stream.covariance[:, 3:, 3:])[:, -1]) < 1e-2
     assert sure.sum() >= 3
     assert apart[sure].max() < 1e-6  # and the poses are exact all the same

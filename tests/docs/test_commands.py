@@ -186,6 +186,7 @@ def _small(command: str) -> str | None:
         ("-o images", "-o rendered") if "simulate" in body else ("", ""),
         ("runs/images", "runs/mine"),
         ("rig/cam1 images/", "rig/cam1 calibrated/"),
+        ("--difference older-rig", "--difference rig"),
         ("runs/first", "runs/mine"),
         ("body.stl --scans", "body.stl --scale 0.001 --scans"),
     ):

@@ -15,7 +15,9 @@ from spinfilters.smoother.priors import (
     FirstStatePrior,
     MarginalizationPrior,
     column_errors,
+    column_resets,
     gauge_columns,
+    inverse_resets,
     with_columns_reset,
 )
 from spinfilters.smoother.problem import LinearizationPoint, LinearProblem, NormalEquations, Problem
@@ -186,13 +188,9 @@ def test_without_the_correction_moved_estimates_would_tell_the_gauge() -> None:
 
 def _rows_about(prior: MarginalizationPrior, here: np.ndarray) -> np.ndarray:
     """Rows [R_now | y_now] about other points of the prior's epochs."""
-    layout = prior.ordering.layout
-    errors = layout.local(prior.first, here)
-    away, resets = column_errors(prior.ordering, errors), layout.reset_jacobian(errors)
-    root, p = (
-        with_columns_reset(prior.ordering, prior.information_sqrt, np.linalg.inv(resets)),
-        len(prior.ordering.pose),
-    )
+    errors = prior.ordering.layout.local(prior.first, here)
+    away, resets = column_errors(prior.ordering, errors), column_resets(prior.ordering, errors)
+    root, p = with_columns_reset(prior.information_sqrt, inverse_resets(resets)), len(prior.ordering.pose)
     root[:, :p] += root @ prior.shift(here, resets)
     return np.concatenate([root, (prior.right - prior.information_sqrt @ away)[:, None]], axis=1)
 

@@ -29,7 +29,7 @@ NAMES: Final = (
     "smoother-lag-10, smoother-lag-20, smoother-lag-50, filterpy-ekf, filterpy-ukf, embedded"
 )
 """Names for the help, which loads no estimator; a test compares them with the table."""
-RECORDING: Final = "data set folder, phyphox export, gyro .csv or TUM .tum"
+RECORDING: Final = "a recording: data set folder, stereo images, log of a phone or robot, table with named columns, ROS bag, TUM"
 _FLIGHTS_PRINTED: Final = 4
 OWN_SETTINGS: Final = "spinfilters.toml"
 """Settings file of the folder in which the command runs, taken where ``--config`` names no other."""
@@ -53,7 +53,11 @@ class ComparisonArguments(RunArguments):
         Argument("law of --drag: quadratic in the rate (default), linear, or auto: the likelier, if any"),
     ] = None
     config: Annotated[
-        str | None, Argument("TOML file with settings, such as config.toml of another run", metavar="FILE")
+        str | None,
+        Argument(
+            "TOML file with settings, such as config.toml of another run; tweddle: those of section 6.4 of Tweddle (2013)",
+            metavar="FILE",
+        ),
     ] = None
     set: Annotated[
         tuple[tuple[str], ...],

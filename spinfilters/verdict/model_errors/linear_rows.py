@@ -4,7 +4,7 @@ At the solution of min |J e - y|^2 a right-hand side H leaves M H with M = I - J
 together, from the factors that the problem's own solution left behind: landmarks, chained errors, then poses and constants.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.linalg import solve_triangular
 
+from spinfilters.core.linear_algebra import STRETCH
 from spinfilters.smoother.linear_system import SchurSystem
 from spinfilters.smoother.motion_factors import EpochRows, SensorRows, prior_rows
 from spinfilters.smoother.problem import LinearizationPoint, NormalEquations, Problem
@@ -184,6 +185,11 @@ def summed(
     return (which @ flat).reshape(count, *part.shape[1:])
 
 
+def _stretches(count: int) -> Iterator[slice]:
+    """Observations whose products are in memory together."""
+    return (slice(first, first + STRETCH) for first in range(0, count, STRETCH))
+
+
 @dataclass(frozen=True)
 class LinearRows:
     """A solved linear problem; its rows must be in memory (`Problem.is_long` is false)."""
@@ -288,9 +294,10 @@ class LinearRows:
             fit = self.normal.eliminated
             assert fit is not None
             # An observation has the columns [pose (6) | landmark (3)].
-            by_row = np.swapaxes(self.observation_rows[:, :, :-1], 1, 2) @ right.observations
-            every[:, :6] += summed(fit.observations.epoch, ordering.epochs, by_row[:, :6])
-            landmarks += summed(fit.observations.landmark, len(landmarks), by_row[:, 6:])
+            for some in _stretches(len(self.observation_rows)):
+                by_row = np.swapaxes(self.observation_rows[some, :, :-1], 1, 2) @ right.observations[some]
+                every[:, :6] += summed(fit.observations.epoch[some], ordering.epochs, by_row[:, :6])
+                landmarks += summed(fit.observations.landmark[some], len(landmarks), by_row[:, 6:])
         return Gradient(every[:, :d], constant, landmarks)
 
     def half_solved(self, b: Gradient) -> HalfSolved:
@@ -403,10 +410,26 @@ class LinearRows:
             axis=1,
         )
         if fit is not None and self.observation_rows is not None:
-            poses, points = e.moving[fit.observations.epoch, :6], e.landmarks[fit.observations.landmark]
-            seen = self.observation_rows[:, :, :-1] @ np.concatenate([poses, points], axis=1)
+            seen = np.empty((len(self.observation_rows), 3, states.shape[2]))
+            for some in _stretches(len(seen)):
+                poses, points = fit.observations.epoch[some], fit.observations.landmark[some]
+                errors = np.concatenate([e.moving[poses, :6], e.landmarks[points]], axis=1)
+                np.matmul(self.observation_rows[some, :, :-1], errors, out=seen[some])
         steps = self.here.dynamics.rows[:, :, :-1] @ both
         return Columns((), steps, seen, self.prior_rows[:, :-1] @ states[0])
+
+    def left_beside_sensors(self, groups: Sequence[Columns], e: Gradient) -> Columns:
+        """M H of all rows but those of such sensors: of groups of right-hand sides side by side, which e solves."""
+        left, end = self.explained_beside_sensors(e), 0
+        for part in left.parts:
+            np.negative(part, out=part)
+        for each in groups:  # in its place: of observations there is room for few such arrays
+            own, end = slice(end, end + each.count), end + each.count
+            left.steps[:, :, own] += each.steps
+            left.prior[:, own] += each.prior
+            if left.observations is not None and each.observations is not None:
+                left.observations[:, :, own] += each.observations
+        return left
 
     def states(self, e: Gradient) -> Float[np.ndarray, "k n m"]:
         """Errors of every epoch, components as in `VariableOrdering.order`."""

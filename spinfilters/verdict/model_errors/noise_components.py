@@ -234,7 +234,7 @@ class ColumnProducts:
         order = sorted(range(len(given)), key=lambda k: not given[k].is_measured)
         ends = np.cumsum([0, *(given[k].count for k in order)]).tolist()
         places = {k: slice(a, b) for k, a, b in zip(order, ends, ends[1:], strict=False)}
-        driven = [replace(each, sensors=()) for each in given if not each.is_measured]
+        driven = [each.of_motion for each in given if not each.is_measured]
         groups = [[each for each in given if each.is_measured], driven]
         solved = _Solved.of(rows, [Columns.joined(group) for group in groups if group])
         shared, own = solved.by_component(noise)
@@ -275,9 +275,7 @@ class _Solved:
     def of(cls, rows: LinearRows, groups: Sequence[Columns]) -> "_Solved":
         """Solved together."""
         e = rows.solved(Gradient.joined([rows.gradient(each) for each in groups]))
-        beside = Columns.joined([replace(each, sensors=()) for each in groups])
-        right = tuple(each if each.is_measured else each.of_motion for each in groups)
-        return cls(rows, right, rows.states(e), beside.minus(rows.explained_beside_sensors(e)))
+        return cls(rows, tuple(groups), rows.states(e), rows.left_beside_sensors(groups, e))
 
     @property
     def information(self) -> Float[np.ndarray, "m m"]:
