@@ -2,7 +2,7 @@
 # make test      run the tests        make check   linter, formatter, types, layers
 # make test-quick   the tests of models, state, files and interfaces, for the edit loop
 # make docs      the site of docs/ in build/site, strict
-# make bench     time the estimators  make clean   remove everything but results
+# make bench     time the estimators, tell changes of 10 %   make clean   remove everything but results
 # make kernels   run the tests that depend on arithmetic under other kernels of OpenBLAS, and without compiled code
 # Every target installs what it needs into .venv, once. Choose another Python with PYTHON=python3.12.
 
@@ -75,6 +75,7 @@ check:
 
 bench:
 	$(environment)
+	@$(bin)/python -m experiments.benchmarks.timing_history
 	@$(bin)/python -m experiments.benchmarks.filter_speed
 	@$(bin)/python -m experiments.benchmarks.landmark_filters --frames 1000
 	@$(bin)/python -m experiments.benchmarks.observability_speed

@@ -4,7 +4,7 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
 from typing import Any, Final
 
@@ -45,6 +45,8 @@ COMPONENTS: Final = {
 }
 """Names of components by quantity; of a principal axis, of the rotation about it."""
 COLOURS: Final = (*AXIS_COLOURS, BLACK)
+LARGEST_AGE: Final = timedelta(days=183)
+"""By which a result may be older than the code that it describes."""
 SIGNIFICANT: Final = 0.01
 """Probability below which ranks are not uniform."""
 
@@ -90,6 +92,11 @@ def source_hash() -> str:
         for path in sorted((package / name).rglob("*.py")):
             digest.update(path.relative_to(package).as_posix().encode() + b"\0" + path.read_bytes())
     return digest.hexdigest()
+
+
+def is_outdated(result: Mapping[str, Any], code: date) -> bool:
+    """Whether a stored result is older by half a year than the code that it describes, which was last changed that day."""
+    return code - date.fromisoformat(result["date"]) > LARGEST_AGE
 
 
 def write_report(folder: Path, study: CalibrationStudy, draws: Sequence[CalibrationDraw]) -> list[Path]:
@@ -139,7 +146,7 @@ def rank_figure(
         for axes, quantity in zip(row, quantities, strict=False):
             _draw_ranks(axes, quantity, found.get(quantity, ()))
             axes.set_title(f"{LABELS[quantity]}, {title}", fontsize="small")
-        row[0].set_ylabel("share of ranks below, minus uniform [-]")
+        row[0].set_ylabel("distribution minus uniform [-]")
         for axes in row[len(quantities) :]:
             axes.set_visible(False)
     _draw_coverage(panels[-1][0], next(iter(groups.values())))
@@ -207,8 +214,8 @@ def _draw_characteristic(axes: Axes, draws: Sequence[CalibrationDraw]) -> None:
         axes.plot([rates.ok_of_wrong.value], [rates.ok_of_right.value], "o", color=BLUE, label="verdict ok")
     else:
         axes.axhline(rates.ok_of_right.value, color=BLUE, label="verdict ok (no draw beyond 4 deviations)")
-    axes.set_xlabel("share called ok of those beyond 4 deviations [-]")
-    axes.set_ylabel("share called ok of the others [-]")
+    axes.set_xlabel("ok among those beyond 4 std [-]")
+    axes.set_ylabel("ok among the others [-]")
     axes.set_xlim(-0.02, 1.02)
     axes.set_ylim(-0.02, 1.02)
     axes.legend(fontsize="x-small", frameon=False, loc="lower right")

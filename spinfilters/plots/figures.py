@@ -3,6 +3,7 @@
 import gc
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Container, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -361,19 +362,29 @@ def draw_run(
 
     every = {f"{name}.png": draw for name, draw in _figures(figure_data)}
     figures = {name: draw for name, draw in every.items() if wanted is None or name in wanted}
-    is_frozen = gc.get_freeze_count() > 0
-    if not is_frozen:
-        gc.freeze()  # what was there before need not be searched behind each figure
-    try:
+    with _searched_behind_figures():
         for index, (name, draw) in enumerate(figures.items()):
             progress(index, len(figures))
             draw_figure(draw, folder / name)
             gc.collect()  # a figure is a knot of references that would wait for the next ones
+    progress(len(figures), len(figures))
+    return list(figures)
+
+
+@contextmanager
+def _searched_behind_figures() -> Iterator[None]:
+    """Let the garbage collector search where it is asked to, and only what is new: a figure has very many objects."""
+    is_frozen, is_enabled = gc.get_freeze_count() > 0, gc.isenabled()
+    gc.disable()
+    if not is_frozen:
+        gc.freeze()
+    try:
+        yield
     finally:
         if not is_frozen:
             gc.unfreeze()
-    progress(len(figures), len(figures))
-    return list(figures)
+        if is_enabled:
+            gc.enable()
 
 
 def drawn_figure(figure_data: FigureData, name: str) -> "Figure":

@@ -178,6 +178,8 @@ else:
     )
 
 
+PRESETS: Final = Path(__file__).parent / "presets"
+"""Folder of the settings that have a name."""
 DEFAULT_ESTIMATORS: Final = ("mekf", "ukf", "smoother")
 """Estimators of a comparison where nobody names any."""
 
@@ -511,7 +513,7 @@ def read_settings(path: Path) -> Settings:
     Parameters
     ----------
     path : Path
-        A TOML file.
+        A TOML file, or the name of one in `PRESETS` where no file of that name is there.
 
     Returns
     -------
@@ -523,6 +525,9 @@ def read_settings(path: Path) -> Settings:
     InputError
         Missing, too large, not TOML, an unknown key, a value of another type or out of range.
     """
+    preset = PRESETS / f"{path.name}.toml"
+    if path == Path(path.name) and not path.exists() and preset.is_file():
+        path = preset
     return settings_from(read_toml(path), path_text(path))
 
 

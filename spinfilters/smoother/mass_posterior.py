@@ -123,8 +123,8 @@ class MassPosterior:
         Covariance factors of the last epoch given each sample.
     points : ndarray of float, shape (n, 5)
         Samples s.
-    log_density : ndarray of float, shape (n,)
-        Of each sample, up to a constant.
+    log_ratios : ndarray of float, shape (n,)
+        Log density of each sample over that of its proposal, up to a constant; zero of samples that are drawn from the density.
     weights : ImportanceWeights
         Of the samples.
     """
@@ -132,7 +132,7 @@ class MassPosterior:
     trajectories: Float[np.ndarray, "n k m"]
     last_factors: Float[np.ndarray, "n e e"]
     points: Float[np.ndarray, "n 5"]
-    log_density: Float[np.ndarray, " n"]
+    log_ratios: Float[np.ndarray, " n"]
     weights: ImportanceWeights
 
 
@@ -201,10 +201,10 @@ class MassSampler:
                 density.append(found.log_density)
         if not trajectories:
             return None
-        every, log_density = np.array(trajectories), np.array(density)
+        every = np.array(trajectories)
         points = every[:, 0, self._at]
-        weights = smoothed_weights(log_density - self._log_proposal(points, nodes, roots, share))
-        return MassPosterior(every, np.array(factors), points, log_density, weights)
+        ratios = np.array(density) - self._log_proposal(points, nodes, roots, share)
+        return MassPosterior(every, np.array(factors), points, ratios, smoothed_weights(ratios))
 
     def gaussian_nees(
         self, node: MassNode, points: Float[np.ndarray, "n 5"], weights: Float[np.ndarray, " n"]

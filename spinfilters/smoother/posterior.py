@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.core.ensemble_sampler import Ensemble, stretch_step
-from spinfilters.core.importance_weights import LARGEST_SHAPE
+from spinfilters.core.importance_weights import LARGEST_SHAPE, ImportanceWeights
 from spinfilters.filters.square_root import lower_roots
 from spinfilters.models.body import MassSamples
 from spinfilters.models.state_blocks import MASS_DISTRIBUTION
@@ -108,10 +108,10 @@ def sample_posterior(
     found = sampler.sample(nodes, options.samples, options.seed)
     if found is None:
         return None
-    weights, method = found.weights.weights, "importance"
+    method = "importance"
     if not found.weights.shape < options.largest_shape:
         found, method = _walked(sampler, nodes, found, options), "mcmc"
-        weights = np.full(len(found.points), 1 / len(found.points))
+    weights = found.weights.weights
     mean, factor = _moments(sampler, found, weights)
     last = StateMixture(
         problem.layout,
@@ -163,16 +163,15 @@ def _walked(
     begun = [evaluate(d) for d in first]
     ensemble = Ensemble(first, np.array([density for density, _ in begun]), tuple(kept for _, kept in begun))
     kept: list[tuple[np.ndarray, np.ndarray]] = []
-    density: list[float] = []
     for step in range(options.steps):
         ensemble = stretch_step(ensemble, evaluate, generator)
         if step >= options.settling:
-            good = [k for k, each in enumerate(ensemble.carried) if each is not None]
             kept += [each for each in ensemble.carried if each is not None]
-            density += ensemble.log_density[good].tolist()
     trajectories = np.array([trajectory for trajectory, _ in kept])
     factors = np.array([factor for _, factor in kept])
-    return MassPosterior(trajectories, factors, trajectories[:, 0, at], np.array(density), found.weights)
+    count = len(kept)
+    weights = ImportanceWeights(np.full(count, 1 / count), found.weights.shape)
+    return MassPosterior(trajectories, factors, trajectories[:, 0, at], np.zeros(count), weights)
 
 
 def _moments(

@@ -192,3 +192,16 @@ def test_filters_and_smoother_take_every_loss_of_the_table(name: str) -> None:
     assert settings.robust.loss == name
     assert settings.smoother.robust_loss == build_loss(name, settings.smoother.width, settings.smoother.shape)
     assert page().count(f'"{name}"') >= 2
+
+
+def test_settings_of_the_thesis_have_a_name_unless_a_file_has_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    thesis = read_settings(Path("tweddle"))
+    assert thesis.estimators == ("smoother",)
+    assert (thesis.process.force_psd, thesis.sensors.pixel_std, thesis.smoother.iterations) == (1e-6, 1.0, 7)
+    with pytest.raises(InputError):
+        read_settings(tmp_path / "tweddle")
+    (tmp_path / "tweddle").write_text("[smoother]\niterations = 3\n")
+    assert read_settings(Path("tweddle")).smoother.iterations == 3

@@ -53,7 +53,11 @@ class ComparisonArguments(RunArguments):
         Argument("law of --drag: quadratic in the rate (default), linear, or auto: the likelier, if any"),
     ] = None
     config: Annotated[
-        str | None, Argument("TOML file with settings, such as config.toml of another run", metavar="FILE")
+        str | None,
+        Argument(
+            "TOML file with settings, such as config.toml of another run; tweddle: those of section 6.4 of Tweddle (2013)",
+            metavar="FILE",
+        ),
     ] = None
     set: Annotated[
         tuple[tuple[str], ...],

@@ -1,0 +1,158 @@
+"""Quantiles of the sampled posterior compared with those of a long Markov chain over all states.
+
+    python -m experiments.reference_posterior [--seeds 5] [--steps 4000] [--sensors gyro,pose]
+
+The estimator `posterior` integrates the motion out by Laplace's method. The chain does not: each step proposes a mass distribution
+and all states of the motion (605 to 1208 numbers), and accepts them by their exact density (Metropolis, Hastings; independence
+sampler). Printed for each recording of the calibration prior are processor time, Pareto shape and accepted share. By quantity
+follows the largest difference of quantiles over levels and components, in per cent of the width of the chain's 95 % interval. Two
+halves of the chain differ by chance; their largest difference stands beside.
+"""
+
+import argparse
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from jaxtyping import Float
+
+from experiments.command_line import run_study
+from spinfilters.campaigns.calibration_draws import drawn_scenario
+from spinfilters.core.working_time import working_seconds
+from spinfilters.evaluation.posterior_distance import LEVELS, QuantityMixture, posterior_quantities
+from spinfilters.inference.smoother_run import smooth_at_once, smoothed_problem
+from spinfilters.models.state_mixture import StateMixture
+from spinfilters.run.preparation import prepare
+from spinfilters.settings.run_settings import Settings
+from spinfilters.simulation.scenario import simulate
+from spinfilters.smoother.linear_system import SchurSystem
+from spinfilters.smoother.mass_posterior import FIXED_STD, NO_POINTS, STRICT, ConditionalMotion, MassSampler
+from spinfilters.smoother.posterior import sample_posterior
+from spinfilters.smoother.priors import FirstStatePrior
+from spinfilters.smoother.problem import Problem
+
+CHAIN_SEED: Final = 99
+SETTLING: Final = 0.05
+"""Share of the chain that is left out at its beginning."""
+
+
+class ExactSampler(MassSampler):
+    """A sampler whose density is that of a mass distribution together with one draw of the motion, without Laplace's method."""
+
+    def __init__(self, problem: Problem, seed: int) -> None:
+        super().__init__(problem)
+        self.generator, self.last_states = np.random.default_rng(seed), list[np.ndarray]()
+
+    def conditional(self, trajectory: Float[np.ndarray, "k m"], iterations: int) -> ConditionalMotion | None:
+        """The motion given a mass distribution, with the exact density of a draw over that of its proposal."""
+        found = super().conditional(trajectory, iterations)
+        if found is None:
+            return None
+        mean, std = self._prior.mean.copy(), self._prior_std.copy()
+        mean[self._at], std[self._s] = trajectory[0, self._at], FIXED_STD
+        problem = replace(self.problem, motion=replace(self.problem.motion, prior=FirstStatePrior(mean, std)))
+        errors, square = motion_draw(found.solution, self.generator)
+        drawn = self.layout.retract(found.trajectory, errors + found.solution.errors)
+        cost = problem.at(drawn, NO_POINTS).cost(None, STRICT)
+        least = (
+            problem.at(found.trajectory, NO_POINTS).cost(None, STRICT) - found.solution.predicted_reduction
+        )
+        self.last_states.append(drawn[-1])
+        return replace(found, log_density=found.log_density - 0.5 * (cost - least - square))
+
+
+def motion_draw(
+    solution: SchurSystem, generator: np.random.Generator
+) -> tuple[Float[np.ndarray, "k e"], float]:
+    """Errors of all epochs drawn from a linear problem's Gaussian, and their square in it."""
+    chain = solution.tridiagonal
+    L, F, X = chain.information_sqrts, chain.next, chain.coupling[:, :, :-1]
+    z = generator.standard_normal(len(solution.separator_step))
+    separator = np.linalg.solve(np.tril(solution.information_sqrt).T, z)
+    square, steps, after = float(z @ z), np.zeros(L.shape[:2]), np.zeros(L.shape[1])
+    # backwards along the chain: dv_k = L_k^-T (n_k - X_k dx - F_k dv_k+1)
+    for k in range(len(L) - 1, -1, -1):
+        n = generator.standard_normal(L.shape[1])
+        square += float(n @ n)
+        right = n - X[k] @ separator - (F[k] @ after if k + 1 < len(L) else 0.0)
+        after = steps[k] = np.linalg.solve(L[k].T, right)
+    return solution.ordering.errors(separator, steps), square
+
+
+def chain_quantities(
+    problem: Problem, trajectory: Float[np.ndarray, "k m"], steps: int, reference: StateMixture
+) -> tuple[StateMixture, float]:
+    """States of the chain at the last epoch as points of equal weight, and the accepted share."""
+    nodes = MassSampler(problem).ridge(trajectory)
+    sampler = ExactSampler(problem, CHAIN_SEED)
+    found = sampler.sample(nodes, steps, CHAIN_SEED)
+    assert found is not None
+    order = np.random.default_rng(CHAIN_SEED).permutation(
+        len(found.points)
+    )  # proposals are even, not independent
+    logs, uniform = found.log_ratios[order], np.random.default_rng(1).random(len(order))
+    chosen, here, accepted = np.empty(len(order), dtype=int), int(logs.argmax()), 0
+    for k in range(len(order)):
+        if np.log(uniform[k]) < logs[k] - logs[here]:
+            here, accepted = k, accepted + 1
+        chosen[k] = here
+    states = np.array(sampler.last_states)[order][chosen[int(SETTLING * len(order)) :]]
+    nothing = np.zeros((len(states), *reference.factors.shape[1:]))
+    weights = np.full(len(states), 1 / len(states))
+    return StateMixture(problem.layout, states, nothing, weights, np.nan, "chain"), accepted / len(order)
+
+
+def largest_differences(
+    one: dict[str, QuantityMixture], other: dict[str, QuantityMixture]
+) -> dict[str, float]:
+    """Largest difference of quantiles by quantity, in per cent of the width of the other's 95 % interval."""
+    found = {}
+    for name in one:
+        a, b = one[name].quantiles(LEVELS), other[name].quantiles(LEVELS)
+        found[name] = 100 * float((np.abs(a - b) / (b[:, -1:] - b[:, :1])).max())
+    return found
+
+
+def main() -> None:
+    """Print a row for each recording."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--seeds", type=int, default=5, help="recordings of each sensor")
+    parser.add_argument("--steps", type=int, default=4000, help="of the chain")
+    parser.add_argument("--sensors", default="gyro,pose")
+    options = parser.parse_args()
+    print(
+        "| recording | s | shape | accepted | largest difference [%] by quantity | of the chain's halves [%] |"
+    )
+    print("|---|---|---|---|---|---|")
+    for sensor in options.sensors.split(","):
+        for seed in range(options.seeds):
+            setup = prepare(simulate(drawn_scenario(sensor, seed)), Settings())
+            problem, smoothed = smoothed_problem(setup, Settings())
+            history = smooth_at_once(setup, Settings(), lambda done, every: None)
+            begin = working_seconds()
+            posterior = sample_posterior(problem, smoothed.mean)
+            seconds = working_seconds() - begin
+            assert posterior is not None
+            chain, accepted = chain_quantities(problem, smoothed.mean, options.steps, posterior.last)
+            ours, exact = (posterior_quantities(each, history) for each in (posterior.last, chain))
+            halves = [posterior_quantities(each, history) for each in _halves(chain)]
+            told = " ".join(f"{name} {value:.1f}" for name, value in largest_differences(ours, exact).items())
+            chance = max(largest_differences(*halves).values())
+            print(
+                f"| {sensor} {seed} | {seconds:.1f} | {posterior.last.shape:.2f} | {accepted:.2f} | {told} | {chance:.1f} |",
+                flush=True,
+            )
+
+
+def _halves(chain: StateMixture) -> list[StateMixture]:
+    half = len(chain.weights) // 2
+    return [
+        replace(chain, means=chain.means[rows], factors=chain.factors[rows], weights=np.full(half, 1 / half))
+        for rows in (slice(0, half), slice(half, 2 * half))
+    ]
+
+
+if __name__ == "__main__":
+    run_study(main)

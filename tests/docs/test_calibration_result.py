@@ -1,0 +1,37 @@
+"""The published calibration is not much older than the code that it describes."""
+
+import json
+import subprocess
+from datetime import date
+from pathlib import Path
+
+import pytest
+
+from spinfilters.campaigns.calibration_report import DESCRIBED, is_outdated
+
+ROOT = Path(__file__).parents[2]
+
+
+def last_change() -> date | None:
+    """Day of the last commit to the described packages; None outside a checkout with its history."""
+    paths = [f"spinfilters/{name}" for name in DESCRIBED]
+    command = ["git", "log", "-1", "--format=%cs", "--", *paths]
+    try:
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=30, check=True)
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return date.fromisoformat(done.stdout.strip()) if done.stdout.strip() else None
+
+
+def test_the_published_calibration_is_not_outdated() -> None:
+    changed = last_change()
+    if changed is None:
+        pytest.skip("no history of the code")
+    result = json.loads((ROOT / "docs" / "calibration-gyro.json").read_text())
+    assert result["commit"]
+    assert not is_outdated(result, changed), "run spinfilters calibration gyro again, and publish its result"
+
+
+@pytest.mark.parametrize(("code", "outdated"), [("2027-05-28", False), ("2027-05-29", True)])
+def test_half_a_year_is_too_old(code: str, outdated: bool) -> None:
+    assert is_outdated({"date": "2026-11-26"}, date.fromisoformat(code)) is outdated
