@@ -23,7 +23,7 @@ from observability.model_rank import (
     ReachedModel,
     draw_points,
     exact_rank,
-    other_fields,
+    fields_of,
     reached,
     start_values,
 )
@@ -189,10 +189,12 @@ def _confirmed_kernel(
     part: ReachedModel, conditions: Callable[[PrimeField], Echelon], random: np.random.Generator
 ) -> Iterator[list[Fraction]]:
     """Null vectors of conditions in fractions, without those that are of none that hold modulo another prime."""
-    fields = other_fields(part, random)
-    checked = next(fields, None)
-    kernels = [Modulo(PrimeField().prime, conditions(PrimeField()).null_space().T)]
-    if checked is None or not len(kernels[0].residues):
+    fields = fields_of(part, random)
+    first, checked = next(fields, None), next(fields, None)
+    if first is None or checked is None:
+        return
+    kernels = [Modulo(first.prime, conditions(first).null_space().T)]
+    if not len(kernels[0].residues):
         return
     check = conditions(checked)
 
@@ -376,13 +378,13 @@ class _Search:
     def __init__(self, part: ReachedModel, moved: list[str], count: int, seed: int) -> None:
         self._part, self._moved, self._count = part, moved, count
         self._random = np.random.default_rng(seed)
-        self._field = PrimeField()
+        fields = fields_of(part, self._random)
+        self._field = next(fields, PrimeField())
         self.found: list[Generator] = []
         self._scalings: list[Generator] = []
         self._rounded = any(_is_rounded(value) for _, value in part.tape.constants)
         self._points = _Points(part, self._field, self._random)
         self._fixed_point = _Points(part, self._field, self._random)
-        fields = other_fields(part, self._random)
         confirming = next(fields, None)
         self._confirming = None if confirming is None else _Points(part, confirming, self._random)
         self._further = (_Points(part, each, self._random) for each in fields)

@@ -280,6 +280,14 @@ def _primes(cofactor: int, top: int, sieved: int) -> tuple[int, ...]:
     return tuple(int(cofactor * q + 1) for q in numbers[good][::-1].tolist())
 
 
+def fields_of(part: ReachedModel, random: np.random.Generator) -> Iterator[PrimeField]:
+    """The usual field if the numbers of the formulas have their roots there, then `other_fields`."""
+    usual = PrimeField()
+    if _has_roots(part, usual):
+        yield usual
+    yield from other_fields(part, random)
+
+
 def other_fields(part: ReachedModel, random: np.random.Generator) -> Iterator[PrimeField]:
     """Fields of other primes in which all functions have values at some random points."""
     primes = [(prime, 4) for prime in other_primes()[:MOST_FIELDS]]

@@ -246,7 +246,8 @@ def compared_parts(layout: StateLayout) -> dict[str, slice]:
 def expected_nees(history: EstimateHistory, smoother: EstimateHistory) -> dict[str, Float[np.ndarray, " n"]]:
     """Expected NEES per degree of freedom of a filter's own epochs with the smoother as truth, by `compared_parts`.
 
-    Only epochs that both have and in which both are finite; infinite where the filter's covariance is singular.
+    Only epochs that both have and in which both are finite; infinite where the filter's covariance is singular, or where the
+    two are too far apart for a number.
     """
     count, layout = min(len(history.time), len(smoother.time)), history.layout
     rows = np.arange(history.initialisation, count)
@@ -266,9 +267,10 @@ def expected_nees(history: EstimateHistory, smoother: EstimateHistory) -> dict[s
             np.concatenate([about_filter, away[..., np.newaxis]], axis=2),
             history.random_factor(at),
         )
-        return {
+        found = {
             name: normalised_trace(columns[:, part], factor[:, part]) / (part.stop - part.start)
             for name, part in parts.items()
         }
+        return {name: np.where(np.isnan(nees), np.inf, nees) for name, nees in found.items()}
 
     return by_stretches(len(rows), of)

@@ -89,7 +89,7 @@ def _unknown_panel(axes: Axes, found: ModelAnalysis) -> None:
         words = axes.text(0.1, k, name if each else f"{name}: not observable", va="center", fontsize="small")
         words.set_in_layout(False)
     rest = f", {len(seen) - len(shown)} more are in the text" if len(seen) > len(shown) else ""
-    axes.set(xlim=(-0.2, 3), ylim=(len(shown) - 0.5, -0.5), title=f"unknowns{rest}")
+    axes.set(xlim=(-0.2, 3), ylim=(max(len(shown), 1) - 0.5, -0.5), title=f"unknowns{rest}")
     axes.set_axis_off()
 
 

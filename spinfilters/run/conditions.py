@@ -65,7 +65,8 @@ def _of_translation(truth: Truth) -> Iterator[str]:
     carried = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
     off, extent = _spread(truth.center_of_mass - carried), max(map(_spread, (truth.center_of_mass, carried)))
     summed = _noise(velocity) * np.sqrt(len(dt)) * float(np.median(dt))
-    if off > SHARE * extent and off > NOISE * (_noise(truth.center_of_mass) + summed):
+    rounding = float(np.finfo(np.float64).eps * np.abs(truth.center_of_mass).max())
+    if off > SHARE * extent and off > NOISE * (_noise(truth.center_of_mass) + summed + rounding):
         yield _sentence(
             f"its velocities contradict the path of its centre of mass ({off:.2g} m apart on a path of {extent:.2g} m)"
         )

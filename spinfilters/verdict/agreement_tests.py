@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 from jaxtyping import Float
@@ -58,6 +59,10 @@ class OverConfidence:
         return max(self.mean, self.last) / (float(chdtri(self.dof, RARE)) / self.dof)
 
 
+FARTHEST: Final = 1e12
+"""Expected NEES beyond which a number says no more than that two estimates have nothing to do with one another."""
+
+
 def over_confidence(history: EstimateHistory, smoother: EstimateHistory) -> list[Finding] | None:
     """Finding where a filter departs from the smoother beyond its own covariance; None without a common epoch."""
     parts = compared_parts(history.layout)
@@ -71,7 +76,7 @@ def over_confidence(history: EstimateHistory, smoother: EstimateHistory) -> list
     worst = max(found, key=lambda each: each.excess)
     if worst.excess <= 1:
         return []
-    nees = max(worst.mean, worst.last)
+    nees = min(max(worst.mean, worst.last), FARTHEST)
     numbers: dict[str, float | str] = {
         "nees": nees,
         "times": float(np.sqrt(nees)),

@@ -26,10 +26,17 @@ from spinfilters.smoother.motion_factors import STRETCH
 from spinfilters.smoother.problem import problem_of
 from spinfilters.verdict.model_errors.alternatives import CLOCK_DRIFT, table
 from spinfilters.verdict.model_errors.hypotheses import solved_near
-from spinfilters.verdict.model_errors.linear_rows import Columns, LinearRows, Sensitivity
+from spinfilters.verdict.model_errors.linear_rows import Columns, Sensitivity
 from spinfilters.verdict.model_errors.score_tests import ScoreTest
 from spinfilters.verdict.model_errors.smoothed_motion import KnownCamera, SmoothedMotion, displaced_camera
-from spinfilters.verdict.model_tests import MOST_EPOCHS_WITH_MAP, landmarks_placed, linear_problem
+from spinfilters.verdict.model_tests import (
+    MOST_EPOCHS_WITH_MAP,
+    landmarks_placed,
+    linear_problem,
+    tested_about,
+    tested_epochs,
+)
+from spinfilters.verdict.tested_models import TestedModels
 
 
 def smoothed_sensitivity(motion: SmoothedMotion, considered: Sequence[ConsideredDeviation]) -> Sensitivity:
@@ -364,8 +371,12 @@ LARGEST_DRIFT: Final = 0.05
 """Of a recording's duration, by which stamps may be late at its ends beside its middle: the clock's rate is then 20 % off there."""
 
 
+MOST_DRIFTING: Final = 8192
+"""Epochs of a recording without landmarks over which a drift of its clock is counted."""
+
+
 def possible_clock_drift(
-    setup: Setup, solved: LinearRows, tests: Iterable[ScoreTest]
+    setup: Setup, best: EstimateHistory, tested: TestedModels
 ) -> Float[np.ndarray, "k n"] | None:
     """Error of the states by one deviation of a clock's drift, where nobody states the clock.
 
@@ -376,24 +387,30 @@ def possible_clock_drift(
 
     Parameters
     ----------
-    solved : LinearRows
-        The rows that were tested.
-    tests : iterable of ScoreTest
-        Of them.
+    best : EstimateHistory
+        Whose motion was tested.
+    tested : TestedModels
+        Of its first epochs, with what was solved. The drift of a longer one is tested anew over all of its epochs.
 
     Returns
     -------
     (k, n) float array or None
-        Of every epoch; None where the clock is stated.
+        Of every epoch; None where the clock is stated, or the recording is too long.
     """
     clock = next((each for each in setup.calibration if each.parameter.of_clock), None)
     if clock is None or clock.source != PRIOR:
         return None
-    motion = SmoothedMotion(times_of(setup.timeline[: len(solved.here.trajectory)]), solved)
+    if len(best.time) > tested_epochs(setup):
+        if setup.initial.has_landmarks or len(best.time) > MOST_DRIFTING:
+            return None
+        tested = tested_about(setup, best.mean, [CLOCK_DRIFT], lambda _: ())
+    if tested.solved is None:
+        return None
+    motion = SmoothedMotion(times_of(setup.timeline[: len(best.time)]), tested.solved)
     columns = CLOCK_DRIFT.columns(motion)
     if columns is None:
         return None
-    test = next((each for each in tests if each.error.name == CLOCK_DRIFT.name), None)
+    test = tested.test_of(CLOCK_DRIFT)
     size, std = (0.0, np.inf) if test is None else (float(test.size[0]), float(test.std[0]))
     span = float(motion.time[-1] - motion.time[0])
     deviation = possible_deviation(size, std, clock.std * span, LARGEST_DRIFT * span)

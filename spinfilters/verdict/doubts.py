@@ -188,9 +188,8 @@ def _explained(setup: Setup, settings: Settings, best: EstimateHistory | None) -
     if setup.dataset.doubts:
         return models_of_recording(setup)
     models = tested_models(setup, best)
-    rows, models = models.solved, replace(models, solved=None)  # large, and not needed beyond
-    if best is not None and rows is not None and len(best.time) <= tested_epochs(setup):
-        models = replace(models, clock_drift=possible_clock_drift(setup, rows, models.tests))
+    drift = None if best is None else possible_clock_drift(setup, best, models)
+    models = replace(models, clock_drift=drift, solved=None)  # large, and not needed beyond
     is_suspect = models.is_suspect or best is None or best.status.verdict is not Verdict.OK
     models = replace(models, slips=front_end_slips(setup, with_fits=is_suspect))
     if best is None or not is_suspect or models.slips:

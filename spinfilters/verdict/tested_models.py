@@ -174,8 +174,8 @@ class TestedModels:
         Of front ends, beside which residuals tell of no other cause.
     has_inspector : bool
         Whether poses of a moving camera are given, of which some cures speak.
-    clock_drift : (k, n) float array or None
-        Error of the tested states by one deviation of a drift of the clock, where that is to be counted.
+    clock_drift : (K, n) float array or None
+        Error of all epochs' states by one deviation of a drift of the clock, where that is to be counted.
     """
 
     tests: tuple[ScoreTest, ...] = ()
@@ -188,7 +188,7 @@ class TestedModels:
     score_inflation: float | None = None
     slips: tuple[Slip, ...] = ()
     has_inspector: bool = False
-    clock_drift: Float[np.ndarray, "k n"] | None = None
+    clock_drift: Float[np.ndarray, "K n"] | None = None
 
     def test_of(self, error: Alternative) -> ScoreTest | None:
         """The test of an error; None where it was not tested."""

@@ -5,16 +5,24 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
-from spinfilters.cli.interrupts import noted_interrupts
+from spinfilters.cli.interrupts import AGAIN_S, noted_interrupts
 from spinfilters.cli.main import main
 from spinfilters.simulation import scenario
 from tests.cli.faults import refusal
+
+
+class PressedInFinalizer:
+    """What presses Ctrl-C where Python cannot raise: in a finalizer."""
+
+    def __del__(self) -> None:
+        signal.raise_signal(signal.SIGINT)
 
 
 def fail(_: object) -> None:
@@ -87,15 +95,9 @@ def test_a_swallowed_ctrl_c_ends_a_live_run_at_the_next_epoch(
 ) -> None:
     epochs: list[object] = []
 
-    class Lost:
-        """What presses Ctrl-C where Python cannot raise: in a finalizer."""
-
-        def __del__(self) -> None:
-            signal.raise_signal(signal.SIGINT)
-
     def keep(_: object, answer: object) -> None:
         epochs.append(answer)
-        Lost()
+        PressedInFinalizer()
 
     monkeypatch.setattr("spinfilters.live.answer.CourseRecorder.keep", keep)
     assert main(["live", str(originals / "gyro"), "--speed", "1e6", "--no-smoother"]) in (0, 1)
@@ -103,6 +105,44 @@ def test_a_swallowed_ctrl_c_ends_a_live_run_at_the_next_epoch(
     said = capsys.readouterr().err
     assert "Traceback" not in said
     assert "KeyboardInterrupt" not in said
+
+
+def test_a_ctrl_c_that_a_finalizer_loses_is_pressed_again(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], default_interrupts: None
+) -> None:
+    def lose_and_work(_: object) -> None:
+        """Press Ctrl-C where Python cannot raise, then work for long."""
+        PressedInFinalizer()
+        time.sleep(5)
+        pytest.fail("nobody pressed again")
+
+    monkeypatch.setattr(scenario, "simulate", lose_and_work)
+    assert "interrupted" in refusal(capsys, "compare")
+
+
+def test_a_lost_ctrl_c_does_no_harm_behind_the_command(default_interrupts: None) -> None:
+    with noted_interrupts() as pressed:
+        PressedInFinalizer()
+    time.sleep(3 * AGAIN_S)
+    assert pressed
+
+
+def test_a_ctrl_c_within_a_string_of_code_leaves_the_exit_code(tmp_path: Path) -> None:
+    """As that of a dataclass while a package loads: Python then ends the process as by a signal, although it was caught."""
+    (tmp_path / "pressed.py").write_text(
+        """
+import signal
+from contextlib import suppress
+from spinfilters.cli.interrupts import noted_interrupts
+
+signal.signal(signal.SIGINT, signal.default_int_handler)
+with noted_interrupts(), suppress(KeyboardInterrupt):
+    exec("signal.raise_signal(signal.SIGINT)")
+raise SystemExit(2)
+"""
+    )
+    ended = subprocess.run([sys.executable, "-m", "pressed"], cwd=tmp_path, check=False)
+    assert ended.returncode == 2
 
 
 def test_what_a_finalizer_fails_of_reaches_the_hook_that_was_there(

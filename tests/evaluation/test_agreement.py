@@ -63,3 +63,12 @@ def test_a_singular_covariance_is_never_consistent(row: int) -> None:
     factor = SMOOTHER.factor.copy()
     factor[:, row] = 0.0
     assert np.isinf(expected_nees(replace(SMOOTHER, factor=factor), SMOOTHER)[WHOLE]).all()
+
+
+@pytest.mark.parametrize("far", [1e3, 1e60, 1e200])
+def test_a_filter_too_far_away_for_a_number_is_never_consistent(far: float) -> None:
+    mean = SMOOTHER.mean.copy()
+    mean[:, LAYOUT.mean_slice("s")] = far
+    with np.errstate(all="ignore"):
+        found = expected_nees(replace(SMOOTHER, mean=mean), SMOOTHER)
+    assert all((nees > 100).all() for nees in found.values())

@@ -35,6 +35,7 @@ CRASHES = (
     "ulg: fields of 3e7 numbers",
     "reference: a cell of 200 kB",
     "model: a point of 1e999999999",
+    "model: only an output",
     "model: tables nested without end",
     "plug-in: figures: an exit",
     "plug-in: sensors: an error whose text fails",

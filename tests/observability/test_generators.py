@@ -275,3 +275,13 @@ def test_a_rounded_root_is_not_taken_for_a_fraction_of_a_generator() -> None:
     found = analyse(document)
     assert [str(each) for each in found.symmetries] == ["a -> e^ε a, b -> e^-ε b"]
     assert "1 direction for which no generator was found up to degree 2." in str(found)
+
+
+@pytest.mark.parametrize(
+    "rate", ["a*b*cos(x + pi/4)", "a*b*cos(x + pi/6) + x*sqrt(3)", "a*b*exp(x*sqrt(2))", "a*b*sqrt(2*x)"]
+)
+def test_generators_are_found_where_numbers_have_roots(rate: str) -> None:
+    found = analyse(
+        {"states": ["x"], "parameters": ["a", "b"], "equations": {"x": rate}, "outputs": {"y": "x"}}
+    )
+    assert [str(each) for each in found.symmetries] == ["a -> e^ε a, b -> e^-ε b"]

@@ -3,11 +3,12 @@
 from dataclasses import replace
 from functools import cache
 
+import numpy as np
 import pytest
 
 from spinfilters.core.errors import InputError
 from spinfilters.models.process import THESIS_NOISE, ProcessNoise
-from spinfilters.run.conditions import Conditions, conditions_of, told_sentences
+from spinfilters.run.conditions import Conditions, conditions_of, contradictions, told_sentences
 from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import ProcessSettings, Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate, without_map
@@ -90,3 +91,13 @@ def test_a_truth_that_contradicts_itself_is_told_with_the_conditions_and_no_othe
     assert "CONTRADICTS" in told.sentences[-1]
     assert told.document["truth_contradictions"] == [told.sentences[-1]]
     assert told_sentences({"conditions": told.document}) == told.sentences
+
+
+def test_a_centre_of_mass_that_moves_by_rounding_alone_contradicts_nothing() -> None:
+    truth = simulate(TRACKS).truth
+    assert truth is not None
+    rest = np.tile([32.4, 0.0, 0.0], (len(truth.time), 1))
+    rest[1::2, 1] = 7.6e-19
+    still = replace(truth, center_of_mass=rest, velocity=np.zeros_like(rest))
+    assert contradictions(still) == []
+    assert len(contradictions(replace(still, center_of_mass=rest + truth.time[:, None]))) == 1

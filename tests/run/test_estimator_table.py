@@ -43,7 +43,7 @@ def test_the_table_has_ours_before_the_baselines_and_the_defaults_among_them() -
     assert (
         tuple(estimator_entries())
         == estimator_names()
-        == (*ours, *baselines, "embedded", "embedded-double", "smoother-latest", *family)
+        == (*ours, *baselines, "embedded", "embedded-double", "smoother-latest", *family, "posterior")
     )
     assert ours == DEFAULT_ESTIMATORS
 

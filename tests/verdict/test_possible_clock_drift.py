@@ -11,11 +11,21 @@ from spinfilters.models.state_blocks import RATE
 from spinfilters.run.comparison_run import compare_dataset
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
+from spinfilters.verdict import model_tests
 
 
 @pytest.mark.parametrize(("sensor", "seed"), [("gyro", 0), ("gyro", 5), ("gyro", 18), ("tracks", 102)])
 def test_a_clock_that_drifts_unseen_leaves_no_error_beyond_four_deviations(sensor: str, seed: int) -> None:
     found = outcome(sensor, "clock-drift", seed)
+    assert found.verdict != "ok" or found.error < LARGEST_STATED_ERROR
+
+
+@pytest.mark.parametrize("seed", [0, 5, 18])
+def test_a_drift_is_counted_over_more_epochs_than_are_tested(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(model_tests, "MOST_EPOCHS", 40)
+    found = outcome("gyro", "clock-drift", seed)
     assert found.verdict != "ok" or found.error < LARGEST_STATED_ERROR
 
 
