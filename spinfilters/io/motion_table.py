@@ -28,6 +28,7 @@ from spinfilters.io.stated_values import (
     RATE,
     RATE_UNITS,
     ReadingOptions,
+    to_state,
 )
 from spinfilters.io.text_table import Table, read_layout
 
@@ -76,8 +77,8 @@ def clock_unit(
         return possible[0]
     listed = " or ".join(possible or CLOCK_UNITS)
     raise InputError(
-        f"{path_text(path)}: the clock '{name[:40]}' steps by {step:.6g}, and does not say in what; give --clock {listed}, "
-        "or name it so, such as time_ms"
+        f"{path_text(path)}: the clock '{name[:40]}' steps by {step:.6g}, and does not say in what; give "
+        f"{to_state('clock', listed)}, or name it so, such as time_ms"
     )
 
 
@@ -197,7 +198,9 @@ def _require_measurable(table: Table, unit: str, is_stated: bool) -> None:
     elif is_stated:
         cure = "correct the unit, or the line"
     else:
-        cure = "give --unit deg/s (or mrad/s, mdeg/s, rpm), say it in the header ('wx (deg/s)'), or correct the line"
+        cure = (
+            f"give {to_state('unit', 'deg/s')}, or another unit, name it ('wx (deg/s)'), or correct the line"
+        )
     value, name = float(table.values[row, column]), value_text(table.names[column])
     raise table.error(
         row,
@@ -244,19 +247,19 @@ def _rate_unit(table: Table, vector: VectorColumns, options: ReadingOptions, is_
     """
     if vector.unit and options.unit not in (None, vector.unit):
         raise InputError(
-            f"{path_text(table.path)}: its header says {vector.unit}, --unit says {options.unit}; "
-            "leave --unit out, or correct the header"
+            f"{path_text(table.path)}: its header says {vector.unit}, and the stated unit is {options.unit}; "
+            "state none, or correct the header"
         )
     if options.unit in LENGTH_UNITS:
         raise InputError(
-            f"{path_text(table.path)}: holds body rates, --unit says {options.unit}; give one of {', '.join(RATE_UNITS)}"
+            f"{path_text(table.path)}: holds body rates, and the stated unit is {options.unit}; give one of {', '.join(RATE_UNITS)}"
         )
     unit = vector.unit or options.unit or ("rad/s" if vector.is_si or is_known_export else "")
     if not unit:
         largest = float(np.abs(table.values[:, -3:]).max())
         raise InputError(
             f"{path_text(table.path)}: columns {value_text(', '.join(table.names[-3:]))} do not say their unit "
-            f"(largest {largest:.4g}); give --unit deg/s or --unit rad/s, or name them so (gyro_x_dps)"
+            f"(largest {largest:.4g}); give {to_state('unit', 'deg/s or rad/s')}, or name them so (gyro_x_dps)"
         )
     return unit
 
@@ -265,13 +268,13 @@ def _length_unit(table: Table, vector: VectorColumns, options: ReadingOptions) -
     """Unit of positions, from the header or the user, else m. InputError: two that differ, or one of rates."""
     if options.unit in RATE_UNITS:
         raise InputError(
-            f"{path_text(table.path)}: --unit {options.unit} does not apply to a table of poses; leave it out, or give one of "
+            f"{path_text(table.path)}: the unit {options.unit} does not apply to a table of poses; leave it out, or give one of "
             f"{', '.join(LENGTH_UNITS)}"
         )
     if vector.unit and options.unit not in (None, vector.unit):
         raise InputError(
-            f"{path_text(table.path)}: its header says {vector.unit}, --unit says {options.unit}; "
-            "leave --unit out, or correct the header"
+            f"{path_text(table.path)}: its header says {vector.unit}, and the stated unit is {options.unit}; "
+            "state none, or correct the header"
         )
     return vector.unit or options.unit or "m"
 
@@ -292,8 +295,8 @@ def _timed(
     index, stated = columns.time
     if stated and options.clock not in (None, stated):
         raise InputError(
-            f"{path_text(table.path)}: its clock is named in {stated}, --clock says {options.clock}; "
-            "leave --clock out, or rename it"
+            f"{path_text(table.path)}: its clock is named in {stated}, and the stated unit is {options.clock}; "
+            "state none, or rename it"
         )
     stamps = table.values[:, 0]
     unit = stated or options.clock or clock_unit(table.path, source.names[index], stamps, speed)
@@ -351,7 +354,8 @@ def _quantities(
     found, path, names = columns.vectors, source.path, source.names
     if columns.time is None and options.rate is None:
         raise InputError(
-            f"{path_text(path)}: header {value_text(', '.join(names))}: no column is a clock; name it time_s, or give --rate HZ"
+            f"{path_text(path)}: header {value_text(', '.join(names))}: no column is a clock; name it time_s, or give "
+            f"{to_state('rate', 'HZ')}"
         )
     if "quaternion" in found:
         return ("quaternion",)

@@ -228,6 +228,11 @@ CLOCK_UNITS: Final[dict[str, float]] = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 
 """Seconds in a unit of time."""
 
 
+def to_state(name: str, value: str) -> str:
+    """How users state a `ReadingOptions` field, for a message: as an option of a command and as an argument of Python."""
+    return f"--{name} {value} (Python: {name}=...)"
+
+
 @dataclass(frozen=True)
 class ReadingOptions:
     """Statements about a recording; None where its file tells.
@@ -290,11 +295,11 @@ class ReadingOptions:
         for name, units in (("unit", {**RATE_UNITS, **LENGTH_UNITS}), ("clock", CLOCK_UNITS)):
             value = getattr(self, name)
             if value is not None and value not in units:
-                raise InputError(f"--{name} {value_text(value)} is unknown; give {', '.join(units)}")
+                raise InputError(f"{name} {value_text(value)} is unknown; give {', '.join(units)}")
         if self.rate is not None:
-            SAMPLING_RATE.require("--rate", self.rate)
+            SAMPLING_RATE.require("rate", self.rate)
         if self.rate is not None and self.clock is not None:
-            raise InputError("--rate replaces the clock; leave out --clock")
+            raise InputError("a stated rate replaces the clock; state no unit of the clock")
 
     @property
     def column_names(self) -> tuple[str, ...]:
@@ -318,7 +323,7 @@ class ReadingOptions:
         """
         for name in self.stated:
             if name not in allowed:
-                raise InputError(f"--{name} does not apply to {words}; leave it out")
+                raise InputError(f"{name} does not apply to {words}; leave it out")
 
 
 NOTHING_STATED: Final = ReadingOptions()

@@ -32,7 +32,7 @@ from spinfilters.io.input_file import (
     value_text,
 )
 from spinfilters.io.output_files import atomic_file
-from spinfilters.io.stated_values import NumberRange
+from spinfilters.io.stated_values import NumberRange, to_state
 
 COMMENTS: Final = ("#", "//", "!")
 """Marks of comment lines in tables of others; '%' begins the header of some exports and is dropped there."""
@@ -327,7 +327,7 @@ def _stated_layout(path: Path, names: tuple[str, ...], number: int, line: str, e
     cells = len(line.split(separator))
     if cells != len(names):
         raise InputError(
-            f"{path_text(path)}: line {number}: has {cells} cells, --columns names {len(names)}; "
+            f"{path_text(path)}: line {number}: has {cells} cells, and the stated columns are {len(names)}; "
             "name every column, with - for those to leave out"
         )
     comma = _has_decimal_comma(separator, line)
@@ -371,7 +371,7 @@ def _is_numbers(line: str) -> bool:
 def _no_header(path: Path, number: int, line: str) -> InputError:
     return InputError(
         f"{path_text(path)}: line {number}: {value_text(line.strip())} is no header; add a line of column names, "
-        "or give them with --columns t,x,y,z"
+        f"or give {to_state('columns', 't,x,y,z')}"
     )
 
 
@@ -466,7 +466,11 @@ def _number(where: str, name: str, cell: str, layout: TableLayout) -> float:
         value = None
     if value is None or not math.isfinite(value):
         fault = "not a number" if value is None else "not finite"
-        cure = "give seconds, or --rate HZ" if cell.count(":") > 1 else "correct or delete the line"
+        cure = (
+            f"give seconds, or {to_state('rate', 'HZ')}"
+            if cell.count(":") > 1
+            else "correct or delete the line"
+        )
         raise InputError(f"{where}{printable(name[:60])} is {value_text(cell)}, {fault}; {cure}")
     return value
 

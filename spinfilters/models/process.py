@@ -361,7 +361,7 @@ class TorqueFreeProcess:
         k = int(turned.argmax())
         raise InputError(
             f"the body turns {turned[k] / (2 * np.pi):.3g} times from t = {time[k]:.9g} s to {time[k + 1]:.9g} s, too far to be "
-            f"followed at process.tolerance {self._tolerance:g}; correct rates, times or units (--clock), or cut the recording"
+            f"followed at process.tolerance {self._tolerance:g}; correct rates, times or their unit, or cut the recording"
         )
 
     def noise_covariance(self, x: Float[np.ndarray, " m"], dt: float) -> Float[np.ndarray, "n n"]:

@@ -13,6 +13,7 @@ from spinfilters.core.attitude_conversions import cross_matrix
 from spinfilters.core.errors import InputError
 from spinfilters.io.dataset import Dataset, Segment
 from spinfilters.io.measurement_log import Acceleration, MeasurementStream
+from spinfilters.io.stated_values import to_state
 from spinfilters.run.flight_momentum import (
     ROTATION,
     RotationHistory,
@@ -161,7 +162,7 @@ def _unit_of_poses(stream: MeasurementStream) -> str:
     small = np.array([1e-3, 1e-3, 1e-3, 1, 1, 1, 1])
     for advice, time, values in (
         ("the places are in mm: name their columns so (px_mm)", stream.time, stream.values * small),
-        ("the time stamps are in ms: say --clock ms", stream.time * 1e-3, stream.values),
+        (f"the time stamps are in ms: give {to_state('clock', 'ms')}", stream.time * 1e-3, stream.values),
     ):
         if pose_flights(PoseLog.of(time, values, None)):
             return advice
@@ -185,7 +186,7 @@ def _in_rates(dataset: Dataset, stream: MeasurementStream) -> list[FreeFlight]:
     if steps and not found:
         raise InputError(
             f"{dataset.name}: the body turns by {min(steps):.3g} rad from one sample to the next, too far to find a flight; "
-            "if the time stamps are in ms, say --clock ms; if the rates are in deg/s, --unit deg/s"
+            f"if the time stamps are in ms, give {to_state('clock', 'ms')}; if the rates are in deg/s, {to_state('unit', 'deg/s')}"
         )
     return found
 

@@ -21,6 +21,7 @@ from spinfilters.inference.setup import Setup, camera_view
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.measurement_log import MeasurementStream
 from spinfilters.io.sensor_format import sensor_format
+from spinfilters.io.stated_values import to_state
 from spinfilters.models.sensor_registry import sensor_of
 from spinfilters.models.state_blocks import POSITION
 from spinfilters.models.status import ALL, RATE, TRANSLATION, VELOCITY, Finding
@@ -282,7 +283,10 @@ def _of_stream(stream: MeasurementStream) -> Iterator[WrongUnit]:
     if not SHORTEST_INTERVAL <= interval <= LONGEST_INTERVAL:
         sentence = f"{stream.sensor} measurements are {interval:.3g} s apart"
         yield WrongUnit(
-            "clock-unit", sentence, "state the unit of the time stamps (--clock ms, us or ns)", OF_CLOCK
+            "clock-unit",
+            sentence,
+            f"give the unit of the time stamps, {to_state('clock', 'ms, us or ns')}",
+            OF_CLOCK,
         )
     rates = sensor_of(stream.sensor).measured_rates(stream)
     if rates is not None and len(rates) > 1:
@@ -315,7 +319,11 @@ def _of_rates(stream: MeasurementStream, rates: np.ndarray, interval: float) -> 
     sentence = f"the {stream.sensor} reads {size:.3g} rad/s"
     if aliased:
         sentence += f", {turn:.3g} rad between samples that differ by {change:.0%}"
-    yield WrongUnit("gyro-unit", sentence, "state the unit of its rates (--unit deg/s), or that of its clock")
+    yield WrongUnit(
+        "gyro-unit",
+        sentence,
+        f"give the unit of its rates, {to_state('unit', 'deg/s')}, or that of its clock",
+    )
 
 
 FEWEST_REPEATS: Final = 3

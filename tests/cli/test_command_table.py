@@ -139,7 +139,7 @@ def test_each_kind_of_field_takes_its_values(monkeypatch: pytest.MonkeyPatch) ->
         ("a b --size lever 1 2", "give one number; repeat the option"),
         ("a b --size lever 1 --size lever 2", "--size lever is given twice; give it once"),
         ("a b --step gyro x", "--step gyro 'x': give seconds"),
-        ("a b --unit furlong", "--unit 'furlong' is unknown"),
+        ("a b --unit furlong", "unit 'furlong' is unknown"),
         ("a b --clock ms", "--clock is not for this command; leave it out"),
         ("a b --hidden 3", "--hidden is not for this command; leave it out"),
     ],

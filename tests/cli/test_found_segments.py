@@ -28,7 +28,7 @@ def test_flights_are_listed_and_the_unit_is_asked_for(
     recording: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["segments", str(recording)]) == 2
-    assert "give --unit deg/s or --unit rad/s" in capsys.readouterr().err
+    assert "give --unit deg/s or rad/s (Python: unit=...)" in capsys.readouterr().err
     assert main(["segments", str(recording), "--unit", "deg/s"]) == 0
     printed = capsys.readouterr().out
     assert "2.000" in printed
@@ -91,9 +91,9 @@ def estimate(number: int) -> dict[str, Any]:
 
 def test_what_cannot_be_stated_is_refused(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for arguments, says in (
-        (["compare", "--unit", "deg/s"], "--unit does not apply to the bundled example"),
-        (["compare", str(recording.parent), "--rate", "5"], "--rate does not apply to a folder"),
-        (["compare", str(recording), "--unit", "mph"], "--unit 'mph' is unknown"),
+        (["compare", "--unit", "deg/s"], "unit does not apply to the bundled example"),
+        (["compare", str(recording.parent), "--rate", "5"], "rate does not apply to a folder"),
+        (["compare", str(recording), "--unit", "mph"], "unit 'mph' is unknown"),
         (["compare", str(recording), "--rate", "0"], "--rate"),
     ):
         assert _exit_code(arguments) == 2

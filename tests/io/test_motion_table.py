@@ -179,7 +179,7 @@ def test_poses_are_found_by_name_whatever_the_order_of_the_quaternion(tmp_path: 
         ("time,wx,wx,wz", "about each"),
         ("time,wx,gyro_x,wy,wz", "'wx' and 'gyro_x' may both be the rate"),
         ("time,t,wx,wy,wz", "'time' and 't' may both be the clock"),
-        ("time,gyroX,gyroY,gyroZ", "give --unit deg/s or --unit rad/s"),
+        ("time,gyroX,gyroY,gyroZ", "give --unit deg/s or rad/s (Python: unit=...)"),
     ],
 )
 def test_headings_that_cannot_be_told_are_refused_in_one_line(header: str, says: str, tmp_path: Path) -> None:
@@ -234,9 +234,9 @@ def test_stamps_in_nanoseconds_under_a_header_that_says_seconds_are_refused(tmp_
 @pytest.mark.parametrize(
     ("options", "says"),
     [
-        (ReadingOptions(unit="deg/s"), "its header says rad/s, --unit says deg/s"),
-        (ReadingOptions(clock="ms"), "named in s, --clock says ms"),
-        (ReadingOptions(topic="/imu"), "--topic does not apply"),
+        (ReadingOptions(unit="deg/s"), "its header says rad/s, and the stated unit is deg/s"),
+        (ReadingOptions(clock="ms"), "named in s, and the stated unit is ms"),
+        (ReadingOptions(topic="/imu"), "topic does not apply"),
     ],
 )
 def test_a_statement_that_contradicts_the_file_is_refused(
@@ -248,5 +248,5 @@ def test_a_statement_that_contradicts_the_file_is_refused(
 
 
 def test_an_unknown_unit_is_refused() -> None:
-    with pytest.raises(InputError, match="--unit 'furlong' is unknown; give rad/s"):
+    with pytest.raises(InputError, match="unit 'furlong' is unknown; give rad/s"):
         ReadingOptions(unit="furlong")
