@@ -10,7 +10,7 @@ from html import escape
 from importlib import import_module
 from io import StringIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from jaxtyping import Float
@@ -60,6 +60,16 @@ from spinfilters.settings.run_settings import Settings, names_in, read_settings
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+# fmt: off
+OTHER_FORMATS: Final = frozenset((
+    ".csv", ".tsv", ".txt", ".tum", ".xlsx", ".json", ".jsonl", ".toml", ".yaml", ".yml", ".h5", ".hdf5", ".nc4", ".cdf", ".npz",
+    ".npy", ".mat", ".parquet", ".feather", ".arrow", ".pkl", ".pickle", ".bag", ".db3", ".ulg", ".ply", ".zip", ".html", ".pdf",
+    ".svg", ".png", ".gif",
+))
+# fmt: on
+"""Suffixes of files that a run is not saved as; any other, as of ``run.2026``, belongs to the name of a folder."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -283,6 +293,7 @@ class Run(Mapping[str, EstimatorResult]):
         folder : str or os.PathLike[str]
             New, or that of an earlier run. A name that ends in ``.nc`` is a file with the content of `to_xarray`; one in
             ``.mcap`` holds the motions as messages of ROS 2; one in ``.rrd`` shows motions, bodies, maps and courses in Rerun.
+            Capitals do not matter.
 
         Returns
         -------
@@ -294,15 +305,22 @@ class Run(Mapping[str, EstimatorResult]):
         ImportError
             A file of NetCDF needs xarray, one of MCAP rosbags, one of Rerun rerun-sdk, which is not installed.
         InputError
-            The folder holds something else than a run or cannot be written; the run was read from a folder itself.
+            The name is one of a file of another format, such as ``.csv``; the folder holds something else than a run or cannot be
+            written; the run was read from a folder itself.
         """
-        if Path(folder).suffix == ".nc":
+        suffix = Path(folder).suffix.lower()
+        if suffix in OTHER_FORMATS:
+            raise InputError(
+                f"{path_text(Path(folder))}: a run is not saved as {suffix}; give a name that ends in .nc, .mcap or .rrd, or a "
+                "folder without a suffix"
+            )
+        if suffix == ".nc":
             write_netcdf(Path(folder), self._evaluations)
             return Path(folder)
-        if Path(folder).suffix == ".mcap":
+        if suffix == ".mcap":
             write_mcap(Path(folder), self._evaluations)
             return Path(folder)
-        if Path(folder).suffix == ".rrd":
+        if suffix == ".rrd":
             maps = {each.name: each.landmarks for each in self.values() if each.landmarks is not None}
             write_rrd(Path(folder), self._evaluations, maps, self.dataset.name)
             return Path(folder)
@@ -475,8 +493,8 @@ def compare(
     data : Dataset, str, os.PathLike, data frame, mapping or array
         A data set, the path of one, or a table in memory (see `load`): ``compare(frame, units="deg/s")``.
     estimators : str, sequence of str or None
-        Names among "mekf", "ukf", "smoother", "filterpy-ekf", "filterpy-ukf", "embedded", "embedded-double"; one text may list
-        several, with commas. None takes those of the settings, by default the first three.
+        Names such as "mekf", "smoother" and "posterior", of which ``spinfilters compare --help`` has a list; one text may have
+        several, with commas. None takes those of the settings, by default "mekf,ukf,smoother".
     settings : Settings, Mapping, str, os.PathLike or None
         `Settings`, a mapping such as ``{"sensors": {"pixel_std": 0.5}}``, or the path of a settings file.
     segment : int, str or None

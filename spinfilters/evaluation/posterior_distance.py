@@ -29,6 +29,8 @@ LEVELS: Final = (0.025, 0.25, 0.5, 0.75, 0.975)
 """Of published quantiles."""
 STATED: Final = 1.959964
 """Deviations of a Gaussian's central 95 %."""
+SMALLEST_TAIL: Final = 1e-9
+"""Probability below which nothing is outside: some hundred samples do not tell smaller ones."""
 
 
 @dataclass(frozen=True)
@@ -64,14 +66,15 @@ class QuantityMixture:
         return np.array([mixture_quantiles(np.array(levels), *pair, self.weights) for pair in pairs])
 
     def outside(self, low: Float[np.ndarray, " c"], high: Float[np.ndarray, " c"]) -> Float[np.ndarray, " c"]:
-        """Probability of each component outside an interval."""
+        """Probability of each component outside an interval, to `SMALLEST_TAIL`, which rounding of sums does not reach."""
         found = []
-        for k, ends in enumerate(zip(low, high, strict=True)):
-            below, within = mixture_probability(
-                np.array(ends), self.values[:, k], self.std[:, k], self.weights
-            )
-            found.append(below + 1 - within)
-        return np.array(found)
+        for k, (left, right) in enumerate(zip(low, high, strict=True)):
+            values, std = self.values[:, k], self.std[:, k]
+            below = mixture_probability(np.array([left]), values, std, self.weights)
+            above = mixture_probability(np.array([-right]), -values, std, self.weights)  # mirrored: no 1 - p
+            found.append(below[0] + above[0])
+        tails = np.clip(found, 0.0, 1.0)
+        return np.where(tails < SMALLEST_TAIL, 0.0, tails)
 
 
 def posterior_quantities(posterior: StateMixture, reference: EstimateHistory) -> dict[str, QuantityMixture]:

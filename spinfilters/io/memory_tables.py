@@ -151,8 +151,17 @@ def _columns(table: Any, form: SensorFormat | None, options: ReadingOptions) -> 
         return array_columns(_frame_columns(table))
     if form is None:
         raise InputError(f"an array has no column names; give kind=..., one of {', '.join(dataset_kinds())}")
-    header = form.header[1:] if options.rate is not None else form.header
-    return array_columns(dict(zip(header, _array(table, form.kind, header), strict=True)))
+    header = _header(form, options)
+    return array_columns(dict(zip(header, _array(table, form, header, options), strict=True)))
+
+
+def _header(form: SensorFormat, options: ReadingOptions) -> tuple[str, ...]:
+    """Names of an array's columns, which has none of its own: the clock is in the unit that is stated, else in seconds."""
+    if options.rate is not None:
+        return form.header[1:]
+    if options.clock is not None and form.kind in MOTION_KINDS:
+        return (f"time_{options.clock}", *form.header[1:])
+    return form.header
 
 
 def _frame_columns(frame: Any) -> dict[str, Any]:
@@ -165,9 +174,13 @@ def _frame_columns(frame: Any) -> dict[str, Any]:
         ) from None
 
 
-def _array(table: Any, kind: str, header: tuple[str, ...]) -> list[np.ndarray]:
+def _array(
+    table: Any, form: SensorFormat, header: tuple[str, ...], options: ReadingOptions
+) -> list[np.ndarray]:
     """Columns of an array, or of a pair of times and values. InputError: not as many as the kind has."""
-    wanted = f"a table of kind {kind} has {len(header)} columns: {', '.join(header)}"
+    wanted = f"a table of kind {form.kind} has {len(header)} columns: {', '.join(header)}"
+    if options.rate is not None:
+        wanted += "; with a rate, leave the clock out"
     try:
         if isinstance(table, tuple | list) and len(table) == 2 and np.ndim(table[1]) == 2:
             time, values = _without_mask(table[0]), _without_mask(table[1])

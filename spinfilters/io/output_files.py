@@ -47,9 +47,10 @@ def atomic_file(path: Path) -> Iterator[BinaryIO]:
     except OSError as error:
         if error.filename not in (None, os.fspath(temporary)):
             raise  # the caller's block failed on a file of its own
-        raise InputError(
-            f"{path_text(path)}: cannot be written ({reason(error)}); free disk space or choose another folder"
-        ) from None
+        cure = "free disk space or choose another folder"
+        if not os.path.lexists(path.parent):
+            cure = f"make the folder {path_text(path.parent)} first"
+        raise InputError(f"{path_text(path)}: cannot be written ({reason(error)}); {cure}") from None
     finally:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)

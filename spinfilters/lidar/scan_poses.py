@@ -321,6 +321,12 @@ A box has none, a spacecraft with panels 0.4 to 0.9."""
 FEWEST_REGISTERED: Final = 600
 """Points of the median scan from which such a body is registered: of fewer, 500 on a spacecraft, attitudes were 5 deg off."""
 
+FEWEST_OF_ANY: Final = 150
+"""Points of the median scan, of fewer of which such a body is refused.
+
+On a spacecraft, 16 of 40 attitudes that two ways confirmed were off by more than 1 deg (7.5 at most) of 106 points, 5 of 50
+(1.9 at most) of 134, none of 310."""
+
 
 @dataclass(frozen=True, eq=False)
 class ScanPoses:
@@ -397,6 +403,7 @@ def scan_poses(scans: Sequence[Scan], noise: PointNoise | None = None, seed: int
         poses, inflation = faces.poses, shared_inflation(faces.poses, faces.common)
     coarse: tuple[str, ...] = ()
     if _are_few(clouds) and (planes is None or not _is_convex(clouds, planes, noise)):
+        _require_points(clouds)
         kept = _confirmed_scans(poses, _poses_found_otherwise(times, clouds, by_faces))
         sentence = _describe_coarse_scans(clouds, len(clouds) - len(kept), by_faces)
         if len(kept) < FEWEST_CONFIRMED:
@@ -570,6 +577,16 @@ def _describe_coarse_scans(clouds: Sequence[Float[np.ndarray, "n 3"]], unused: i
         f"{np.median([len(points) for points in clouds]):.0f} points a scan leave several attitudes of this body; {unused} of "
         f"{len(clouds)} scans are not used, because {ways} tell different ones; give scans of {FEWEST_REGISTERED} points or more"
     )
+
+
+def _require_points(clouds: Sequence[Float[np.ndarray, "n 3"]]) -> None:
+    """InputError: too few points to register a body by."""
+    count = np.median([len(points) for points in clouds])
+    if count < FEWEST_OF_ANY:
+        raise InputError(
+            f"{count:.0f} points a scan are too few to register a body of this shape, its attitudes would be off by degrees; give "
+            f"scans of {FEWEST_OF_ANY} points or more, better {FEWEST_REGISTERED} (more rays, or a narrower field)"
+        )
 
 
 def _describe_contradictions(count: int, total: int) -> str:

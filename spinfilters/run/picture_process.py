@@ -15,11 +15,16 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
 
+from spinfilters.core.errors import InputError
+from spinfilters.io.stated_values import NumberRange
 from spinfilters.plots.figures import FigureData, draw_run, figure_names
 from spinfilters.run.run_folder import read_figure_data
 
 MOST_PROCESSES: Final = 3
-"""Beside the one that asks; a run has about ten pictures. ``SPINFILTERS_PICTURE_PROCESSES`` says another number, 0 for none."""
+"""Beside the one that asks; a run has about ten pictures."""
+PROCESSES: Final = "SPINFILTERS_PICTURE_PROCESSES"
+"""Environment variable that states another number, 0 for none."""
+STATED_PROCESSES: Final = NumberRange(0, 99, whole=True)
 LAST_PICTURE: Final = 5.0
 """Seconds that a process which is ended has for the picture at which it is, so that no half file stays."""
 LONGEST_PICTURE: Final = 60.0
@@ -84,11 +89,15 @@ class PictureProcess:
 
 @contextmanager
 def picture_processes(wanted: bool) -> Iterator[list[PictureProcess]]:
-    """Processes beside this one, one for each further core; none where not wanted or where none can be started."""
+    """Processes beside this one, one for each further core; none where not wanted or where none can be started.
+
+    InputError: the environment variable `PROCESSES` is no such number.
+    """
     processes: list[PictureProcess] = []
+    count = _further_processes() if wanted else 0
     try:
         with suppress(OSError):  # no memory or no right for another: this one draws
-            for _ in range(_further_processes() if wanted else 0):
+            for _ in range(count):
                 processes.append(PictureProcess())
         yield processes
     finally:
@@ -98,10 +107,13 @@ def picture_processes(wanted: bool) -> Iterator[list[PictureProcess]]:
 
 def _further_processes() -> int:
     """One for each core but that of this process, within the most."""
-    stated = os.environ.get("SPINFILTERS_PICTURE_PROCESSES", "")
-    most = int(stated) if stated.isdecimal() and len(stated) < 3 else MOST_PROCESSES
+    stated = os.environ.get(PROCESSES, "")
+    try:
+        most = STATED_PROCESSES.parsed(stated) if stated else MOST_PROCESSES
+    except ValueError as error:
+        raise InputError(f"environment variable {PROCESSES}: {error}, or unset it") from None
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return min(cores - 1, most)
+    return min(cores - 1, int(most))
 
 
 def draw_together(

@@ -219,6 +219,12 @@ CHECKS: Final[tuple[Check, ...]] = (
         "1 % of recordings, with all other model errors", "{text}", "record a motion that wobbles, or state the gyro's drift",
     ),
     Check(
+        "map-error", ALL, Needs.RESIDUALS,
+        "Does an error of the list explain registered poses by more than errors of their map do? Score test beside shifts and "
+        "rotations of second degree in the direction of view",
+        "1 % of recordings, with all other model errors", "{text}", "give more scans, so that the same views come back more often",
+    ),
+    Check(
         "unexplained-residuals", ALL, Needs.RESIDUALS,
         "Are residuals within chance, or explained by an error of the list?",
         "1 % of recordings, with all other model errors", "{text}", "",

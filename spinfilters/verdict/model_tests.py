@@ -73,7 +73,7 @@ def beside_lower_densities(
         rows = among_inliers(own.problem, motion.rows)
         if rows is None:
             continue
-        beside = score_tests(SmoothedMotion(motion.time, rows), noise_of(own, rows, told), suspected)
+        beside = score_tests(replace(motion, rows=rows), noise_of(own, rows, told), suspected)
         best = likelier(best, beside, max(minus_twice_log_likelihood(rows) - likelihood, 0.0))
     return best
 
@@ -172,7 +172,7 @@ def _tested(
     contradicted = is_contradicted(noise, solved)
     settled = not is_doubtful(noise, solved) or (not contradicted and (taken_in or bool(told.correlation)))
     identified = None if settled else with_identified(model, solved, gated=not taken_in)
-    motion = SmoothedMotion(time, solved if identified is None else identified)
+    motion = SmoothedMotion(time, solved if identified is None else identified, told.counts_common_errors)
     every = (*every, *placed(motion))
     if identified is None:
         found = beside_lower_densities(score_tests(motion, noise, every), motion, model, told)
@@ -181,7 +181,7 @@ def _tested(
     found = score_tests(motion, noise_of(model, identified), every)
     stated = among_inliers(problem, identified)
     if stated is not None and is_settled(stated):
-        beside = score_tests(SmoothedMotion(time, stated), noise_of(model, stated, told), every)
+        beside = score_tests(replace(motion, rows=stated), noise_of(model, stated, told), every)
         # fall of -2 ln likelihood from the stated levels to the identified ones
         advantage = minus_twice_log_likelihood(stated) - minus_twice_log_likelihood(identified)
         found = likelier(found, beside, max(advantage, 0.0))

@@ -139,6 +139,8 @@ SLOW: Final = ALIKE**2
 """Share of what an error explains that slow changes explain as well, from which a spin about one axis does not tell which it is."""
 SLOW_CHANGE: Final = "slow-change"
 """Name of such errors."""
+MAP_ERROR: Final = "map-error"
+"""Name of errors that a map of the body explains which poses were registered to."""
 COMPARABLE, LEAST_SURPRISE = 0.4, 0.05
 """Share of what the likeliest error explains, and p-value, from which an error of an inspector's poses is possible beside it."""
 MOST_ALIKE: Final = 3
@@ -207,7 +209,8 @@ class TestedModels:
         if self.slips:
             return ()
         possible = [each for each in self.beyond_chance if each.is_possible]
-        left, likely = [each for each in possible if not self._is_slow(each)], []
+        left = [each for each in possible if not (self._is_slow(each) or self._is_of_map(each))]
+        likely: list[tuple[ScoreTest, ...]] = []
         while left and len(likely) < NAMED:
             first, *others = left
             alike = [each for each in others if first.likeness(each) > ALIKE]
@@ -221,6 +224,15 @@ class TestedModels:
         if self.slips:
             return None
         return next((each for each in self.beyond_chance if each.slow > SLOW and self._counts(each)), None)
+
+    @cached_property
+    def of_map(self) -> ScoreTest | None:
+        """The likeliest error that errors of a map explain as well, if any; none beside a slip or a cause."""
+        if self.slips or self.classes:
+            return None
+        return next(
+            (each for each in self.beyond_chance if self._is_of_map(each) and self._counts(each)), None
+        )
 
     @property
     def is_suspect(self) -> bool:
@@ -236,7 +248,7 @@ class TestedModels:
     def unexplained(self) -> list[str]:
         """Doubt where only an impossible error would explain the residuals."""
         found = [each for each in self.beyond_chance if not each.is_possible and self._counts(each)]
-        if not found or self.classes or self.slips or self.slow is not None:
+        if not found or self.classes or self.slips or self.slow is not None or self.of_map is not None:
             return []
         return [
             f"the residuals are beyond chance (chi-square {found[0].statistic:.0f}), and no tested error explains "
@@ -247,6 +259,10 @@ class TestedModels:
         """Whether slow changes explain as much, or what they leave is within chance."""
         is_within_chance = self.slow is not None and test.p_value_beside_slow >= self.largest_p_value
         return test.slow > SLOW or is_within_chance
+
+    def _is_of_map(self, test: ScoreTest) -> bool:
+        """Whether what errors of a map leave is within chance."""
+        return test.p_value_beside_map >= self.largest_p_value
 
     def _counts(self, test: ScoreTest) -> bool:
         return self.contradicted or self._matters(test)
@@ -306,7 +322,8 @@ class TestedModels:
         found = ("/".join(each.error.name for each in own) for own in self.classes)
         slow = () if self.slow is None else (SLOW_CHANGE,)
         slips = {each.name: None for each in self.slips}
-        return (*(each.name for each in self.units), *slips, *slow, *found)
+        of_map = () if self.of_map is None else (MAP_ERROR,)
+        return (*(each.name for each in self.units), *slips, *slow, *of_map, *found)
 
     @property
     def comparable(self) -> list[ScoreTest]:
@@ -360,6 +377,14 @@ def slow_phrase(test: ScoreTest) -> str:
     )
 
 
+def map_phrase(test: ScoreTest) -> str:
+    """Errors of a map that poses were registered to, and the likeliest error that looks like them."""
+    return (
+        f"the residuals are beyond chance (chi-square {test.statistic:.0f}), and poses do not distinguish errors of the map that "
+        f"they were registered to, alike in alike views, from {test.error.phrase}: the map explains {test.map_share:.0%} of it"
+    )
+
+
 def _sized(test: ScoreTest) -> str:
     """An error with its size and its statistic."""
     error, size = test.error, float(np.linalg.norm(test.size))
@@ -385,6 +410,10 @@ def model_findings(models: TestedModels, tested: EstimateHistory | None) -> list
     if models.slow is not None:
         numbers = {"text": slow_phrase(models.slow), **_numbers(models.slow)}
         found.append(finding("slow-change", numbers, about))
+    if models.of_map is not None:
+        found.append(
+            finding(MAP_ERROR, {"text": map_phrase(models.of_map), **_numbers(models.of_map)}, about)
+        )
     found += [finding("unexplained-residuals", {"text": text}) for text in models.unexplained]
     if models.trouble:
         found.append(finding("models-not-tested", {"text": models.trouble}))

@@ -1,5 +1,7 @@
 """``spinfilters.compare``: the same as the command, in memory or in a folder."""
 
+import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -77,6 +79,36 @@ def test_a_finished_run_is_read_with_every_estimators_landmarks(tmp_path: Path) 
         assert there is not None
         assert here is not None
         np.testing.assert_array_equal(here, there)
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("y.csv", "a run is not saved as .csv; give a name that ends in .nc, .mcap or .rrd, or a folder"),
+        ("y.JSON", "a run is not saved as .json"),
+        ("none/x.NC", "make the folder none first"),
+    ],
+)
+def test_a_run_is_not_saved_where_no_such_file_can_be(
+    name: str, says: str, gyro: spinfilters.Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("xarray")
+    monkeypatch.chdir(tmp_path)
+    run = spinfilters.compare(gyro, "mekf", settings={"verdict": "filter"})
+    for each in (run, replace(run, comparison=None)):  # as it ended, and as it is loaded
+        with pytest.raises(InputError, match=re.escape(says)):
+            each.save(name)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.usefixtures("few_figures")
+def test_capitals_of_a_suffix_do_not_matter_and_a_folder_may_have_a_dot(
+    gyro: spinfilters.Dataset, tmp_path: Path
+) -> None:
+    pytest.importorskip("xarray")
+    run = spinfilters.compare(gyro, "mekf", settings={"verdict": "filter"})
+    assert run.save(tmp_path / "x.NC").is_file()
+    assert (run.save(tmp_path / "run.2026") / "summary.json").is_file()
 
 
 def test_nothing_is_written_unless_asked_for(

@@ -106,6 +106,23 @@ def test_units_of_a_table_are_those_of_a_file() -> None:
         spinfilters.load(degrees, units={"time": "ms"})
 
 
+@pytest.mark.parametrize(
+    ("kind", "options", "unit"),
+    [
+        ("gyro", {"units": {"time": "ms", "rate": "deg/s"}}, np.radians(1.0)),
+        ("gyro", {"clock": "ms"}, 1.0),
+        ("pose", {"units": {"time": "ms", "position": "m"}}, 1.0),
+    ],
+)
+def test_the_clock_of_an_array_is_in_the_stated_unit(kind: str, options: dict[str, Any], unit: float) -> None:
+    rows = table(kind)
+    time, values = 1e3 * rows[:, 0], rows[:, 1:] / unit
+    for given in (np.column_stack([time, values]), (time, values)):
+        read = spinfilters.load(given, kind=kind, **options).log.streams[0]
+        np.testing.assert_allclose(read.time, rows[:, 0], rtol=1e-14)
+        np.testing.assert_allclose(read.values, rows[:, 1:], rtol=1e-14)
+
+
 def test_rows_without_rates_are_left_out_as_empty_cells_are() -> None:
     rows = table("gyro")
     rows[3, 1:] = np.nan
@@ -136,6 +153,7 @@ def test_a_wrong_row_is_named_with_its_number(change: dict[str, Any], message: s
     [
         (np.zeros((5, 4)), {}, "give kind="),
         (np.zeros((5, 3)), {"kind": "gyro"}, "has 4 columns: time_s, wx, wy, wz"),
+        (np.zeros((5, 4)), {"kind": "gyro", "rate": 2.0}, "wx, wy, wz; with a rate, leave the clock out"),
         (5, {}, "give a path, a data set, a DataFrame"),
         ({}, {}, "give a path, a data set, a DataFrame"),
         ({"time_s": [0.0, 1.0]}, {"kind": "mono-tracks"}, "has no column landmark_id"),

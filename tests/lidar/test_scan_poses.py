@@ -196,6 +196,16 @@ def test_a_sequence_in_which_no_attitude_is_confirmed_is_refused() -> None:
         scan_poses(scans)
 
 
+def test_too_few_points_to_register_a_body_are_refused() -> None:
+    """Of 106 points a scan, attitudes that two ways confirmed were off by up to 7.5 deg."""
+    body = spacecraft().scaled(0.12)
+    start = Initial(np.eye(3), np.array([30.0, 0, 0]), np.array([0.1, 0.21, 0.16]), np.zeros(3))
+    scanner = Scanner.of(body, LidarSettings(RayPattern((4.0, 4.0), (25, 25)), rvs_noise()))
+    scans = scan_sequence(scanner, tumble_of(body, start), scan_times(6, 1.0, 0.0)[0], 0, lambda *_: None)
+    with pytest.raises(InputError, match=r"points a scan are too few .* give scans of 150 points or more"):
+        scan_poses(scans)
+
+
 def test_planes_are_those_of_the_body_and_their_covariance_is_honest() -> None:
     scanner = Scanner.of(box(), LidarSettings(RayPattern((4.0, 4.0), (81, 81)), LidarNoise(range_std=0.003)))
     R, noise, generator = thesis_rotation(30, 50, 0), PointNoise(0.003, 0.0, 0.0), np.random.default_rng(5)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from spinfilters.core.errors import InputError
 from spinfilters.plots.figures import picture_files
 from spinfilters.run.comparison_run import RunOutput, compare_into
 from spinfilters.run.picture_process import PictureProcess, draw_together, picture_processes
@@ -68,6 +69,13 @@ def test_a_process_for_each_further_core(
     monkeypatch.setenv("SPINFILTERS_PICTURE_PROCESSES", stated)
     with picture_processes(True) as processes:
         assert len(processes) == count
+
+
+@pytest.mark.parametrize("stated", ["abc", "-1", "1.5"])
+def test_a_stated_number_that_is_none_is_refused(stated: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("SPINFILTERS_PICTURE_PROCESSES", stated)
+    with pytest.raises(InputError, match=f"SPINFILTERS_PICTURE_PROCESSES: '{stated}' is not allowed; give"):
+        picture_processes(True).__enter__()
 
 
 def test_none_is_started_where_nothing_is_drawn() -> None:

@@ -207,3 +207,15 @@ def test_a_score_that_lasting_errors_of_landmarks_feign_is_not_named(
     others = tuple(replace(test, error=error, p_value=1.0) for error in list(table().values())[:9])
     correlated = replace(tested_models.NO_CORRELATION, score_inflation=inflation)
     assert tested_models.TestedModels((test, *others), correlated=correlated).names == names
+
+
+@pytest.mark.parametrize(("left", "names"), [(3.0, ("map-error",)), (40.0, ("point-drift",))])
+def test_beside_errors_of_a_map_an_error_is_named_by_what_they_leave(
+    left: float, names: tuple[str, ...]
+) -> None:
+    one, std = np.ones(1), np.full((1, 1), 0.1)
+    drift = ScoreTest(table()["point-drift"], one, one, 90.0, 1.0, 90.0, 1e-9, std, beside_map=left)
+    models = tested_models.TestedModels((replace(drift, map_share=0.88),), std=std)
+    assert models.names == names
+    reason = reasons(models)[0]
+    assert ("the map explains 88% of it" in reason) == (names == ("map-error",))

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 NAMES: Final = (
     "mekf, ukf, smoother, smoother-latest, iekf, rts, invariant, ekf-joint, smoother-lag-1, smoother-lag-2, smoother-lag-5, "
-    "smoother-lag-10, smoother-lag-20, smoother-lag-50, filterpy-ekf, filterpy-ukf, embedded"
+    "smoother-lag-10, smoother-lag-20, smoother-lag-50, filterpy-ekf, filterpy-ukf, embedded, embedded-double, posterior"
 )
 """Names for the help, which loads no estimator; a test compares them with the table."""
 RECORDING: Final = "a recording: data set folder, stereo images, log of a phone or robot, table with named columns, ROS bag, TUM"
@@ -81,7 +81,7 @@ class CompareArguments:
     estimators: Annotated[
         str | None,
         Argument(
-            f"{NAMES}, embedded-double (default: mekf,ukf,smoother; filterpy's too with --known-map)",
+            f"{NAMES} (default: mekf,ukf,smoother; filterpy's too with --known-map)",
             metavar="A,B",
         ),
     ] = None

@@ -19,7 +19,7 @@ class EstimateArguments:
     """Arguments of ``estimate``."""
 
     dataset: Annotated[str, Argument(RECORDING, positional=True, metavar="DATASET")]
-    estimator: Annotated[str, Argument(f"{NAMES} or embedded-double", metavar="NAME")] = "ukf"
+    estimator: Annotated[str, Argument(NAMES, metavar="NAME")] = "ukf"
     how: Annotated[ComparisonArguments, ArgumentGroup()] = field(default_factory=ComparisonArguments)
 
 

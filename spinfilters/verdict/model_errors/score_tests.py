@@ -73,6 +73,8 @@ class ScoreTest:
         Share of what it explains (squared) that slow changes explain as well, of a gyro in a spin about one axis; else 0.
     beside_slow : float
         Statistic of what it explains beside these; infinite where there are none.
+    map_share, beside_map : float
+        Likewise beside errors of a map of the body that poses were registered to.
     is_possible : bool
         Whether a recording can have an error of this size; one by epoch also whether it is in more than a few of these.
     """
@@ -91,6 +93,8 @@ class ScoreTest:
     beside_all: float = 1.0
     slow: float = 0.0
     beside_slow: float = np.inf
+    map_share: float = 0.0
+    beside_map: float = np.inf
     is_possible: bool = True
 
     def likeness(self, other: "ScoreTest") -> float:
@@ -123,14 +127,13 @@ class ScoreTest:
         )
         is_possible = self.is_possible and self.error.is_possible(self.size, motion)
         found = replace(self, shift=shift, explained=own, is_possible=is_possible)
-        changes = motion.slow_changes
-        if changes is None:
-            return found
-        beside = own - changes @ (changes.T @ own)
-        square, every = float(beside @ beside), max(float(own @ own), TINY)
-        return replace(
-            found, slow=1 - square / every, beside_slow=float(beside @ left) ** 2 / max(square, TINY)
-        )
+        if motion.slow_changes is not None:
+            share, statistic = _beside(motion.slow_changes, own, left)
+            found = replace(found, slow=share, beside_slow=statistic)
+        if motion.map_changes is not None:
+            share, statistic = _beside(motion.map_changes, own, left)
+            found = replace(found, map_share=share, beside_map=statistic)
+        return found
 
     @property
     def score_p_value(self) -> float:
@@ -148,9 +151,23 @@ class ScoreTest:
         return float(chi_square_tail(self.beside_slow, self.dof))
 
     @property
+    def p_value_beside_map(self) -> float:
+        """Probability of a greater statistic beside errors of a map."""
+        return min(1.0, self.error.trials * float(chi_square_tail(self.beside_map, self.dof)))
+
+    @property
     def merit(self) -> float:
         """Gain beyond what so many free numbers take of noise (Akaike 1974)."""
         return self.gain - 2 * self.dof
+
+
+def _beside(
+    changes: Float[np.ndarray, "r s"], own: Float[np.ndarray, " r"], left: Float[np.ndarray, " r"]
+) -> tuple[float, float]:
+    """Share of what an error explains that changes explain as well, and its statistic beside these."""
+    beside = own - changes @ (changes.T @ own)
+    square, every = float(beside @ beside), max(float(own @ own), TINY)
+    return 1 - square / every, float(beside @ left) ** 2 / max(square, TINY)
 
 
 LEAST_LEFT: Final = 5e-6

@@ -16,6 +16,7 @@ from spinfilters.core.compiled import Compiled
 from spinfilters.core.mass_distribution import inertia_matrix
 from spinfilters.core.working_time import building
 from spinfilters.io.consider_parameter import ConsiderParameter
+from spinfilters.io.sensor_format import sensor_format
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.process import derivative
 from spinfilters.models.state_blocks import (
@@ -97,10 +98,13 @@ class SmoothedMotion:
         Time, s.
     rows : LinearRows
         Of the linear problem.
+    has_common_map : bool
+        Whether poses have errors in common: those of a map of the body that all were registered to.
     """
 
     time: Float[np.ndarray, " k"]
     rows: LinearRows
+    has_common_map: bool = False
 
     def block(self, name: str) -> Float[np.ndarray, "k b"]:
         """Points of a state block at every epoch."""
@@ -252,7 +256,41 @@ class SmoothedMotion:
         read = self.shifted(lambda each: self._slow(SLOW_RATE)[each.epoch] if each.model.reads_rate else None)
         if read is None or not is_steady(self.rates):
             return None
-        every = self.rows.residual(Columns.joined([read, self.disturbed(angular=self._slow(SLOW_TORQUE))]))
+        return self._basis_of(Columns.joined([read, self.disturbed(angular=self._slow(SLOW_TORQUE))]))
+
+    @cached_property
+    def map_changes(self) -> Float[np.ndarray, "r s"] | None:
+        """Orthonormal residuals that errors of a map explain which poses were registered to; None without one.
+
+        Scans of alike views are registered to the same part of the map, and what that part is shifted and turned by they are, too.
+        So shift and rotation, g axes, are polynomials of second degree of the direction in which the body is seen. A constant one
+        is none, for frame g is that of the map.
+        """
+        if not (self.has_common_map and self.translates):
+            return None
+        R, place = matrix_from_quaternion(self.block(ATTITUDE.name)), self.block(POSITION.name)
+        seen = np.einsum("kji,kj->ki", R, place / np.linalg.norm(place, axis=1, keepdims=True))
+        x, y, z = seen.T
+        changes = np.column_stack([seen, x * y, x * z, y * z, x**2 - y**2, z**2 - 1 / 3])
+
+        def shift(each: MeasuredRows) -> Float[np.ndarray, "r i m"] | None:
+            """Change of the innovations, shifts before rotations; None of what is no pose."""
+            if not sensor_format(each.model.name).quaternion:
+                return None
+            by, found = (
+                changes[each.epoch],
+                np.zeros((2, len(each.epoch), each.model.dim, 3 * changes.shape[1])),
+            )
+            found[0, :, :3] = np.einsum("rm,rij->rimj", by, R[each.epoch]).reshape(len(by), 3, -1)
+            found[1, :, 3:6] = np.einsum("rm,ij->rimj", by, np.eye(3)).reshape(len(by), 3, -1)
+            return np.concatenate(list(found), axis=2)
+
+        columns = self.shifted(shift)
+        return None if columns is None else self._basis_of(columns)
+
+    def _basis_of(self, columns: Columns) -> Float[np.ndarray, "r s"] | None:
+        """Orthonormal residuals that right-hand sides leave; None where they are not finite."""
+        every = self.rows.residual(columns)
         flattened = np.concatenate([part.reshape(-1, every.count) for part in every.parts])
         size = np.linalg.norm(flattened, axis=0)
         if not np.isfinite(flattened).all():
