@@ -120,7 +120,7 @@ def rank_figure(
     draws: Sequence[CalibrationDraw],
 ) -> Figure:
     """Distributions of ranks minus the uniform one with their bands, coverage, and the verdict as a classifier."""
-    quantities = list(next(iter(groups.values())))
+    quantities = list(dict.fromkeys(name for draw in draws for name in draw.quantities))
     across = max(len(quantities), 2)
     figure = Figure(figsize=(3.1 * across + 0.5, 8.4), layout="constrained")
     panels = figure.subplots(len(groups) + 1, across, squeeze=False)
@@ -224,6 +224,9 @@ def _page(
         "",
     ]
     for group, found in (("all draws", every), ("given `ok`", given_ok)):
+        if not found:
+            lines += [f"No statistics of {group}: fewer than 10.", ""]
+            continue
         heads = [f"{100 * level:g} %" for level in LEVELS]
         lines += [
             f"| {group} | rank test p | in band | {' | '.join(heads)} | mean square | inclination [dB] | CRPS | log score |",

@@ -201,8 +201,9 @@ def test_draws_of_another_sensor_are_refused_where_the_study_is_missing(
     assert maker.seeds == [0]
 
 
-def test_a_figure_of_few_draws_has_no_empty_legend() -> None:
+def test_a_figure_of_few_draws_says_so_in_place_of_curves_and_legend() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         figure = rank_figure("mekf, 2 of 4 draws", {"all draws": {}, "given ok": {}}, [DRAW])
-    assert [text.get_text() for axes in figure.axes for text in axes.texts] == ["fewer than 10 draws"]
+    said = [text.get_text() for axes in figure.axes for text in axes.texts]
+    assert said == ["fewer than 10 draws"] * 7  # two rows of three quantities, and coverage
