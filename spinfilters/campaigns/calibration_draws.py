@@ -5,11 +5,9 @@ prior below and simulates the recording. It keeps the error, the stated deviatio
 moments, axes, rate and centre of mass.
 """
 
-import json
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
-from pathlib import Path
-from typing import Any, Final
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 from jaxtyping import Float
@@ -44,7 +42,6 @@ PSD: Final = (1e-7, 1e-5)
 CENTRE_STD: Final = 0.02
 """Of each coordinate of the centre of mass in g, m."""
 EPOCHS: Final = 100
-DRAWS_FILE: Final = "draws.jsonl"
 
 
 @dataclass(frozen=True)
@@ -133,6 +130,11 @@ def made_draws(sensor: str, seed: int, estimators: Sequence[str], stated: bool) 
     ----------
     stated : bool
         Whether the data set states its noise; if not, it is identified.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        Ctrl-C was pressed: a draw that lacks epochs or estimators is none.
     """
     data = simulate(drawn_scenario(sensor, seed))
     settings = Settings(estimators=tuple(estimators))
@@ -143,6 +145,8 @@ def made_draws(sensor: str, seed: int, estimators: Sequence[str], stated: bool) 
         )
     except (InputError, *NUMERICAL_ERRORS):
         return []
+    if comparison.interrupted:
+        raise KeyboardInterrupt
     return [calibration_draw(each, seed) for each in comparison.evaluations]
 
 
@@ -208,60 +212,3 @@ def _last_nees(evaluation: Evaluation) -> dict[str, float]:
         for name, count in dimension.items()
         if name in found.blocks
     }
-
-
-def read_draws(folder: Path) -> list[CalibrationDraw]:
-    """Draws of a folder, as far as they were made; a last line that was cut off is left out."""
-    path = folder / DRAWS_FILE
-    if not path.exists():
-        return []
-    found = []
-    for line in path.read_text().splitlines():
-        try:
-            document = json.loads(line)
-        except json.JSONDecodeError:
-            continue
-        found += [_draw(each) for each in document["draws"]]
-    return found
-
-
-def made_seeds(folder: Path) -> set[int]:
-    """Seeds of a folder that need no work."""
-    path = folder / DRAWS_FILE
-    lines = path.read_text().splitlines() if path.exists() else []
-    found = set[int]()
-    for line in lines:
-        try:
-            found.add(int(json.loads(line)["seed"]))
-        except json.JSONDecodeError:
-            continue
-    return found
-
-
-def add_draws(
-    folder: Path, sensor: str, count: int, estimators: Sequence[str], stated: bool
-) -> Iterator[int]:
-    """Make the draws that a folder lacks, a line each; yields how many it has after each."""
-    done, path = made_seeds(folder), folder / DRAWS_FILE
-    if path.exists() and not path.read_bytes().endswith(b"\n"):
-        with path.open("a") as file:
-            file.write("\n")  # a line that was cut off stays, and is never read
-    for seed in range(count):
-        if seed in done:
-            continue
-        draws = made_draws(sensor, seed, estimators, stated)
-        line = json.dumps({"seed": seed, "draws": [asdict(each) for each in draws]})
-        with path.open("a") as file:
-            file.write(line + "\n")
-        done.add(seed)
-        yield len(done)
-
-
-def _draw(document: dict[str, Any]) -> CalibrationDraw:
-    found = CalibrationDraw(**document)
-    return replace(
-        found,
-        quantities={
-            name: [(e, s, r) for e, s, r in components] for name, components in found.quantities.items()
-        },
-    )

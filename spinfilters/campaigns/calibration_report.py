@@ -1,9 +1,7 @@
 """Report of simulation-based calibration: a folder's numbers, pictures and page, with the code and the day that they belong to."""
 
 import hashlib
-import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
 from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
 from typing import Any, Final
@@ -15,6 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from spinfilters.campaigns.calibration_draws import CalibrationDraw
+from spinfilters.campaigns.calibration_folder import CalibrationStudy
 from spinfilters.campaigns.calibration_statistics import (
     LEVELS,
     ComponentCalibration,
@@ -25,14 +24,11 @@ from spinfilters.campaigns.calibration_statistics import (
     width_characteristic,
 )
 from spinfilters.campaigns.statistics import Interval
-from spinfilters.core.errors import InputError
-from spinfilters.io.input_file import path_text
 from spinfilters.io.output_files import write_json, write_text
 from spinfilters.models.status import LABELS
 from spinfilters.plots.style import AXIS_COLOURS, BLACK, BLUE, GREEN, GREY, legend_below, save_figure, tidy
 from spinfilters.run.provenance import git_commit
 
-STUDY_FILE: Final = "calibration-study.json"
 RESULT_FILE: Final = "calibration.json"
 PAGE_FILE: Final = "calibration.md"
 DESCRIBED: Final = ("models", "filters", "smoother", "inference", "verdict")
@@ -51,40 +47,6 @@ SIGNIFICANT: Final = 0.01
 """Probability below which ranks are not uniform."""
 
 
-@dataclass(frozen=True)
-class CalibrationStudy:
-    """What the draws of a folder are of.
-
-    Attributes
-    ----------
-    sensor : str
-        Kind of recording.
-    estimators : tuple of str
-        Names.
-    noise : str
-        "stated" or "identified".
-    """
-
-    sensor: str
-    estimators: tuple[str, ...]
-    noise: str
-
-
-def claim_folder(folder: Path, study: CalibrationStudy) -> None:
-    """Write what a folder's draws are of.
-
-    Raises
-    ------
-    InputError
-        It holds draws of another study.
-    """
-    path = folder / STUDY_FILE
-    document = {**asdict(study), "estimators": list(study.estimators)}
-    if path.exists() and json.loads(path.read_text()) != document:
-        raise InputError(f"{path_text(path)}: holds draws of another study; choose another folder (-o)")
-    write_json(path, document)
-
-
 def source_hash() -> str:
     """SHA-256 over the sources of `DESCRIBED`, by which a result is known to be of this code."""
     package, digest = Path(__file__).parents[1], hashlib.sha256()
@@ -99,18 +61,37 @@ def is_outdated(result: Mapping[str, Any], code: date) -> bool:
     return code - date.fromisoformat(result["date"]) > LARGEST_AGE
 
 
-def write_report(folder: Path, study: CalibrationStudy, draws: Sequence[CalibrationDraw]) -> list[Path]:
-    """Numbers, page and pictures of a folder's draws; the paths of the pictures."""
+def write_report(
+    folder: Path, study: CalibrationStudy, draws: Mapping[int, Sequence[CalibrationDraw]], asked: int
+) -> list[Path]:
+    """Numbers, page and pictures of a folder's draws; the paths of the pictures.
+
+    Parameters
+    ----------
+    draws : mapping
+        By seed, as `read_draws`.
+    asked : int
+        Draws of a finished study; a report of fewer says so.
+    """
+    without = sum(not each for each in draws.values())
     document: dict[str, Any] = {
-        "study": {**asdict(study), "estimators": list(study.estimators)},
+        "study": study.document(),
+        "draws": {"asked": asked, "made": len(draws), "without_estimate": without},
         "date": datetime.now(UTC).date().isoformat(),
         "commit": git_commit(),
         "source_sha256": source_hash(),
         "estimators": {},
     }
     lines, pictures = [f"# Calibration: {study.sensor}, noise {study.noise}", ""], []
+    if len(draws) < asked:
+        lines += [
+            f"**Unfinished: {len(draws)} of {asked} draws are made. Run the command again for the rest.**",
+            "",
+        ]
+    if without:
+        lines += [f"No estimator could start on {without} of the {len(draws)} drawn recordings.", ""]
     for name in study.estimators:
-        own = [draw for draw in draws if draw.estimator == name]
+        own = [draw for each in draws.values() for draw in each if draw.estimator == name]
         if not own:
             continue
         every = quantity_calibration(own, lambda draw: True)
@@ -122,9 +103,10 @@ def write_report(folder: Path, study: CalibrationStudy, draws: Sequence[Calibrat
             "all": _document(every),
             "ok": _document(given_ok),
         }
-        lines += _page(name, own, every, given_ok, rates)
+        title = f"{name}, {len(own)} draws" if len(own) == asked else f"{name}, {len(own)} of {asked} draws"
+        lines += _page(title, every, given_ok, rates)
         picture = folder / f"ranks-{name}.png"
-        save_figure(rank_figure(name, {"all draws": every, "given ok": given_ok}, own), picture)
+        save_figure(rank_figure(title, {"all draws": every, "given ok": given_ok}, own), picture)
         pictures.append(picture)
     lines += [f"Code {document['commit']}, sources {document['source_sha256'][:12]}, {document['date']}.", ""]
     write_json(folder / RESULT_FILE, document)
@@ -133,19 +115,19 @@ def write_report(folder: Path, study: CalibrationStudy, draws: Sequence[Calibrat
 
 
 def rank_figure(
-    name: str,
+    title: str,
     groups: Mapping[str, Mapping[str, Sequence[ComponentCalibration]]],
     draws: Sequence[CalibrationDraw],
 ) -> Figure:
     """Distributions of ranks minus the uniform one with their bands, coverage, and the verdict as a classifier."""
-    quantities = list(next(iter(groups.values())))
+    quantities = list(dict.fromkeys(name for draw in draws for name in draw.quantities))
     across = max(len(quantities), 2)
     figure = Figure(figsize=(3.1 * across + 0.5, 8.4), layout="constrained")
     panels = figure.subplots(len(groups) + 1, across, squeeze=False)
-    for row, (title, found) in zip(panels, groups.items(), strict=False):
+    for row, (group, found) in zip(panels, groups.items(), strict=False):
         for axes, quantity in zip(row, quantities, strict=False):
             _draw_ranks(axes, quantity, found.get(quantity, ()))
-            axes.set_title(f"{LABELS[quantity]}, {title}", fontsize="small")
+            axes.set_title(f"{LABELS[quantity]}, {group}", fontsize="small")
         row[0].set_ylabel("distribution minus uniform [-]")
         for axes in row[len(quantities) :]:
             axes.set_visible(False)
@@ -153,9 +135,7 @@ def rank_figure(
     _draw_characteristic(panels[-1][1], draws)
     for axes in panels[-1][2:]:
         axes.set_visible(False)
-    figure.suptitle(
-        f"{name}: ranks of the truth in the stated posterior, {len(draws)} draws", fontsize="medium"
-    )
+    figure.suptitle(f"{title}: ranks of the truth in the stated posterior", fontsize="medium")
     names = (
         "component 1 (J smallest, minor, x)",
         "2 (J middle, intermediate, y)",
@@ -178,7 +158,7 @@ def _draw_ranks(axes: Axes, quantity: str, components: Sequence[ComponentCalibra
             band.at, band.low - band.at, band.high - band.at, color=GREEN, alpha=0.25, linewidth=0
         )
     else:
-        axes.text(0.5, 0.5, "fewer than 10 draws", ha="center", transform=axes.transAxes, fontsize="small")
+        _say_too_few(axes)
     axes.axhline(0.0, color=GREY, linewidth=0.8)
     axes.set_xlabel("rank of the truth [-]")
     tidy(axes)
@@ -201,9 +181,16 @@ def _draw_coverage(axes: Axes, found: Mapping[str, Sequence[ComponentCalibration
     axes.set_xticks(places, [f"{100 * level:g}" for level in LEVELS])
     axes.set_xlabel("stated interval [%]")
     axes.set_ylabel("share of truths within [-]")
-    axes.legend(fontsize="x-small", frameon=False, loc="lower right")
+    if found:
+        axes.legend(fontsize="x-small", frameon=False, loc="lower right")
+    else:
+        _say_too_few(axes)
     axes.set_title("coverage, all draws", fontsize="small")
     tidy(axes)
+
+
+def _say_too_few(axes: Axes) -> None:
+    axes.text(0.5, 0.5, "fewer than 10 draws", ha="center", transform=axes.transAxes, fontsize="small")
 
 
 def _draw_characteristic(axes: Axes, draws: Sequence[CalibrationDraw]) -> None:
@@ -224,23 +211,25 @@ def _draw_characteristic(axes: Axes, draws: Sequence[CalibrationDraw]) -> None:
 
 
 def _page(
-    name: str,
-    draws: Sequence[CalibrationDraw],
+    title: str,
     every: Mapping[str, Sequence[ComponentCalibration]],
     given_ok: Mapping[str, Sequence[ComponentCalibration]],
     rates: VerdictRates,
 ) -> list[str]:
-    lines = [f"## {name}, {len(draws)} draws", ""]
+    lines = [f"## {title}", ""]
     lines += [
         f"`ok` in {_share(rates.ok)}, of determined ones in {_share(rates.ok_of_determined)}. Beyond 4 deviations of `ok` ones: "
         f"{_share(rates.wrong_of_ok)}. `ok` of the right ones {_share(rates.ok_of_right)}, of the wrong ones "
         f"{_share(rates.ok_of_wrong)}.",
         "",
     ]
-    for title, found in (("all draws", every), ("given `ok`", given_ok)):
+    for group, found in (("all draws", every), ("given `ok`", given_ok)):
+        if not found:
+            lines += [f"No statistics of {group}: fewer than 10.", ""]
+            continue
         heads = [f"{100 * level:g} %" for level in LEVELS]
         lines += [
-            f"| {title} | rank test p | in band | {' | '.join(heads)} | mean square | inclination [dB] | CRPS | log score |",
+            f"| {group} | rank test p | in band | {' | '.join(heads)} | mean square | inclination [dB] | CRPS | log score |",
             f"|{'---|' * (7 + len(LEVELS))}",
         ]
         for quantity, components in found.items():

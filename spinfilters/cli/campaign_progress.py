@@ -50,10 +50,12 @@ def rows_with_bar(
         except KeyboardInterrupt:
             if not last:
                 raise
-            raise InputError(
-                f"interrupted; {last[0].done} of {last[0].total} runs are in {folder}, run the command again "
-                f"{cure}to continue"
-            ) from None
+            raise interruption(f"{last[0].done} of {last[0].total} runs", folder, cure) from None
+
+
+def interruption(made: str, folder: Path, cure: str = "") -> InputError:
+    """What an interrupted command says of a folder with a part of its results, such as "3 of 40 runs"."""
+    return InputError(f"interrupted; {made} are in {folder}, run the command again {cure}to continue")
 
 
 @contextmanager

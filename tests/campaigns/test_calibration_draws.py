@@ -1,13 +1,12 @@
-"""Draws of simulation-based calibration: made once, read again, and reported."""
+"""Draws of simulation-based calibration: a seed gives one scenario, and a draw is whole or none."""
 
-import json
-from pathlib import Path
+from dataclasses import replace
+from typing import Any
 
 import pytest
 
-from spinfilters.campaigns.calibration_draws import DRAWS_FILE, drawn_scenario, read_draws
-from spinfilters.campaigns.calibration_report import RESULT_FILE
-from spinfilters.cli.main import main
+from spinfilters.campaigns import calibration_draws
+from spinfilters.campaigns.calibration_draws import drawn_scenario, made_draws
 from spinfilters.core.errors import InputError
 
 
@@ -21,17 +20,23 @@ def test_a_sensor_without_a_prior_is_refused() -> None:
         drawn_scenario("lidar-scans", 0)
 
 
-def test_an_interrupted_call_goes_on_where_it_ended(tmp_path: Path) -> None:
-    command = ["calibration", "gyro", "--estimators", "mekf", "-o", str(tmp_path / "out"), "--draws"]
-    assert main([*command, "1"]) == 0
-    path = tmp_path / "out" / DRAWS_FILE
-    first = path.read_text()
-    path.write_text(first + '{"seed": 1, "dra')  # a call that was killed while it wrote
-    assert main([*command, "2"]) == 0
-    assert path.read_text().startswith(first)
-    draws = read_draws(tmp_path / "out")
-    assert [draw.seed for draw in draws] == [0, 1]
-    assert set(draws[0].quantities) == {"rate", "moments", "axes"}
-    result = json.loads((tmp_path / "out" / RESULT_FILE).read_text())
-    assert result["estimators"]["mekf"]["draws"] == 2
-    assert main(["calibration", "gyro", "--estimators", "ukf", "-o", str(tmp_path / "out")]) == 2
+def test_a_draw_that_was_interrupted_within_an_estimator_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    compare = calibration_draws.compare_estimators
+
+    def pressed(setup: Any, settings: Any, _: Any, **rest: Any) -> Any:
+        """Ctrl-C at an epoch in the middle of the second filter, which keeps what it has."""
+
+        def press(name: str, done: int, every: int) -> None:
+            if name == "ukf" and done >= every // 2:
+                raise KeyboardInterrupt
+
+        found = compare(setup, settings, press, **rest)
+        assert found.interrupted
+        return found
+
+    monkeypatch.setattr(calibration_draws, "compare_estimators", pressed)
+    monkeypatch.setattr(
+        calibration_draws, "drawn_scenario", lambda *of: replace(drawn_scenario(*of), epochs=40)
+    )
+    with pytest.raises(KeyboardInterrupt):
+        made_draws("gyro", 0, ("mekf", "ukf"), stated=True)

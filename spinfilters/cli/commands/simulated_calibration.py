@@ -28,30 +28,42 @@ class CalibrationArguments:
 
 def calibrate_by_simulation(options: CalibrationArguments) -> int:
     """Make the draws that the folder lacks, then write its report."""
-    from spinfilters.campaigns.calibration_draws import add_draws, drawn_scenario, read_draws
-    from spinfilters.campaigns.calibration_report import (
-        PAGE_FILE,
-        CalibrationStudy,
-        claim_folder,
-        write_report,
-    )
-    from spinfilters.cli.console import wide_console
-    from spinfilters.io.output_files import make_folder
-    from spinfilters.settings.run_settings import names_in
+    from spinfilters.campaigns.calibration_draws import drawn_scenario, made_draws
+    from spinfilters.campaigns.calibration_folder import CalibrationStudy, add_draw, claim_folder, read_draws
+    from spinfilters.campaigns.calibration_report import PAGE_FILE, write_report
+    from spinfilters.cli.campaign_progress import interruption
+    from spinfilters.cli.console import progress_bars, wide_console
+    from spinfilters.cli.interrupts import require_uninterrupted
+    from spinfilters.io.output_files import made_folder
+    from spinfilters.run.run_lock import locked_run
+    from spinfilters.settings.run_settings import Settings, names_in
 
-    console, folder = wide_console(), Path(options.output)
-    drawn_scenario(options.sensor, 0)  # refuses a sensor without a prior before anything is written
-    names = tuple(names_in(options.estimators))
+    console, folder, asked = wide_console(), Path(options.output), options.draws
+    names = names_in(options.estimators)
+    drawn_scenario(options.sensor, 0)  # refuses a sensor without a prior, and then an estimator that is none,
+    Settings(estimators=names)  # before anything is written
     study = CalibrationStudy(options.sensor, names, "stated" if options.state_noise else "identified")
-    make_folder(folder)
-    claim_folder(folder, study)
-    try:
-        for made in add_draws(folder, options.sensor, options.draws, names, options.state_noise):
-            console.print(f"{made} of {options.draws} draws", end="\r", highlight=False)
-    except KeyboardInterrupt:
-        console.print("stopped; the same command goes on from here", highlight=False)
-    for picture in write_report(folder, study, read_draws(folder)):
-        console.print(f"look at {picture}", highlight=False, soft_wrap=True)
+    is_interrupted = False
+    with made_folder(folder), locked_run(folder):
+        claim_folder(folder, study)
+        draws = read_draws(folder, study)
+        try:
+            with progress_bars() as report:
+                for seed in (seed for seed in range(asked) if seed not in draws):
+                    report("draws", sum(each < asked for each in draws), asked)
+                    made = made_draws(options.sensor, seed, names, options.state_noise)
+                    require_uninterrupted()  # a library may have taken a Ctrl-C for an error of the recording
+                    add_draw(folder, study, seed, made)
+                    draws[seed] = made
+        except KeyboardInterrupt:
+            is_interrupted = True
+        draws = read_draws(folder, study)
+        total = len(draws.keys() | set(range(asked)))  # the folder may hold more than are asked for
+        if draws:
+            for picture in write_report(folder, study, draws, total):
+                console.print(f"look at {picture}", highlight=False, soft_wrap=True)
+    if is_interrupted:
+        raise interruption(f"{len(draws)} of {total} draws", folder)
     console.print(f"written to {folder / PAGE_FILE}", highlight=False, soft_wrap=True)
     return 0
 
