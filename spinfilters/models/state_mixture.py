@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.special import ndtr
 
 from spinfilters.models.state_layout import StateLayout
 
@@ -50,6 +49,8 @@ def mixture_probability(
 ) -> Float[np.ndarray, " q"]:
     """Probability that a scalar mixture of Gaussians lies below some numbers; components of no width are points."""
     away = at[:, np.newaxis] - values
+    from scipy.special import ndtr  # here alone: a smoother loads this module and needs none of it
+
     below = np.where(std > 0, ndtr(away / np.where(std > 0, std, 1.0)), 0.5 * (1 + np.sign(away)))
     return below @ weights
 

@@ -19,6 +19,7 @@ from spinfilters.io.input_file import path_text, read_toml, value_text
 from spinfilters.io.output_files import write_json
 from spinfilters.io.text_table import write_csv
 from spinfilters.io.truth import Truth
+from spinfilters.models.body import body_estimate
 from spinfilters.plots.prediction_figures import inertia_race_figure
 from spinfilters.plots.style import draw_figure
 from spinfilters.run.predictions import stamps_ahead
@@ -84,9 +85,12 @@ def write_race(
 
 
 def _inertias(names: Sequence[str], good: Sequence[Evaluation], truth: Truth | None) -> list[NamedInertia]:
-    """The inertias of the names; of a file without axes about the principal axes of the first estimator."""
-    bodies = {each.name: each.body for each in good}
-    axes = good[0].body.principal_axes_g
+    """The inertias of the names; of a file without axes about the principal axes of the first estimator.
+
+    An estimator's is that of its last state, to which attitude and rate belong, not the mean of a sampled posterior.
+    """
+    bodies = {each.name: body_estimate(each.history.belief(-1)) for each in good}
+    axes = bodies[good[0].name].principal_axes_g
     found = []
     for name in names:
         if name == TRUTH:

@@ -22,7 +22,6 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float
-from scipy.special import chdtri, ndtri
 
 from spinfilters.core.importance_weights import LARGEST_SHAPE, ImportanceWeights, smoothed_weights
 from spinfilters.core.robust_losses import LeastSquares
@@ -190,6 +189,8 @@ class MassSampler:
         share = 0.9 * share / share.sum() + 0.1 / len(nodes)
         uniform = even_points(count, 7, seed)
         chosen = np.minimum(np.searchsorted(np.cumsum(share), uniform[:, 0]), len(nodes) - 1)
+        from scipy.special import chdtri, ndtri  # here alone: few motions need samples
+
         tails = np.sqrt(PROPOSAL_DOF / chdtri(PROPOSAL_DOF, 1 - uniform[:, 1]))
         steps = ndtri(uniform[:, 2:]) * tails[:, np.newaxis]
         trajectories, factors, density = [], [], []

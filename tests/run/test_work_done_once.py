@@ -35,7 +35,9 @@ def test_the_first_filter_beside_a_smoother_of_landmarks_is_asked_once(
     monkeypatch.setattr(doubts, "stated_level_diagnostics", lambda *_: [])
     setup: Any = SimpleNamespace(is_given=False, initial=SimpleNamespace(has_landmarks=True))
     pair: Any = [SimpleNamespace(name=name, history=None) for name in ("mekf", "smoother")]
-    entries: Any = [SimpleNamespace(continues=name, is_baseline=False) for name in (True, False)]
+    entries: Any = [
+        SimpleNamespace(continues=name, forgets=False, is_baseline=False) for name in (True, False)
+    ]
     found = doubts.Doubts(setup, Settings(), pair, [], [], None)
     assert [found.of(*each) for each in zip(pair, entries, strict=True)] == [["told"], ["told"]]
     assert len(agreements) == len(noise) == 1
