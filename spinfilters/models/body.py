@@ -167,6 +167,7 @@ class MassSamples:
         moments = self.principal_moments
         logs = np.log(moments[:, [2, 1]] / moments[:, [1, 0]])
         mean, ratios = self.weights @ moments, self.weights @ logs
+        mean[2] = 1.0  # by definition, which a sum of weights meets to rounding
         away = np.sqrt(self.weights)[:, np.newaxis] * (moments - mean)
         k1_std, k2_std = np.sqrt(self.weights @ np.square(logs - ratios)).tolist()
         levels = np.array(INTERVAL)
