@@ -166,8 +166,9 @@ class MassSamples:
         """A belief's body with mean, covariance and interval of the moments over the samples; axes and centre are the belief's."""
         moments = self.principal_moments
         logs = np.log(moments[:, [2, 1]] / moments[:, [1, 0]])
-        mean, ratios = self.weights @ moments, self.weights @ logs
+        mean = self.weights @ moments
         mean[2] = 1.0  # by definition, which a sum of weights meets to rounding
+        ratios = np.log(mean[[2, 1]] / mean[[1, 0]])  # of the published moments; deviations are about these
         away = np.sqrt(self.weights)[:, np.newaxis] * (moments - mean)
         k1_std, k2_std = np.sqrt(self.weights @ np.square(logs - ratios)).tolist()
         levels = np.array(INTERVAL)
