@@ -305,7 +305,14 @@ class GrowingHistory:
         for key, array in arrays.items():
             array[:count] = before[key]
         return EstimateHistory(
-            name=name, layout=self.layout, status=status, initialisation=count, noise=(), mass=None, **arrays
+            name=name,
+            layout=self.layout,
+            status=status,
+            initialisation=count,
+            noise=(),
+            mass=None,
+            posterior=None,
+            **arrays,
         )
 
 

@@ -173,6 +173,7 @@ def read_history(path: Path, cure: str = "make the run again") -> EstimateHistor
         noise=(),
         calibration=calibration,
         mass=None,
+        posterior=None,
         **numbers,
     )
 
