@@ -296,6 +296,7 @@ class GrowingHistory:
                 initialisation=0,
                 noise=(),
                 mass=None,
+                posterior=None,
                 **self.arrays(),
             )
         count = len(before["time"])
