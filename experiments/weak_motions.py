@@ -15,10 +15,10 @@ from typing import Final
 
 import numpy as np
 from jaxtyping import Float
-from scipy.special import ndtr
 
 from experiments.command_line import Row, rows_of_seeds, run_study
 from spinfilters import compare, simulate
+from spinfilters.campaigns.calibration_statistics import gaussian_crps
 from spinfilters.campaigns.statistics import QUANTILE
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.models.body import body_estimate
@@ -28,13 +28,6 @@ EPOCHS: Final = 100
 ESTIMATORS: Final = ("mekf", "smoother")
 WITHIN: Final = 2.5
 """Stated deviations."""
-
-
-def gaussian_crps(mean: float, std: float, truth: float) -> float:
-    """CRPS of a Gaussian (Gneiting, Raftery 2007, Eq. 20 with the sign of a loss)."""
-    z = (truth - mean) / std
-    density = np.exp(-0.5 * z * z) / np.sqrt(2 * np.pi)
-    return float(std * (z * (2 * ndtr(z) - 1) + 2 * density - 1 / np.sqrt(np.pi)))
 
 
 def sample_crps(values: Float[np.ndarray, " n"], weights: Float[np.ndarray, " n"], truth: float) -> float:
@@ -58,10 +51,7 @@ def scores(evaluation: Evaluation, truth: Float[np.ndarray, " 3"]) -> Row:
     """Errors and scores of the two moments that are not 1 by definition."""
     published, mode = evaluation.body, body_estimate(evaluation.history.belief(-1))
     mass = evaluation.history.mass
-    own = [
-        gaussian_crps(*each)
-        for each in zip(mode.principal_moments[:2], mode.principal_moments_std[:2], truth, strict=False)
-    ]
+    own = gaussian_crps((mode.principal_moments - truth)[:2], mode.principal_moments_std[:2]).tolist()
     if mass is not None:
         columns = mass.principal_moments.T
         found = [sample_crps(columns[k], mass.weights, truth[k]) for k in (0, 1)]

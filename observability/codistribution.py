@@ -78,12 +78,6 @@ class Flow:
     families: tuple[OutputFamily, ...] = ()
 
 
-def require_orders(orders: int) -> None:
-    """InputError: fewer than one order of derivatives."""
-    if orders < 1:
-        raise InputError(f"{orders} orders leave no rows; take at least 1")
-
-
 def motion_coefficients(
     flow: Flow, orders: int
 ) -> Iterator[tuple[Num[np.ndarray, "n b m"], Num[np.ndarray, "o b m"]]]:
@@ -91,7 +85,6 @@ def motion_coefficients(
 
     The k-th coefficient of an output is its k-th Lie derivative over k!, and the tangents are that derivative's gradient.
     """
-    require_orders(orders)
     (states, points, width), state = flow.state.shape, flow.state
     series = Series(flow.tape, flow.decisions, flow.arithmetic, (orders, points, width))
     for order in range(orders):
@@ -284,7 +277,8 @@ def rank_by_orders(
     stops : bool
         Whether the first order that adds nothing is the last, as at a generic point with generic inputs.
     """
-    require_orders(orders)
+    if orders < 1:
+        raise InputError(f"{orders} orders leave no rows; take at least 1")
     sizes = [(each.count, each.unknown) for each in experiments[0].families]
     common = len(names) - sum(items * own for items, own in sizes)
     rows, ranks = Codistribution(common, sizes, field), []

@@ -63,7 +63,8 @@ def write_rrd(
         for each in evaluations:
             _record_motion(rr, recording, each)
             _record_body(rr, recording, each, maps.get(each.name))
-        truth = next((each.truth_in_own_frames for each in evaluations if each.truth_in_own_frames), None)
+        truths = (each.truth_in_own_frames for each in evaluations)
+        truth = next((each for each in truths if each is not None), None)
         if truth is not None:
             _record_truth(rr, recording, truth)
         recording.flush()

@@ -19,6 +19,7 @@ from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.evaluation.recording_bound import without_bounds
 from spinfilters.evaluation.stated_errors import LARGEST_STATED_ERROR, stated_errors
 from spinfilters.evaluation.trajectory_errors import common_stamps
+from spinfilters.models.body import turn_of_axes
 from spinfilters.models.process import ProcessNoise
 from spinfilters.models.status import AXES, CENTRE, MOMENTS, RATE, Verdict
 from spinfilters.run.estimation import ComparisonExtent, compare_estimators
@@ -189,9 +190,7 @@ def component_errors(evaluation: Evaluation) -> dict[str, list[tuple[float, floa
         for k in range(2):
             below = history.mass.principal_moments[:, k] < true[k]
             found[MOMENTS][k] = (*found[MOMENTS][k][:2], float(history.mass.weights @ below))
-    R = body.principal_axes_g @ truth.principal_axes_g[order].T
-    R = R * np.sign(np.diag(R))[np.newaxis]  # an axis has no direction
-    turn = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    turn = turn_of_axes(body.principal_axes_g, truth.principal_axes_g[order])
     found[AXES] = _ranked(turn, body.principal_axes_std)
     return found
 

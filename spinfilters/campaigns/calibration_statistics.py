@@ -17,6 +17,7 @@ from scipy.stats import binom
 
 from spinfilters.campaigns.calibration_draws import CalibrationDraw
 from spinfilters.campaigns.statistics import Interval, mean, share
+from spinfilters.models.status import MOMENTS
 
 POINTS: Final = 50
 """Of the distribution of ranks, evenly spread."""
@@ -186,8 +187,8 @@ def width_characteristic(
     draws: Sequence[CalibrationDraw],
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """False and true positive rates of a classifier by the moments' stated deviation alone, with which the verdict is compared."""
-    held = [draw for draw in draws if "moments" in draw.quantities]
-    width = np.array([max(std for _, std, _ in draw.quantities["moments"][:2]) for draw in held])
+    held = [draw for draw in draws if MOMENTS in draw.quantities]
+    width = np.array([max(std for _, std, _ in draw.quantities[MOMENTS][:2]) for draw in held])
     right = np.array([draw.is_right for draw in held], dtype=bool)[np.argsort(width)]
     true = np.cumsum(right) / max(int(right.sum()), 1)
     false = np.cumsum(~right) / max(int((~right).sum()), 1)

@@ -30,7 +30,7 @@ from spinfilters.evaluation.trajectory_errors import (
     truth_errors,
     truth_in_estimate_frames,
 )
-from spinfilters.filters.history import EPOCH_ARRAYS, EstimateHistory
+from spinfilters.filters.history import EstimateHistory, history_at
 from spinfilters.io.input_file import reason
 from spinfilters.io.truth import Truth
 from spinfilters.models.body import BodyEstimate, BodyHistory, body_estimate
@@ -100,13 +100,8 @@ def deviation_parts(history: EstimateHistory) -> dict[str, DeviationPart]:
 
     See `_deviations`. Of an exact calibration all of it is random.
     """
-    last = replace(
-        history,
-        **{name: getattr(history, name)[-1:] for name in EPOCH_ARRAYS},
-        calibration=None if history.calibration is None else history.calibration[-1:],
-        observations=None,
-        initialisation=0,
-    )
+    calibration = None if history.calibration is None else history.calibration[-1:]
+    last = replace(history_at(history, np.array([-1])), calibration=calibration)
     total = _deviations(last)
     if last.calibration is None:
         return {name: DeviationPart(std, np.zeros_like(std)) for name, std in total.items()}

@@ -20,7 +20,8 @@ from spinfilters.core.attitude_conversions import inverse, multiply, rotation_ve
 from spinfilters.core.mass_distribution import inertia_matrix
 from spinfilters.evaluation.estimated_motion import trajectory_of
 from spinfilters.evaluation.estimator_evaluation import Evaluation, PosteriorDistance
-from spinfilters.filters.history import EPOCH_ARRAYS, EstimateHistory
+from spinfilters.filters.history import EstimateHistory, history_at
+from spinfilters.models.body import turn_of_axes
 from spinfilters.models.state_blocks import CENTRE_OF_MASS
 from spinfilters.models.state_mixture import StateMixture, mixture_probability, mixture_quantiles
 from spinfilters.models.status import ATTITUDE, AXES, CENTRE, MOMENTS, POSITION, RATE, VELOCITY
@@ -87,23 +88,20 @@ def posterior_quantities(posterior: StateMixture, reference: EstimateHistory) ->
     """
     layout, weights = posterior.layout, posterior.weights
     count = len(weights)
-    rows = {name: np.repeat(getattr(reference, name)[-1:], count, axis=0) for name in EPOCH_ARRAYS}
-    rows |= {"mean": posterior.means, "factor": posterior.factors}
-    plain = replace(reference, **rows, initialisation=0, observations=None, calibration=None)
-    motion = trajectory_of(plain)
+    last = history_at(reference, np.full(count, -1))
+    motion = trajectory_of(replace(last, mean=posterior.means, factor=posterior.factors))
     about = reference.mean[-1, layout.mean_slice("a")]
     turns = rotation_vector_from_quaternion(multiply(inverse(about)[np.newaxis], motion.q_ig))
     moments, axes = _bodies(
         posterior.means[:, layout.mean_slice("s")], reference.mean[-1, layout.mean_slice("s")]
     )
-    points = np.zeros((count, 1))
     logs = np.log(moments[:, [2, 1]] / moments[:, [1, 0]])
     shapes = np.concatenate([moments[:, :2], logs], axis=1)
     found = {
         ATTITUDE: (turns, motion.std_attitude),
         RATE: (motion.rate_i, motion.std_rate),
-        MOMENTS: (shapes, points + np.zeros(4)),
-        AXES: (axes, points + np.zeros(3)),
+        MOMENTS: (shapes, np.zeros_like(shapes)),
+        AXES: (axes, np.zeros_like(axes)),
     }
     if motion.sees_position:
         found[POSITION] = motion.position, motion.std_position
@@ -138,8 +136,7 @@ def stated_beliefs(
 ) -> Mapping[str, tuple[Float[np.ndarray, " c"], Float[np.ndarray, " c"]]]:
     """Mean and deviation that an estimate states of each component after the last epoch, about itself as `posterior_quantities`."""
     history, body = evaluation.history, evaluation.body
-    last = {name: getattr(history, name)[-1:] for name in EPOCH_ARRAYS}
-    motion = trajectory_of(replace(history, **last, initialisation=0, observations=None, calibration=None))
+    motion = trajectory_of(history_at(history, np.array([-1])))
     nothing = np.zeros(3)
     stated = {
         ATTITUDE: (nothing, motion.std_attitude[0]),
@@ -174,9 +171,4 @@ def _bodies(
     """Principal moments, largest = 1, and rotation vectors of the principal axes about those of one mass distribution."""
     _, origin = np.linalg.eigh(inertia_matrix(about))
     moments, vectors = np.linalg.eigh(np.array([inertia_matrix(point) for point in points]))
-    R = origin.T @ vectors
-    R = R * np.sign(np.einsum("nkk->nk", R))[:, np.newaxis]  # an axis has no direction
-    turns = 0.5 * np.stack(
-        [R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0], R[:, 1, 0] - R[:, 0, 1]], axis=1
-    )
-    return moments / moments[:, 2:], turns
+    return moments / moments[:, 2:], turn_of_axes(origin.T, np.swapaxes(vectors, 1, 2))

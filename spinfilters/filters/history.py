@@ -191,6 +191,17 @@ class EstimateHistory:
         return np.sqrt(np.einsum("tij,tij->ti", self.factor, self.factor))
 
 
+def history_at(history: EstimateHistory, rows: Int[np.ndarray, " k"]) -> EstimateHistory:
+    """A history of some epochs, its covariance alone."""
+    return replace(
+        history,
+        **{name: getattr(history, name)[rows] for name in EPOCH_ARRAYS},
+        calibration=None,
+        observations=None,
+        initialisation=0,
+    )
+
+
 def finished_history(histories: Sequence[EstimateHistory]) -> EstimateHistory | None:
     """The first history that has not failed; None without any."""
     return next((each for each in histories if not each.has_failed), None)

@@ -174,26 +174,22 @@ class SigmaPoints:
 
 @cache
 def sigma_points(n: int, options: SigmaPointOptions) -> SigmaPoints:
-    """Van der Merwe's scaled set over n coordinates: the mean, then both ends of every axis (van der Merwe 2004, Sec. 3.2.2).
+    """filterpy's scaled set of Van der Merwe over n coordinates.
 
     Raises
     ------
     InputError
         When a covariance weight is negative, with which a covariance could become indefinite.
     """
-    alpha, beta = options.alpha, options.beta
-    excess = alpha**2 * (n + options.kappa) - n  # lambda of the source
-    ends = np.sqrt(excess + n) * np.eye(n)
-    mean_weights = np.full(2 * n + 1, 0.5 / (n + excess))
-    weights = mean_weights.copy()
-    mean_weights[0] = excess / (n + excess)
-    weights[0] = mean_weights[0] + (1 - alpha**2 + beta)
-    if np.min(weights) < 0:
+    from filterpy.kalman import MerweScaledSigmaPoints  # slow to import, and settings alone need none of it
+
+    merwe = MerweScaledSigmaPoints(n, options.alpha, options.beta, options.kappa)
+    if np.min(merwe.Wc) < 0:
         raise InputError(
-            f"sigma points with alpha={alpha}, beta={beta} have a covariance weight of {np.min(weights):.3g}"
+            f"sigma points with alpha={options.alpha}, beta={options.beta} have a covariance weight of {np.min(merwe.Wc):.3g}"
             "; choose alpha >= 0.518 with beta = 2 so that covariances stay positive"
         )
-    return SigmaPoints(np.concatenate([np.zeros((1, n)), ends, -ends]), mean_weights, np.sqrt(weights))
+    return SigmaPoints(merwe.sigma_points(np.zeros(n), np.eye(n)), merwe.Wm, np.sqrt(merwe.Wc))
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from spinfilters.filters.square_root import (
 
 
 class MultiplicativeUkf(MultiplicativeFilter):
-    """Sigma points on the manifold.
+    """Sigma points on the manifold, set and weights from filterpy.
 
     Parameters
     ----------

@@ -184,6 +184,21 @@ class MassSamples:
         )
 
 
+def turn_of_axes(
+    axes: Float[np.ndarray, "*n 3 3"], others: Float[np.ndarray, "*n 3 3"]
+) -> Float[np.ndarray, "*n 3"]:
+    """Small rotation between principal axes, about each of the first, to first order, rad; an axis has no direction.
+
+    Both are matrices with an axis in each row, in the coordinates of g.
+    """
+    R = axes @ np.swapaxes(others, -1, -2)
+    R = R * np.sign(np.diagonal(R, axis1=-2, axis2=-1))[..., np.newaxis, :]
+    antisymmetric = R - np.swapaxes(R, -1, -2)
+    return 0.5 * np.stack(
+        [antisymmetric[..., 2, 1], antisymmetric[..., 0, 2], antisymmetric[..., 1, 0]], axis=-1
+    )
+
+
 def body_estimate(belief: Gaussian, intervals: bool = True) -> BodyEstimate:
     """Body properties of a belief over a layout with block s; see `bodies_of`."""
     arrays = np.zeros(1), belief.mean[np.newaxis], belief.factor[np.newaxis]

@@ -48,9 +48,9 @@ def mixture_probability(
     weights: Float[np.ndarray, " n"],
 ) -> Float[np.ndarray, " q"]:
     """Probability that a scalar mixture of Gaussians lies below some numbers; components of no width are points."""
-    away = at[:, np.newaxis] - values
     from scipy.special import ndtr  # here alone: a smoother loads this module and needs none of it
 
+    away = at[:, np.newaxis] - values
     below = np.where(std > 0, ndtr(away / np.where(std > 0, std, 1.0)), 0.5 * (1 + np.sign(away)))
     return below @ weights
 

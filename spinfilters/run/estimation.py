@@ -197,7 +197,10 @@ def _with_sampled_moments(
             is_filter and not own.has_failed and leaves_one_direction_open(own.layout, own.belief(-1).factor)
         )
 
-    if setup.is_given or setup.initial.has_landmarks or not any(map(is_open, evaluations)):
+    if setup.is_given or setup.initial.has_landmarks:
+        return evaluations
+    left_open = {each.name for each in evaluations if is_open(each)}
+    if not left_open:
         return evaluations
     smoothed = next((each.history for each in evaluations if each.name == SMOOTHER), None)
     if smoothed is None:
@@ -209,7 +212,8 @@ def _with_sampled_moments(
     if mass is None or smoothed.has_failed:
         return evaluations
     return [
-        evaluated(with_samples(each.history, mass), setup) if is_open(each) else each for each in evaluations
+        evaluated(with_samples(each.history, mass), setup) if each.name in left_open else each
+        for each in evaluations
     ]
 
 

@@ -4,6 +4,7 @@ One more is a class here, and a line in `OWN`. What an entry builds is imported 
 for estimators that it leaves out; the MEKF and the smoother serve every run, for initialisation and verdict, and are imported here.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
@@ -180,15 +181,16 @@ class JointEntry(EstimatorEntry["JointEkf"]):
 
 @dataclass(frozen=True)
 class BatchSmoother:
-    """Batch smoother of sensors without landmarks, by `smooth_and_sample`."""
+    """Batch smoother of sensors without landmarks, by a function such as `smooth_and_sample`."""
 
     setup: Setup
     settings: Settings
+    smooth_all: Callable[[Setup, Settings, OnEpoch], EstimateHistory] = smooth_and_sample
 
     def smooth(self, timeline: Timeline, initial: InitialEstimate, on_epoch: OnEpoch) -> EstimateHistory:
         """Smooth from the trajectory of an EKF that continues the initialisation."""
         own = replace(self.setup, timeline=timeline, initial=initial)
-        return smooth_and_sample(own, self.settings, on_epoch)
+        return self.smooth_all(own, self.settings, on_epoch)
 
 
 class SmootherEntry(EstimatorEntry[RecursiveSmoother]):
@@ -230,19 +232,6 @@ class SmootherEntry(EstimatorEntry[RecursiveSmoother]):
         return float(chi_square_tail(settings.smoother.width**2, dimension))
 
 
-@dataclass(frozen=True)
-class PosteriorSampler:
-    """Reference posterior of sensors without landmarks, by `sample_at_once`."""
-
-    setup: Setup
-    settings: Settings
-
-    def smooth(self, timeline: Timeline, initial: InitialEstimate, on_epoch: OnEpoch) -> EstimateHistory:
-        """Sample about the smoother's solution."""
-        own = replace(self.setup, timeline=timeline, initial=initial)
-        return sample_at_once(own, self.settings, on_epoch)
-
-
 MOST_SAMPLED_EPOCHS = 400
 """Of a recording whose posterior is sampled: every sample holds all of them."""
 
@@ -253,8 +242,8 @@ class PosteriorEntry(EstimatorEntry[RecursiveSmoother]):
     name, order = POSTERIOR, 30
     continues = False
 
-    def batch(self, setup: Setup, settings: Settings) -> PosteriorSampler:
-        """The sampler.
+    def batch(self, setup: Setup, settings: Settings) -> BatchSmoother:
+        """The sampler about the smoother's solution, `sample_at_once`.
 
         Raises
         ------
@@ -266,7 +255,7 @@ class PosteriorEntry(EstimatorEntry[RecursiveSmoother]):
                 f"{self.name} takes at most {MOST_SAMPLED_EPOCHS} epochs, this recording has {len(setup.timeline)}; cut it "
                 "(--segment), or leave the estimator out"
             )
-        return PosteriorSampler(setup, settings)
+        return BatchSmoother(setup, settings, sample_at_once)
 
     def build(self, setup: Setup, settings: Settings) -> RecursiveSmoother:
         """Never called: `batch` takes every recording that this estimator accepts."""

@@ -13,7 +13,7 @@ from spinfilters.evaluation.consistency import WHOLE, compared_parts, expected_n
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.filters.ekf import MultiplicativeEkf
 from spinfilters.filters.estimator import LandmarkBelief
-from spinfilters.filters.history import EstimateHistory, finished_history
+from spinfilters.filters.history import EstimateHistory, finished_history, history_at
 from spinfilters.filters.timeline import run
 from spinfilters.inference.first_epochs import DETERMINED_STD, LARGEST_DEPARTURE, is_bent, moments_std_of
 from spinfilters.inference.setup import Setup
@@ -23,7 +23,7 @@ from spinfilters.models.state_layout import Gaussian
 from spinfilters.models.status import ALL, BODY, CENTRE, POSITION, ROTATION, Finding
 from spinfilters.settings.run_settings import Settings
 from spinfilters.verdict.checks import finding
-from spinfilters.verdict.judge import history_at, own_rows, quantity_differences
+from spinfilters.verdict.judge import own_rows, quantity_differences
 
 RARE = 0.01
 """Probability of a NEES of a consistent filter, beyond which one that is expected with the smoother for the truth is a doubt: 1.9

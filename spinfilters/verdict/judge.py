@@ -10,8 +10,8 @@ from jaxtyping import Float, Int
 from spinfilters.core.attitude_conversions import inverse, multiply, rotation_vector_from_quaternion
 from spinfilters.core.errors import NUMERICAL_ERRORS, InputError
 from spinfilters.evaluation.estimated_motion import trajectory_of
-from spinfilters.filters.history import EPOCH_ARRAYS, EstimateHistory
-from spinfilters.models.body import UNDETERMINED_STD, BodyEstimate, body_estimate
+from spinfilters.filters.history import EstimateHistory, history_at
+from spinfilters.models.body import UNDETERMINED_STD, BodyEstimate, body_estimate, turn_of_axes
 from spinfilters.models.status import (
     ALL,
     ATTITUDE,
@@ -95,17 +95,6 @@ def own_rows(history: EstimateHistory) -> Int[np.ndarray, " k"]:
     """Indices of these epochs."""
     last = len(history.time) - 1
     return np.unique(np.linspace(min(history.initialisation, last), last, MOST_EPOCHS).round().astype(int))
-
-
-def history_at(history: EstimateHistory, rows: Int[np.ndarray, " k"]) -> EstimateHistory:
-    """A history of some epochs, its covariance alone."""
-    return replace(
-        history,
-        **{name: getattr(history, name)[rows] for name in EPOCH_ARRAYS},
-        calibration=None,
-        observations=None,
-        initialisation=0,
-    )
 
 
 def _typical(std: Float[np.ndarray, "n 3"]) -> float:
@@ -205,9 +194,7 @@ def quantity_differences(one: EstimateHistory, other: EstimateHistory) -> dict[s
 
 
 def _of_body(one: BodyEstimate, other: BodyEstimate) -> dict[str, QuantityDifference]:
-    R = one.principal_axes_g @ other.principal_axes_g.T
-    R = R * np.sign(np.diag(R))[np.newaxis]  # an axis has no direction
-    turn = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    turn = turn_of_axes(one.principal_axes_g, other.principal_axes_g)
     found = {
         MOMENTS: _constant(_shape(other) - _shape(one), _shape_std(one), _shape_std(other)),
         AXES: _constant(turn, one.principal_axes_std, other.principal_axes_std),
