@@ -171,4 +171,5 @@ def _bodies(
     """Principal moments, largest = 1, and rotation vectors of the principal axes about those of one mass distribution."""
     _, origin = np.linalg.eigh(inertia_matrix(about))
     moments, vectors = np.linalg.eigh(np.array([inertia_matrix(point) for point in points]))
-    return moments / moments[:, 2:], turn_of_axes(origin.T, np.swapaxes(vectors, 1, 2))
+    axes = np.swapaxes(vectors, 1, 2)
+    return moments / moments[:, 2:], turn_of_axes(np.broadcast_to(origin.T, axes.shape), axes)

@@ -185,7 +185,7 @@ class BatchSmoother:
 
     setup: Setup
     settings: Settings
-    smooth_all: Callable[[Setup, Settings, OnEpoch], EstimateHistory] = smooth_and_sample
+    smooth_all: Callable[[Setup, Settings, OnEpoch], EstimateHistory]
 
     def smooth(self, timeline: Timeline, initial: InitialEstimate, on_epoch: OnEpoch) -> EstimateHistory:
         """Smooth from the trajectory of an EKF that continues the initialisation."""
@@ -202,7 +202,7 @@ class SmootherEntry(EstimatorEntry[RecursiveSmoother]):
 
     def batch(self, setup: Setup, settings: Settings) -> BatchSmoother | None:
         """The batch smoother where no landmarks are estimated, else None."""
-        return None if setup.initial.has_landmarks else BatchSmoother(setup, settings)
+        return None if setup.initial.has_landmarks else BatchSmoother(setup, settings, smooth_and_sample)
 
     def build(self, setup: Setup, settings: Settings) -> RecursiveSmoother:
         """The sliding smoother with the run's options."""

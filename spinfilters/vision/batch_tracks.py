@@ -359,8 +359,8 @@ def require_epochs(count: int) -> None:
     """InputError: so few epochs with a pose."""
     if count < FEWEST_EPOCHS:
         raise InputError(
-            f"the pose of {count} pair(s) was found, at least {FEWEST_EPOCHS} are needed; a textured body must be sharp in both "
-            "images, these taken at one time, and cam0 the left camera"
+            f"the pose of {count} pair(s) was found, at least {FEWEST_EPOCHS} are needed: a textured body, sharp, at one time, "
+            "cam0 the left camera"
         )
 
 

@@ -334,7 +334,7 @@ def _decode(path: Path) -> tuple[Grey | None, str | None]:
     if size is None:  # of another format, whose decoder may take all memory
         return None, "not an image"
     if not 0 < size[0] * size[1] <= MOST_PIXELS:
-        return None, "of more pixels than an image may have"
+        return None, "of too many pixels"
     if is_damaged_png(content):
         return None, "damaged"
     image, complained = decode_grey(content)
