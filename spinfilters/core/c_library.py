@@ -279,7 +279,9 @@ def vector_width() -> int:
     if not stated:
         return max(VECTOR_WIDTHS) if has_wide_vectors() else min(VECTOR_WIDTHS)
     if stated not in map(str, VECTOR_WIDTHS):
-        raise InputError(f"environment variable SPINFILTERS_LANES is {stated[:40]!r}; give 4 or 8, or unset it")
+        raise InputError(
+            f"environment variable SPINFILTERS_LANES is {stated[:40]!r}; give 4 or 8, or unset it"
+        )
     return int(stated)
 
 
