@@ -39,7 +39,7 @@ from spinfilters.simulation.measurement_faults import (
 )
 from spinfilters.simulation.model_faults import model_faults
 from spinfilters.simulation.scenario import simulate
-from spinfilters.simulation.scenario_record import RECOGNITION, Scenario
+from spinfilters.simulation.scenario_record import INTERVAL, RECOGNITION, Scenario
 
 STD: Final = NumberRange(1e-12, 1e6)
 SHARE: Final = NumberRange(0.0, 1.0)
@@ -127,11 +127,14 @@ class SensorFactor(ScenarioFactor):
     ----------
     known_map : bool
         Whether estimators know where the landmarks are.
+    beside : Mapping[str, float]
+        Other sensors of the same motion, by kind, with their intervals in s.
     recognition : tuple[float, ...]
         Two shapes of the Beta distribution of how often an appearance is known again; empty for always.
     """
 
     known_map: Truth = False
+    beside: Mapping[str, Annotated[float, INTERVAL]] = field(default_factory=dict)
     recognition: tuple[Annotated[float, SHAPE], ...] = RECOGNITION
 
     def __post_init__(self) -> None:
@@ -144,7 +147,11 @@ class SensorFactor(ScenarioFactor):
     def fields_of_scenario(self) -> dict[str, Any]:
         """Values by the names of the scenario's fields, with the re-detection model of the landmarks in view."""
         recognition = SomeAppearances(*self.recognition) if self.recognition else EveryAppearance()
-        return {**super().fields_of_scenario, "recognition": recognition}
+        return {
+            **super().fields_of_scenario,
+            "recognition": recognition,
+            "beside": tuple(self.beside.items()),
+        }
 
 
 @scenario_factor("noise")
@@ -353,13 +360,15 @@ def require_frames(sensor: SensorFactor) -> None:
 
     A belief is drawn in the frames of the truth, which unknown landmarks do not tell.
     """
+    if sensor.known_map:
+        return
     form = dataset_kinds()[sensor.kind]
-    if form.has_landmarks and not sensor.known_map:
+    if form.has_landmarks:
         raise InputError(
             "a drawn belief needs a sensor whose frames are those of the truth; give sensor.known_map = true, or "
             'initialisation = "data"'
         )
-    if not form.has_landmarks and not _knows_frames(sensor.kind):
+    if not _knows_frames(sensor.kind):
         raise InputError(
             f"a drawn belief needs a sensor whose frames are those of the truth, and {sensor.kind} defines none; give "
             'initialisation = "data", or another sensor.kind, such as "pose"'
