@@ -13,9 +13,9 @@ from spinfilters.filters.history import EstimateHistory
 from spinfilters.filters.noise_levels import DISTURBANCES
 from spinfilters.filters.timeline import Timeline, times_of
 from spinfilters.inference.identified_noise import Unstated, noise_model
+from spinfilters.inference.noise_choice import STATED
 from spinfilters.inference.noise_model import NoiseModel
 from spinfilters.inference.setup import Setup
-from spinfilters.inference.stated_noise import STATED
 from spinfilters.io.input_file import reason
 from spinfilters.io.sensor_format import sensor_format
 from spinfilters.models.sensor_registry import sensor_of
