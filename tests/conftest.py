@@ -24,8 +24,19 @@ settings.load_profile("any machine")
 
 TESTS = Path(__file__).parent
 SHARED_DATA = TESTS.parents[1] / "shared" / "data"
-FEW_SAMPLES = {"api", "campaigns", "cli", "docs", "hostile", "io", "live", "plots"}
-"""Rooms whose tests judge no sampled mass distribution."""
+OF_FILES = (
+    "checkpoint",
+    "estimator_table",
+    "finished_run",
+    "foreign_checkpoint",
+    "interrupts",
+    "picture_process",
+    "run_folder",
+)
+FEW_SAMPLES = {"api", "campaigns", "cli", "docs", "hostile", "io", "live", "plots"} | {
+    f"run/test_{name}.py" for name in OF_FILES
+}
+"""Rooms and files whose tests judge no sampled mass distribution."""
 
 
 def pytest_collection_finish() -> None:
@@ -37,8 +48,8 @@ def pytest_collection_finish() -> None:
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
     """Few samples of a mass distribution where a test is about files, words or pictures: all take most of a short run's time."""
-    room = item.path.relative_to(TESTS).parts[0]
-    with few_samples() if room in FEW_SAMPLES else nullcontext():
+    file = item.path.relative_to(TESTS)
+    with few_samples() if FEW_SAMPLES & {file.parts[0], file.as_posix()} else nullcontext():
         return (yield)
 
 

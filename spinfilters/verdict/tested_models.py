@@ -223,7 +223,8 @@ class TestedModels:
             alike = [each for each in others if first.likeness(each) > ALIKE]
             likely.append((first, *alike[: MOST_ALIKE - 1]))
             left = [each for each in others if each not in alike]
-        return tuple(own for own in likely if any(map(self._counts, own)))
+        # what moves no estimate is no doubt by itself; beside one it may be what the other error was taken for
+        return tuple(likely) if any(self._counts(each) for own in likely for each in own) else ()
 
     @cached_property
     def slow(self) -> ScoreTest | None:
@@ -280,8 +281,14 @@ class TestedModels:
         return FALSE_ALARM / max(len(self.tests), 1)
 
     def _is_beyond_chance(self, test: ScoreTest) -> bool:
-        """Whether as much is too improbable without the error."""
+        """Whether as much is too improbable without the error.
+
+        Residuals beyond the stated noise are certain: they leave the question which error is drawn anew at every epoch, that of the
+        measurements or one of the few others that are.
+        """
         most = max(self.largest_p_value, SINGLE_FALSE_ALARM if self._is_named_sooner(test) else 0.0)
+        if self.contradicted and test.error.by_epoch:
+            most = max(most, FALSE_ALARM / sum(each.error.by_epoch for each in self.tests))
         return test.p_value < most and self._is_beyond_lasting_errors(test, most)
 
     def _is_named_sooner(self, test: ScoreTest) -> bool:

@@ -106,6 +106,35 @@ def test_of_a_calibration_that_is_stated_a_test_is_one_of_many(name: str, deviat
     assert known.names == (name,)
 
 
+def test_an_error_that_moves_no_estimate_is_named_where_it_explains_more_than_one_that_does() -> None:
+    """Jitter of time stamps looks like a jump of the clock at its largest error."""
+    one, std = np.ones(1), np.full((1, 1), 0.1)
+    jitter = ScoreTest(
+        table()["clock-jitter"], one, one, 29.0, 1.0, 120.0, 1e-6, 0.5 * std, np.array([1.0, 0.0])
+    )
+    jump = ScoreTest(table()["torque"], one, one, 24.0, 1.0, 24.0, 1e-4, 7 * std, np.array([0.0, 1.0]))
+    assert tested_models.TestedModels((jitter, jump), std=std).names == ("clock-jitter", "torque")
+    assert tested_models.TestedModels((jitter,), std=std).names == ()
+
+
+@pytest.mark.parametrize(
+    ("name", "contradicted", "p_value", "named"),
+    [
+        ("clock-jitter", True, 9e-3, True),
+        ("clock-jitter", True, 2e-2, False),
+        ("clock-jitter", False, 9e-3, False),
+        ("torque", True, 9e-3, False),
+    ],
+)
+def test_beside_too_small_a_noise_few_errors_are_drawn_at_every_epoch(
+    name: str, contradicted: bool, p_value: float, named: bool
+) -> None:
+    one, std = np.ones(1), np.full((1, 1), 0.1)
+    test = ScoreTest(table()[name], one, one, 15.0, 1.0, 60.0, p_value, 0.5 * std)
+    others = tuple(replace(test, error=table()[each], p_value=1.0) for each in ("drag", "hinge", "rotor"))
+    assert bool(tested_models.TestedModels((test, *others), contradicted, std=std).names) == named
+
+
 def test_beside_slow_noise_an_error_must_move_states_by_twice_as_much() -> None:
     one, std = np.ones(1), np.full((1, 1), 0.1)
     test = ScoreTest(table()["torque"], one, one, 40.0, 1.0, 40.0, 1e-8)
