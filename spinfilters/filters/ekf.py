@@ -20,7 +20,7 @@ import numpy as np
 
 from spinfilters.filters.compiled_steps import MOST_NOISE, Update, compiled_update
 from spinfilters.filters.epoch_run import RunOptions, SensorLevel, take_in
-from spinfilters.filters.estimator import EpochRun, Measurement, ProcessModel
+from spinfilters.filters.estimator import EpochRun, Estimator, Measurement, ProcessModel
 from spinfilters.filters.filter import LinearisedProcess, MultiplicativeFilter
 from spinfilters.filters.iterated_update import (
     IteratedObservations,
@@ -72,6 +72,11 @@ class MultiplicativeEkf(FirstOrderFilter):
     """
 
     name = "mekf"
+
+    def __init_subclass__(cls) -> None:
+        """Let a filter that changes a step take every epoch by itself, unless it says how it takes several."""
+        if "take_in" not in vars(cls):
+            cls.take_in = Estimator.take_in
 
     def __init__(
         self,

@@ -89,3 +89,18 @@ def test_levels_are_learned_in_the_same_epochs() -> None:
     timeline, belief = sample("gyro")
     levels = {"sensor.gyro": NoiseScale(0.3, 500.0), "process.torque": NoiseScale(-0.2, 400.0, 0.5)}
     require_same(timeline, belief, levels)
+
+
+def test_a_filter_that_changes_a_step_takes_every_epoch_by_itself() -> None:
+    class Counting(MultiplicativeEkf):
+        steps = 0
+
+        def predict(self, dt: float) -> None:
+            self.steps += 1
+            super().predict(dt)
+
+    timeline, belief = sample("gyro")
+    estimator = Counting(TorqueFreeProcess(belief.layout, ProcessNoise()))
+    estimator.start(belief)
+    run(estimator, timeline[0].time, timeline[1:100])
+    assert estimator.steps == 99
