@@ -460,9 +460,16 @@ class _Search:
             yield self._others[index]
 
     def _solve(self, terms: list[Term]) -> None:
-        kernels = [Modulo(self._field.prime, self._kernel(terms, self._points))]
-        further = (Modulo(each.field.prime, self._kernel(terms, each)) for each in self._other_points())
-        first = kernels[0].residues
+        count = len(terms) + SPARE
+        first = self._kernel(terms, self._points, count)
+        # Some equations of a point are dependent or empty, such as those of states that nothing moves: take more points then.
+        while len(first) and not self._hold_elsewhere(terms, first):
+            count *= 2
+            first = self._kernel(terms, self._points, count)
+        kernels = [Modulo(self._field.prime, first)]
+        further = (
+            Modulo(each.field.prime, self._kernel(terms, each, count)) for each in self._other_points()
+        )
         for k in sorted(range(len(first)), key=lambda k: np.count_nonzero(first[k])):
             if not self.missing:
                 return
@@ -473,11 +480,17 @@ class _Search:
                 self._keep(_generator(terms, values))
 
     @staticmethod
-    def _kernel(terms: list[Term], points: _Points) -> Num[np.ndarray, "k t"]:
-        """Null vectors of the equations for the coefficients."""
+    def _kernel(terms: list[Term], points: _Points, count: int) -> Num[np.ndarray, "k t"]:
+        """Null vectors of so many equations for the coefficients."""
         rows = Echelon(len(terms), points.field)
-        rows.add(points.equations(terms, len(terms) + SPARE))
+        rows.add(points.equations(terms, count))
         return rows.null_space().T
+
+    def _hold_elsewhere(self, terms: list[Term], kernel: Num[np.ndarray, "k t"]) -> bool:
+        """Whether null vectors fulfil the equations of points that they were not found from."""
+        field = self._field
+        rows = self._fixed_point.equations(terms, SPARE)
+        return not any(field.reduced(field.product(rows, each).sum(axis=1)).any() for each in kernel)
 
     def _holds(self, generator: Generator) -> bool:
         """Whether a generator holds at points modulo a prime that it was not found from."""

@@ -4,6 +4,7 @@ import gc
 import os
 import signal
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 import matplotlib as mpl
@@ -21,13 +22,46 @@ os.environ.setdefault("SPINFILTERS_PICTURE_PROCESSES", "0")
 settings.register_profile("any machine", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("any machine")
 
-SHARED_DATA = Path(__file__).parents[2] / "shared" / "data"
+TESTS = Path(__file__).parent
+SHARED_DATA = TESTS.parents[1] / "shared" / "data"
+OF_FILES = (
+    "checkpoint",
+    "estimator_table",
+    "finished_run",
+    "foreign_checkpoint",
+    "interrupts",
+    "picture_process",
+    "run_folder",
+)
+FEW_SAMPLES = {"api", "campaigns", "cli", "docs", "hostile", "io", "live", "plots"} | {
+    f"run/test_{name}.py" for name in OF_FILES
+}
+"""Rooms and files whose tests judge no sampled mass distribution."""
 
 
 def pytest_collection_finish() -> None:
     """Modules and tests live to the end: the garbage collector need not walk through them again and again."""
     gc.collect()
     gc.freeze()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+    """Few samples of a mass distribution where a test is about files, words or pictures: all take most of a short run's time."""
+    file = item.path.relative_to(TESTS)
+    with few_samples() if FEW_SAMPLES & {file.parts[0], file.as_posix()} else nullcontext():
+        return (yield)
+
+
+@contextmanager
+def few_samples() -> Iterator[None]:
+    """Sample the mass distribution in the same way, with a ridge of few nodes and few samples."""
+    from spinfilters.smoother import mass_posterior
+
+    with pytest.MonkeyPatch.context() as patch:
+        for name, number in (("SAMPLES", 16), ("TRIED", 8), ("MOST_NODES", 1)):
+            patch.setattr(mass_posterior, name, number)
+        yield
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -18,6 +18,7 @@ from typing import Final, NamedTuple
 import casadi as ca
 import platformdirs
 
+from spinfilters.core.errors import InputError
 from spinfilters.core.shipped_libraries import NATIVE, has_libraries, processor, shipped_library
 from spinfilters.core.working_time import building
 
@@ -262,7 +263,29 @@ def has_wide_vectors() -> bool:
     return "avx512f" in processor().split()
 
 
-LANES: Final = int(os.environ.get("SPINFILTERS_LANES") or (8 if has_wide_vectors() else 4))
+VECTOR_WIDTHS: Final = (4, 8)
+"""Numbers of 64 bits in vectors of 256 and 512 bits, for which loops are written."""
+
+
+def vector_width() -> int:
+    """Number of lanes: that of ``$SPINFILTERS_LANES``, else of this machine.
+
+    Raises
+    ------
+    InputError
+        The environment variable is neither of the two widths.
+    """
+    stated = os.environ.get("SPINFILTERS_LANES", "")
+    if not stated:
+        return max(VECTOR_WIDTHS) if has_wide_vectors() else min(VECTOR_WIDTHS)
+    if stated not in map(str, VECTOR_WIDTHS):
+        raise InputError(
+            f"environment variable SPINFILTERS_LANES is {stated[:40]!r}; give 4 or 8, or unset it"
+        )
+    return int(stated)
+
+
+LANES: Final = vector_width()
 """Numbers side by side in loops written for vectors: one vector of this machine, or of the one that libraries are built for.
 
 GCC takes a vector wider than the machine's apart, which costs 2 to 9 times the time."""

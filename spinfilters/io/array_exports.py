@@ -197,16 +197,42 @@ def _require_sound_elements(data: memoryview, order: str, depth: int) -> None:
                 raise ValueError("it is cut off")
         body = data[place:end]
         if kind == _COMPRESSED and depth == 0:
-            unpacker, largest = zlib.decompressobj(), SMALL + LARGEST_RATIO * len(body)
-            inner = unpacker.decompress(body, largest)
-            if unpacker.unconsumed_tail:
-                raise ValueError(f"it unpacks to more than {largest} bytes")
-            _require_sound_elements(memoryview(inner), order, depth)
+            _require_sound_elements(_unpacked(body, order), order, depth)
         elif kind not in _DATA_TYPES:
             raise ValueError(f"an element has the unknown type {kind}")
         elif kind == _MATRIX:
             _require_sound_elements(body, order, depth + 1)
         place = end if kind == _COMPRESSED else end + (place - end) % 8
+
+
+def _unpacked(packed: memoryview, order: str) -> memoryview:
+    """The one element that a compressed one holds, whose first eight bytes state its size before memory is taken for it."""
+    unpacker, largest = zlib.decompressobj(), min(LARGEST, SMALL + LARGEST_RATIO * len(packed))
+    parts = (packed[place : place + _PART] for place in range(0, len(packed), _PART))
+    first = b""
+    while len(first) < 8 and (part := next(parts, None)) is not None:
+        first += unpacker.decompress(part)
+    if len(first) < 8:
+        raise ValueError("it is cut off")
+    kind, stated = struct.unpack_from(f"{order}2I", first)
+    size = 8 if kind >> 16 else 8 + stated  # a small element is within these eight bytes
+    if size > largest:
+        raise ValueError(f"it unpacks to {size} bytes, at most {largest} are read")
+    found = bytearray(size)
+    place = min(len(first), size)
+    found[:place] = first[:place]
+    while place < size and (part := next(parts, None)) is not None:
+        more = unpacker.decompress(part, size - place)
+        found[place : place + len(more)] = more
+        place += len(more)
+    rest = (unpacker.unconsumed_tail, *parts)  # the checksum of the whole, which zlib compares
+    if place < size or not (any(unpacker.decompress(part, 1) for part in rest) or unpacker.eof):
+        raise ValueError("it is cut off")
+    return memoryview(found)
+
+
+_PART: Final = 1 << 14
+"""Bytes that are unpacked at once, to a thousand times as many at most."""
 
 
 def _flat(held: Mapping[str, Any], before: str = "") -> dict[str, np.ndarray]:

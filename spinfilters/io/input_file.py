@@ -107,9 +107,13 @@ def read_bytes(path: Path, max_bytes: int, may_be_empty: bool = False) -> bytes:
         require_file(path, max_bytes)
     try:
         with open(os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK), "rb") as stream:
-            if not stat.S_ISREG(os.fstat(stream.fileno()).st_mode):
+            status = os.fstat(stream.fileno())
+            if not stat.S_ISREG(status.st_mode):
                 raise _no_file(path)
-            data = stream.read(max_bytes + 1)
+            # Python takes memory for as many bytes as it is asked for, not for those that are there
+            data = stream.read(min(status.st_size, max_bytes) + 1)
+            if len(data) > status.st_size:
+                data += stream.read(max_bytes + 1 - len(data))
     except OSError as error:
         raise InputError(f"{path_text(path)}: cannot be read ({reason(error)}); copy it again") from None
     if len(data) > max_bytes:

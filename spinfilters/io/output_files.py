@@ -126,8 +126,25 @@ def write_toml(path: Path, document: dict[str, Any]) -> None:
     write_text(path, text)
 
 
+FILE_SUFFIX: Final = re.compile(
+    r"\.(bag|csv|h5|html|jpg|json|mat|mcap|md|npy|npz|parquet|pdf|png|rrd|svg|toml|txt|xlsx|yaml|yml|zip)",
+    re.IGNORECASE,
+)
+"""End of the name of a file; no new folder is made by such a name, which asks for a file."""
+
+
+def refuse_file_name(folder: Path) -> None:
+    """Refuse the name of a file, such as ``errors.csv``, for a new folder."""
+    if FILE_SUFFIX.fullmatch(folder.suffix) and not folder.exists():
+        raise InputError(
+            f"{path_text(folder)}: a folder is written, and this is the name of a {folder.suffix} file; give a folder, "
+            f"such as {path_text(folder.with_suffix(''))}"
+        )
+
+
 def make_folder(path: Path) -> None:
-    """Create the folder and its parents; one that is there already is kept. InputError if refused."""
+    """Create the folder and its parents; one that is there already is kept. InputError if refused, or the name of a file."""
+    refuse_file_name(path)
     try:
         path.mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:
@@ -198,6 +215,7 @@ def refuse_foreign(folder: Path, command: str) -> None:
         The text names the first such file.
     """
     if not os.path.isdir(folder):
+        refuse_file_name(folder)
         if os.path.exists(folder):
             make_folder(folder)  # says what is in the way
         return

@@ -15,7 +15,13 @@ from jaxtyping import Float
 
 from spinfilters.core.chi_square import chi_square_tail
 from spinfilters.core.errors import NUMERICAL_ERRORS, InputError
-from spinfilters.evaluation.noise_tests import EpochTester, FilterEpoch, NoiseTest, no_sums, summed_tests
+from spinfilters.evaluation.filter_noise_tests import (
+    EpochTester,
+    FilterEpoch,
+    NoiseTest,
+    no_sums,
+    summed_tests,
+)
 from spinfilters.filters.estimator import ProcessModel, UpdateReport
 from spinfilters.filters.measurement_prediction import predict_ahead
 from spinfilters.filters.noise_levels import SOURCES

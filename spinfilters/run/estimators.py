@@ -23,6 +23,7 @@ from spinfilters.filters.noise_levels import VarianceComponent
 from spinfilters.filters.timeline import OnEpoch, Timeline, times_of
 from spinfilters.inference.estimator_entry import AnyEntry, EstimatorEntry
 from spinfilters.inference.initial_estimate import InitialEstimate
+from spinfilters.inference.noise_choice import adapted_levels, identified_scales
 from spinfilters.inference.setup import Setup
 from spinfilters.inference.smoother_run import (
     NAME,
@@ -33,7 +34,6 @@ from spinfilters.inference.smoother_run import (
     smooth_and_sample,
     smoothed_history,
 )
-from spinfilters.inference.stated_noise import adapted_levels, identified_scales
 from spinfilters.io.sensor_format import sensor_format
 from spinfilters.models.rotation_integrator import substeps, turns
 from spinfilters.settings.run_settings import Settings

@@ -20,16 +20,16 @@ from spinfilters.inference.first_epochs import (
 )
 from spinfilters.inference.identified_noise import smallest_level
 from spinfilters.inference.initial_estimate import InitialEstimate
-from spinfilters.inference.setup import NOTHING_SOUGHT, Setup, camera_view
-from spinfilters.inference.stated_noise import (
+from spinfilters.inference.noise_choice import (
     considered_deviations,
-    layout_of,
     levels_of_rows,
     log_with_noise,
     stated_models,
     unstated_names,
     unstated_noise,
 )
+from spinfilters.inference.setup import NOTHING_SOUGHT, Setup, camera_view
+from spinfilters.inference.state_choice import layout_of
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.sensor_tables import require_motion
 from spinfilters.models.process import TorqueFreeProcess

@@ -99,10 +99,10 @@ class Dropout(Fault):
 
 
 @dataclass(frozen=True)
-class FrozenFrames(Fault):
-    """A sensor repeats epoch ``frame`` (0 is its first) in the ``count`` epochs that follow, under their own stamps."""
+class FrozenEpochs(Fault):
+    """A sensor repeats epoch ``epoch`` (0 is its first) in the ``count`` epochs that follow, under their own stamps."""
 
-    frame: int
+    epoch: int
     count: int
     sensor: str | None = None
 
@@ -110,12 +110,12 @@ class FrozenFrames(Fault):
         """The data set with the repeated epochs. InputError: epochs outside the recording."""
         stream = dataset.log.stream(self.sensor or dataset.sensor)
         epochs, times = epoch_rows(stream), stream.epoch_times
-        last = self.frame + self.count
-        if not 0 <= self.frame <= last < len(epochs):
+        last = self.epoch + self.count
+        if not 0 <= self.epoch <= last < len(epochs):
             raise InputError(
-                f"epochs {self.frame} to {last} are not all among the {len(epochs)} of the {stream.sensor} measurements"
+                f"epochs {self.epoch} to {last} are not all among the {len(epochs)} of the {stream.sensor} measurements"
             )
-        shown = [self.frame if self.frame <= k <= last else k for k in range(len(epochs))]
+        shown = [self.epoch if self.epoch <= k <= last else k for k in range(len(epochs))]
         repeated = stream_rows(
             stream, np.concatenate([epochs[k] for k in shown]), times.repeat([len(epochs[k]) for k in shown])
         )

@@ -17,8 +17,8 @@ from spinfilters.filters.estimator import Measurement
 from spinfilters.filters.history import EstimateHistory
 from spinfilters.filters.timeline import LogTimeline, Timeline, run, times_of
 from spinfilters.inference.estimator_entry import AnyEntry
+from spinfilters.inference.noise_choice import PRIOR
 from spinfilters.inference.setup import Setup
-from spinfilters.inference.stated_noise import PRIOR
 from spinfilters.io.consider_parameter import ConsideredDeviation, ConsiderParameter, Displaced
 from spinfilters.settings.run_settings import Settings
 from spinfilters.smoother.batch_smoother import NO_LANDMARKS, smooth_problem

@@ -241,8 +241,8 @@ CHECKS: Final[tuple[Check, ...]] = (
     Check(
         "model-error", ALL, Needs.RESIDUALS,
         "Score test of each error of the list about the smoothed motion; those that affect an estimate are named",
-        "1 % of recordings for all errors together, 0.2 % for one that moves a state by 4 deviations; "
-        "measured: python -m experiments.honesty",
+        "1 % of recordings for all errors together, 0.2 % for one that moves a state by 4 deviations "
+        "and that no stated calibration excludes; measured: python -m experiments.honesty",
         "{text}", "",
     ),
     # ---- levels of noise

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from jaxtyping import Float
 
 from spinfilters.evaluation.estimator_evaluation import Evaluation, evaluate, not_failed
 from spinfilters.evaluation.trajectory_errors import Alignment
@@ -173,6 +174,25 @@ def doubts_of(
     return Doubts(setup, settings, evaluations, shared, own, reference, models, baselines)
 
 
+def _stated_std(
+    setup: Setup, best: EstimateHistory | None, models: TestedModels
+) -> Float[np.ndarray, "k n"] | None:
+    """Deviations of the tested epochs as a verdict states them (`TestedModels.stated_std`)."""
+    if best is None or models.std is None:
+        return None
+    variance = models.std**2
+    if best.calibration is not None:
+        times = _calibration_enlargements(setup, models)
+        variance = variance + (best.calibration[: len(variance)] ** 2) @ (times**2 - 1)
+    if models.clock_drift is not None:
+        variance = variance + models.clock_drift[: len(variance)] ** 2
+    return np.sqrt(variance)
+
+
+def _calibration_enlargements(setup: Setup, models: TestedModels) -> Float[np.ndarray, " c"]:
+    return enlargements([each for each in setup.calibration if each.std > 0], models.tests)
+
+
 def models_of_recording(setup: Setup) -> TestedModels:
     """Errors that the recording shows by itself, without a smoothed motion: wrong units, and slips of front ends."""
     slips = front_end_slips(setup, with_fits=False)
@@ -190,6 +210,7 @@ def _explained(setup: Setup, settings: Settings, best: EstimateHistory | None) -
     models = tested_models(setup, best)
     drift = None if best is None else possible_clock_drift(setup, best, models)
     models = replace(models, clock_drift=drift, solved=None)  # large, and not needed beyond
+    models = replace(models, stated_std=_stated_std(setup, best, models))
     is_suspect = models.is_suspect or best is None or best.status.verdict is not Verdict.OK
     models = replace(models, slips=front_end_slips(setup, with_fits=is_suspect))
     if best is None or not is_suspect or models.slips:
@@ -251,8 +272,7 @@ def _widened(evaluation: Evaluation, doubts: Doubts) -> Evaluation:
     if widening is not None:
         history = history.widened(widening)
     if history.calibration is not None:
-        considered = [each for each in setup.calibration if each.std > 0]
-        times = enlargements(considered, doubts.models.tests)
+        times = _calibration_enlargements(setup, doubts.models)
         history = history if (times == 1).all() else history.with_larger_calibration(times)
     drift = doubts.models.clock_drift
     if drift is not None and len(history.time) <= len(drift) and np.isfinite(drift).all():

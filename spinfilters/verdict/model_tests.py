@@ -13,6 +13,7 @@ from spinfilters.filters.history import EstimateHistory
 from spinfilters.filters.noise_levels import DISTURBANCES
 from spinfilters.filters.timeline import Timeline, times_of
 from spinfilters.inference.identified_noise import Unstated, noise_model
+from spinfilters.inference.noise_choice import STATED
 from spinfilters.inference.noise_model import NoiseModel
 from spinfilters.inference.setup import Setup
 from spinfilters.io.input_file import reason
@@ -128,7 +129,15 @@ def tested_models(setup: Setup, best: EstimateHistory | None) -> TestedModels:
     found = tested_about(setup, best.mean[:most], table().values(), jumps)
     correlated = possible_correlation(setup, found.solved, stated_levels(setup))
     has_inspector = setup.dataset.inspector is not None
-    return replace(found, units=units, std=std, correlated=correlated, has_inspector=has_inspector)
+    known = frozenset(each.parameter.name for each in setup.calibration if each.source == STATED)
+    return replace(
+        found,
+        units=units,
+        std=std,
+        correlated=correlated,
+        has_inspector=has_inspector,
+        known_calibration=known,
+    )
 
 
 def tested_about(

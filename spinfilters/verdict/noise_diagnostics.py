@@ -8,7 +8,13 @@ from jaxtyping import Float
 
 from spinfilters.core.errors import NUMERICAL_ERRORS, numerical
 from spinfilters.evaluation.estimator_evaluation import without_calibration
-from spinfilters.evaluation.noise_tests import MEASUREMENTS, MOST_EPOCHS, FilterTests, NoiseTest, filter_tests
+from spinfilters.evaluation.filter_noise_tests import (
+    MEASUREMENTS,
+    MOST_EPOCHS,
+    FilterTests,
+    NoiseTest,
+    filter_tests,
+)
 from spinfilters.filters.history import EstimateHistory, finished_history
 from spinfilters.filters.noise_levels import BLOCK, CYCLE, DISTURBANCES, VarianceComponent
 from spinfilters.inference.identification import Identified, LevelTest, identify, level_tests

@@ -18,9 +18,10 @@ from spinfilters.core.errors import NUMERICAL_ERRORS, InputError
 from spinfilters.core.mass_distribution import from_inertia, inertia_matrix
 from spinfilters.filters.timeline import build_timeline, times_of
 from spinfilters.inference.identified_noise import Unstated, noise_model
+from spinfilters.inference.noise_choice import stated_models
 from spinfilters.inference.noise_model import NoiseModel
 from spinfilters.inference.setup import Setup, camera_view
-from spinfilters.inference.stated_noise import layout_of, stated_models
+from spinfilters.inference.state_choice import layout_of
 from spinfilters.models.state_blocks import (
     ACCELERATION,
     ATTITUDE,

@@ -124,7 +124,8 @@ LEAST_EFFECT, LEAST_EFFECT_BESIDE_SLOW_NOISE = Effect(2.0, 1.0), Effect(4.0, 2.0
 contradict the stated noise, is left to the uncertainty: with the errors that noise makes it stays below four. Slow errors of a
 gyro, and such as tracks of images have in common, look like small ones of many models, unless these are beyond what they feign."""
 HARMFUL: Final = 4.0
-"""Deviations by which removing an error moves a state at one epoch, from which it alone makes estimates wrong."""
+"""Deviations, as a verdict states them, by which removing an error moves a state at one epoch, from which it alone makes estimates
+wrong."""
 SINGLE_FALSE_ALARM: Final = 2e-3
 """Probability that one is named where there is none: silence costs more than doubt. Not beside a correlated gyro's slow errors, nor
 of jumps, which are far beyond chance where they matter."""
@@ -176,6 +177,10 @@ class TestedModels:
         Whether poses of a moving camera are given, of which some cures speak.
     clock_drift : (K, n) float array or None
         Error of all epochs' states by one deviation of a drift of the clock, where that is to be counted.
+    stated_std : (k, n) float array or None
+        Deviations that the verdict states: ``std`` with what errors of the calibration and that drift may add; None of ``std``.
+    known_calibration : frozenset[str]
+        Names of the calibration's deviations that are stated.
     """
 
     tests: tuple[ScoreTest, ...] = ()
@@ -189,6 +194,8 @@ class TestedModels:
     slips: tuple[Slip, ...] = ()
     has_inspector: bool = False
     clock_drift: Float[np.ndarray, "K n"] | None = None
+    stated_std: Float[np.ndarray, "k n"] | None = None
+    known_calibration: frozenset[str] = frozenset()
 
     def test_of(self, error: Alternative) -> ScoreTest | None:
         """The test of an error; None where it was not tested."""
@@ -216,7 +223,8 @@ class TestedModels:
             alike = [each for each in others if first.likeness(each) > ALIKE]
             likely.append((first, *alike[: MOST_ALIKE - 1]))
             left = [each for each in others if each not in alike]
-        return tuple(own for own in likely if any(map(self._counts, own)))
+        # what moves no estimate is no doubt by itself; beside one it may be what the other error was taken for
+        return tuple(likely) if any(self._counts(each) for own in likely for each in own) else ()
 
     @cached_property
     def slow(self) -> ScoreTest | None:
@@ -273,11 +281,25 @@ class TestedModels:
         return FALSE_ALARM / max(len(self.tests), 1)
 
     def _is_beyond_chance(self, test: ScoreTest) -> bool:
-        """Whether as much is too improbable without the error."""
-        is_harmful = self.std is not None and test.effect(self.std).largest >= HARMFUL
-        is_alone = is_harmful and test.error.trials == 1 and not self.beside_slow_noise
-        most = max(self.largest_p_value, SINGLE_FALSE_ALARM if is_alone else 0.0)
+        """Whether as much is too improbable without the error.
+
+        Residuals beyond the stated noise are certain: they leave the question which error is drawn anew at every epoch, that of the
+        measurements or one of the few others that are.
+        """
+        most = max(self.largest_p_value, SINGLE_FALSE_ALARM if self._is_named_sooner(test) else 0.0)
+        if self.contradicted and test.error.by_epoch:
+            most = max(most, FALSE_ALARM / sum(each.error.by_epoch for each in self.tests))
         return test.p_value < most and self._is_beyond_lasting_errors(test, most)
+
+    def _is_named_sooner(self, test: ScoreTest) -> bool:
+        """Whether silence about an error costs more than doubt: it alone would make estimates wrong, and nothing says it is small.
+
+        One that the stated deviations cover makes none wrong; of one whose size was measured and stated a test is one of many.
+        """
+        std, error = (self.std if self.stated_std is None else self.stated_std), test.error
+        if std is None or error.deviation in self.known_calibration or error.trials > 1:
+            return False
+        return test.effect(std).largest >= HARMFUL and not self.beside_slow_noise
 
     def _is_beyond_lasting_errors(self, test: ScoreTest, most: float) -> bool:
         """Whether a score is too large for errors of landmarks' observations that last.

@@ -157,7 +157,9 @@ def _rate(path: Path) -> float:
     """Images a second of a video, as it says."""
     rate = float(_film(path).get(cv2.CAP_PROP_FPS))
     if not 0.01 < rate < 1e5:
-        raise InputError(f"{path_text(path)}: does not say how many images a second it has; give --rate")
+        raise InputError(
+            f"{path_text(path)}: does not say how many images a second it has; give rate (--rate on the command line)"
+        )
     return rate
 
 

@@ -94,6 +94,11 @@ ARGUMENT_FAULTS = {
     "simulation among other files": ("simulate -o {tmp}/foreign --frames 5", "foreign"),
     "simulation onto a file": ("simulate -o {tmp}/notes.md --kind gyro --frames 5", "notes.md"),
     "run onto a file": ("compare {gyro} -o {tmp}/notes.md", "notes.md"),
+    "run by the name of a file": ("compare {gyro} -o {tmp}/errors.csv", "name of a .csv file"),
+    "simulation by the name of a file": (
+        "simulate -o {tmp}/gyro.CSV --kind gyro --frames 5",
+        "name of a .CSV file",
+    ),
     "run below a file": ("compare {gyro} -o {tmp}/notes.md/run", "notes.md/run"),
     "run among other files": ("compare {gyro} -o {tmp}/foreign", "foreign"),
     "plot of nothing": ("plot {tmp}/nowhere", "nowhere/summary.json"),

@@ -8,6 +8,7 @@ import casadi as ca
 import pytest
 
 from spinfilters.core import c_library
+from spinfilters.core.errors import InputError
 from spinfilters.core.vectorised import simd_text
 
 X = ca.SX.sym("x", 2)
@@ -19,6 +20,23 @@ def test_wide_vectors_are_used_where_the_processor_names_them(
 ) -> None:
     monkeypatch.setattr(c_library, "processor", lambda: flags)
     assert c_library.has_wide_vectors() is wide
+
+
+@pytest.mark.parametrize("stated", ["x", "0", "-4", "3", "16", "4.0", " 8", "8\n", "9" * 10_000])
+def test_a_width_that_no_loop_has_is_refused_in_one_line(
+    monkeypatch: pytest.MonkeyPatch, stated: str
+) -> None:
+    monkeypatch.setenv("SPINFILTERS_LANES", stated)
+    with pytest.raises(InputError, match=r"SPINFILTERS_LANES is '.*'; give 4 or 8, or unset it") as refused:
+        c_library.vector_width()
+    assert len(str(refused.value).splitlines()) == 1
+    assert len(str(refused.value)) < 150
+
+
+@pytest.mark.parametrize("stated", ["4", "8"])
+def test_the_environment_states_the_width(monkeypatch: pytest.MonkeyPatch, stated: str) -> None:
+    monkeypatch.setenv("SPINFILTERS_LANES", stated)
+    assert c_library.vector_width() == int(stated)
 
 
 def test_generated_loops_are_as_wide_as_the_machine() -> None:

@@ -10,7 +10,7 @@ from spinfilters.filters.shared_modes import LandmarkOptions, anchored_at_pose
 from spinfilters.models.gauge import GAUGE_STD, state_in_g
 from spinfilters.simulation.measurement_faults import (
     Dropout,
-    FrozenFrames,
+    FrozenEpochs,
     PointsAtInfinity,
     WrongAssociations,
     with_faults,
@@ -67,7 +67,7 @@ def ids_of(dataset):
 
 def test_a_frozen_camera_is_no_news():
     recorded = recording()
-    frozen = timeline_of(with_faults(recorded.dataset, (FrozenFrames(12, 3),), 1))
+    frozen = timeline_of(with_faults(recorded.dataset, (FrozenEpochs(12, 3),), 1))
     estimator = started()
     run_through(estimator, frozen[:13])
     for k in (13, 14, 15):

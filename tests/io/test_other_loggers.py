@@ -2,6 +2,8 @@
 
 import json
 import struct
+import tracemalloc
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -417,3 +419,48 @@ def test_pickled_objects_are_never_loaded(tmp_path: Path) -> None:
     np.savez(path, allow_pickle=True, time=TIME, omega=np.array([{"a": 1}] * COUNT, dtype=object))
     with pytest.raises(InputError, match=r"no \.npz of plain arrays"):
         spinfilters.load(path)
+
+
+def _packed_mat(stated: int, held: int, begin: int = 0, end: int | None = None) -> bytes:
+    """A .mat with one compressed variable that states so many numbers and holds others, all zero."""
+    name = (
+        struct.pack("<2I", 5, 8)
+        + struct.pack("<2i", stated, 1)
+        + struct.pack("<2I", 1, 1)
+        + b"x".ljust(8, b"\0")
+    )
+    whole = struct.pack("<2I2I", 6, 8, 6, 0) + name + struct.pack("<2I", 9, 8 * stated)
+    packer = zlib.compressobj(1)
+    packed = packer.compress(struct.pack("<2I", 14, len(whole) + 8 * stated) + whole)
+    for _ in range(0, 8 * held, 1 << 20):
+        packed += packer.compress(bytes(min(8 * held, 1 << 20)))
+    packed = (packed + packer.flush())[begin:end]
+    return (
+        b"MATLAB 5.0".ljust(124)
+        + struct.pack("<H", 0x0100)
+        + b"IM"
+        + struct.pack("<2I", 15, len(packed))
+        + packed
+    )
+
+
+def test_a_packed_variable_is_refused_before_memory_is_taken_for_it(tmp_path: Path) -> None:
+    path = tmp_path / "bomb.mat"
+    path.write_bytes(_packed_mat(stated=40 << 20, held=40 << 20))
+    tracemalloc.start()
+    try:
+        with pytest.raises(
+            InputError, match=r"is no whole \.mat \(it unpacks to \d+ bytes, at most \d+ are read\)"
+        ):
+            spinfilters.load(path)
+        assert tracemalloc.get_traced_memory()[1] < 64 << 20
+    finally:
+        tracemalloc.stop()
+
+
+def test_a_packed_variable_that_holds_less_than_it_states_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "cut.mat"
+    for content in (_packed_mat(stated=2000, held=1000), _packed_mat(stated=20, held=20, end=-2)):
+        path.write_bytes(content)
+        with pytest.raises(InputError, match=r"is no whole \.mat \(it is cut off\)"):
+            spinfilters.load(path)

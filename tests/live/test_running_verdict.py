@@ -6,7 +6,7 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from spinfilters.evaluation.noise_tests import FilterEpoch, NoiseTest, summed_tests
+from spinfilters.evaluation.filter_noise_tests import FilterEpoch, NoiseTest, summed_tests
 from spinfilters.filters.ekf import MultiplicativeEkf
 from spinfilters.filters.estimator import MapChange, Measurement, UpdateReport
 from spinfilters.live.executive import FALSE_ALARM, WINDOW, Executive, RunningVerdict, chance

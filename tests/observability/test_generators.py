@@ -285,3 +285,40 @@ def test_generators_are_found_where_numbers_have_roots(rate: str) -> None:
         {"states": ["x"], "parameters": ["a", "b"], "equations": {"x": rate}, "outputs": {"y": "x"}}
     )
     assert [str(each) for each in found.symmetries] == ["a -> e^ε a, b -> e^-ε b"]
+
+
+def test_a_rotation_about_a_known_field_is_found_for_a_spinning_magnetometer() -> None:
+    """Most equations of a point are empty here: a field of the attitude moves no rate of the body."""
+    attitude = ("x", "y", "z", "w")
+    found = analyse(
+        {
+            "states": [*attitude, "w1", "w2", "w3"],
+            "parameters": ["J1", "J2", "J3", "b1", "b2", "b3"],
+            "known_constants": ["B1", "B2", "B3"],
+            "unit_vectors": [[*attitude]],
+            "equations": {
+                "x": "(w*w1 - z*w2 + y*w3)/2",
+                "y": "(z*w1 + w*w2 - x*w3)/2",
+                "z": "(-y*w1 + x*w2 + w*w3)/2",
+                "w": "-(x*w1 + y*w2 + z*w3)/2",
+                "w1": "(J2 - J3)*w2*w3/J1",
+                "w2": "(J3 - J1)*w3*w1/J2",
+                "w3": "(J1 - J2)*w1*w2/J3",
+            },
+            "outputs": {
+                "m1": "(1 - 2*(y**2 + z**2))*B1 + 2*(x*y + z*w)*B2 + 2*(x*z - y*w)*B3 + b1",
+                "m2": "2*(x*y - z*w)*B1 + (1 - 2*(x**2 + z**2))*B2 + 2*(y*z + x*w)*B3 + b2",
+                "m3": "2*(x*z + y*w)*B1 + 2*(y*z - x*w)*B2 + (1 - 2*(x**2 + y**2))*B3 + b3",
+            },
+        }
+    )
+    assert (found.rank, found.dimension) == (10, 12)
+    turns = [each for each in found.generators if set(each) == set(attitude)]
+    assert turns == [
+        {
+            "x": "B1*w + B2*z - B3*y",
+            "y": "-B1*z + B2*w + B3*x",
+            "z": "B1*y - B2*x + B3*w",
+            "w": "-B1*x - B2*y - B3*z",
+        }
+    ]

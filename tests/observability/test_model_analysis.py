@@ -114,6 +114,15 @@ def test_the_command_writes_what_it_prints(
     assert json.loads((folder / "observability.json").read_text())["rank"] == 4
 
 
+def test_the_command_titles_its_answer_by_the_name_in_the_file(
+    spring: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines = [line for line in spring.read_text().splitlines() if not line.startswith("name")]
+    spring.write_text("\n".join(['name = "a spring\\u001b[31m"', *lines]))
+    assert main(["observe", str(spring), "-o", str(tmp_path / "found")]) == 0
+    assert f"{spring.name} (a spring\\x1b[31m): of 5 unknowns" in capsys.readouterr().out
+
+
 def test_the_command_prints_formulas_on_demand(
     spring: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -18,7 +18,7 @@ from spinfilters.run.readers import read_dataset
 from spinfilters.simulation.measurement_faults import (
     Dropout,
     Fault,
-    FrozenFrames,
+    FrozenEpochs,
     Outliers,
     PointsAtInfinity,
     WrongAssociations,
@@ -32,7 +32,7 @@ STEREO_FAULTS = (
     WrongAssociations(0.3),
     Outliers(0.2),
     Dropout(2.0, 4.0),
-    FrozenFrames(5, 3),
+    FrozenEpochs(5, 3),
     PointsAtInfinity(2),
 )
 
@@ -126,7 +126,7 @@ def test_a_dropout_takes_every_measurement_of_its_stretch_and_no_other(kind: str
 
 
 def test_a_frozen_camera_shows_one_epoch_under_new_stamps() -> None:
-    hit = with_faults(TRACKS, [FrozenFrames(5, 3)], 0)
+    hit = with_faults(TRACKS, [FrozenEpochs(5, 3)], 0)
     np.testing.assert_array_equal(stereo(hit)[0].epoch_times, stereo(TRACKS)[0].epoch_times)
     for frame in range(20):
         (ids, values), (shown_ids, shown) = (
@@ -139,7 +139,7 @@ def test_a_frozen_camera_shows_one_epoch_under_new_stamps() -> None:
 
 def test_a_gyro_freezes_too() -> None:
     before = DATASETS["gyro"].log.stream("gyro").values
-    after = with_faults(DATASETS["gyro"], [FrozenFrames(2, 4, "gyro")], 0).log.stream("gyro").values
+    after = with_faults(DATASETS["gyro"], [FrozenEpochs(2, 4, "gyro")], 0).log.stream("gyro").values
     np.testing.assert_array_equal(after[2:7], np.tile(before[2], (5, 1)))
     np.testing.assert_array_equal(after[7:], before[7:])
 
@@ -171,7 +171,7 @@ def test_rows_keep_the_covariance_that_belongs_to_them() -> None:
     stream, ids = stereo(TRACKS)
     covariance = (1.0 + ids)[:, np.newaxis, np.newaxis] * np.eye(3)
     dataset = replace(TRACKS, log=MeasurementLog((replace(stream, covariance=covariance),)))
-    faults = [Dropout(1.0, 2.0), FrozenFrames(3, 2), PointsAtInfinity(1, 7.0)]
+    faults = [Dropout(1.0, 2.0), FrozenEpochs(3, 2), PointsAtInfinity(1, 7.0)]
     hit, hit_ids = stereo(with_faults(dataset, faults, 0))
     assert hit.covariance is not None
     expected = np.where(hit_ids > ids.max(), 49.0, 1.0 + hit_ids)
@@ -191,8 +191,8 @@ def test_faults_come_one_upon_the_other_and_draw_on_their_own() -> None:
     ("fault", "text"),
     [
         (Dropout(-1.0, 100.0), "leaves no stereo"),
-        (FrozenFrames(18, 2), "18 to 20"),
-        (FrozenFrames(3, -1), "3 to 2"),
+        (FrozenEpochs(18, 2), "18 to 20"),
+        (FrozenEpochs(3, -1), "3 to 2"),
         (Outliers(0.1, "gyro"), "no 'gyro'"),
     ],
     ids=str,

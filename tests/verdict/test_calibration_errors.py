@@ -12,7 +12,7 @@ from spinfilters.core.errors import InputError
 from spinfilters.evaluation.comparison_table import comparison_cells
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.filters.history import EPOCH_ARRAYS
-from spinfilters.inference.stated_noise import considered_deviations
+from spinfilters.inference.noise_choice import considered_deviations
 from spinfilters.io.dataset import Dataset, DatasetOptions
 from spinfilters.io.measurement_log import MeasurementLog
 from spinfilters.models.process import ProcessNoise

@@ -10,7 +10,7 @@ import pytest
 from plain_comparison import plainly_compared
 
 from experiments.honest_cases import RecordingCase, recordings
-from spinfilters.evaluation.noise_tests import MEASUREMENTS, FilterTests, NoiseTest, filter_tests
+from spinfilters.evaluation.filter_noise_tests import MEASUREMENTS, FilterTests, NoiseTest, filter_tests
 from spinfilters.io.measurement_log import MeasurementLog
 from spinfilters.models.process import ProcessNoise
 from spinfilters.models.status import Finding

@@ -74,6 +74,67 @@ def test_an_error_that_alone_makes_estimates_wrong_is_named_sooner(
     )
 
 
+@pytest.mark.parametrize(("wider", "named"), [(1.0, True), (1.2, True), (1.3, False)])
+def test_an_error_that_the_stated_deviations_cover_is_one_of_many(wider: float, named: bool) -> None:
+    """A focal length that may be a percent off is in the deviations of a calibration that nobody states."""
+    one, std = np.ones(1), np.full((1, 1), 0.1)
+    test = ScoreTest(table()["focal-length"], one, one, 10.0, 1.0, 10.0, 1e-3, 5 * std, level=0.1)
+    others = tuple(replace(test, error=error, p_value=1.0) for error in list(table().values())[5:20])
+    models = tested_models.TestedModels((test, *others), std=std, stated_std=wider * std)
+    assert bool(models.names) == named
+
+
+@pytest.mark.parametrize(
+    ("name", "deviation"),
+    [
+        ("focal-length", "focal_std"),
+        ("clock-drift", "clock_scale_std"),
+        ("inspector-lever", "inspector_lever_std"),
+    ],
+)
+def test_of_a_calibration_that_is_stated_a_test_is_one_of_many(name: str, deviation: str) -> None:
+    one, std = np.ones(1), np.full((1, 1), 0.1)
+    test = ScoreTest(table()[name], one, one, 10.0, 1.0, 10.0, 1e-3, 5 * std, level=0.1)
+    others = tuple(
+        replace(test, error=table()[each], p_value=1.0) for each in list(table())[:20] if each != name
+    )
+    models = tested_models.TestedModels((test, *others), std=std)
+    assert models.names == (name,)
+    assert replace(models, known_calibration=frozenset({deviation})).names == ()
+    certain = replace(test, p_value=1e-4)
+    known = replace(models, tests=(certain, *others), known_calibration=frozenset({deviation}))
+    assert known.names == (name,)
+
+
+def test_an_error_that_moves_no_estimate_is_named_where_it_explains_more_than_one_that_does() -> None:
+    """Jitter of time stamps looks like a jump of the clock at its largest error."""
+    one, std = np.ones(1), np.full((1, 1), 0.1)
+    jitter = ScoreTest(
+        table()["clock-jitter"], one, one, 29.0, 1.0, 120.0, 1e-6, 0.5 * std, np.array([1.0, 0.0])
+    )
+    jump = ScoreTest(table()["torque"], one, one, 24.0, 1.0, 24.0, 1e-4, 7 * std, np.array([0.0, 1.0]))
+    assert tested_models.TestedModels((jitter, jump), std=std).names == ("clock-jitter", "torque")
+    assert tested_models.TestedModels((jitter,), std=std).names == ()
+
+
+@pytest.mark.parametrize(
+    ("name", "contradicted", "p_value", "named"),
+    [
+        ("clock-jitter", True, 9e-3, True),
+        ("clock-jitter", True, 2e-2, False),
+        ("clock-jitter", False, 9e-3, False),
+        ("torque", True, 9e-3, False),
+    ],
+)
+def test_beside_too_small_a_noise_few_errors_are_drawn_at_every_epoch(
+    name: str, contradicted: bool, p_value: float, named: bool
+) -> None:
+    one, std = np.ones(1), np.full((1, 1), 0.1)
+    test = ScoreTest(table()[name], one, one, 15.0, 1.0, 60.0, p_value, 0.5 * std)
+    others = tuple(replace(test, error=table()[each], p_value=1.0) for each in ("drag", "hinge", "rotor"))
+    assert bool(tested_models.TestedModels((test, *others), contradicted, std=std).names) == named
+
+
 def test_beside_slow_noise_an_error_must_move_states_by_twice_as_much() -> None:
     one, std = np.ones(1), np.full((1, 1), 0.1)
     test = ScoreTest(table()["torque"], one, one, 40.0, 1.0, 40.0, 1e-8)

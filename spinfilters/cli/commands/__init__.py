@@ -64,7 +64,7 @@ COMMANDS: Final = (
         "spinfilters.cli.commands.simulate",
     ),
     ListedCommand(
-        "lidar", "simulate scans of a body, estimate how many are needed", "spinfilters.cli.commands.scanning"
+        "lidar", "simulate scans of a body, estimate how many are needed", "spinfilters.cli.commands.lidar"
     ),
     ListedCommand(
         "observe",

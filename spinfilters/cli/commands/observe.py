@@ -163,9 +163,10 @@ def _observe_model(options: ObserveCommandArguments, model: str) -> int:
     folder, path = Path(options.output), Path(model)
     refuse_foreign(folder, COMMAND.name)
     document = _program(path) if options.execute else _document(path)
-    found = analyse(document, name=path.name)
+    name = _title(path, document)
+    found = analyse(document, name=name)
     with progress_bars() as show, output_folder(folder, COMMAND.name) as place:
-        stated = stated_bound(document, path.name, path.parent, show)
+        stated = stated_bound(document, name, path.parent, show)
         text = _write_model(found, stated, options, place)
     wide_console().print(f"{text}\nwritten to {folder}", highlight=False, markup=False, soft_wrap=True)
     return 0
@@ -187,6 +188,14 @@ def _observed_recording(options: ObserveCommandArguments, recording: str) -> "Ob
     )
     with progress_bars() as show:
         return observe_recording(recording, _settings(options), options.segment, progress=show)
+
+
+def _title(path: Path, document: Mapping[str, Any]) -> str:
+    """The file, and the name that it gives its system, for titles and complaints."""
+    from spinfilters.io.input_file import value_text
+
+    own = document.get("name")
+    return f"{path.name} ({value_text(own)[1:-1]})" if isinstance(own, str) and own.strip() else path.name
 
 
 def _document(path: Path) -> Mapping[str, Any]:

@@ -14,7 +14,15 @@ from jaxtyping import Float
 
 from spinfilters.core.camera_trajectory import later, turning
 from spinfilters.io.consider_parameter import ConsiderParameter
-from spinfilters.models.calibration import BASELINE, FOCAL_LENGTH, PRINCIPAL_POINT
+from spinfilters.models.calibration import (
+    BASELINE,
+    CLOCK_SCALE,
+    FOCAL_LENGTH,
+    INSPECTOR_CLOCK,
+    INSPECTOR_LEVER,
+    INSPECTOR_ROTATION,
+    PRINCIPAL_POINT,
+)
 from spinfilters.models.state_blocks import (
     ACCELERATION,
     DRAG,
@@ -73,6 +81,8 @@ class Alternative:
         Of the calibration, where this is an error of one that estimates consider; else None.
     is_of_poses : bool
         Whether it is one of the poses given of a moving camera.
+    considered : ConsiderParameter or None
+        Of the calibration, whose stated deviation says how large such an error may be; ``parameter`` where there is one.
     """
 
     name: str
@@ -90,6 +100,13 @@ class Alternative:
     held_by: Mapping[str, Mapping[str, bool | float]] = field(default_factory=dict)
     parameter: ConsiderParameter | None = None
     is_of_poses: bool = False
+    considered: ConsiderParameter | None = None
+
+    @property
+    def deviation(self) -> str:
+        """Name of the setting of ``[calibration]`` that states how large it may be; empty where none does."""
+        own = self.considered or self.parameter
+        return "" if own is None else own.name
 
     def cure_before(self, has_inspector: bool) -> str:
         """Return the cure: `moving_cure` where poses of a moving camera are given and it has one, else `cure`."""
@@ -140,6 +157,7 @@ CLOCK_DRIFT: Final = Alternative(
     columns_of.clock_drift,
     "check the clock, and the unit of the time stamps",
     is_possible=columns_of.runs_forward,
+    considered=CLOCK_SCALE,
 )
 INSPECTOR_MISSING: Final = Alternative(
     "inspector-missing",
@@ -319,6 +337,7 @@ ALTERNATIVES: Final[tuple[Alternative, ...]] = (
         "give inspector.tum on the clock of the images, or state calibration.inspector_clock_std",
         plausible=0.5,
         is_of_poses=True,
+        considered=INSPECTOR_CLOCK,
     ),
     Alternative(
         "inspector-drift",
@@ -329,6 +348,7 @@ ALTERNATIVES: Final[tuple[Alternative, ...]] = (
         "correct inspector.tum, or state calibration.inspector_rotation_std",
         plausible=0.2,
         is_of_poses=True,
+        considered=INSPECTOR_ROTATION,
     ),
     Alternative(
         "inspector-lever",
@@ -339,6 +359,7 @@ ALTERNATIVES: Final[tuple[Alternative, ...]] = (
         "give the poses of cam0 itself (inspector.tum), or state calibration.inspector_lever_std",
         plausible=0.3,
         is_of_poses=True,
+        considered=INSPECTOR_LEVER,
     ),
     INSPECTOR_MISSING,
     Alternative(

@@ -24,10 +24,9 @@ from spinfilters.io.dataset import Dataset
 from spinfilters.io.measurement_log import MeasurementLog, MeasurementStream
 from spinfilters.io.sensor_format import noise_options, sensor_format
 from spinfilters.models.process import THESIS_NOISE, ProcessNoise, TorqueFreeProcess
-from spinfilters.models.sensor_registry import sensor_of, sensors_in
-from spinfilters.models.state_blocks import ACCELERATION, DRAG, LINEAR_DRAG, ROTOR, TORQUE
-from spinfilters.models.state_layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
-from spinfilters.settings.run_settings import AUTO, LINEAR, Settings
+from spinfilters.models.sensor_registry import sensor_of
+from spinfilters.models.state_layout import StateLayout
+from spinfilters.settings.run_settings import AUTO, Settings
 
 
 def sensor_noise(dataset: Dataset, settings: Settings) -> SensorNoise:
@@ -130,25 +129,6 @@ def unstated_noise(
                 options.setdefault(option.name, {})[stream.sensor] = option.components
     densities = tuple(name for name in DISTURBANCES if name in names)
     return Unstated(options, () if unknown is not None else densities)
-
-
-def layout_of(log: MeasurementLog, settings: Settings) -> StateLayout:
-    """Layout of what the sensors observe, with the constants that the settings ask for."""
-    sensors = sensors_in(log)
-    layout = StateLayout(FULL_BLOCKS if any(sensor.sees_place for sensor in sensors) else ROTATION_BLOCKS)
-    # "auto" has been decided where epochs are smoothed, and is quadratic where they are not
-    if settings.process.drag:
-        layout = layout.joined(LINEAR_DRAG if settings.process.drag == LINEAR else DRAG)
-    if settings.process.gravity is True and layout.translates:
-        layout = layout.joined(ACCELERATION)
-    if settings.process.body_torque:
-        layout = layout.joined(TORQUE)
-    if settings.process.rotor:
-        layout = layout.joined(ROTOR)
-    for block in (block for sensor in sensors for block in sensor.error_blocks):
-        if settings.initialisation.states_prior(block):
-            layout = layout.joined(block)
-    return layout
 
 
 @dataclass(frozen=True)
