@@ -32,7 +32,7 @@ from spinfilters.evaluation.stated_errors import LARGEST_STATED_ERROR
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.output_files import make_folder, write_json
 from spinfilters.models.status import Verdict
-from spinfilters.plots.style import save_figure
+from spinfilters.plots.style import legend_below, save_figure
 from spinfilters.run.estimation import ComparisonExtent, compare_estimators
 from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings
@@ -213,7 +213,7 @@ def figure_of(rows: Sequence[Row]) -> Figure:
         axis.set(title=estimator, xscale="log", xlabel="largest error, stated deviations")
     axes[0].set_yticks(range(len(names)), names)
     axes[0].invert_yaxis()
-    axes[0].legend(loc="lower left")
+    legend_below(figure, [line for line in axes[0].lines if not str(line.get_label()).startswith("_")])
     return figure
 
 
