@@ -1,7 +1,7 @@
 """Found free flights beside those that people marked.
 
 And beside the contact that geometry tells.
-    python -m experiments.found_flights ../shared/data
+    python -m experiments.found_flights DATA
 
 Of the thrown phone and racquet: flights found and marked, and how far their ends lie apart. Of the thrown cubes: end of the first
 flight against the first contact of a corner, and the acceleration. Of a gyro and poses in a hand: flights found, which is none.

@@ -1,6 +1,6 @@
 """The real throws: a bare phone, and a phone on a racquet, from their gyro alone.
 
-    python -m experiments.gyro_throws ../shared/data/racquet_phyphox/data [-o runs/throws]
+    python -m experiments.gyro_throws DATA/racquet_phyphox/data [-o runs/throws]
 
 Prints the moments of the phone's clean tosses with the error of rates predicted 0.3 s ahead, and the medians over all racquet
 throws with drag, between the marks that people set, which hold some of the hand, and between the ends of the flights that are

@@ -1,6 +1,6 @@
 """The dinosaur on a turntable: rotation per image of real tracks, from one camera.
 
-    python -m experiments.turntable ../shared/data/vgg_dinosaur_turntable
+    python -m experiments.turntable DATA/vgg_dinosaur_turntable
 
 The map is triangulated with the cameras of the data set (dino_Ps.mat), so it is not independent of them. The poses, of a body
 before a camera at rest, come from all tracks of its landmarks, gross errors among them. Prints the angle between images, how far

@@ -25,7 +25,7 @@ from observability.reference_trajectory import (
     driven_reference,
     free_reference,
 )
-from observability.system import Input, System, SystemSensor, analysed, analysed_sensors, watching
+from observability.system import Input, System, SystemSensor, analysed, watching
 from spinfilters.core.attitude_conversions import matrix_from_quaternion
 from spinfilters.core.errors import InputError
 from spinfilters.core.mass_distribution import inertia_matrix
@@ -119,12 +119,9 @@ class Case:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "sensors", tuple(sensor_called(each) for each in self.sensors))
-        named = [("sensor", each, tuple(analysed_sensors())) for each in self.sensors]
-        for name, value, known in (
-            *named,
-            ("chart", self.chart, CHARTS),
-            ("unknowns", self.unknowns, UNKNOWNS),
-        ):
+        for each in self.sensors:
+            _ = analysed(each)  # refuses what cannot be
+        for name, value, known in (("chart", self.chart, CHARTS), ("unknowns", self.unknowns, UNKNOWNS)):
             if value not in known:
                 raise InputError(f"{name} {value!r} is unknown; use one of {', '.join(known)}")
         if len(set(self.sensors)) != len(self.sensors) or not self.sensors:

@@ -222,6 +222,11 @@ def analysed_sensors() -> Mapping[str, AnalysedSensor]:
 def analysed(name: str) -> AnalysedSensor:
     """Analyser's properties of a sensor. InputError: unknown, or cannot be analysed."""
     found, name = analysed_sensors(), sensor_called(name)
+    if name not in found and any(each.name == name for each in all_sensors()):
+        raise InputError(
+            f"sensor {name!r} has no `analysis`, by which it is analysed; state one (`AnalysedSensor`), or use one of "
+            f"{', '.join(found)}"
+        )
     if name not in found:
         raise InputError(f"sensor {name!r} is unknown; use one of {', '.join(found)}")
     return found[name]

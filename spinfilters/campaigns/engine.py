@@ -1,6 +1,7 @@
 """A campaign: the outstanding runs of a study, made wherever an executor makes them, kept row by row."""
 
 import time
+from collections import Counter
 from collections.abc import Callable, Generator, Iterator
 from contextlib import closing
 from dataclasses import dataclass
@@ -32,12 +33,15 @@ class Advance:
         Rows of this call without a result.
     seconds_left : float or None
         Until the last row, s; None before the first of this call.
+    commonest_reason : str
+        Why most of the rows without a result have none.
     """
 
     done: int
     total: int
     faulty: int
     seconds_left: float | None
+    commonest_reason: str = ""
 
 
 Progress = Callable[[Advance], None]
@@ -97,16 +101,17 @@ def run_campaign(
             keep_study(folder, study, done)
             chunks = list(_outstanding_chunks(study, done))
             pace = _Pace(len(done), sum(map(len, chunks)))
-            advance = pace.advance(0, 0)
+            advance = pace.advance(0, Counter())
             progress(advance)
             if not chunks:
                 return advance
-            faulty = 0
+            reasons: Counter[str] = Counter()
             with closing(executor.rows(study, chunks)) as found:
                 for count, row in enumerate(found, 1):
                     rows.append(row)
-                    faulty += row["outcome"] != "done"
-                    advance = pace.advance(count, faulty)
+                    if row["outcome"] != "done":
+                        reasons[str(row["reason"])] += 1
+                    advance = pace.advance(count, reasons)
                     progress(advance)
             return advance
 
@@ -125,8 +130,9 @@ class _Pace:
     def __init__(self, before: int, total: int) -> None:
         self._before, self._total, self._begin = before, total, time.monotonic()
 
-    def advance(self, count: int, faulty: int) -> Advance:
-        """Progress after ``count`` rows of this call, of which ``faulty`` have no result."""
+    def advance(self, count: int, reasons: Counter[str]) -> Advance:
+        """Progress after ``count`` rows of this call; those without a result are counted by their reason."""
         spent = time.monotonic() - self._begin
         left = spent / count * (self._total - count) if count else None
-        return Advance(self._before + count, self._before + self._total, faulty, left)
+        commonest = reasons.most_common(1)[0][0] if reasons else ""
+        return Advance(self._before + count, self._before + self._total, reasons.total(), left, commonest)

@@ -5,6 +5,7 @@ Motion, body, sensor and noise are groups of the fields of a `Scenario`: keys, d
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
+from functools import cache
 from inspect import get_annotations
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, TypeVar, get_args, get_origin
 
@@ -14,14 +15,13 @@ from spinfilters.campaigns.row_columns import noise_levels
 from spinfilters.core.errors import InputError
 from spinfilters.evaluation.consistency import true_states
 from spinfilters.inference.initial_estimate import InitialEstimate
-from spinfilters.inference.setup import Setup
+from spinfilters.inference.setup import Setup, knows_frames
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.input_file import value_text
 from spinfilters.io.sensor_format import dataset_kinds
 from spinfilters.io.stated_values import NumberRange
 from spinfilters.models.feature_tracks import EveryAppearance, SomeAppearances
 from spinfilters.models.process import THESIS_NOISE, ProcessNoise
-from spinfilters.models.sensor_registry import sensor_of
 from spinfilters.models.state_layout import StateLayout
 from spinfilters.run.given_belief import OTHER_STD, drawn_start
 from spinfilters.run.preparation import prepare
@@ -38,7 +38,8 @@ from spinfilters.simulation.measurement_faults import (
     WrongAssociations,
 )
 from spinfilters.simulation.model_faults import model_faults
-from spinfilters.simulation.scenario_record import RECOGNITION, Scenario
+from spinfilters.simulation.scenario import simulate
+from spinfilters.simulation.scenario_record import INTERVAL, RECOGNITION, Scenario
 
 STD: Final = NumberRange(1e-12, 1e6)
 SHARE: Final = NumberRange(0.0, 1.0)
@@ -126,11 +127,14 @@ class SensorFactor(ScenarioFactor):
     ----------
     known_map : bool
         Whether estimators know where the landmarks are.
+    beside : Mapping[str, float]
+        Other sensors of the same motion, by kind, with their intervals in s.
     recognition : tuple[float, ...]
         Two shapes of the Beta distribution of how often an appearance is known again; empty for always.
     """
 
     known_map: Truth = False
+    beside: Mapping[str, Annotated[float, INTERVAL]] = field(default_factory=dict)
     recognition: tuple[Annotated[float, SHAPE], ...] = RECOGNITION
 
     def __post_init__(self) -> None:
@@ -143,7 +147,11 @@ class SensorFactor(ScenarioFactor):
     def fields_of_scenario(self) -> dict[str, Any]:
         """Values by the names of the scenario's fields, with the re-detection model of the landmarks in view."""
         recognition = SomeAppearances(*self.recognition) if self.recognition else EveryAppearance()
-        return {**super().fields_of_scenario, "recognition": recognition}
+        return {
+            **super().fields_of_scenario,
+            "recognition": recognition,
+            "beside": tuple(self.beside.items()),
+        }
 
 
 @scenario_factor("noise")
@@ -352,8 +360,22 @@ def require_frames(sensor: SensorFactor) -> None:
 
     A belief is drawn in the frames of the truth, which unknown landmarks do not tell.
     """
-    if not sensor.known_map and not sensor_of(dataset_kinds()[sensor.kind].name).tells_frames:
+    if sensor.known_map:
+        return
+    form = dataset_kinds()[sensor.kind]
+    if form.has_landmarks:
         raise InputError(
             "a drawn belief needs a sensor whose frames are those of the truth; give sensor.known_map = true, or "
             'initialisation = "data"'
         )
+    if not _knows_frames(sensor.kind):
+        raise InputError(
+            f"a drawn belief needs a sensor whose frames are those of the truth, and {sensor.kind} defines none; give "
+            'initialisation = "data", or another sensor.kind, such as "pose"'
+        )
+
+
+@cache
+def _knows_frames(kind: str) -> bool:
+    """Whether measurements of a kind, of which two epochs are simulated, are in frames that are given."""
+    return knows_frames(simulate(Scenario.simplified(kind=kind, epochs=2)))

@@ -173,7 +173,7 @@ class Runner:
                 fault, drawn = model_faults()[model], (seeds.motion, seeds.measurements, seeds.faults)
                 dataset = faulty_recording(scenario, fault, factors.fault.model_size * fault.size, drawn)
                 return self._hide_from_estimators(dataset, factors, seeds)
-            key = (run.seed, factors.motion, factors.body, scenario.noise, scenario.kind)
+            key = (run.seed, factors.motion, factors.body, scenario.noise, scenario.kinds)
             motion: Motion = self._once(
                 "motion", key, lambda: motion_in_view(scenario, np.random.default_rng(seeds.motion))
             )

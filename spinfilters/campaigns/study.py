@@ -14,7 +14,7 @@ from functools import cached_property
 from glob import glob
 from itertools import product
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final, Literal, get_type_hints
 
 import numpy as np
 
@@ -37,7 +37,7 @@ from spinfilters.settings.run_settings import Settings, settings_from
 from spinfilters.settings.setting_validation import validated
 
 LOG_UNIFORM: Final = "log_uniform"
-INNER_TABLES: Final = ("sensors",)
+INNER_TABLES: Final = ("sensors", "beside")
 """Tables within a table of factors, here of noise."""
 
 
@@ -60,12 +60,16 @@ class DrawnNumber:
 
 
 def drawn_numbers(kind: str, table: Mapping[str, Any]) -> tuple[DrawnNumber, ...]:
-    """Drawn numbers of a table of factors. InputError: limits that do not ascend."""
+    """Drawn numbers of a table of factors, but of unknown keys. InputError: limits that do not ascend."""
     found: list[DrawnNumber] = []
+    known = {each.name for each in fields(get_type_hints(StudyFile)[kind])}
     for key, value in table.items():
         if isinstance(value, Mapping) and key in INNER_TABLES:
-            found += [replace(each, key=f"{key}.{each.key}") for each in drawn_numbers(kind, value)]
-        elif isinstance(value, Mapping):
+            inner = [
+                _number(kind, name, number) for name, number in value.items() if isinstance(number, Mapping)
+            ]
+            found += [replace(each, key=f"{key}.{each.key}") for each in inner]
+        elif isinstance(value, Mapping) and key in known:
             found.append(_number(kind, key, value))
     return tuple(found)
 

@@ -16,7 +16,7 @@ from types import MappingProxyType
 from typing import Any, Final, NoReturn
 
 from spinfilters import __version__
-from spinfilters.cli.commands import COMMAND_GROUPS, COMMANDS, ListedCommand
+from spinfilters.cli.commands import COMMANDS, ListedCommand
 from spinfilters.cli.interrupts import noted_interrupts
 from spinfilters.core.errors import SpinfiltersError
 from spinfilters.core.plugins import plugin_in
@@ -283,16 +283,10 @@ def parser() -> argparse.ArgumentParser:
 
 def _grouped_commands() -> str:
     """Commands with their lines of help, by what they are for."""
-    by_name = {listed.name: listed for listed in COMMANDS}
-    grouped = {name for names in COMMAND_GROUPS.values() for name in names}
-    rest = tuple(name for name in by_name if name not in grouped)
     lines: list[str] = []
-    for title, names in (*COMMAND_GROUPS.items(), *((("others", rest),) if rest else ())):
-        lines += [
-            f"{title}:",
-            *(f"  {name:<13}{by_name[name].help}" for name in names if name in by_name),
-            "",
-        ]
+    for group in dict.fromkeys(listed.group for listed in COMMANDS):
+        named = (listed for listed in COMMANDS if listed.group == group)
+        lines += [f"{group}:", *(f"  {listed.name:<13}{listed.help}" for listed in named), ""]
     return "\n".join(lines)
 
 

@@ -330,7 +330,7 @@ def initial_samples(
         samples = sensor_of(stream.sensor).initial_motion(stream, noise, view)
         if samples is None:
             continue
-        fixed = [s.sensor for s in streams if sensor_of(s.sensor).tells_frames]
+        fixed = [s.sensor for s in streams if sensor_of(s.sensor).knows_frames(s)]
         if samples.attitude is None and fixed:
             raise InputError(
                 f"{' and '.join(fixed)} measurements refer to frame i, and {stream.sensor} measurements do not show the attitude "
@@ -346,7 +346,7 @@ def initial_samples(
 def _shown(stream: MeasurementStream) -> tuple[bool, ...]:
     """Comparable measure of the motion that a stream shows."""
     sensor = sensor_of(stream.sensor)
-    return sensor_format(stream.sensor).has_landmarks, sensor.sees_place, sensor.tells_frames
+    return sensor_format(stream.sensor).has_landmarks, sensor.sees_place, sensor.knows_frames(stream)
 
 
 @dataclass(frozen=True)

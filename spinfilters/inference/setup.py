@@ -116,7 +116,9 @@ class Setup:
 
 def knows_frames(dataset: Dataset) -> bool:
     """Whether a data set, by map or sensor, determines frames i and g."""
-    return dataset.known_map is not None or sensor_of(dataset.sensor).tells_frames
+    if dataset.known_map is not None:
+        return True
+    return sensor_of(dataset.sensor).knows_frames(dataset.log.stream(dataset.sensor))
 
 
 def camera_view(dataset: Dataset) -> CameraView | None:

@@ -382,9 +382,15 @@ def _other_header(path: Path, found: Sequence[str], expected: Sequence[str]) -> 
         return InputError(
             f"{path_text(path)}: line 1: column {value_text(degrees)} is in degrees; multiply it by pi/180 and name it rad/s"
         )
+    missing = [name for name in expected if name not in found]
+    if set(found) < set(expected):
+        cure = f"add the missing {'columns' if len(missing) > 1 else 'column'} {', '.join(missing)}"
+    elif missing:
+        cure = "rename the columns and convert their units"
+    else:
+        cure = "leave out other columns" if len(found) > len(expected) else "reorder the columns"
     return InputError(
-        f"{path_text(path)}: line 1: the header is {value_text(','.join(found))}, expected '{','.join(expected)}'; "
-        "rename or reorder the columns and convert their units"
+        f"{path_text(path)}: line 1: the header is {value_text(','.join(found))}, expected '{','.join(expected)}'; {cure}"
     )
 
 

@@ -11,6 +11,11 @@ Every scan's points are matched with the nearest of the scans seen from the most
 (Gauss-Newton on point-to-plane distances). Scans registered one by one keep the errors of those before in what scans of alike
 directions hardly determine, a common distance above all, and their covariances are those for an exact map.
 
+Normals are noisy: where all surfaces seen lie along one direction, their errors alone give J' J information about a slide along it.
+Products of the normals of a point and of its match, whose errors are independent, have none of it on average. These make up the
+covariance. Such directions of the map, as the distance between two faces that no scan sees together, follow from the motion: under
+no force a point of the body, its centre of mass, drifts uniformly. Directions that the matches determine are left to them.
+
 Frame g has no place of its own: the sums of all rotations and shifts of a step are zero, and so are those of the errors that the
 covariance describes (inner constraints; Blaha 1971).
 """
@@ -25,6 +30,7 @@ from jaxtyping import Float, Int
 from spinfilters.core.absolute_orientation import nearest_rotation
 from spinfilters.core.attitude_conversions import angle_from_matrix, cross_matrix, matrix_from_rotation_vector
 from spinfilters.core.errors import InputError
+from spinfilters.lidar.face_map import STRICTEST
 from spinfilters.lidar.registration import (
     Cloud,
     Registration,
@@ -123,6 +129,8 @@ MAP_SCANS: Final = 12
 """Scans that one is matched with, those seen from most alike directions: distant views share no surface."""
 MOST_TOGETHER: Final = 400
 """Scans whose poses move together; those of longer sequences in groups, with all others fixed."""
+FEWEST_ON_DRIFT: Final = 12
+"""Scans from which a drift is fitted: three places to every number of it."""
 PATCHES: Final = (0.15, 0.3, 0.6)
 """Sides of patches of like residuals, in sizes of the body."""
 LEAST_RESPONSE: Final = 0.2
@@ -130,6 +138,8 @@ LEAST_RESPONSE: Final = 0.2
 _ITERATIONS, _SHRINKING = 12, 0.6
 _SHIFT = 0.5  # robust standard deviations of a residual
 _SETTLED = 0.04  # mean square of a step in standard deviations
+_DRIFTS, _DRIFT_STEPS, _DRIFT_SWEEPS = 2, 12, 8
+_DRIFT_SCATTER = 3.0  # standard deviations of a place from matches alone
 _DAMPING, _GAUGE = 1e-9, 1e3  # in terms of the mean diagonal
 
 
@@ -166,22 +176,35 @@ def adjusted_scans(
     found, inflation = list(poses), 1.0
     for begin in range(0, len(poses), MOST_TOGETHER):
         group = range(begin, min(begin + MOST_TOGETHER, len(poses)))
-        normal = _normal_equations(clouds, found, group, size, reach)
-        for _ in range(_ITERATIONS):
-            if not normal.matched.any():
-                break
-            step = normal.step()
-            for k, by in zip(group, step.reshape(-1, 6), strict=True):
-                found[k] = _apply_step(found[k], by)
-            small = normal.gradient @ step < _SETTLED * normal.variance * len(step)
-            normal = _normal_equations(clouds, found, group, size, normal.following_reach)
-            if small and normal.reach <= normal.asked_reach / _SHRINKING:
-                break
+        normal = _match_group(clouds, found, group, size, reach)
         share = _residual_response(clouds, found, group, normal.reach)
         normal = replace(normal, variance=normal.variance / share**2)
+        # what slid is matched again where the drift leads
+        for _ in range(_DRIFTS if len(group) >= FEWEST_ON_DRIFT else 0):
+            found[begin : group.stop] = _on_drift([found[k] for k in group], normal, size)
+            matched = _match_group(clouds, found, group, size, normal.reach)
+            normal = replace(matched, variance=matched.variance / share**2)
         adjusted = _with_covariances([found[k] for k in group], normal, size)
         found[begin : group.stop], inflation = adjusted.poses, max(inflation, adjusted.inflation)
     return AdjustedScans(tuple(found), inflation)
+
+
+def _match_group(
+    clouds: Sequence[Cloud], poses: list[ScanPose], group: range, size: float, reach: float
+) -> "_Normal":
+    """Normal equations at the poses of a group, which are moved there (Gauss-Newton)."""
+    normal = _normal_equations(clouds, poses, group, size, reach)
+    for _ in range(_ITERATIONS):
+        if not normal.matched.any():
+            break
+        step = normal.step()
+        for k, by in zip(group, step.reshape(-1, 6), strict=True):
+            poses[k] = _apply_step(poses[k], by)
+        small = normal.gradient @ step < _SETTLED * normal.variance * len(step)
+        normal = _normal_equations(clouds, poses, group, size, normal.following_reach)
+        if small and normal.reach <= normal.asked_reach / _SHRINKING:
+            break
+    return normal
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,6 +217,8 @@ class _Normal:
         (6k, 6k), of unit variance.
     gradient : ndarray of shape (a,)
         (6k,).
+    certain : ndarray of shape (a, a)
+        The information without that of the normals' errors.
     matched : ndarray of shape (k,)
         Points of every scan.
     variance : float
@@ -208,6 +233,7 @@ class _Normal:
 
     information: Float[np.ndarray, "a a"]
     gradient: Float[np.ndarray, " a"]
+    certain: Float[np.ndarray, "a a"]
     matched: Int[np.ndarray, " k"]
     variance: float
     reach: float
@@ -240,7 +266,7 @@ def _normal_equations(
     clouds: Sequence[Cloud], poses: Sequence[ScanPose], group: range, size: float, reach: float
 ) -> _Normal:
     k = len(group)
-    H, b = np.zeros((k, 6, k, 6)), np.zeros((k, 6))
+    H, b, certain = np.zeros((k, 6, k, 6)), np.zeros((k, 6)), np.zeros((k, 6, k, 6))
     moved = [_in_body_frame(*each) for each in zip(clouds, poses, strict=True)]
     patches = [_Patches(side * size, k) for side in PATCHES]
     matched, squares, std = np.zeros(k, dtype=int), 0.0, 0.0
@@ -250,24 +276,30 @@ def _normal_equations(
         near = _match_cloud(clouds[number], poses[number], _join_clouds(moved, among), reach)
         owner = np.repeat(among, [len(moved[j].points) for j in among])[near.targets] - group.start
         jacobian = np.concatenate([np.cross(near.moved, near.normals), near.normals], axis=1)
+        normals = moved[number].normals[near.rows]
+        of_points = np.concatenate([np.cross(near.moved, normals), normals], axis=1)
         for other in np.unique(owner):
             # a residual depends on the difference of both poses: +A on the two diagonal blocks, -A between them
             at = owner == other
             A, g = jacobian[at].T @ jacobian[at], jacobian[at].T @ near.residual[at]
-            H[row, :, row] += A
+            product = of_points[at].T @ jacobian[at]
             b[row] -= g
             if 0 <= other < k:  # scans outside the group are fixed
-                H[other, :, other] += A
-                H[row, :, other] -= A
-                H[other, :, row] -= A
                 b[other] += g
+            for whole, block in ((H, A), (certain, (product + product.T) / 2)):
+                whole[row, :, row] += block
+                if 0 <= other < k:
+                    whole[other, :, other] += block
+                    whole[row, :, other] -= block
+                    whole[other, :, row] -= block
         for each in patches:
             each.add(row, owner, near)
         matched[row] = len(near.rows)
         squares, std = squares + float(near.residual @ near.residual), max(std, near.std)
     variance = max(squares / max(matched.sum(), 1), 1e-24) * max(each.dependence for each in patches)
     asked = max(6 * std, *(clouds[number].least_reach for number in group))
-    return _Normal(H.reshape(6 * k, 6 * k), b.ravel(), matched, variance, reach, asked, k == len(poses))
+    whole = (H.reshape(6 * k, 6 * k), b.ravel(), certain.reshape(6 * k, 6 * k))
+    return _Normal(*whole, matched, variance, reach, asked, k == len(poses))
 
 
 def _in_body_frame(cloud: Cloud, pose: ScanPose) -> Cloud:
@@ -357,18 +389,134 @@ def _apply_step(pose: ScanPose, step: Float[np.ndarray, "6"]) -> ScanPose:
     return replace(pose, rotation=R, translation=pose.translation - R @ step[3:])
 
 
+@dataclass(frozen=True, eq=False)
+class _Drift:
+    """Places of the centre of mass of k scans about a drift, linear in steps of the poses.
+
+    With the columns A of the drift and its numbers x, places depart from it by D step + off - A x.
+
+    Attributes
+    ----------
+    change : ndarray of shape (3k, 6k)
+        D, over (rotation, shift) in g.
+    columns : ndarray of shape (3k, m)
+        A.
+    off : ndarray of shape (3k,)
+        Present departures from a robust fit, L axes, m.
+    """
+
+    change: Float[np.ndarray, "b a"]
+    columns: Float[np.ndarray, "b m"]
+    off: Float[np.ndarray, " b"]
+
+    @property
+    def scatter(self) -> float:
+        """Median departure, m."""
+        return float(np.median(np.linalg.norm(self.off.reshape(-1, 3), axis=1)))
+
+    def information(self, scatter: float) -> Float[np.ndarray, "a a"]:
+        """Of the poses, without what the numbers of the drift take."""
+        Q = np.linalg.qr(self.columns)[0]
+        left = self.change - Q @ (Q.T @ self.change)
+        return self.change.T @ left / scatter**2
+
+    def step(
+        self, joint: Float[np.ndarray, "a a"], scatter: float, done: Float[np.ndarray, " a"]
+    ) -> Float[np.ndarray, " a"]:
+        """Likeliest step from matched poses of covariance ``joint``, of which ``done`` has been taken."""
+        off = self.off - self.change @ done
+        W = np.linalg.inv(self.change @ joint @ self.change.T + scatter**2 * np.eye(len(self.off)))
+        A = self.columns
+        x = np.linalg.lstsq(A.T @ W @ A, A.T @ W @ off, rcond=None)[0]
+        return -joint @ self.change.T @ W @ (off - A @ x)
+
+
+def _drift_of(poses: Sequence[ScanPose], size: float) -> _Drift:
+    """The drift R c + t = r + v time + a time^2 of a point c of the body, by all poses but those that slid (Cauchy weights).
+
+    A constant force is in it, so that it is no matter of the matches.
+    """
+    k = len(poses)
+    R, t = np.array([pose.rotation for pose in poses]), np.array([pose.translation for pose in poses])
+    times = np.array([pose.time for pose in poses])
+    late = ((times - times[0]) / max(float(np.ptp(times)), 1e-300))[:, None, None]
+    fixed = np.broadcast_to(np.eye(3), (k, 3, 3))
+    # columns: c in g, then r at the first scan, v and a over the whole span, all three in L
+    columns = np.concatenate([-R, fixed, late * fixed, late**2 * fixed], axis=2)
+    weights, x = np.ones(k), np.zeros(12)
+    off = np.zeros((k, 3))
+    for _ in range(_DRIFT_SWEEPS):
+        A, b = (weights[:, None, None] * columns).reshape(3 * k, -1), (weights[:, None] * t).reshape(-1)
+        x = np.linalg.lstsq(A, b, rcond=None)[0]
+        off = t - columns @ x
+        apart = np.linalg.norm(off, axis=1)
+        scatter = max(float(np.median(apart)), STRICTEST * size)
+        weights = 1 / np.sqrt(1 + (apart / (3 * scatter)) ** 2)
+    change = np.zeros((k, 3, k, 6))
+    # a rotation d and a shift e of a scan in g change R c + t by R (c x d - e)
+    arm = np.broadcast_to(cross_matrix(x[:3]), (k, 3, 3))
+    change[range(k), :, range(k)] = R @ np.concatenate([arm, -fixed], axis=2)
+    return _Drift(change.reshape(3 * k, 6 * k), columns.reshape(3 * k, -1), off.reshape(-1))
+
+
+def _least_scatter(drift: _Drift, normal: _Normal, size: float) -> float:
+    """Scatter about a drift, m, below which it would say more of the places than the matches do that determine them."""
+    k = len(normal.matched)
+    alone = np.linalg.inv(_information_alone(normal) + np.diag(_prior_information(1, size)))
+    change = np.einsum("kikj->kij", drift.change.reshape(k, 3, k, 6))
+    std = np.sqrt(np.linalg.eigvalsh(change @ alone @ np.swapaxes(change, 1, 2)))
+    return max(_DRIFT_SCATTER * float(np.median(std)), STRICTEST * size)
+
+
+def _on_drift(poses: Sequence[ScanPose], normal: _Normal, size: float) -> list[ScanPose]:
+    """Poses on a drift in the directions that the matches leave open."""
+    found, done = list(poses), np.zeros(6 * len(poses))
+    whole = _proper(normal.certain) / normal.variance
+    joint = np.linalg.inv(normal.constrained(whole, _prior_information(len(found), size)))
+    for _ in range(_DRIFT_STEPS):
+        drift = _drift_of(found, size)
+        least = _least_scatter(drift, normal, size)
+        # what slid spoils the first drifts, so that the scatter falls from step to step
+        step = drift.step(joint, max(drift.scatter, least), done)
+        by_scan = (step - done).reshape(-1, 6)
+        found, done = [_apply_step(pose, by) for pose, by in zip(found, by_scan, strict=True)], step
+        if drift.scatter <= least:
+            break
+    return found
+
+
+def _information_alone(normal: _Normal) -> Float[np.ndarray, "k 6 6"]:
+    """Information of every pose with all others exact."""
+    k = len(normal.matched)
+    blocks = np.einsum("kikj->kij", normal.certain.reshape(k, 6, k, 6)) / normal.variance
+    return np.array([_proper(block) for block in blocks])
+
+
+def _proper(information: Float[np.ndarray, "a a"]) -> Float[np.ndarray, "a a"]:
+    """The information without eigenvalues below zero, which chance gives where there is none."""
+    values, vectors = np.linalg.eigh(information)
+    return (vectors * np.maximum(values, 0.0)) @ vectors.T
+
+
+def _prior_information(scans: int, size: float) -> Float[np.ndarray, " a"]:
+    """Of a predicted pose, for every scan."""
+    return np.tile(np.repeat([ROTATION_PRIOR**-2.0, size**-2.0], 3), scans)
+
+
 def _with_covariances(poses: Sequence[ScanPose], normal: _Normal, size: float) -> AdjustedScans:
     """Poses with the marginals of the joint covariance.
 
     Their covariances with the poses of the others exact come with them. What no scan determines has the prior of a predicted
     pose, see `pose_covariance`.
     """
-    k, prior = len(poses), np.repeat([ROTATION_PRIOR**-2.0, size**-2.0], 3)
-    whole = normal.information / normal.variance
-    joint = np.linalg.inv(normal.constrained(whole, np.tile(prior, k)))
+    k, prior = len(poses), _prior_information(1, size)
+    whole = _proper(normal.certain) / normal.variance
+    if k >= FEWEST_ON_DRIFT:
+        drift = _drift_of(poses, size)
+        whole = whole + drift.information(max(drift.scatter, _least_scatter(drift, normal, size)))
+    joint = np.linalg.inv(normal.constrained(whole, _prior_information(k, size)))
     covariance = joint.reshape(k, 6, k, 6)
-    # diagonal blocks of the information: a pose with all others exact
-    alone = np.einsum("kikj->kij", whole.reshape(k, 6, k, 6))
+    alone = _information_alone(normal)
     found = []
     for number, pose in enumerate(poses):
         to_lidar = np.kron(np.eye(2), -pose.rotation)

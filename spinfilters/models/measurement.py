@@ -407,6 +407,13 @@ class MeasurementModel(ABC):
         function = ca.Function(f"{self.name.replace('-', '_')}_by_error", [x, p], [row_by_row(jacobian)])
         return Compiled.interpreted(function)
 
+    @cached_property
+    def reads_attitude(self) -> bool:
+        """Whether the expected value depends on the attitude."""
+        x, p, _ = self._symbols
+        state = self.layout.unpack(x)
+        return "q" in state and ca.depends_on(self.symbolic(state, p), state["q"])
+
     @built_property
     def _symbols(self) -> tuple[ca.SX, ca.SX, ca.SX]:
         x = ca.SX.sym("x", self.layout.mean_dim)

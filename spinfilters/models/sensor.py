@@ -19,7 +19,7 @@ from spinfilters.models.feature_tracks import FrontEnd, Surface, TrueMotion
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.sensor_noise import NoiseLevel
 from spinfilters.models.state_blocks import StateBlock
-from spinfilters.models.state_layout import StateLayout
+from spinfilters.models.state_layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
 
 
 class SceneNoise(Protocol):
@@ -229,8 +229,9 @@ class Sensor(StoredSensor, ABC):
         As in a `MeasurementStream`.
     sees_place : bool
         Whether it measures where g is; a log without such a sensor leaves out place, velocity and centre of mass.
-    tells_frames : bool
-        Whether it measures in frames i and g that are given, rather than defined by an estimator.
+    tells_frames : bool | None
+        Whether it measures in frames i and g that are given, rather than defined by an estimator; None where its model shows it
+        (`knows_frames`).
     identified_option : str | None
         Of its noise, what a recording identifies where the sensor's noise is not stated.
     error_blocks : tuple[StateBlock, ...]
@@ -241,7 +242,7 @@ class Sensor(StoredSensor, ABC):
 
     name: str
     sees_place: bool = False
-    tells_frames: bool = False
+    tells_frames: bool | None = None
     identified_option: str | None = None
     error_blocks: tuple[StateBlock, ...] = ()
     analysis: AnalysedSensor | None = None
@@ -251,6 +252,20 @@ class Sensor(StoredSensor, ABC):
         self, stream: MeasurementStream, layout: StateLayout, noise: SensorNoise, view: CameraView | None
     ) -> BoundStream:
         """All rows with the model over a layout. InputError: rows of a camera without a view."""
+
+    def knows_frames(self, stream: MeasurementStream) -> bool:
+        """Whether rows are measured in frames i and g that are given.
+
+        They are as `tells_frames` states. Where it is None, those of a model that reads the attitude are, except landmarks.
+        """
+        if self.tells_frames is not None:
+            return self.tells_frames
+        if stream.ids is not None:
+            return False
+        covariance = None if stream.covariance is None else stream.covariance[:1]
+        row = MeasurementStream(stream.sensor, stream.time[:1], stream.values[:1], covariance=covariance)
+        layout = StateLayout(FULL_BLOCKS if self.sees_place else ROTATION_BLOCKS)
+        return self.bind(row, layout, SensorNoise(), None).model.reads_attitude
 
     def initial_motion(
         self, stream: MeasurementStream, noise: SensorNoise, view: CameraView | None

@@ -19,6 +19,7 @@ from spinfilters.io.dataset_reader import has_images
 from spinfilters.io.input_file import path_text
 from spinfilters.io.output_files import make_folder, write_bytes, write_json
 from spinfilters.io.ply_files import write_ply
+from spinfilters.models.status import CENTRE, POSITION, Holds
 from spinfilters.plots.figures import FigureData
 from spinfilters.run.run_folder import (
     ANIMATION_FILE,
@@ -113,15 +114,15 @@ def reconstruct(
     volume = _fused(sequence, motion, DistanceVolume(Grid(motion.radius, voxels)), progress)
     if not volume.count:
         raise InputError(
-            f"{path_text(source)}: no pair has the time of an epoch of {path_text(folder)}; give the images of "
-            "the run with --images"
+            f"{path_text(source)}: no pair has the time of an epoch of {path_text(folder)} and depth where the body is; "
+            f"{_cure(figure_data)}"
         )
     model = body_model(volume, motion.axes_cov, motion.landmarks)
     near = model.share_near(motion.landmarks, NEAR_VOXELS * volume.grid.voxel)
     if near < LEAST_NEAR:
         raise InputError(
-            f"{path_text(source)}: the surface has {100 * near:.0f} % of the landmarks of {path_text(folder)} on it; give the "
-            "images that the run was made of with --images"
+            f"{path_text(source)}: the surface has {100 * near:.0f} % of the landmarks of {path_text(folder)} on it; "
+            f"{_cure(figure_data)}"
         )
     document = _document(model, motion, volume, sequence.losses)
     moving = _animated(model, motion, source, progress)
@@ -131,6 +132,19 @@ def reconstruct(
     write_bytes(place / ANIMATION_FILE, moving)
     write_json(place / RECONSTRUCTION_FILE, document)
     return Reconstruction(model, sequence.losses, document)
+
+
+def _cure(figure_data: FigureData) -> str:
+    """What to do where images and the motion of a run do not belong together, or that motion does not hold."""
+    cure = "give the images that the run was made of with --images"
+    estimate = figure_data.most_exact
+    holds = {} if estimate is None else estimate.history.status.holds
+    wrong = [name for name in (POSITION, CENTRE) if holds.get(name, Holds.OK) is not Holds.OK]
+    if not wrong:
+        return cure
+    words = " and ".join(name.replace("_", " ") for name in wrong)
+    words += " of that run do not hold" if wrong[1:] else " of that run does not hold"
+    return f"{cure}. Or give fewer --voxels, or record a longer motion: {words}"
 
 
 def _fused(

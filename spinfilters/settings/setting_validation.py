@@ -1,7 +1,7 @@
 """Validation of settings by pydantic, imported where a value differs from its default."""
 
 from collections.abc import Mapping
-from dataclasses import is_dataclass
+from dataclasses import fields, is_dataclass
 from functools import cache
 from typing import Annotated, Any, Literal, get_args, get_origin, get_type_hints
 
@@ -59,7 +59,8 @@ def _line(record: type, error: ValidationError) -> str:
         return f"{table} {'holds' if inner else 'is'} {value}; give {wanted(kind)}"
     if not inner:
         return f"{table} is {value}; it must be a table [{table}]"
-    key, keys = inner[0], get_type_hints(kind, include_extras=True)
+    hints = get_type_hints(kind, include_extras=True)
+    key, keys = inner[0], {each.name: hints[each.name] for each in fields(kind)}
     if key not in keys:
         return unknown_key(f"{table}.{value_text(key)[1:-1]}", key, keys)
     return f"{table}.{key} is {value}; give {wanted(keys[key])}"

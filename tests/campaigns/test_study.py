@@ -76,7 +76,20 @@ BAD: list[tuple[dict[str, Any], str]] = [
     ({"fault": {"base": {"wrong_associations": 1.5}}}, "wrong_associations is 1.5"),
     ({"fault": {"base": {"dropout_s": [1.0]}}}, "dropout_s"),
     ({"fault": {"base": {"few_at_first": [2.0, 9.0]}}}, "fraction 2.0"),
-    ({"study": {"name": "x", "seeds": 1, "initialisation": "drawn"}}, "sensor.known_map = true"),
+    ({"study": {"name": "x", "seeds": 1, "initialisation": "drawn"}}, 'another sensor.kind, such as "pose"'),
+    (
+        {
+            "study": {"name": "x", "seeds": 1, "initialisation": "drawn"},
+            "sensor": {"base": {"kind": "stereo-tracks"}},
+        },
+        "sensor.known_map = true",
+    ),
+    (
+        {"sensor": {"base": {"besides": {"gyro": 0.01}}}},
+        "unknown key sensor.besides; known are kind, detection",
+    ),
+    ({"sensor": {"base": {"detection": {"gyro": 0.01}}}}, "sensor.detection is {'gyro': 0.01}"),
+    ({"sensor": {"base": {"kind": "gyro", "beside": {"gyro": 0.01}}}}, "holds a kind twice"),
     ({"fault": {"base": {"dropout_s": [9.0, 1.0]}}}, "end after the start"),
     ({"fault": {"base": {"model": "ghost"}}}, "fault.model is 'ghost'"),
     ({"body": {"base": {"principal_moments": [1.0, 1.0, 5.0]}}}, "body.principal_moments"),

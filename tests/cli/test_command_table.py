@@ -30,7 +30,7 @@ def run_with(command: Command[Any], monkeypatch: pytest.MonkeyPatch, *words: str
     module = ModuleType(command.name)
     module.__dict__["COMMAND"] = command
     monkeypatch.setitem(sys.modules, command.name, module)
-    listed = ListedCommand(command.name, "added by a test", command.name)
+    listed = ListedCommand(command.name, "study", "added by a test", command.name)
     monkeypatch.setattr("spinfilters.cli.main.COMMANDS", (*COMMANDS, listed))
     try:
         return main([command.name, *words])

@@ -71,7 +71,7 @@ COMMANDS = (
     "calibrate ../in/boards --corners 7x5 --square 0.03 --window 4 -o out --check",
     "checkout ../in/rig --images ../in/boards --corners 7x5 --square 0.03 --window 4 -o out",
     "depth ../in/boards/left00.png ../in/boards/right00.png --rig ../in/rig -o out",
-    "reconstruct ../in/pictured --images ../in/images",
+    "reconstruct ../in/pictured --images ../in/images --voxels 64",
     "observe --sensor stereo -o out",
     "observe --recording ../in/gyro -o out",
     "campaign ../in/study.toml -o out --workers 1",

@@ -18,6 +18,7 @@ from spinfilters.io.measurement_log import MeasurementLog
 from spinfilters.io.sensor_format import SensorNoise, dataset_kinds, noise_options
 from spinfilters.models.sensor import Sensor
 from spinfilters.models.sensor_registry import all_sensors, sensor_of
+from spinfilters.models.sensors.magnetometer import MagnetometerSensor
 from spinfilters.run.run_summary import read_summary
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 
@@ -61,6 +62,25 @@ def test_the_registry_has_every_sensor_once_and_every_kind() -> None:
     assert names == sorted(set(names))
     kinds = {"attitude", "gyro", "lidar-points", "lidar-poses", "mono-tracks", "pose", "stereo-tracks"}
     assert kinds <= set(dataset_kinds())  # a new one needs no line here
+
+
+@pytest.mark.parametrize("sensor", STORED, ids=lambda sensor: sensor.name)
+def test_a_sensor_that_reads_the_attitude_without_landmarks_knows_its_frames(sensor: Sensor) -> None:
+    assert sensor.format is not None
+    dataset = simulate(Scenario.simplified(kind=sensor.format.kind, epochs=2))
+    reads = {"attitude", "lidar-points", "lidar-poses", "magnetometer", "pose"}
+    assert sensor.knows_frames(dataset.log.streams[0]) == (sensor.name in reads)
+
+
+class DirectionOfItsOwn(MagnetometerSensor):
+    """A magnetometer in a field that an estimator would find."""
+
+    tells_frames = False
+
+
+def test_a_sensor_may_state_that_its_frames_are_not_given() -> None:
+    dataset = simulate(Scenario.simplified(kind="magnetometer", epochs=2))
+    assert not DirectionOfItsOwn().knows_frames(dataset.log.streams[0])
 
 
 def test_the_sensor_of_the_how_to_page_keeps_the_contract(distribution: Path, tmp_path: Path) -> None:

@@ -35,6 +35,8 @@ def run_study(options: RunStudyArguments) -> int:
         raise InputError(NO_SHARDS)
     done = rows_with_bar(options.study, Path(options.output), options.how, "runs", "with --resume ")
     faulty = f", {done.faulty} of the new ones without a result" if done.faulty else ""
+    if done.commonest_reason:
+        faulty += f" (mostly: {done.commonest_reason})"
     report = f"spinfilters campaign report {shlex.quote(options.output)}"
     _print_line(f"{done.done} of {done.total} runs in {options.output}{faulty}; now: {report}")
     return 0

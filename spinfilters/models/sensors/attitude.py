@@ -84,7 +84,6 @@ class AttitudeSensor(Sensor):
         ),
         quaternion=0,
     )
-    tells_frames = True
     analysis = AnalysedSensor(
         Attitude, diagonal_factor(0.01, 0.01, 0.01), {"attitude_std": diagonal_places(3)}, tells=("a",)
     )

@@ -110,7 +110,9 @@ class GyroSensor(Sensor):
                 NumberRange(1e-12, 1e6, "rad/s"),
                 default=0.005,
                 components=(0, 1, 2),
-                scene_level="gyro_std",  # simulations take its level from this field of a Scenario
+                # Simulations take its level from this field of a Scenario. Only the levels that sensors share stand there:
+                # a new sensor states `simulated=` here instead, as the magnetometer does.
+                scene_level="gyro_std",
             ),
             NoiseOption(
                 "gyro_scale_std",

@@ -215,7 +215,6 @@ class LidarPointsSensor(Sensor):
         repeats=True,
     )
     sees_place = True
-    tells_frames = True
     former_names = ("lidar",)
     analysis = AnalysedSensor(
         LidarLandmark,

@@ -84,7 +84,6 @@ class MagnetometerSensor(Sensor):
         ),
         allowed=NumberRange(-1e3, 1e3, "T"),
     )
-    tells_frames = True
     analysis = AnalysedSensor(
         Magnetometer,
         (1e-7, 0.0, 0.0, 5e-5),

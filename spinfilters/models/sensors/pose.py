@@ -140,7 +140,6 @@ class PoseSensor(Sensor):
         name, "poses.tum", "pose", suffixes=(".tum", ".txt"), suffix_words="a TUM .tum or .txt"
     )
     sees_place = True
-    tells_frames = True
     model: type[Pose] = Pose
     analysis = AnalysedSensor(
         Pose,
