@@ -270,6 +270,9 @@ def _fitted(motion: ContinuousMotion, reference: ReferenceMotion) -> ReferenceFi
     least = min(problem.cost for problem in found)
     good = [problem for problem in found if problem.cost <= SAME_COST * least]
     chosen = min(good, key=lambda problem: abs(problem.offset))
+    # two that stopped in one valley are the same fit: the cost decides between them, whatever the origin of the stamps
+    valley = [problem for problem in good if abs(problem.offset - chosen.offset) < chosen.turn_time]
+    chosen = min(valley, key=lambda problem: problem.cost)
     return (
         chosen.on(_thinned(reference, MOST_ROWS)).with_own_noise().solved().with_own_noise().solved().result()
     )
@@ -585,7 +588,7 @@ class _Problem:
         covariance, determined = self.covariance()
         std = np.where(determined, np.sqrt(np.diag(covariance)), np.inf)
         blocks = self.blocks
-        if self.clock_is_free and (not determined[0] or std[0] > self._vague()):
+        if self.clock_is_free and (not determined[0] or std[0] > self.turn_time):
             self.clock_is_free, self.offset = False, 0.0
             if np.count_nonzero(self.inside) >= 4:
                 self.guess()
@@ -608,7 +611,8 @@ class _Problem:
             covariance,
         )
 
-    def _vague(self) -> float:
+    @property
+    def turn_time(self) -> float:
         """Deviation of the offset, s, beyond which it is no result: a radian of the rotation."""
         return 1.0 / max(self.motion.typical_rate, 1e-6)
 

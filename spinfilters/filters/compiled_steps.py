@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from functools import cache, lru_cache
 from importlib.resources import files
 from operator import is_
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -75,7 +75,15 @@ class Update(NamedTuple):
 
 
 class CompiledUpdate:
-    """Compiled EKF updates by one measurement model."""
+    """Compiled EKF updates by one measurement model.
+
+    Attributes
+    ----------
+    model_address, update_address : int
+        Of the structure `Model` and of the function `update`, for other compiled code.
+    columns : int
+        Errors that the measurement depends on.
+    """
 
     def __init__(self, model: MeasurementModel, library: ctypes.PyDLL, loops: Sequence[int]) -> None:
         n, self._point = model.layout.error_dim, model.layout.mean_dim
@@ -84,6 +92,8 @@ class CompiledUpdate:
         sizes = (self._point, model.parameter_dim, model.value_dim, model.dim)
         self._model = np.array([*loops, address(self._columns), *sizes], dtype=np.int64)
         self._address, self._each = address(self._model), model.dim * (len(self._columns) + 1) + 2
+        self.model_address, self.columns = self._address, len(self._columns)
+        self.update_address = _function_address(library.update)
 
     def __call__(
         self,
@@ -126,6 +136,11 @@ class CompiledUpdate:
         return Update(made[begin + 3 * n * n :], correction, reset)
 
 
+def _function_address(function: Any) -> int:
+    """Address of a function of a library, for other compiled code to call."""
+    return ctypes.cast(function, ctypes.c_void_p).value or 0
+
+
 @lru_cache(maxsize=MODELS)
 def compiled_update(model: MeasurementModel) -> CompiledUpdate | None:
     """Compiled updates by a model; None without a compiler."""
@@ -140,10 +155,11 @@ def compiled_update(model: MeasurementModel) -> CompiledUpdate | None:
 
 
 class CompiledPropagation:
-    """Compiled propagation of covariance factors of one size."""
+    """Compiled propagation of covariance factors of one size, with its ``address`` for other compiled code."""
 
     def __init__(self, library: ctypes.PyDLL) -> None:
         self._propagate = library.propagate
+        self.address = _function_address(library.propagate)
 
     def __call__(
         self,

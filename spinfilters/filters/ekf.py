@@ -13,10 +13,14 @@ Another filter is a class of its own in this package that linearises process and
 table `OWN` of `spinfilters.run.estimators`.
 """
 
+from collections.abc import Mapping
+from dataclasses import replace
+
 import numpy as np
 
-from spinfilters.filters.compiled_steps import Update, compiled_update
-from spinfilters.filters.estimator import Measurement, ProcessModel
+from spinfilters.filters.compiled_steps import MOST_NOISE, Update, compiled_update
+from spinfilters.filters.epoch_run import RunOptions, SensorLevel, take_in
+from spinfilters.filters.estimator import EpochRun, Estimator, Measurement, ProcessModel
 from spinfilters.filters.filter import LinearisedProcess, MultiplicativeFilter
 from spinfilters.filters.iterated_update import (
     IteratedObservations,
@@ -69,6 +73,11 @@ class MultiplicativeEkf(FirstOrderFilter):
 
     name = "mekf"
 
+    def __init_subclass__(cls) -> None:
+        """Let a filter that changes a step take every epoch by itself, unless it says how it takes several."""
+        if "take_in" not in vars(cls):
+            cls.take_in = Estimator.take_in
+
     def __init__(
         self,
         process: ProcessModel,
@@ -114,6 +123,52 @@ class MultiplicativeEkf(FirstOrderFilter):
             return update
         problem = IteratedUpdate(self.layout, self.mean, self.factor, rows)
         return problem.solve(update.correction, self._iteration)
+
+    def take_in(self, epochs: EpochRun, rows: Mapping[str, np.ndarray]) -> int:
+        """Predict and update through consecutive epochs in one call of compiled code, to the numbers of single ones.
+
+        Parameters
+        ----------
+        epochs : EpochRun
+            From the present time on, without landmarks, each with fewer than `FEWEST_DUPLICATES` values of a sensor.
+        rows : Mapping[str, ndarray]
+            A row per epoch to be written, see `Estimator.take_in`.
+
+        Returns
+        -------
+        int
+            How many epochs were taken in; the next one needs `predict` and `update`.
+        """
+        models = [part.every.model for part in epochs.sensors]
+        names = [model.name for model in models]
+        count = min(len(epochs.dt), self._adaptation.constant_predictions(names))
+        if self._held is not None or not count:
+            return 0
+        noise, guards = self._adaptation, [self._outliers.of(name) for name in names]
+        levels = tuple(
+            SensorLevel(noise.measurement_scale(model.name), guard.limit(model.dim))
+            for model, guard in zip(models, guards, strict=True)
+        )
+        scales = noise.scaled(np.ones((1, MOST_NOISE)))[0]
+        parts = tuple(
+            replace(part, first=part.first[:count], end=part.end[:count]) for part in epochs.sensors
+        )
+        run = EpochRun(epochs.dt[:count], parts)
+        options = RunOptions(scales, levels, self._iteration)
+        done = take_in(self.process, self.mean, self.factor, run, options, rows)
+        if done:
+            self.mean, self.factor = rows["mean"][done - 1].copy(), rows["factor"][done - 1].copy()
+            self._adaptation.count_predictions(done)
+            for part, guard in zip(parts, guards, strict=True):
+                measured = np.flatnonzero(part.end[:done] > part.first[:done])
+                if not measured.size:
+                    guard.epochs.pass_time()
+                    continue
+                last = int(measured[-1])
+                values = slice(int(part.first[last]), int(part.end[last]))
+                keys = part.every.parameters[values, : part.every.model.known_by]
+                guard.remember(keys, part.every.values[values], time_passed=last < done - 1)
+        return done
 
     def correct_by_landmarks(
         self, observations: MapObservations, outliers: SensorOutlierRejection

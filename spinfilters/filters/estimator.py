@@ -1,7 +1,7 @@
 """Interface of recursive estimators: their beliefs, with landmarks or without, measurements, and reports of updates."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -12,7 +12,7 @@ from spinfilters.core.errors import InputError, ShapeError
 from spinfilters.filters.square_root import triangular_factor
 from spinfilters.models.gauge import GAUGE_DIM, gauge_of_points, moved_points, state_in_g
 from spinfilters.models.measurement import MeasurementModel
-from spinfilters.models.rotation_integrator import LinearisedStep, LinearisedSteps
+from spinfilters.models.rotation_integrator import LinearisedLoops, LinearisedStep, LinearisedSteps
 from spinfilters.models.state_layout import Gaussian, StateLayout
 from spinfilters.models.status import EstimatorStatus
 
@@ -38,6 +38,47 @@ class Measurement:
     values: Float[np.ndarray, "k v"]
     parameters: Float[np.ndarray, "k p"]
     ids: Int[np.ndarray, " k"] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class SensorTimeline:
+    """All measurements of one sensor, and which of them belong to each epoch.
+
+    Attributes
+    ----------
+    every : Measurement
+        All values as if they were measured at once.
+    first, end : ndarray of int, shape (k,)
+        Epoch k holds the values from first to before end.
+    """
+
+    every: Measurement
+    first: Int[np.ndarray, " k"]
+    end: Int[np.ndarray, " k"]
+
+    def measured(self, epoch: int) -> list[Measurement]:
+        """The measurement of an epoch, none where the sensor measured nothing then."""
+        every, rows = self.every, slice(int(self.first[epoch]), int(self.end[epoch]))
+        if rows.start == rows.stop:
+            return []
+        ids = None if every.ids is None else every.ids[rows]
+        return [Measurement(every.model, every.values[rows], every.parameters[rows], ids)]
+
+
+@dataclass(frozen=True, eq=False)
+class EpochRun:
+    """Consecutive epochs.
+
+    Attributes
+    ----------
+    dt : ndarray of float, shape (k,)
+        Seconds from the epoch before to each; positive.
+    sensors : tuple[SensorTimeline, ...]
+        In the order in which each epoch takes them in.
+    """
+
+    dt: Float[np.ndarray, " k"]
+    sensors: tuple[SensorTimeline, ...]
 
 
 NO_IDS = np.zeros(0, dtype=np.int64)
@@ -94,6 +135,10 @@ class ProcessModel(Protocol):
 
     def linearise(self, x: Float[np.ndarray, " m"], dt: float) -> LinearisedStep:
         """One step of ``dt`` seconds, linearised at ``x``."""
+        ...
+
+    def linearised_loops(self) -> LinearisedLoops | None:
+        """Compiled loops of `linearise`; None where there are none."""
         ...
 
     def linearise_steps(
@@ -161,6 +206,23 @@ class Estimator(ABC):
         An estimator that solves a whole problem anew (a smoother) does so once for all of them.
         """
         return [self.update(measurement) for measurement in measurements]
+
+    def take_in(self, epochs: EpochRun, rows: Mapping[str, np.ndarray]) -> int:
+        """Predict and update through consecutive epochs in one call, to the numbers of single ones.
+
+        Parameters
+        ----------
+        epochs : EpochRun
+            From the present time on.
+        rows : Mapping[str, ndarray]
+            A row per epoch to be written: mean, factor, nis, log_likelihood, dof, accepted and rejected.
+
+        Returns
+        -------
+        int
+            How many epochs were taken in; the next one needs `predict` and `update`.
+        """
+        return 0
 
     @abstractmethod
     def snapshot(self) -> Snapshot:

@@ -268,6 +268,19 @@ class GrowingHistory:
             room[name][before : before + self._count] = array
         self._before, self._room = before, room
 
+    def room(self, epochs: int) -> dict[str, np.ndarray]:
+        """Every array of `EPOCH_ARRAYS` at the places of so many epochs to come; `extend` makes them count."""
+        begin = self._last + 1
+        if begin + epochs > len(self._room["time"]):
+            self.reserve(max(2 * self._count, self._count + epochs, FEWEST_EPOCHS), self._before)
+        return {name: array[begin : begin + epochs] for name, array in self._room.items()}
+
+    def extend(self, time: Float[np.ndarray, " k"], runtime: float) -> None:
+        """Add epochs at these times (s) that were written to their `room`; each took ``runtime`` seconds."""
+        rows = slice(self._last + 1, self._last + 1 + len(time))
+        self._room["time"][rows], self._room["runtime"][rows] = time, runtime
+        self._count += len(time)  # last: Ctrl-C finds the epochs there or not
+
     def append(self, time: float, belief: Gaussian, reports: Sequence[UpdateReport], runtime: float) -> None:
         """Add the epoch at ``time`` (s) with what its updates reported; it took ``runtime`` seconds."""
         place = self._last + 1

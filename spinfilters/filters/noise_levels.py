@@ -29,7 +29,8 @@ covariance. Log scale moves by log(1 + (y'Dy - tr D K) / I) with I the sum of tr
                  (1 - K)' F' that carries it into the next prediction.
 """
 
-from collections.abc import Mapping
+import sys
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Annotated, Final, NamedTuple, Protocol
@@ -355,6 +356,28 @@ class NoiseAdaptation:
             if source in known:
                 self._known[source] = known[source]
                 self._learn(f"process.{source}", motion_evidence(known[source], left, y))
+
+    def constant_predictions(self, sensors: Sequence[str]) -> int:
+        """For how many predictions to come no scale changes: neither of these sensors nor of a disturbance.
+
+        Parameters
+        ----------
+        sensors : Sequence[str]
+            Names of the sensors that measure then.
+        """
+        sources = (*(f"sensor.{name}" for name in sensors), *(f"process.{source}" for source in SOURCES))
+        if self._known or any(
+            self.options.measurement if name.startswith("sensor.") else self.options.process
+            for name in sources
+        ):
+            return 0
+        if self.identified.keys().isdisjoint(sources):
+            return sys.maxsize
+        return max(CYCLE - BLOCK - 1 - self._predictions % CYCLE, 0)
+
+    def count_predictions(self, predictions: int) -> None:
+        """Count predictions in which no scale changed."""
+        self._predictions += predictions
 
     def snapshot(self) -> dict[str, np.ndarray]:
         """Everything learned, as arrays named ``noise.<what>``."""

@@ -194,6 +194,21 @@ class DuplicateImages:
         )
         return False
 
+    def remember(
+        self, keys: Num[np.ndarray, "k ..."], values: Float[np.ndarray, "k v"], time_passed: bool
+    ) -> None:
+        """Remember values of a later epoch, too few to be told from a repetition (`FEWEST_DUPLICATES`).
+
+        Parameters
+        ----------
+        keys : ndarray, shape (k,) or (k, p)
+            As of `is_duplicate`.
+        time_passed : bool
+            Whether time has advanced since.
+        """
+        self._keys, self._values = keys.reshape(len(values), -1).copy(), values.copy()
+        self._time_passed = time_passed
+
     def snapshot(self) -> dict[str, np.ndarray]:
         """Its whole state as arrays."""
         return {
@@ -234,6 +249,13 @@ class SensorOutlierRejection:
     def count(self, values: int, refused: int) -> None:
         """Count an update by so many usable values, of which so many lie outside the gate."""
         self._refusals = self._refusals + 1 if values - refused < AGREEING_SHARE * values else 0
+
+    def remember(
+        self, keys: Num[np.ndarray, "k ..."], values: Float[np.ndarray, "k v"], time_passed: bool
+    ) -> None:
+        """Go on behind epochs none of which was refused; parameters as of `DuplicateImages.remember`."""
+        self._refusals = 0
+        self.epochs.remember(keys, values, time_passed)
 
     def weights(
         self, innovation: Float[np.ndarray, "k d"], deviations: Deviations

@@ -10,8 +10,9 @@ from jaxtyping import Float, Int
 
 from spinfilters.core.errors import NUMERICAL_ERRORS, InputError, numerical
 from spinfilters.core.working_time import working_seconds
-from spinfilters.filters.estimator import Estimator, Measurement, UpdateReport
+from spinfilters.filters.estimator import EpochRun, Estimator, Measurement, SensorTimeline, UpdateReport
 from spinfilters.filters.history import EstimateHistory, GrowingHistory
+from spinfilters.filters.outlier_rejection import FEWEST_DUPLICATES
 from spinfilters.io.input_file import reason
 from spinfilters.io.measurement_log import MeasurementLog
 from spinfilters.io.sensor_format import SensorNoise
@@ -37,46 +38,22 @@ OnEpoch = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, eq=False)
-class SensorTimeline:
-    """All measurements of one sensor, and which of them belong to each epoch.
-
-    Attributes
-    ----------
-    every : Measurement
-        All values as if they were measured at once.
-    first, end : ndarray of int, shape (k,)
-        Epoch k holds the values from first to before end.
-    """
-
-    every: Measurement
-    first: Int[np.ndarray, " k"]
-    end: Int[np.ndarray, " k"]
-
-    def measured(self, epoch: int) -> list[Measurement]:
-        """The measurement of an epoch, none where the sensor measured nothing then."""
-        every, rows = self.every, slice(int(self.first[epoch]), int(self.end[epoch]))
-        if rows.start == rows.stop:
-            return []
-        ids = None if every.ids is None else every.ids[rows]
-        return [Measurement(every.model, every.values[rows], every.parameters[rows], ids)]
-
-    def at_once(self) -> "SensorEpochs":
-        """The measurements of all its epochs."""
-        counts = self.end - self.first
-        epoch = np.repeat(np.arange(len(counts)), counts)
-        before = np.cumsum(counts) - counts
-        rows = np.repeat(self.first - before, counts) + np.arange(len(epoch))
-        every = self.every
-        ids = None if every.ids is None else every.ids[rows]
-        return SensorEpochs(Measurement(every.model, every.values[rows], every.parameters[rows], ids), epoch)
-
-
-@dataclass(frozen=True, eq=False)
 class SensorEpochs:
     """All measurements of one sensor in some epochs, with the epoch of each value."""
 
     measurement: Measurement
     epoch: Int[np.ndarray, " r"]
+
+    @classmethod
+    def of(cls, part: SensorTimeline) -> "SensorEpochs":
+        """The measurements of all epochs of a timeline."""
+        counts = part.end - part.first
+        epoch = np.repeat(np.arange(len(counts)), counts)
+        before = np.cumsum(counts) - counts
+        rows = np.repeat(part.first - before, counts) + np.arange(len(epoch))
+        every = part.every
+        ids = None if every.ids is None else every.ids[rows]
+        return cls(Measurement(every.model, every.values[rows], every.parameters[rows], ids), epoch)
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +114,7 @@ def by_sensor(epochs: Timeline) -> list[SensorEpochs]:
 @by_sensor.register
 def _(epochs: LogTimeline) -> list[SensorEpochs]:
     """Without making any epoch."""
-    return [found for part in epochs.sensors if len((found := part.at_once()).epoch)]
+    return [found for part in epochs.sensors if len((found := SensorEpochs.of(part)).epoch)]
 
 
 def _joined(measurements: Sequence[Measurement], numbers: Sequence[int]) -> SensorEpochs:
@@ -191,6 +168,8 @@ def build_timeline(
     return LogTimeline(time, tuple(parts))
 
 
+MOST_TOGETHER = 512
+"""Epochs in one call at most: milliseconds, so that Ctrl-C, progress and checkpoints need not wait."""
 REHEARSED = 3
 """Epochs of a rehearsal: the third is predicted and updated from what the second left."""
 
@@ -216,7 +195,8 @@ def run(
     Parameters
     ----------
     on_epoch : Callable[[int], None] or None
-        Called with each epoch's index after it is done; estimator and rows then belong together.
+        Called with the index of the last epoch after one, or several in one call, are done; estimator and rows then belong
+        together.
     rows : GrowingHistory or None
         Epochs done before, up to ``time``; those of the timeline are added to it.
 
@@ -230,13 +210,18 @@ def run(
     status = EstimatorStatus()
     rows.reserve(len(rows) + len(timeline))
     try:
-        for index, epoch in enumerate(timeline):
-            if not _taken(estimator, epoch, rows):
-                where = f"epoch {len(rows)}, t = {epoch.time:.3f} s"
-                status = status.failed(f"the estimate stopped being finite at {where}")
-                break
+        index, together = 0, _ends_of_runs(timeline)
+        while index < len(timeline):
+            done = _taken_together(estimator, timeline, slice(index, int(together[index])), rows)
+            if not done:
+                epoch, done = timeline[index], 1
+                if not _taken(estimator, epoch, rows):
+                    where = f"epoch {len(rows)}, t = {epoch.time:.3f} s"
+                    status = status.failed(f"the estimate stopped being finite at {where}")
+                    break
+            index += done
             if on_epoch is not None:
-                on_epoch(index)
+                on_epoch(index - 1)
     except IntegrationError as error:
         status = status.failed(f"the motion could not be integrated to epoch {len(rows)}: {error}")
     except np.linalg.LinAlgError as error:
@@ -263,6 +248,51 @@ def run_interruptible(
     except KeyboardInterrupt:
         status = EstimatorStatus().degraded(f"interrupted after {len(rows)} of {total} epochs", "interrupted")
         return rows.ended(estimator.name, status)
+
+
+@singledispatch
+def _ends_of_runs(epochs: Timeline) -> Int[np.ndarray, " k"]:
+    """Of each epoch, the end of the run that begins with it and may be taken in by one call; itself for none."""
+    return np.arange(len(epochs))
+
+
+@_ends_of_runs.register
+def _(epochs: LogTimeline) -> Int[np.ndarray, " k"]:
+    """Epochs with few values of each sensor, and without landmarks."""
+    few = np.ones(len(epochs), dtype=bool)
+    for part in epochs.sensors:
+        most = FEWEST_DUPLICATES if part.every.ids is None else 1
+        few &= part.end - part.first < most
+    last = np.where(few, len(epochs), np.arange(len(epochs)))
+    ends = np.minimum.accumulate(last[::-1])[::-1]
+    return np.minimum(ends, np.arange(len(epochs)) + MOST_TOGETHER)
+
+
+def _taken_together(estimator: Estimator, timeline: Timeline, chosen: slice, rows: GrowingHistory) -> int:
+    """Take in a run of epochs, as many of it as one call can, and add them to the rows; how many."""
+    if chosen.start == chosen.stop:
+        return 0
+    begin, part = working_seconds(), timeline[chosen]
+    time = times_of(part)
+    dt = np.diff(time, prepend=rows.time)
+    if not dt[0] > 0:
+        return 0
+    done = estimator.take_in(EpochRun(dt, _sensors_of(part)), rows.room(len(dt)))
+    if done:
+        rows.extend(time[:done], (working_seconds() - begin) / done)
+    return done
+
+
+@singledispatch
+def _sensors_of(epochs: Timeline) -> tuple[SensorTimeline, ...]:
+    """Sensors of epochs, none where they were not kept by sensor."""
+    return ()
+
+
+@_sensors_of.register
+def _(epochs: LogTimeline) -> tuple[SensorTimeline, ...]:
+    """As they are kept."""
+    return epochs.sensors
 
 
 def _taken(estimator: Estimator, epoch: Epoch, rows: GrowingHistory) -> bool:

@@ -29,6 +29,7 @@ from spinfilters.models.batched_linearisation import BatchedLinearisation
 from spinfilters.models.rotation_integrator import (
     ACCELERATION_TERMS,
     MAX_SUBSTEPS,
+    LinearisedLoops,
     LinearisedStep,
     LinearisedSteps,
     RotationIntegrator,
@@ -304,6 +305,16 @@ class TorqueFreeProcess:
             Point after it, error transition Phi (n, n), and factor G of the process noise, Q = G G'.
         """
         return self._integrator.linearise(x, dt, self._densities)
+
+    def linearised_loops(self) -> LinearisedLoops | None:
+        """Compiled loops of `linearise` for steps like those that were linearised so far.
+
+        Returns
+        -------
+        LinearisedLoops or None
+            None without compiled code, or before the first step.
+        """
+        return self._integrator.linearised_loops(self._densities)
 
     def linearise_steps(
         self,

@@ -1,5 +1,6 @@
 """Integration of the rotation over a step: substeps of attitude and body rate, and the linearised step."""
 
+import math
 from collections.abc import Callable
 from functools import lru_cache
 from math import hypot
@@ -298,6 +299,33 @@ class IntegrationError(SpinfiltersError, np.linalg.LinAlgError):
     """Step beyond the budget of substeps."""
 
 
+class LinearisedLoops(NamedTuple):
+    """Compiled loops of a linearised step, for other compiled code to call.
+
+    Attributes
+    ----------
+    limits : Float[np.ndarray, ' c']
+        (c,) largest turn of a step (rad) that each takes, ascending.
+    loops : Int[np.ndarray, ' c']
+        (c,) their addresses, 0 of those not built.
+    error_dim : int
+        Components of the estimated error of integration.
+    noise_dim : int
+        Columns of the noise factor.
+    tolerance : float
+        Bound on every component of that error.
+    densities : Float[np.ndarray, ' 2']
+        (2,) of the white noise.
+    """
+
+    limits: Float[np.ndarray, " c"]
+    loops: Int[np.ndarray, " c"]
+    error_dim: int
+    noise_dim: int
+    tolerance: float
+    densities: Float[np.ndarray, " 2"]
+
+
 class RotationIntegrator:
     """Steps and linearises a state whose rotation follows ``acceleration``.
 
@@ -322,7 +350,7 @@ class RotationIntegrator:
         self._tolerance = tolerance
         self._rate = layout.mean_slice("w")
         self._stepper = lru_cache(maxsize=None)(self._build_step)
-        self._lineariser = lru_cache(maxsize=None)(self._build_lineariser)
+        self._linearisers: dict[int, Compiled] = {}
 
     def step(self, x: Float[np.ndarray, "*batch m"], dt: float) -> Float[np.ndarray, "*batch m"]:
         """Points after dt > 0 seconds."""
@@ -425,9 +453,25 @@ class RotationIntegrator:
     def _build_step(self, count: int) -> Compiled:
         return Compiled(self.expressions.step(count))
 
-    @building()
-    def _build_lineariser(self, count: int) -> Compiled:
-        return Compiled(self.expressions.linearised_step(count))
+    def _lineariser(self, count: int) -> Compiled:
+        if count not in self._linearisers:
+            with building():
+                self._linearisers.setdefault(count, Compiled(self.expressions.linearised_step(count)))
+        return self._linearisers[count]
+
+    def linearised_loops(self, densities: Float[np.ndarray, " 2"]) -> LinearisedLoops | None:
+        """Compiled loops of `linearise` by substeps, those that were used so far; None without compiled code, or any use."""
+        built = {count: each for count, each in self._linearisers.items() if each.loop is not None}
+        if not built:
+            return None
+        limits = turn_limits(self._tolerance)
+        loops = [built[count].loop or 0 if count in built else 0 for count in limits]
+        shapes = next(iter(built.values())).output_shapes
+        turns_of_loops = np.array(list(limits.values()))
+        error_dim, noise_dim = math.prod(shapes[1]), shapes[3][1]
+        return LinearisedLoops(
+            turns_of_loops, np.array(loops), error_dim, noise_dim, self._tolerance, densities
+        )
 
 
 def speeds(rates: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch"]:
@@ -453,3 +497,20 @@ def substeps(turn: float, tolerance: float) -> int:
     while count * min(angle, noise_angle) < turn and count <= MAX_SUBSTEPS:
         count *= 2
     return count
+
+
+MOST_LIMITS: Final = 6
+"""Numbers of substeps whose largest turn is computed beforehand: up to 32 times the fewest."""
+
+
+@lru_cache(maxsize=64)
+def turn_limits(tolerance: float) -> dict[int, float]:
+    """Largest turn of a step (rad) that needs no more than so many `substeps`, by bisection."""
+    limits: dict[int, float] = {}
+    for count in (FEWEST << k for k in range(MOST_LIMITS)):
+        low, high = 0.0, 1e3
+        for _ in range(80):
+            middle = (low + high) / 2
+            low, high = (middle, high) if substeps(middle, tolerance) <= count else (low, middle)
+        limits[count] = low
+    return limits

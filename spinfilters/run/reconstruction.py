@@ -143,7 +143,8 @@ def _cure(figure_data: FigureData) -> str:
     if not wrong:
         return cure
     words = " and ".join(name.replace("_", " ") for name in wrong)
-    return f"{cure}. Or record a longer motion: {words} of that run {'do' if wrong[1:] else 'does'} not hold"
+    words += " of that run do not hold" if wrong[1:] else " of that run does not hold"
+    return f"{cure}. Or give fewer --voxels, or record a longer motion: {words}"
 
 
 def _fused(

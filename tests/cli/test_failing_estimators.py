@@ -12,13 +12,20 @@ import pytest
 
 from spinfilters.cli.main import main
 from spinfilters.evaluation import estimator_evaluation
+from spinfilters.filters import timeline
 from spinfilters.filters.ekf import MultiplicativeEkf
 from spinfilters.inference import first_epochs
 from spinfilters.models.state_layout import Gaussian
 from spinfilters.run import estimators
 from tests.cli.failures import compared, of_casadi, singular
 
-pytestmark = pytest.mark.usefixtures("few_figures", "unrendered")
+pytestmark = pytest.mark.usefixtures("few_figures", "unrendered", "single_epochs")
+
+
+@pytest.fixture
+def single_epochs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let filters take every epoch by itself, so that what replaces a step of theirs is called."""
+    monkeypatch.setattr(timeline, "MOST_TOGETHER", 0)
 
 
 @pytest.mark.parametrize("frame", [0, 7])

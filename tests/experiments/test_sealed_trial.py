@@ -50,3 +50,8 @@ def test_estimates_called_ok_and_wrong_are_counted() -> None:
         {"verdict": "refused", "worst": None, "determined": False},
     ]
     assert counts_of(rows) == "2 of 4 | 1 | 5.0 | 2 of 3"
+
+
+def test_families_of_a_seal_share_no_seed() -> None:
+    found = sealed([FAMILY, Family("again", FAMILY.make)], 2)
+    assert not found["gyro"].keys() & found["again"].keys()

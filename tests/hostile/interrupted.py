@@ -71,7 +71,7 @@ COMMANDS = (
     "calibrate ../in/boards --corners 7x5 --square 0.03 --window 4 -o out --check",
     "checkout ../in/rig --images ../in/boards --corners 7x5 --square 0.03 --window 4 -o out",
     "depth ../in/boards/left00.png ../in/boards/right00.png --rig ../in/rig -o out",
-    "reconstruct ../in/pictured --images ../in/images",
+    "reconstruct ../in/pictured --images ../in/images --voxels 64",
     "observe --sensor stereo -o out",
     "observe --recording ../in/gyro -o out",
     "campaign ../in/study.toml -o out --workers 1",
@@ -126,7 +126,7 @@ def make_inputs(folder: Path) -> None:
     for words in (
         f"calibrate {place}/boards --corners 7x5 --square 0.03 --window 4 -o {place}/rig",
         f"compare {place}/gyro -o {place}/run --estimators mekf --no-figures -q",
-        f"compare {place}/images -o {place}/pictured --estimators smoother --set process.gravity=false --no-figures -q",
+        f"compare {place}/images -o {place}/pictured --estimators smoother --no-figures -q",
         f"lidar scan cube -o {place}/scans --rays 40 40 --scans 6",
     ):
         assert run_command(shlex.split(words)) == 0, words

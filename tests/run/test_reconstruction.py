@@ -84,14 +84,17 @@ def test_images_of_another_motion_are_refused(
 def test_a_run_whose_position_does_not_hold_is_told_to_be_the_cause(
     images: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """With an unknown force, eight epochs leave the place of the centre of mass open: the images are the right ones."""
+    """Eight epochs leave the place of the centre of mass open to more than fine voxels: the images are the right ones."""
     with unrendered_pictures():
         compare_into(
             track_images(images).dataset, Settings(estimators=("smoother",)), RunOutput(tmp_path / "run")
         )
     assert main(["reconstruct", str(tmp_path / "run"), "--voxels", "128", "--images", str(images)]) == 2
     complaint = capsys.readouterr().err
-    assert "record a longer motion: position and center of mass of that run do not hold" in complaint
+    assert (
+        "give fewer --voxels, or record a longer motion: position and center of mass of that run do not hold"
+        in complaint
+    )
     assert len(complaint.splitlines()) == 1
 
 

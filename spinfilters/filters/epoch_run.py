@@ -1,0 +1,195 @@
+"""Consecutive epochs of a first-order filter in one call of compiled C, `epoch_run.c`, to the numbers of single epochs.
+
+A call ends before an epoch that needs more than the plain prediction and update: values that are all rejected or invalid, an update
+that must be iterated, a step with more substeps than any before, numbers that are not finite. Without a compiler, with a robust
+loss, or while noise levels adapt, every epoch is taken by itself.
+"""
+
+import ctypes
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from typing import Final, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.core.c_library import FLAGS, Signature, load_text, with_signatures
+from spinfilters.core.compiled import address
+from spinfilters.filters.compiled_steps import (
+    MOST_NOISE,
+    CompiledUpdate,
+    compiled_propagation,
+    compiled_update,
+)
+from spinfilters.filters.estimator import EpochRun, ProcessModel, SensorTimeline
+from spinfilters.filters.iterated_update import SMALLEST_RANGE, IterationOptions
+from spinfilters.models.rotation_integrator import LinearisedLoops
+from spinfilters.models.state_blocks import ATTITUDE
+from spinfilters.models.state_layout import StateLayout
+
+_SIGNATURES: Final = {"take_in": Signature("pip" + "ip" + "pp" + "iip", ctypes.c_longlong)}
+_ROWS: Final = ("mean", "factor", "nis", "log_likelihood", "dof", "accepted", "rejected")
+
+
+class _Sensor(ctypes.Structure):
+    """`Sensor` of `epoch_run.c`."""
+
+    _fields_ = (
+        *((name, ctypes.c_void_p) for name in ("model", "update", "parameters", "values", "first", "end")),
+        *((name, ctypes.c_double) for name in ("weight", "limit")),
+        ("columns", ctypes.c_longlong),
+    )
+
+
+class _Filter(ctypes.Structure):
+    """`Filter` of `epoch_run.c`."""
+
+    _fields_ = (
+        *((name, ctypes.c_longlong) for name in ("n", "point", "noise", "errors", "loop_count")),
+        *((name, ctypes.c_void_p) for name in ("limits", "loops", "densities", "scales")),
+        ("tolerance", ctypes.c_double),
+        ("propagate", ctypes.c_void_p),
+        *((name, ctypes.c_longlong) for name in ("attitude", "position", "place", "rate")),
+        *((name, ctypes.c_double) for name in ("iteration", "nearest")),
+    )
+
+
+class SensorLevel(NamedTuple):
+    """Of a sensor in a run of epochs: ratio of its noise covariance to the stated one, and limit of its gate (negative: another
+    rule applies)."""
+
+    scale: float
+    limit: float
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """What is the same in all epochs of a run.
+
+    Attributes
+    ----------
+    noise_scales : ndarray of float, shape (k,)
+        Factors of the columns of the process' noise factor.
+    levels : tuple[SensorLevel, ...]
+        One for each sensor of the run.
+    iteration : IterationOptions
+        When an update must be iterated.
+    """
+
+    noise_scales: Float[np.ndarray, " k"]
+    levels: tuple[SensorLevel, ...]
+    iteration: IterationOptions
+
+
+def take_in(
+    process: ProcessModel,
+    mean: Float[np.ndarray, " m"],
+    factor: Float[np.ndarray, "n n"],
+    epochs: EpochRun,
+    options: RunOptions,
+    rows: Mapping[str, np.ndarray],
+) -> int:
+    """Take a first-order filter through epochs from a belief on.
+
+    Parameters
+    ----------
+    mean, factor : ndarray
+        The belief before.
+    rows : Mapping[str, ndarray]
+        As of `spinfilters.filters.estimator.Estimator.take_in`.
+
+    Returns
+    -------
+    int
+        How many epochs were taken in.
+    """
+    library, layout, loops = _library(), process.layout, process.linearised_loops()
+    propagation = compiled_propagation(layout.error_dim)
+    if library is None or loops is None or propagation is None or loops.noise_dim > MOST_NOISE:
+        return 0
+    updates = [compiled_update(part.every.model) for part in epochs.sensors]
+    if None in updates or min(level.limit for level in options.levels) < 0:
+        return 0
+    given = [_Given.of(part) for part in epochs.sensors]
+    sensors = [
+        _sensor(update, each, level)
+        for update, each, level in zip(updates, given, options.levels, strict=True)
+        if update is not None
+    ]
+    scales = np.ascontiguousarray(options.noise_scales)
+    chosen = _filter(layout, loops, scales, options.iteration, propagation.address)
+    dt, x, S = (np.ascontiguousarray(array, dtype=float) for array in (epochs.dt, mean, factor))
+    most = max(int((part.end - part.first).max(initial=0)) for part in epochs.sensors)
+    width = max(part.every.model.dim * (len(part.every.model.columns) + 1) + 2 for part in epochs.sensors)
+    given_sensors = (_Sensor * len(sensors))(*sensors)
+    places = (ctypes.c_void_p * len(_ROWS))(*(address(rows[name]) for name in _ROWS))
+    return library.take_in(
+        ctypes.addressof(chosen),
+        len(sensors),
+        ctypes.addressof(given_sensors),
+        len(dt),
+        *map(address, (dt, x, S)),
+        most,
+        width,
+        ctypes.addressof(places),
+    )
+
+
+class _Given(NamedTuple):
+    """A sensor's parameters, values, and first and end of each epoch, as C reads them."""
+
+    parameters: np.ndarray
+    values: np.ndarray
+    first: np.ndarray
+    end: np.ndarray
+
+    @classmethod
+    def of(cls, part: SensorTimeline) -> "_Given":
+        every = part.every
+        first, end = (np.ascontiguousarray(array, dtype=np.int64) for array in (part.first, part.end))
+        parameters, values = (
+            np.ascontiguousarray(array, dtype=float) for array in (every.parameters, every.values)
+        )
+        return cls(parameters, values, first, end)
+
+
+def _sensor(update: CompiledUpdate, given: _Given, level: SensorLevel) -> _Sensor:
+    return _Sensor(
+        update.model_address,
+        update.update_address,
+        *map(address, given),
+        1 / level.scale,
+        level.limit,
+        update.columns,
+    )
+
+
+def _filter(
+    layout: StateLayout,
+    loops: LinearisedLoops,
+    scales: Float[np.ndarray, " k"],
+    iteration: IterationOptions,
+    propagation: int,
+) -> _Filter:
+    has_attitude, translates = layout.has(ATTITUDE), layout.translates
+    return _Filter(
+        *(layout.error_dim, layout.mean_dim, loops.noise_dim, loops.error_dim, len(loops.loops)),
+        *map(address, (loops.limits, loops.loops, loops.densities, scales)),
+        loops.tolerance,
+        propagation,
+        layout.slice("a").start if has_attitude else -1,
+        layout.slice("t").start if translates else -1,
+        layout.mean_slice("t").start if translates else -1,
+        layout.mean_slice("w").start,
+        math.inf if iteration.iterations == 1 else iteration.tolerance,
+        SMALLEST_RANGE,
+    )
+
+
+@cache
+def _library() -> ctypes.PyDLL | None:
+    text = files("spinfilters.filters").joinpath("epoch_run.c").read_text()
+    return with_signatures(load_text("epoch_run", text, FLAGS), _SIGNATURES)
