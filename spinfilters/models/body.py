@@ -30,6 +30,8 @@ FIRST_ORDER_STD: Final[float] = 0.003
 """Largest standard deviation of the logarithm of second moments, and of an axis in rad, for which derivatives are enough."""
 INTERVAL: Final = (0.025, 0.975)
 """Levels of the interval of sampled moments."""
+_TAILS = np.array([4.0, 3.0, 2.0, 2.0, 3.0, 4.0])  # of a normal distribution, and the probability below each
+_TAIL_LEVELS = np.array([0.00003167, 0.00134990, 0.02275013, 0.97724987, 0.99865010, 0.99996833])
 _SMALLEST_GAP = 1e-12  # of moments, relative to the largest: below it rounding decides
 
 
@@ -162,20 +164,36 @@ class MassSamples:
         reached = np.cumsum(self.weights[order]) - self.weights[order] / 2
         return np.interp(levels, reached, values[order])
 
+    def deviation(self, values: Float[np.ndarray, " n"], about: float) -> float:
+        """Standard deviation of a quantity about a value, not less than its tails at two to four deviations ask for.
+
+        Nearly round bodies have a posterior of their ratios that is narrow but for a long tail, which a mean square hardly sees.
+        """
+        away = values - about
+        tails = np.abs(self.quantiles(away, _TAIL_LEVELS)) / _TAILS
+        return float(max(np.sqrt(self.weights @ np.square(away)), tails.max()))
+
     def body(self, belief: BodyEstimate) -> BodyEstimate:
-        """A belief's body with mean, covariance and interval of the moments over the samples; axes and centre are the belief's."""
+        """A belief's body with mean, deviations and interval of the moments over the samples; axes and centre are the belief's.
+
+        The covariance of the moments has the correlations of the samples, and the variances of `deviation`.
+        """
         moments = self.principal_moments
         logs = np.log(moments[:, [2, 1]] / moments[:, [1, 0]])
         mean = self.weights @ moments
         mean[2] = 1.0  # by definition, which a sum of weights meets to rounding
         ratios = np.log(mean[[2, 1]] / mean[[1, 0]])  # of the published moments; deviations are about these
         away = np.sqrt(self.weights)[:, np.newaxis] * (moments - mean)
-        k1_std, k2_std = np.sqrt(self.weights @ np.square(logs - ratios)).tolist()
+        covariance = away.T @ away
+        stated = np.array([self.deviation(moments[:, k], mean[k]) for k in range(2)])
+        spread = np.sqrt(np.diagonal(covariance)[:2])
+        widened = np.append(np.divide(stated, spread, out=np.ones(2), where=spread > 0), 1.0)
+        k1_std, k2_std = (self.deviation(logs[:, k], ratios[k]) for k in range(2))
         levels = np.array(INTERVAL)
         return replace(
             belief,
             principal_moments=mean,
-            principal_moments_cov=away.T @ away,
+            principal_moments_cov=covariance * np.outer(widened, widened),
             k1=float(ratios[0]),
             k2=float(ratios[1]),
             k1_std=k1_std,

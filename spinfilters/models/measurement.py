@@ -407,7 +407,7 @@ class MeasurementModel(ABC):
         function = ca.Function(f"{self.name.replace('-', '_')}_by_error", [x, p], [row_by_row(jacobian)])
         return Compiled.interpreted(function)
 
-    @cached_property
+    @built_property
     def reads_attitude(self) -> bool:
         """Whether the expected value depends on the attitude."""
         x, p, _ = self._symbols

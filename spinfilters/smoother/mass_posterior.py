@@ -42,8 +42,8 @@ LONGEST_STEP = 0.35
 """Of a step, in the log of second moments: local curvatures say little beyond it."""
 MOST_NODES = 24
 """In each direction along the ridge."""
-FALLEN = 6.0
-"""Fall of the log probability per step along the ridge below its largest value at which a walk ends."""
+FALLEN = 11.0
+"""Fall of the log probability per step along the ridge at which a walk ends: beyond four deviations of a Gaussian."""
 PROPOSAL_DOF, PROPOSAL_WIDTH = 6.0, 1.25
 """Degrees of freedom of the t distributions, and their width over the local one."""
 SMALLEST_GAP = 1e-6

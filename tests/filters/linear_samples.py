@@ -33,6 +33,9 @@ class LinearProcess:
     def linearise(self, x: Float[np.ndarray, " n"], dt: float) -> LinearisedStep:
         return LinearisedStep(self.step(x, dt), self.transition(dt), np.sqrt(dt) * self.noise)
 
+    def linearised_loops(self) -> None:
+        """No compiled loops."""
+
     def linearise_steps(
         self,
         here: Float[np.ndarray, "s n"],
