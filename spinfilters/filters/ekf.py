@@ -13,13 +13,13 @@ Another filter is a class of its own in this package that linearises process and
 table `OWN` of `spinfilters.run.estimators`.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from spinfilters.filters.compiled_steps import MOST_NOISE, Update, compiled_update
-from spinfilters.filters.epoch_run import RunOptions, SensorLevel, take_in
+from spinfilters.filters.epoch_run import RunOptions, SensorLevel, compiled_loops, take_in
 from spinfilters.filters.estimator import EpochRun, Estimator, Measurement, ProcessModel
 from spinfilters.filters.filter import LinearisedProcess, MultiplicativeFilter
 from spinfilters.filters.iterated_update import (
@@ -36,6 +36,7 @@ from spinfilters.filters.measurement_prediction import LinearisedRows, linear_ro
 from spinfilters.filters.noise_levels import AdaptationOptions
 from spinfilters.filters.outlier_rejection import RobustOptions, SensorOutlierRejection
 from spinfilters.filters.shared_modes import LandmarkOptions
+from spinfilters.models.measurement import MeasurementModel
 
 
 class FirstOrderFilter(MultiplicativeFilter):
@@ -123,6 +124,10 @@ class MultiplicativeEkf(FirstOrderFilter):
             return update
         problem = IteratedUpdate(self.layout, self.mean, self.factor, rows)
         return problem.solve(update.correction, self._iteration)
+
+    def build_take_in(self, models: Sequence[MeasurementModel]) -> None:
+        """Load the compiled loops of process and sensors."""
+        compiled_loops(self.process, models)
 
     def take_in(self, epochs: EpochRun, rows: Mapping[str, np.ndarray]) -> int:
         """Predict and update through consecutive epochs in one call of compiled code, to the numbers of single ones.

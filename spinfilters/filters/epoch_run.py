@@ -7,7 +7,7 @@ loss, or while noise levels adapt, every epoch is taken by itself.
 
 import ctypes
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -20,12 +20,14 @@ from spinfilters.core.c_library import FLAGS, Signature, load_text, with_signatu
 from spinfilters.core.compiled import address
 from spinfilters.filters.compiled_steps import (
     MOST_NOISE,
+    CompiledPropagation,
     CompiledUpdate,
     compiled_propagation,
     compiled_update,
 )
 from spinfilters.filters.estimator import EpochRun, ProcessModel, SensorTimeline
 from spinfilters.filters.iterated_update import SMALLEST_RANGE, IterationOptions
+from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.rotation_integrator import LinearisedLoops
 from spinfilters.models.state_blocks import ATTITUDE
 from spinfilters.models.state_layout import StateLayout
@@ -55,6 +57,15 @@ class _Filter(ctypes.Structure):
         *((name, ctypes.c_longlong) for name in ("attitude", "position", "place", "rate")),
         *((name, ctypes.c_double) for name in ("iteration", "nearest")),
     )
+
+
+class CompiledLoops(NamedTuple):
+    """What `take_in` calls: its library, steps of the process, propagation of the factor, and an update for each sensor."""
+
+    library: ctypes.PyDLL
+    steps: LinearisedLoops
+    propagation: CompiledPropagation
+    updates: Sequence[CompiledUpdate]
 
 
 class SensorLevel(NamedTuple):
@@ -106,18 +117,15 @@ def take_in(
     int
         How many epochs were taken in.
     """
-    library, layout, loops = _library(), process.layout, process.linearised_loops()
-    propagation = compiled_propagation(layout.error_dim)
-    if library is None or loops is None or propagation is None or loops.noise_dim > MOST_NOISE:
+    found = compiled_loops(process, [part.every.model for part in epochs.sensors])
+    if found is None or min(level.limit for level in options.levels) < 0:
         return 0
-    updates = [compiled_update(part.every.model) for part in epochs.sensors]
-    if None in updates or min(level.limit for level in options.levels) < 0:
-        return 0
+    library, loops, propagation, updates = found
+    layout = process.layout
     given = [_Given.of(part) for part in epochs.sensors]
     sensors = [
         _sensor(update, each, level)
         for update, each, level in zip(updates, given, options.levels, strict=True)
-        if update is not None
     ]
     scales = np.ascontiguousarray(options.noise_scales)
     chosen = _filter(layout, loops, scales, options.iteration, propagation.address)
@@ -136,6 +144,16 @@ def take_in(
         width,
         ctypes.addressof(places),
     )
+
+
+def compiled_loops(process: ProcessModel, models: Sequence[MeasurementModel]) -> CompiledLoops | None:
+    """Everything compiled that `take_in` calls, built or loaded where it was not; None where something of it is missing."""
+    library, loops = _library(), process.linearised_loops()
+    propagation = compiled_propagation(process.layout.error_dim)
+    updates = [update for model in models if (update := compiled_update(model)) is not None]
+    if library is None or loops is None or propagation is None or len(updates) < len(models):
+        return None
+    return CompiledLoops(library, loops, propagation, updates) if loops.noise_dim <= MOST_NOISE else None
 
 
 class _Given(NamedTuple):

@@ -224,6 +224,9 @@ class Estimator(ABC):
         """
         return 0
 
+    def build_take_in(self, models: Sequence[MeasurementModel]) -> None:  # noqa: B027 - most estimators have none
+        """Build what `take_in` computes with for sensors of these models, before a clock runs; nothing by default."""
+
     @abstractmethod
     def snapshot(self) -> Snapshot:
         """Copies of the whole internal state as named arrays."""

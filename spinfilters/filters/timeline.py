@@ -321,6 +321,7 @@ def rehearse(estimator: Estimator, time: float, timeline: Timeline) -> None:
         for epoch in timeline[:REHEARSED]:
             finite(estimator.belief, advance(estimator, epoch, epoch.time - time))
             time = epoch.time
+        estimator.build_take_in([part.every.model for part in _sensors_of(timeline)])
     except np.linalg.LinAlgError:  # which its run will meet, and report
         return
 
