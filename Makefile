@@ -39,36 +39,28 @@ docs:
 	@NO_MKDOCS_2_WARNING=1 $(bin)/mkdocs build --quiet --config-file .mkdocs.yml
 	@echo build/site/index.html
 
-# The tests whose outcome depends on arithmetic. Of core those of libraries, threads and clocks have none in floats, of the analyser
-# those of its exact ranks, symmetries and words.
-exact := $(addprefix tests/core/test_,library_folder.py shared_functions.py shipped_libraries.py vector_width.py working_time.py) \
-  tests/evaluation/test_metric_table.py tests/filters/test_duplicate_images.py \
-  $(addprefix tests/observability/test_,analyser_input.py analyser_readme.py discrete_symmetries.py function_values.py generators.py \
+# The tests whose outcome depends on arithmetic; of the analyser those of its exact ranks, symmetries and words have none in floats.
+exact := $(addprefix tests/observability/test_,analyser_input.py analyser_readme.py discrete_symmetries.py function_values.py generators.py \
   hostile_models.py invariants.py model_rank.py new_systems.py null_vectors.py observability_page.py power_series.py prime_field.py \
   scope.py symmetries.py)
-numeric := tests/test_blas_kernels.py $(addprefix tests/,$(addprefix inference/test_,identification.py initial_estimate.py \
-  initialiser_faults.py masked_errors.py) $(addprefix verdict/test_,alternatives.py calibration_sensitivity.py correlated_errors.py \
-  epoch_information.py error_size.py inspector_alternatives.py laplace_likelihood.py model_errors.py null_distributions.py)) \
-  $(filter-out $(exact),$(wildcard $(patsubst %,tests/%/test_*.py,core evaluation filters models observability simulation smoother)))
-# Of these, what is made of compiled functions and kernels of C, one by one and in short runs of every estimator: whole recordings take
-# five times as long when nothing is compiled, and are run with compiled code.
-interpreted := $(filter-out $(exact) $(addprefix tests/models/test_,magnetometer.py pixel_noise.py poses.py registered_sensors.py \
-  wrong_associations.py),$(wildcard tests/core/test_*.py tests/models/test_*.py tests/smoother/test_smoother_*.py)) \
-  $(addprefix tests/filters/test_,arithmetic.py compiled_update.py epoch_kernels.py error_coordinates.py estimator_contract.py \
-  iterated_landmark_update.py iterated_update.py joint_ekf.py landmark_map.py rauch_tung_striebel.py run.py shared_modes.py \
-  textbook_filters.py) $(addprefix tests/smoother/test_,momentum_restart.py recursive_smoother.py sliding_smoother.py state_prior.py \
-  step_rules.py whitened_steps.py) tests/inference/test_identification.py tests/inference/test_initial_estimate.py
+numeric := $(addprefix tests/,core filters models simulation smoother test_blas_kernels.py \
+  $(addprefix inference/test_,identification.py initial_estimate.py initialiser_faults.py masked_errors.py) \
+  $(addprefix verdict/test_,alternatives.py calibration_sensitivity.py correlated_errors.py epoch_information.py error_size.py \
+  inspector_alternatives.py laplace_likelihood.py model_errors.py null_distributions.py)) \
+  $(filter-out $(exact) tests/evaluation/test_metric_table.py,$(wildcard tests/observability/test_*.py tests/evaluation/test_*.py))
 
-# Every kernel with compiled code, and the last without: what passes by rounding in one of them fails there, too.
+# Every kernel but the last with compiled code, the last without: what passes by rounding in one of both fails there, too.
 kernels:
 	$(environment) test
-	@status=0; kernel=; kernels=$$($(bin)/python tests/blas_kernels.py) || exit 1; \
-	for kernel in $$kernels; do \
-	  echo "numeric tests, OpenBLAS' kernel $$kernel:"; \
-	  OPENBLAS_CORETYPE=$$kernel $(bin)/python -m pytest -q -n 2 --dist worksteal $(numeric) || status=1; \
+	@status=0; kernels=$$($(bin)/python tests/blas_kernels.py) || exit 1; \
+	set -- $$kernels; \
+	while [ $$# -gt 1 ]; do \
+	  echo "numeric tests, OpenBLAS' kernel $$1:"; \
+	  OPENBLAS_CORETYPE=$$1 $(bin)/python -m pytest -q -n 2 --dist worksteal $(numeric) || status=1; \
+	  shift; \
 	done; \
-	echo "numeric tests, nothing compiled$${kernel:+, OpenBLAS' kernel $$kernel}:"; \
-	env SPINFILTERS_COMPILE=off $${kernel:+OPENBLAS_CORETYPE=$$kernel} $(bin)/python -m pytest -q -n 2 --dist worksteal $(interpreted) || status=1; \
+	echo "numeric tests, nothing compiled$${1:+, OpenBLAS' kernel $$1}:"; \
+	env SPINFILTERS_COMPILE=off $${1:+OPENBLAS_CORETYPE=$$1} $(bin)/python -m pytest -q -n 2 --dist worksteal $(numeric) || status=1; \
 	exit $$status
 
 check:
