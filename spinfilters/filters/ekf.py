@@ -126,7 +126,13 @@ class MultiplicativeEkf(FirstOrderFilter):
         return problem.solve(update.correction, self._iteration)
 
     def build_take_in(self, models: Sequence[MeasurementModel]) -> None:
-        """Load the compiled loops of process and sensors."""
+        """Load the compiled loops of process and sensors.
+
+        Parameters
+        ----------
+        models : Sequence[MeasurementModel]
+            The sensors whose values `take_in` will get.
+        """
         compiled_loops(self.process, models)
 
     def take_in(self, epochs: EpochRun, rows: Mapping[str, np.ndarray]) -> int:
