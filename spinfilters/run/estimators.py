@@ -36,6 +36,7 @@ from spinfilters.inference.smoother_run import (
 )
 from spinfilters.io.sensor_format import sensor_format
 from spinfilters.models.rotation_integrator import substeps, turns
+from spinfilters.models.state_blocks import ACCELERATION
 from spinfilters.settings.run_settings import Settings
 from spinfilters.smoother.recursive_smoother import RecursiveSmoother
 from spinfilters.smoother.window import FixedLag
@@ -340,7 +341,9 @@ class EmbeddedEntry(EstimatorEntry["EmbeddedFilter"]):
                 "of --estimators"
             )
         count = _substeps(setup, settings.process.tolerance)
-        options = EmbedOptions(sensor.name, LARGEST_MAP, self.real, count)  # pyright: ignore[reportArgumentType]  (checked there)
+        bias_std = settings.initialisation.gyro_bias_std if sensor.name == "gyro" else 0.0
+        pulled = setup.process.layout.has(ACCELERATION)
+        options = EmbedOptions(sensor.name, LARGEST_MAP, self.real, count, bias_std, acceleration=pulled)  # pyright: ignore[reportArgumentType]  (checked there)
         return EmbeddedFilter(setup.process, options)
 
     def begin(self, estimator: "EmbeddedFilter", setup: Setup) -> None:
