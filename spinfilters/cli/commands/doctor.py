@@ -50,7 +50,8 @@ def print_compilers(console: Console) -> None:
     """Processor times of one small comparison with each compiler's code, and whether the estimates agree."""
     from spinfilters.cli.compiler_comparison import agree, compare_compilers
 
-    console.print("\nA comparison of MEKF and smoother, 20 epochs of stereo tracks; processor time, s:")
+    title = "\nA comparison of MEKF and smoother, 20 epochs of stereo tracks; processor time, s:"
+    console.print(title, soft_wrap=True)
     found, usable = compare_compilers(), None
     while True:
         with console.status("compiling and running"):
@@ -63,7 +64,7 @@ def print_compilers(console: Console) -> None:
             continue
         usable = usable or each
         same = "estimates agree" if agree(each, usable) else "estimates DIFFER from the first"
-        times = f"first {each.first:.1f}, with compiling; later {each.warm:.2f}; {same}"
+        times = f"first {each.first:.1f}{', with compiling' if each.command else ''}; later {each.warm:.2f}; {same}"
         _outcome(console, "ok" if agree(each, usable) else "FAILED", name, times)
         if each.command:
             _outcome(console, "", "", each.version)
