@@ -14,6 +14,7 @@ from rich.text import Text
 
 import spinfilters
 from spinfilters.cli.command import Command
+from spinfilters.core.errors import InputError
 from spinfilters.io.stated_values import Argument
 from spinfilters.run.provenance import PACKAGES, git_commit
 
@@ -86,6 +87,11 @@ def doctor(console: Console | None = None, checks: "Iterable[InstallationCheck] 
     try:
         # only now: a library that cannot be loaded is a finding, not the end of the page
         from spinfilters.cli import installation_checks
+    except InputError as error:  # of an environment variable: nothing is wrong with the installation
+        cause, _, cure = str(error).partition("; ")
+        _outcome(console, "FAILED", "environment", cause)
+        _outcome(console, "cure", "", cure)
+        return 1
     except Exception as error:
         _outcome(console, "FAILED", "imports", _reason(error))
         _outcome(console, "cure", "", "install again: make clean, then make compare")
