@@ -86,10 +86,20 @@ class EmbedOptions:
         BIAS_PSD.require("embed --gyro-bias-psd", self.gyro_bias_psd)
         if self.gyro_bias_psd and not self.gyro_bias_std:
             raise InputError("embed --gyro-bias-psd needs a bias in the state; give --gyro-bias-std too")
-        if self.gyro_bias_std and self.sensor != "gyro":
-            raise InputError(f"embed --gyro-bias-std needs --sensor gyro, not {self.sensor}; leave it out")
-        if self.acceleration and self.sensor == "gyro":
-            raise InputError("embed --acceleration needs --sensor pose or stereo, not gyro; leave it out")
+        self._require_seen("--gyro-bias-std", "b", self.gyro_bias_std > 0)
+        self._require_seen("--acceleration", "f", self.acceleration)
+
+    def _require_seen(self, option: str, block: str, is_wanted: bool) -> None:
+        """InputError: a wanted block of the state that measurements of the sensor do not depend on."""
+        if not is_wanted:
+            return
+        from spinfilters.embedded.emitted_sensors import EMITTED_SENSORS
+
+        fit = [each.name for each in EMITTED_SENSORS.values() if block in each.further]
+        if self.sensor not in fit:
+            raise InputError(
+                f"embed {option} needs --sensor {' or '.join(fit)}, not {self.sensor}; leave it out"
+            )
 
     @property
     def layout(self) -> "StateLayout":
