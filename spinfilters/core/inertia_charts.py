@@ -114,7 +114,8 @@ def box_of_equal_inertia(moments: Float[np.ndarray, "*batch 3"]) -> Float[np.nda
     Returns
     -------
     ndarray of float, shape (..., 3)
-        Edges a, b, c, the longest 1: a^2 is proportional to J_y + J_z - J_x. The edge that a plate or rod lacks is about a thousandth.
+        Edges a, b, c, the longest 1: a^2 is proportional to J_y + J_z - J_x.
+        The edge that a plate or rod lacks is about a thousandth.
     """
     total = moments.sum(axis=-1, keepdims=True)
     squares = np.clip(total - 2 * moments, 1e-6 * total, None)
