@@ -1,6 +1,6 @@
 """Runs of one filter in batches: many seeds of a cell are simulated, filtered and evaluated as arrays.
 
-Beliefs and counts are those of runs made one by one, to the bit; errors and NEES to rounding. A batch judges nothing: its rows are
+Beliefs and counts are those of runs made one by one, to the bit; errors and NEES to rounding. A batch gives no verdict: its rows are
 ``degraded`` at best, with the reason that no verdict was asked for.
 """
 
@@ -41,9 +41,7 @@ from spinfilters.simulation.simulated_runs import SimulatedRuns, require_simulat
 
 RUNS_TOGETHER: Final = 64
 """Runs of a batch: their histories of a hundred epochs take some 20 MB."""
-NOT_JUDGED: Final = EstimatorStatus().degraded(
-    "runs of a batch are not judged (leave --batch out for verdicts)"
-)
+NO_VERDICT: Final = EstimatorStatus().degraded("runs of a batch have no verdict (leave --batch out for one)")
 WITHOUT: Final = "; leave --batch out"
 """What a user does about a study that batches cannot make."""
 
@@ -267,5 +265,5 @@ def _history(
 ) -> EstimateHistory:
     own = {key: arrays[key] for key in EPOCH_ARRAYS}
     return EstimateHistory(
-        name, setup.process.layout, status=NOT_JUDGED, initialisation=1, observations=observations, **own
+        name, setup.process.layout, status=NO_VERDICT, initialisation=1, observations=observations, **own
     )

@@ -12,7 +12,7 @@ from spinfilters.campaigns.study import study_from
 from spinfilters.core.c_library import compiler
 from spinfilters.core.errors import InputError
 
-JUDGED = ("verdict", "verdict_reasons", "verdict_checks")
+OF_VERDICT = ("verdict", "verdict_reasons", "verdict_checks")
 POSES: dict[str, Any] = {
     "study": {"name": "poses", "seeds": 4, "bound": "none", "initialisation": "drawn"},
     "factors": {"estimator": ["mekf"]},
@@ -33,7 +33,7 @@ def rows_both_ways(**tables: Any) -> list[tuple[Row, Row]]:
 def assert_same_numbers(batch: Row, single: Row) -> None:
     """Whether two rows agree in all but times and verdicts."""
     for name, value in single.items():
-        if is_volatile(name) or name in JUDGED or name.startswith("holds_"):
+        if is_volatile(name) or name in OF_VERDICT or name.startswith("holds_"):
             continue
         if isinstance(value, list | float) and value is not None:
             np.testing.assert_allclose(batch[name], value, rtol=1e-6, atol=1e-9, err_msg=name)
@@ -59,7 +59,7 @@ def test_a_run_whose_updates_are_iterated_is_made_by_itself() -> None:
     assert any(batch["verdict_checks"] == single["verdict_checks"] for batch, single in pairs)
 
 
-@pytest.mark.skipif(compiler() is None, reason="runs are made one by one, and judged")
+@pytest.mark.skipif(compiler() is None, reason="runs are made one by one, with verdicts")
 def test_a_batch_claims_no_verdict() -> None:
     assert all(batch["verdict"] != "ok" for batch, _ in rows_both_ways())
 
