@@ -1,6 +1,6 @@
 """Runs of one filter in batches: many seeds of a cell are simulated, filtered and evaluated as arrays.
 
-Beliefs and counts are those of runs made one by one, to the bit; errors and NEES to rounding. A batch gives no verdict: its rows are
+Beliefs and counts are those of runs made one by one, to the bit; errors and NEES to rounding. A batch gives no verdict: rows are
 ``degraded`` at best, with the reason that no verdict was asked for.
 """
 
