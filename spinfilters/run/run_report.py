@@ -1,7 +1,4 @@
-"""report.html of a run.
-
-Verdict, numbers, the model to turn and every picture on one self-contained page.
-"""
+"""report.html of a run, one page: verdict, numbers, the model to turn or a box of equal inertia, and every picture."""
 
 import json
 from collections.abc import Iterator
