@@ -184,9 +184,11 @@ def _names_in(*expressions: ca.SX) -> set[str]:
 
 
 def model_of(f: Any, h: Any = None, x: Any = None, **roles: Any) -> Model:
-    """A model of a dictionary of formulas, or of expressions (`model_of_text`, `model_of_expressions`)."""
+    """A model of formulas, as one document or as equations and outputs, or of expressions."""
     if isinstance(f, Model):
         return f
+    if isinstance(f, Mapping) and isinstance(h, Mapping):
+        return _model_of_equations(f, h, x, roles)
     if not isinstance(f, Mapping):
         if h is None or x is None:
             raise InputError("expressions need f, h and x; give all three, or a dictionary of formulas")
@@ -198,11 +200,30 @@ def model_of(f: Any, h: Any = None, x: Any = None, **roles: Any) -> Model:
     foreign = sorted(set(roles) - {"at", "name"})
     foreign += [key for key, each in (("h", h), ("x", x)) if each is not None]
     if foreign:
-        raise InputError(f"a dictionary of formulas holds everything itself; leave out {foreign[0]!r}")
+        raise InputError(
+            f"a dictionary of formulas holds everything itself; leave out {foreign[0]!r}, "
+            "or give equations and outputs as two dictionaries"
+        )
     document = dict(f)
     if roles.get("at"):
         document["point"] = dict(document.get("point", {})) | dict(_values_by_name(roles["at"], "at"))
     return model_of_text(document, str(roles.get("name") or document.get("name", "the system")))
+
+
+def _model_of_equations(f: Mapping[str, Any], h: Mapping[str, Any], x: Any, roles: dict[str, Any]) -> Model:
+    """A model of formulas by state and by output; roles are lists of names and tables, as a document has them."""
+    if "equations" in f or "outputs" in h:
+        raise InputError("this dictionary is a whole model; give it alone, without 'h'")
+    name = str(roles.pop("name", "the system"))
+    allowed = [
+        each for each in (*LISTS, *TABLES, VECTORS, "time", "at") if each not in ("equations", "outputs")
+    ]
+    unknown = [key for key in roles if key not in allowed]
+    if unknown:
+        raise InputError(f"{unknown[0]!r} is no role of names; use {', '.join(allowed)}")
+    at = dict(_values_by_name(roles.pop("at", None) or {}, "at"))
+    document = {"states": list(f) if x is None else x, **roles, "equations": f, "outputs": h}
+    return model_of_text(document | {"point": {**roles.get("point", {}), **at}}, name)
 
 
 def model_of_text(document: Mapping[str, Any], name: str = "the model") -> Model:

@@ -404,15 +404,16 @@ def analyse(f: Any, h: Any = None, x: Any = None, **roles: Any) -> ModelAnalysis
     Parameters
     ----------
     f : Mapping, casadi.SX or casadi.Function
-        A dictionary of formulas as a TOML file has them (`model_of_text`), or the rates of all states.
-    h : casadi.SX or casadi.Function
-        Outputs, with expressions.
+        A dictionary of everything as a TOML file has it (`model_of_text`), formulas of the rates by state, or the rates of all
+        states as expressions.
+    h : Mapping, casadi.SX or casadi.Function
+        Outputs: formulas by name where `f` is formulas by state, else expressions.
     x : casadi.SX
         States, with expressions.
     **roles : Any
-        ``parameters``, ``inputs``, ``unknown_inputs``, ``known_constants`` as symbols; ``known_initial_values`` and ``at``, values
-        by name; ``unit_vectors``, a list of vectors of states whose norm is 1; ``name``. With a dictionary only ``at`` and
-        ``name``.
+        ``parameters``, ``inputs``, ``unknown_inputs``, ``known_constants`` as symbols, or names where `f` and `h` are formulas;
+        ``known_initial_values`` and ``at``, values by name; ``unit_vectors``, a list of vectors of states whose norm is 1;
+        ``name``. With one dictionary of everything only ``at`` and ``name``.
 
     Raises
     ------
@@ -429,6 +430,11 @@ def analyse(f: Any, h: Any = None, x: Any = None, **roles: Any) -> ModelAnalysis
     Observable: k, x_0, x_1.
     Proof: the exact rank is full.
     Local, except for mirrored and exchanged unknowns: other isolated solutions are not searched.
+
+    The same from formulas:
+
+    >>> analyse({"x": "v", "v": "-k*x"}, {"y": "x"}, parameters=["k"]).rank
+    3
     """
     return analysis_of(model_of(f, h, x, **roles))
 

@@ -37,6 +37,8 @@ FEW_SAMPLES = {"api", "campaigns", "cli", "docs", "hostile", "io", "live", "plot
     f"run/test_{name}.py" for name in OF_FILES
 }
 """Rooms and files whose tests judge no sampled mass distribution."""
+SHORT_ANIMATIONS = {"api", "cli", "docs", "live"}
+"""Rooms that ask whether an animation is there; what its frames show is asked where figures are."""
 OF_PROCESSES = {"campaigns/test_dask_cluster.py"}
 """Files that compare numbers with those of other processes, which sample in full."""
 
@@ -52,7 +54,8 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
     """Few samples of a mass distribution where a test is about files, words or pictures: all take most of a short run's time."""
     file = item.path.relative_to(TESTS)
     few = FEW_SAMPLES & {file.parts[0], file.as_posix()} and file.as_posix() not in OF_PROCESSES
-    with few_samples() if few else nullcontext():
+    short = file.parts[0] in SHORT_ANIMATIONS
+    with few_samples() if few else nullcontext(), short_animations() if short else nullcontext():
         return (yield)
 
 
@@ -64,6 +67,16 @@ def few_samples() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         for name, number in (("SAMPLES", 16), ("TRIED", 8), ("MOST_NODES", 1)):
             patch.setattr(mass_posterior, name, number)
+        yield
+
+
+@contextmanager
+def short_animations() -> Iterator[None]:
+    """Draw three solves of an animation, the first and the last among them."""
+    from spinfilters.plots import settling
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(settling, "MOST_FRAMES", 3)
         yield
 
 

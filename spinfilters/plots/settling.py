@@ -368,8 +368,10 @@ def _frames(time: np.ndarray, quantity: SettlingQuantity, axis: int) -> Iterator
     axes = figure.subplots()
     count = len(time)
     for solve in np.unique(np.linspace(1, count, min(count, MOST_FRAMES)).round().astype(int)):
-        axes.clear()
+        for artist in (*axes.collections, *axes.lines):
+            artist.remove()
         _course(axes, time, quantity, axis, int(solve))
         axes.set(xlabel="time [s]", ylabel=f"{quantity.label}, {quantity.names[axis]} [{quantity.unit}]")
         picture = Image.open(BytesIO(picture_bytes(figure, "png", dpi=FRAME_DPI)))
+        figure.set_layout_engine("none")  # scales, labels and so the layout are those of the first frame
         yield picture.convert("RGB").quantize(64)

@@ -4,10 +4,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from matplotlib.figure import Figure
 
 from spinfilters.cli.main import main
 from spinfilters.io.dataset_folder import write_dataset
 from spinfilters.plots import figures
+from spinfilters.run import smoother_convergence
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 
 
@@ -15,6 +17,14 @@ from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
 def few_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave out the figures that every run has: they take most of its time and have their own tests."""
     monkeypatch.setattr(figures, "_figures", lambda _: ())
+
+
+@pytest.fixture
+def few_surfaces(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Compose no figure of all solves beside `convergence.png`: `test_optional_outputs` looks at those of `unmapped`."""
+    for name in ("surfaces_figure", "constants_figure", "costs_figure"):
+        monkeypatch.setattr(smoother_convergence, name, lambda *_: Figure())
+    monkeypatch.setattr(smoother_convergence, "course_animation", lambda *_: b"")
 
 
 @pytest.fixture(scope="session")
@@ -37,7 +47,7 @@ def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
         scenario = Scenario.simplified(kind=kind, rate_rpm=RICH_RPM, epochs=30, interval=0.5, landmarks=150)
         write_dataset(simulate(scenario), folder / kind)
     write_dataset(
-        simulate(Scenario.simplified(rate_rpm=RICH_RPM, epochs=30, interval=0.5, landmarks=150)),
+        simulate(Scenario.simplified(rate_rpm=RICH_RPM, epochs=20, interval=0.5, landmarks=150)),
         folder / "unmapped",
     )
     (folder / "unmapped" / "landmarks.csv").unlink()

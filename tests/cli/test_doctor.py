@@ -1,5 +1,8 @@
 """The page of `spinfilters doctor`: complete, honest about failures, and leaving nothing behind."""
 
+import os
+import subprocess
+import sys
 from io import StringIO
 from pathlib import Path
 
@@ -123,3 +126,14 @@ def test_nothing_is_left_outside_the_cache(monkeypatch: pytest.MonkeyPatch, tmp_
     assert page(CHECKS[-1:])[0] == 0
     assert list(here.iterdir()) == []
     assert all(path.suffix == ".so" for path in cache.rglob("*"))
+
+
+def test_an_unusable_number_of_lanes_is_cured_in_the_environment() -> None:
+    command = [sys.executable, "-m", "spinfilters", "doctor"]
+    environment = {**os.environ, "SPINFILTERS_LANES": "7"}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 1, done.stderr
+    *_, failed, cure = done.stdout.splitlines()
+    assert failed.split()[0] == "FAILED"
+    assert "SPINFILTERS_LANES is '7'" in failed
+    assert cure.split(maxsplit=1) == ["cure", "give 4 or 8, or unset it"]

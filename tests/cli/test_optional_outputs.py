@@ -16,7 +16,7 @@ from spinfilters.run.array_files import read_arrays
 from spinfilters.run.run_folder import CONSTANTS_PICTURE, COSTS_PICTURE, SETTLING_ANIMATIONS, SURFACE_PICTURES
 from tests.cli.faults import refusal
 
-FRAMES, INTERVAL = 30, 0.5
+FRAMES, INTERVAL = 20, 0.5
 pytestmark = pytest.mark.usefixtures("few_figures")
 
 

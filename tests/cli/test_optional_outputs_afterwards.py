@@ -15,7 +15,7 @@ from spinfilters.run import comparison_run, optional_outputs
 from spinfilters.run.array_files import read_arrays, write_arrays
 from tests.cli.faults import Change, cut_off, refusal
 
-FRAMES = 30
+FRAMES = 20
 ESTIMATORS = ("mekf", "smoother")
 PREDICTION, CONVERGENCE = "mekf/prediction.npz", "smoother/convergence.npz"
 pytestmark = pytest.mark.usefixtures("few_figures")
@@ -28,6 +28,7 @@ def pictures(run: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in run.glob("*.png")}
 
 
+@pytest.mark.usefixtures("few_surfaces")
 def test_additions_are_drawn_again_to_the_same_pictures(unmapped: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"
     shutil.copytree(unmapped, run)
@@ -95,7 +96,7 @@ FAULTS = {
 }
 
 
-@pytest.mark.usefixtures("unrendered")
+@pytest.mark.usefixtures("unrendered", "few_surfaces")
 @pytest.mark.parametrize(("change", "says"), FAULTS.values(), ids=FAULTS.keys())
 def test_additions_that_cannot_be_drawn_again_are_refused_in_one_line(
     change: Change,
@@ -119,6 +120,7 @@ def test_additions_that_cannot_be_drawn_again_are_refused_in_one_line(
     assert pictures(run)[own] == pictures(unmapped)[own]
 
 
+@pytest.mark.usefixtures("few_surfaces")
 @pytest.mark.parametrize("name", [PREDICTION, CONVERGENCE])
 def test_an_addition_that_cannot_be_drawn_keeps_no_other_figure_from_being_drawn(
     name: str,
@@ -177,6 +179,7 @@ def test_a_finished_run_is_predicted_from_its_files_as_if_at_once(
     assert not (run / "convergence.png").exists()
 
 
+@pytest.mark.usefixtures("few_surfaces")
 def test_convergence_is_added_to_a_finished_run_as_if_at_once(
     resumed: Resumed, unmapped: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -189,7 +192,7 @@ def test_convergence_is_added_to_a_finished_run_as_if_at_once(
     assert "nothing is left to do" in capsys.readouterr().out
 
 
-@pytest.mark.usefixtures("unrendered")
+@pytest.mark.usefixtures("unrendered", "few_surfaces")
 def test_a_damaged_convergence_is_made_again(resumed: Resumed, unmapped: Path) -> None:
     run = resumed("--convergence")
     (run / CONVERGENCE).write_bytes(b"no archive")

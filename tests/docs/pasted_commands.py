@@ -34,6 +34,8 @@ REWRITINGS = (
     Rewriting("dask", None, "starts a cluster"),
     Rewriting("spinfilters campaign study.toml -o runs/study --scheduler", None, "needs a cluster"),
     Rewriting("spinfilters study lags", "--seeds 1", "one recording of each motion"),
+    Rewriting("spinfilters study motions", "--seeds 1", "one recording of each cell"),
+    Rewriting("spinfilters study cases", "--seeds 1", "one recording of each cell"),
     Rewriting("spinfilters simulate --kind stereo-images", "--frames 2", "115 pairs of images take minutes"),
     Rewriting(
         "spinfilters simulate --kind lidar-points", "--frames 25 --interval 0.5", "a shorter recording"

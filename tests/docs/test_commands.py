@@ -189,6 +189,7 @@ def _small(command: str) -> str | None:
         ("--difference older-rig", "--difference rig"),
         ("runs/first", "runs/mine"),
         ("body.stl --scans", "body.stl --scale 0.001 --scans"),
+        ("study motions rates noise initial-error", "study noise initial-error"),
     ):
         body = body.replace(old, new) if old else body
     return f"{body} {'' if change is None else change.added}".strip() + tail

@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import casadi as ca
 import pytest
@@ -191,3 +192,24 @@ def test_importing_the_package_loads_nothing_heavy() -> None:
 def test_unknown_names_of_the_package_are_attribute_errors() -> None:
     with pytest.raises(AttributeError, match="has no attribute 'nothing'"):
         getattr(observability, "noth" + "ing")
+
+
+def test_equations_and_outputs_may_be_two_dictionaries() -> None:
+    spring = {"x": "v", "v": "-k*x/m"}
+    found = analyse(spring, {"y": "x"}, parameters=["k", "m"], name="spring")
+    whole = {"states": ["x", "v"], "parameters": ["k", "m"], "equations": spring, "outputs": {"y": "x"}}
+    assert found.document() == analyse(whole, name="spring").document()
+    assert analyse(spring, {"y": "x"}, parameters=["k", "m"], at={"x": 0, "v": 0}).rank == 2
+
+
+@pytest.mark.parametrize(
+    ("f", "roles", "complaint"),
+    [
+        ({"x": "v", "v": "-k*x"}, {}, "'k'"),
+        ({"x": "v", "v": "-k*x"}, {"parameter": ["k"]}, "'parameter' is no role of names"),
+        ({"equations": {"x": "1"}, "states": ["x"]}, {}, "give it alone"),
+    ],
+)
+def test_wrong_equations_by_state_are_told(f: dict[str, Any], roles: dict[str, Any], complaint: str) -> None:
+    with pytest.raises(InputError, match=complaint):
+        analyse(f, {"y": "x"}, **roles)

@@ -7,13 +7,15 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
 from rich.console import Console
 from rich.text import Text
 
 import spinfilters
 from spinfilters.cli.command import Command
+from spinfilters.core.errors import InputError
+from spinfilters.io.stated_values import Argument
 from spinfilters.run.provenance import PACKAGES, git_commit
 
 if TYPE_CHECKING:
@@ -29,12 +31,44 @@ COMPILER_CURE: Final[str] = "works without, but slower; for speed: sudo apt-get 
 
 @dataclass(frozen=True)
 class DoctorArguments:
-    """``doctor`` has none."""
+    """Arguments of ``doctor``."""
+
+    compilers: Annotated[
+        bool, Argument("also compare the C compilers of this machine: a minute for each of them")
+    ] = False
 
 
-def run_doctor(_: DoctorArguments) -> int:
+def run_doctor(options: DoctorArguments) -> int:
     """Examine this installation, print what was found."""
-    return doctor()
+    console = Console()
+    code = doctor(console)
+    if options.compilers:
+        print_compilers(console)
+    return code
+
+
+def print_compilers(console: Console) -> None:
+    """Processor times of one small comparison with each compiler's code, and whether the estimates agree."""
+    from spinfilters.cli.compiler_comparison import agree, compare_compilers
+
+    title = "\nA comparison of MEKF and smoother, 20 epochs of stereo tracks; processor time, s:"
+    console.print(title, soft_wrap=True)
+    found, usable = compare_compilers(), None
+    while True:
+        with console.status("compiling and running"):
+            each = next(found, None)
+        if each is None:
+            return
+        name = each.command or each.version
+        if each.failure:
+            _outcome(console, "FAILED", name, each.failure)
+            continue
+        usable = usable or each
+        same = "estimates agree" if agree(each, usable) else "estimates DIFFER from the first"
+        times = f"first {each.first:.1f}{', with compiling' if each.command else ''}; later {each.warm:.2f}; {same}"
+        _outcome(console, "ok" if agree(each, usable) else "FAILED", name, times)
+        if each.command:
+            _outcome(console, "", "", each.version)
 
 
 def doctor(console: Console | None = None, checks: "Iterable[InstallationCheck] | None" = None) -> int:
@@ -53,6 +87,11 @@ def doctor(console: Console | None = None, checks: "Iterable[InstallationCheck] 
     try:
         # only now: a library that cannot be loaded is a finding, not the end of the page
         from spinfilters.cli import installation_checks
+    except InputError as error:  # of an environment variable: nothing is wrong with the installation
+        cause, _, cure = str(error).partition("; ")
+        _outcome(console, "FAILED", "environment", cause)
+        _outcome(console, "cure", "", cure)
+        return 1
     except Exception as error:
         _outcome(console, "FAILED", "imports", _reason(error))
         _outcome(console, "cure", "", "install again: make clean, then make compare")
