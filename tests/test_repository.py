@@ -2,6 +2,8 @@
 
 import ast
 import re
+import subprocess
+import sys
 import tomllib
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -48,6 +50,24 @@ def unsafe(text: str) -> Iterator[str]:
 
 def test_the_version_of_the_package_is_that_of_the_build_file() -> None:
     assert spinfilters.__version__ == pyproject()["project"]["version"]
+
+
+def test_the_source_distribution_has_every_file_of_the_tree(tmp_path: Path) -> None:
+    """Its tests run from it alone. Files that are built, or made by running, are no part of it."""
+    command = [sys.executable, "-c", "import setuptools; setuptools.setup()", "-q", "egg_info"]
+    subprocess.run([*command, "--egg-base", str(tmp_path)], cwd=ROOT, check=True, capture_output=True)
+    listed = (tmp_path / "spinfilters.egg-info" / "SOURCES.txt").read_text().splitlines()
+    folders = ("spinfilters", "observability", "experiments", "tests", "docs", ".ci", ".github")
+    found = [path for name in folders for path in (ROOT / name).rglob("*") if path.is_file()]
+    wanted = {str(path.relative_to(ROOT)) for path in found if path.suffix not in {".pyc", ".so"}}
+    wanted |= {path.name for path in ROOT.glob("*.md")} | {
+        "Makefile",
+        "LICENSE",
+        ".mkdocs.yml",
+        "MANIFEST.in",
+    }
+    assert wanted <= set(listed)
+    assert not [name for name in listed if name.endswith((".pyc", ".so"))]
 
 
 def test_every_package_module_and_folder_stands_in_a_layer() -> None:

@@ -1,1 +1,1 @@
-"""The Python interface: what `import spinfilters` offers."""
+"""The Python interface: what `import spinfilters` offers, and a run as one file for another tool."""

@@ -140,6 +140,12 @@ class CampaignArguments:
         ),
     ] = None
     resume: Annotated[bool, Argument("continue with the rows in OUT; none is repeated")] = False
+    batch: Annotated[
+        bool,
+        Argument(
+            "make many runs at once, for filters of poses or attitudes with drawn beliefs; rows are then without verdicts"
+        ),
+    ] = False
 
 
 @dataclass(frozen=True, kw_only=True)

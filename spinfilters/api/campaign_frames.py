@@ -33,6 +33,7 @@ def campaign(
     workers: int | None = None,
     scheduler: str | None = None,
     resume: bool = False,
+    batch: bool = False,
     progress: "Progress | None" = None,
 ) -> Any:
     """Run every cell of a study with every seed, as ``spinfilters campaign`` does.
@@ -50,6 +51,8 @@ def campaign(
         Address of a Dask scheduler whose workers make the runs instead.
     resume : bool
         Whether to go on with the rows that ``output`` has; none is made again.
+    batch : bool
+        Whether to make many runs at once, for filters of poses or attitudes with drawn beliefs; rows are then without verdicts.
     progress : Callable[[Advance], None] or None
         Called after every row.
 
@@ -70,9 +73,11 @@ def campaign(
         if resume:
             raise InputError("resume needs the folder of the rows; give output")
         with tempfile.TemporaryDirectory(prefix="spinfilters-") as place:
-            return campaign(study, place, workers=workers, scheduler=scheduler, progress=progress)
+            return campaign(
+                study, place, workers=workers, scheduler=scheduler, batch=batch, progress=progress
+            )
     folder = Path(output)
-    how = CampaignArguments(workers=workers, scheduler=scheduler, resume=resume)
+    how = CampaignArguments(workers=workers, scheduler=scheduler, resume=resume, batch=batch)
     campaign_rows(study, folder, how, progress)
     from spinfilters.campaigns.rows_folder import read_rows
 
@@ -86,12 +91,16 @@ def campaign_rows(
     """Make the rows of a study that a folder lacks. Parameters and errors: `campaign`."""
     if how.workers is not None and how.scheduler is not None:
         raise InputError("workers are processes of this machine, a scheduler has its own; give one of both")
+    if how.batch and how.scheduler is not None:
+        raise InputError("batches are made on this machine; give a scheduler or batch, not both")
     for package in ("pyarrow", "distributed"):
         require_installed(package)
+    from spinfilters.campaigns.batch import Batches
     from spinfilters.campaigns.dask_cluster import DaskCluster, usable_processors
     from spinfilters.campaigns.engine import run_campaign
 
-    executor = DaskCluster(how.scheduler, how.workers or usable_processors())
+    workers = how.workers or usable_processors()
+    executor = Batches(workers) if how.batch else DaskCluster(how.scheduler, workers)
     return run_campaign(_study(study), folder, executor, how.resume, progress or (lambda _: None))
 
 

@@ -7,7 +7,7 @@ import pyarrow as pa
 
 from spinfilters.evaluation.epoch_spans import EpochSpan, own_span, shared_span
 from spinfilters.evaluation.estimator_evaluation import Evaluation
-from spinfilters.evaluation.metrics import metrics
+from spinfilters.evaluation.metrics import Metric, metrics
 from spinfilters.filters.noise_levels import DISTURBANCES, VarianceComponent
 from spinfilters.io.sensor_format import noise_options
 from spinfilters.models.status import QUANTITIES
@@ -72,14 +72,20 @@ def span_of_rows(evaluation: Evaluation, shared: float | None) -> EpochSpan:
     return own_span(evaluation) if shared is None else shared_span(evaluation, shared)
 
 
-def result_columns(evaluation: Evaluation, shared: float | None = None) -> dict[str, Any]:
-    """Columns of a run that ended, over the epochs of `span_of_rows`; those of errors are None without a truth."""
+def result_columns(
+    evaluation: Evaluation, shared: float | None = None, chosen: Sequence[Metric] | None = None
+) -> dict[str, Any]:
+    """Columns of a run that ended, over the epochs of `span_of_rows`; those of errors are None without a truth.
+
+    ``chosen`` are `metrics`, where the caller has looked them up for many runs.
+    """
     status, own = evaluation.history.status, span_of_rows(evaluation, shared)
+    chosen = metrics() if chosen is None else chosen
     found: dict[str, Any] = {
         "verdict_reasons": "; ".join(status.reasons),
         "verdict_checks": " ".join(each.check for each in status.findings),
         **{f"holds_{name}": str(state) for name, state in status.holds.items()},
-        **{metric.column_name: metric.of(own) for metric in metrics() if metric.column_name},
+        **{metric.column_name: metric.of(own) for metric in chosen if metric.column_name},
     }
     if own.nees is not None:
         every = -(-len(own.nees.time) // MOST_EPOCHS)

@@ -77,7 +77,7 @@ class Runner:
         self._latest: dict[str, tuple[object, Any]] = {}
         self._bounds: dict[int, dict[str, Any]] = {}
         self._spent = dict.fromkeys(TIMES, 0.0)
-        self._versions = _versions()
+        self.versions = _versions()
 
     def row(self, index: int) -> Row:
         """Row of a run; an error of the run is recorded in it."""
@@ -93,7 +93,7 @@ class Runner:
             result = {"outcome": "raised", "reason": _short(f"{type(error).__name__}: {error}")}
         spent = {f"time_{name}_s": seconds for name, seconds in self._spent.items()}
         taken = {"time_total_s": time.perf_counter() - begin}
-        return asked(self.study, index) | result | self._versions | spent | taken | when_and_where()
+        return asked(self.study, index) | result | self.versions | spent | taken | when_and_where()
 
     def recording(self, run: CampaignRun) -> Dataset:
         """The data set of a run."""
@@ -128,13 +128,13 @@ class Runner:
         comparison = self.compared(run, bound == "run")
         (evaluation,) = comparison.evaluations
         with self._timed("evaluate"):
-            shared = self._shared_begin(run)
+            shared = self.shared_begin(run)
             found = result_columns(evaluation, shared) | self._levels(run, evaluation)
             found["model_errors"] = " ".join(comparison.models.names)
-        limits = self._motion_bound(run) if bound == "motion" else bound_columns(evaluation, shared)
+        limits = self.motion_bound(run) if bound == "motion" else bound_columns(evaluation, shared)
         return {"outcome": "done", "reason": ""} | found | limits
 
-    def _shared_begin(self, run: CampaignRun) -> float | None:
+    def shared_begin(self, run: CampaignRun) -> float | None:
         """Time of the first epoch behind the filters' initialisation, s; None where each estimator has its own epochs."""
         if self.study.options.epochs == "own":
             return None
@@ -147,7 +147,7 @@ class Runner:
         is_own = bool(self.study.cells[run.cell].own_recording)
         return noise_columns(identified, {} if is_own else self._factors(run).levels)
 
-    def _motion_bound(self, run: CampaignRun) -> dict[str, Any]:
+    def motion_bound(self, run: CampaignRun) -> dict[str, Any]:
         """The bound of the cell's first seed."""
         if run.cell not in self._bounds:
             spent = self._spent
@@ -155,7 +155,7 @@ class Runner:
             try:
                 first = self.study.run(run.cell)
                 (evaluation,) = self.compared(first, with_bound=True).evaluations
-                self._bounds[run.cell] = bound_columns(evaluation, self._shared_begin(first))
+                self._bounds[run.cell] = bound_columns(evaluation, self.shared_begin(first))
             except SpinfiltersError:
                 self._bounds[run.cell] = {}
             self._spent = spent

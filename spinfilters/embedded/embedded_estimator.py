@@ -142,7 +142,7 @@ class EmbeddedFilter(Estimator):
     Raises
     ------
     InputError
-        Without a C compiler; for a state that the C filter does not have (drag, a gyro's bias).
+        Without a C compiler; for a state that the C filter does not have (drag, a gyro's scale).
     """
 
     def __init__(self, process: TorqueFreeProcess, options: EmbedOptions) -> None:

@@ -15,6 +15,8 @@ Real = Literal["float", "double"]
 Substeps = Literal[2, 4, 8, 16, 32, 64]
 """Of a prediction: even, for the noise is integrated by Simpson's or Boole's rule over them."""
 MAP_SIZE: Final = NumberRange(1, 65_535, whole=True)
+BIAS_STD: Final = NumberRange(1e-9, 1e3, "rad/s", zero=True)
+BIAS_PSD: Final = NumberRange(1e-20, 1e6, "(rad/s^2)^2/Hz", zero=True)
 
 
 @dataclass(frozen=True)
@@ -31,6 +33,17 @@ class EmbedOptions:
         Arithmetic, float or double.
     substeps : int
         Runge-Kutta steps of a prediction, always so many: 2 for up to 0.15 rad between epochs, 4 for 0.3 rad.
+    gyro_bias_std : float
+        Standard deviation of the gyro's bias in a start state that is an example, rad/s; 0 for a state without the bias.
+    gyro_bias_psd : float
+        Density of the white noise that the bias integrates, its random walk, (rad/s^2)^2/Hz; 0 for a constant bias.
+    acceleration : bool
+        Whether the state has a constant acceleration of the centre of mass, axes i.
+
+    Raises
+    ------
+    InputError
+        A value that is not allowed, or a block of the state that the sensor says nothing of.
     """
 
     sensor: Annotated[EmbeddedSensor, Argument("that it measures with")] = "stereo"
@@ -40,6 +53,22 @@ class EmbedOptions:
         Substeps,
         Argument("Runge-Kutta steps of a prediction: 2 for up to 0.16 rad between epochs"),
     ] = 2
+    gyro_bias_std: Annotated[
+        float,
+        BIAS_STD,
+        Argument("estimates the gyro's bias, with this prior std in rad/s; 0 leaves it out", metavar="STD"),
+    ] = 0.0
+    gyro_bias_psd: Annotated[
+        float,
+        BIAS_PSD,
+        Argument(
+            "density of the bias' random walk in (rad/s^2)^2/Hz: its std grows by sqrt(PSD t) in t s",
+            metavar="PSD",
+        ),
+    ] = 0.0
+    acceleration: Annotated[
+        bool, Argument("estimates a constant acceleration, as process.gravity of a run")
+    ] = False
 
     def __post_init__(self) -> None:
         for name, value, allowed in (
@@ -53,14 +82,35 @@ class EmbedOptions:
             raise InputError(
                 f"embed --landmarks is {self.landmarks}; give {MAP_SIZE.smallest} to {MAP_SIZE.largest}"
             )
+        BIAS_STD.require("embed --gyro-bias-std", self.gyro_bias_std)
+        BIAS_PSD.require("embed --gyro-bias-psd", self.gyro_bias_psd)
+        if self.gyro_bias_psd and not self.gyro_bias_std:
+            raise InputError("embed --gyro-bias-psd needs a bias in the state; give --gyro-bias-std too")
+        self._require_seen("--gyro-bias-std", "b", self.gyro_bias_std > 0)
+        self._require_seen("--acceleration", "f", self.acceleration)
+
+    def _require_seen(self, option: str, block: str, is_wanted: bool) -> None:
+        """InputError: a wanted block of the state that measurements of the sensor do not depend on."""
+        if not is_wanted:
+            return
+        from spinfilters.embedded.emitted_sensors import EMITTED_SENSORS
+
+        fit = [each.name for each in EMITTED_SENSORS.values() if block in each.further]
+        if self.sensor not in fit:
+            raise InputError(
+                f"embed {option} needs --sensor {' or '.join(fit)}, not {self.sensor}; leave it out"
+            )
 
     @property
     def layout(self) -> "StateLayout":
         """Blocks of the state."""
         from spinfilters.embedded.emitted_sensors import EMITTED_SENSORS
+        from spinfilters.models.state_blocks import ACCELERATION, GYRO_BIAS
         from spinfilters.models.state_layout import StateLayout
 
-        return StateLayout(EMITTED_SENSORS[self.sensor].blocks)
+        wanted = {GYRO_BIAS: self.gyro_bias_std > 0, ACCELERATION: self.acceleration}
+        further = [block for block, is_wanted in wanted.items() if is_wanted]
+        return StateLayout(EMITTED_SENSORS[self.sensor].blocks).joined(*further)
 
     @property
     def sensors(self) -> tuple[str, ...]:

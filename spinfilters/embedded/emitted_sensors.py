@@ -12,6 +12,7 @@ from spinfilters.models.camera_landmarks import StereoLandmark
 from spinfilters.models.measurement import LandmarkSensor, MeasurementModel
 from spinfilters.models.sensors.gyro import Gyro
 from spinfilters.models.sensors.pose import Pose, pose_parameters
+from spinfilters.models.state_blocks import ACCELERATION, GYRO_BIAS
 from spinfilters.models.state_layout import FULL_BLOCKS, ROTATION_BLOCKS, StateLayout
 
 POINT: Final = 3
@@ -28,6 +29,8 @@ class EmittedSensor:
         Over a layout.
     blocks : tuple[str, ...]
         Of the state of a filter that is generated for it.
+    further : tuple[str, ...]
+        Blocks that such a state may have beside them.
     also : tuple[str, ...]
         Sensors that such a filter takes too.
     landmark_model : Callable[[StateLayout], LandmarkSensor] or None
@@ -49,6 +52,7 @@ class EmittedSensor:
     name: str
     model: Callable[[StateLayout], MeasurementModel]
     blocks: tuple[str, ...]
+    further: tuple[str, ...] = ()
     also: tuple[str, ...] = ()
     landmark_model: Callable[[StateLayout], LandmarkSensor] | None = None
     macros: Callable[[MeasurementModel, int], Mapping[str, int]] = lambda model, landmarks: {}
@@ -117,6 +121,7 @@ EMITTED_SENSORS: Final = MappingProxyType(
                 "pose",
                 Pose,
                 FULL_BLOCKS,
+                further=(ACCELERATION.name,),
                 example=pose_parameters(_POSE_NOISE[None])[0],
                 example_std=_POSE_STD,
                 stated=_pose_noise,
@@ -126,6 +131,7 @@ EMITTED_SENSORS: Final = MappingProxyType(
                 "stereo",
                 StereoLandmark,
                 FULL_BLOCKS,
+                further=(ACCELERATION.name,),
                 also=("pose",),
                 landmark_model=StereoLandmark,
                 macros=_stereo_macros,
@@ -134,6 +140,7 @@ EMITTED_SENSORS: Final = MappingProxyType(
                 "gyro",
                 Gyro,
                 ROTATION_BLOCKS,
+                further=(GYRO_BIAS.name,),
                 macros=_gyro_macros,
                 example=np.array([0.01, 0.0]),
                 example_std=(0.01,) * 3,

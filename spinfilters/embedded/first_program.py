@@ -15,6 +15,7 @@ from spinfilters.embedded.embedded_options import EmbedOptions
 from spinfilters.embedded.emitted_sensors import EmittedSensor
 from spinfilters.embedded.model_functions import model_functions
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
+from spinfilters.models.state_blocks import ACCELERATION, GYRO_BIAS
 from spinfilters.models.state_layout import Gaussian, StateLayout
 
 PSD = (1e-6, 1e-6)
@@ -66,9 +67,13 @@ def start_from_belief(
     """
     missing = [name for name in layout.blocks if name not in belief.layout.blocks]
     if missing:
+        cures = {
+            GYRO_BIAS.name: "set initialisation.gyro_bias_std in the run",
+            ACCELERATION.name: "set process.gravity = true in the run",
+        }
+        cure = cures.get(missing[0], "choose --sensor gyro, or a run of poses or tracks")
         raise InputError(
-            f"{source}: its state has no {', '.join(missing)}, which this filter estimates; choose --sensor gyro, "
-            "or a run of poses or tracks"
+            f"{source}: its state has no {', '.join(missing)}, which this filter estimates; {cure}"
         )
     places = np.concatenate(
         [np.arange(belief.layout.error_dim)[belief.layout.slice(b)] for b in layout.blocks]

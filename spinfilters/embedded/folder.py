@@ -17,6 +17,7 @@ from spinfilters.io.output_files import write_text
 from spinfilters.models.camera_landmarks import camera_parameters
 from spinfilters.models.measurement import LandmarkSensor, MeasurementModel
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
+from spinfilters.models.state_blocks import ACCELERATION, GYRO_BIAS
 from spinfilters.models.state_layout import StateLayout
 
 
@@ -31,7 +32,7 @@ class OwnLandmark:
 
 
 class ReferenceFilter:
-    """State and covariance, and landmarks with independent errors.
+    """State and covariance, and landmarks with independent errors; a bias of the gyro may walk.
 
     An observation of a landmark tells the pose with the landmark's covariance in its noise. The landmark is then moved from that
     pose, whose covariance goes into its own.
@@ -46,9 +47,13 @@ class ReferenceFilter:
     """
 
     def __init__(
-        self, process: TorqueFreeProcess, mean: Float[np.ndarray, " m"], covariance: Float[np.ndarray, "n n"]
+        self,
+        process: TorqueFreeProcess,
+        mean: Float[np.ndarray, " m"],
+        covariance: Float[np.ndarray, "n n"],
+        gyro_bias_psd: float = 0.0,
     ) -> None:
-        self.process, self.layout = process, process.layout
+        self.process, self.layout, self.gyro_bias_psd = process, process.layout, gyro_bias_psd
         self.mean, self.covariance = mean.copy(), covariance.copy()
         self.landmarks: dict[int, OwnLandmark] = {}
 
@@ -56,6 +61,9 @@ class ReferenceFilter:
         """Predict dt seconds ahead."""
         self.mean, transition, noise = self.process.linearise(self.mean, dt)
         self.covariance = transition @ self.covariance @ transition.T + noise @ noise.T
+        if self.gyro_bias_psd:
+            bias = self.layout.slice(GYRO_BIAS.name)
+            self.covariance[bias, bias] += self.gyro_bias_psd * dt * np.eye(GYRO_BIAS.dimension)
 
     def update(
         self, model: MeasurementModel, value: Float[np.ndarray, " v"], parameters: Float[np.ndarray, " p"]
@@ -211,7 +219,9 @@ def readme_text(options: EmbedOptions, source: str) -> str:
         "source": source,
         "operations": "\n".join(operations),
         "substeps": str(options.substeps),
-        "options": f"sensor {options.sensor}, {options.real}, {options.substeps} substeps",
+        "options": f"sensor {options.sensor}, {options.real}, {options.substeps} substeps"
+        + further_options(options),
+        "blocks": further_blocks(options),
         "sizes": "\n".join(rows),
         "state": ", ".join(f"`{block.symbol}` ({block.mean_size})" for block in layout.members),
         "turn": f"{0.08 * options.substeps:.2f}",
@@ -222,11 +232,33 @@ def readme_text(options: EmbedOptions, source: str) -> str:
     return text
 
 
+def further_options(options: EmbedOptions) -> str:
+    """Blocks of the state that the options add, for the first sentence of the README; "" without any."""
+    text = ", gyro bias" if options.gyro_bias_std else ""
+    if options.gyro_bias_psd:
+        text += f" that walks by {options.gyro_bias_psd:.3g} (rad/s^2)^2/Hz"
+    return text + (", constant acceleration" if options.acceleration else "")
+
+
+def further_blocks(options: EmbedOptions) -> str:
+    """Sentences of the README on the blocks of the state that the options add; "" without any."""
+    text = ""
+    if options.gyro_bias_std:
+        walk = "its variance grows by `SF_GYRO_BIAS_PSD` (`spinfilter_config.h`) a second"
+        kind = walk if options.gyro_bias_psd else "it is constant"
+        text += f"\n`b` is the bias of the gyro, rad/s in axes g; {kind}."
+    if options.acceleration:
+        text += "\n`f` is the constant acceleration of the centre of mass, m/s^2 in axes i."
+    return text
+
+
 EPOCHS, INTERVAL = 6, 0.1
 OBSERVATIONS = 200
 RATE = (0.1, 1.05, 0.05)
+BIAS, PULL = (0.012, -0.008, 0.005), (0.001, -0.003, 0.002)
+"""Of the gyro in rad/s, and constant acceleration in m/s^2, of the example body where the state has them."""
 CALIBRATION = (500.0, 500.0, 320.0, 240.0, 0.1)
-STD = {"t": 0.004, "a": 0.01, "v": 0.004, "w": 0.02, "c": 0.02, "s": 0.2}
+STD = {"t": 0.004, "a": 0.01, "v": 0.004, "w": 0.02, "c": 0.02, "s": 0.2, "b": 0.01, "f": 0.002}
 SEED = 17
 
 
@@ -255,7 +287,7 @@ def make_vectors(options: EmbedOptions) -> TestVectors:
     std = np.concatenate([np.full(block.dimension, STD[block.name]) for block in layout.members])
     truth = _first(options)
     x = layout.retract(truth, std * rng.normal(size=layout.error_dim))
-    reference = ReferenceFilter(process, x, np.diag(std**2))
+    reference = ReferenceFilter(process, x, np.diag(std**2), options.gyro_bias_psd)
     arrays = {"x": x, "covariance": reference.covariance.copy(), "psd": np.array([1e-6, 1e-6])}
     sensor = (
         _Landmarks(options, arrays, rng) if options.has_map else _OneValue(options.emitted[0], layout, arrays)
@@ -335,7 +367,8 @@ class _Landmarks:
 
 def example_start(options: EmbedOptions) -> StartState:
     """A start state of the example body of the test vectors."""
-    std = np.concatenate([np.full(block.dimension, STD[block.name]) for block in options.layout.members])
+    stated = STD | {GYRO_BIAS.name: options.gyro_bias_std}
+    std = np.concatenate([np.full(block.dimension, stated[block.name]) for block in options.layout.members])
     return StartState(_first(options), np.diag(std**2), "an example body")
 
 
@@ -348,4 +381,8 @@ def _first(options: EmbedOptions) -> Float[np.ndarray, " m"]:
         x[layout.mean_slice("t")] = (0.01, -0.02, 0.6)
         x[layout.mean_slice("v")] = (0.002, 0.001, -0.001)
         x[layout.mean_slice("c")] = (0.02, -0.015, 0.01)
+    if layout.has(GYRO_BIAS):
+        x[layout.mean_slice(GYRO_BIAS.name)] = BIAS
+    if layout.has(ACCELERATION):
+        x[layout.mean_slice(ACCELERATION.name)] = PULL
     return x

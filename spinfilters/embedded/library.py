@@ -12,10 +12,11 @@ from scipy.special import chdtri
 from spinfilters.core.c_library import FLAGS, load_text
 from spinfilters.core.working_time import building
 from spinfilters.embedded.embedded_options import EmbedOptions
-from spinfilters.embedded.model_functions import model_functions, moving_dim, transition_pattern
+from spinfilters.embedded.model_functions import model_functions, moving_dim, seen_columns, transition_pattern
 from spinfilters.filters.landmark_map import CONFIRMED, WRONG_IN_A_ROW
 from spinfilters.filters.outlier_rejection import RobustOptions
 from spinfilters.models.rotation_integrator import boole_weights
+from spinfilters.models.state_blocks import GYRO_BIAS
 
 HEADERS = (
     "spinfilter.h",
@@ -31,7 +32,7 @@ INCLUDE = re.compile(r'^#include "(\w+\.h)".*$', re.MULTILINE)
 @building()
 def library_texts(options: EmbedOptions) -> dict[str, str]:
     """The C of a filter by file name."""
-    texts = {name: template(name) for name in (*HEADERS, *SOURCES)}
+    texts = {name: with_walk(template(name), options) for name in (*HEADERS, *SOURCES)}
     header, model = model_texts(options)
     return texts | {CONFIG: config_text(options), MODEL_HEADER: header, MODEL: model}
 
@@ -39,6 +40,15 @@ def library_texts(options: EmbedOptions) -> dict[str, str]:
 def template(name: str) -> str:
     """A file of the package ``c`` beside this module."""
     return files("spinfilters.embedded.c").joinpath(name).read_text()
+
+
+BIAS_WALK = "SF_GYRO_BIAS_PSD"
+WALK_PART = re.compile(rf"^#ifdef {BIAS_WALK}\n.*?^#endif\n\n?", re.MULTILINE | re.DOTALL)
+
+
+def with_walk(text: str, options: EmbedOptions) -> str:
+    """A file's text, without the parts of a bias that walks where it does not."""
+    return text if options.gyro_bias_psd else WALK_PART.sub("", text)
 
 
 @cache
@@ -173,7 +183,7 @@ def _config_numbers(options: EmbedOptions) -> dict[str, float | str]:
     layout, count = options.layout, options.substeps
     phi, g = transition_pattern(layout)
     models = {each: each.model(layout) for each in options.emitted}
-    seen = models[options.emitted[0]].columns
+    seen = seen_columns(models[options.emitted[0]])
     numbers: dict[str, float | str] = {
         "SF_NX": layout.mean_dim,
         "SF_N": layout.error_dim,
@@ -197,6 +207,8 @@ def _config_numbers(options: EmbedOptions) -> dict[str, float | str]:
     }
     for each, model in models.items():
         numbers |= each.macros(model, options.landmarks)
+    if options.gyro_bias_psd:
+        numbers |= {"SF_B": layout.slice(GYRO_BIAS.name).start, BIAS_WALK: repr(options.gyro_bias_psd)}
     return numbers
 
 

@@ -20,7 +20,7 @@ from spinfilters.embedded.embedded_options import EmbedOptions
 from spinfilters.embedded.emitted_sensors import POINT
 from spinfilters.models.measurement import LandmarkSensor, MeasurementModel, row_by_row
 from spinfilters.models.process import body_acceleration
-from spinfilters.models.state_blocks import MASS_DISTRIBUTION
+from spinfilters.models.state_blocks import ACCELERATION, MASS_DISTRIBUTION
 from spinfilters.models.state_layout import StateLayout
 
 EVEN_SERIES = (1 / 24, 1 / 1920, 1 / 322560)
@@ -238,7 +238,7 @@ def transition_expression(layout: StateLayout) -> tuple[list[ca.SX], list[ca.SX]
     factor[a, :6], factor[w, :6] = root[:3, :], root[3:, :]
     values = layout.unpack(x) | {"q": after[:4], "w": after[4:]}
     if layout.translates:
-        values["t"] = _translate(layout, _DiscreteStep(x, after[:4], dt, psd[0]), transition, factor)
+        values |= _translate(layout, _DiscreteStep(x, after[:4], dt, psd[0]), transition, factor)
     inputs = [x, after, *flat, noise, dt, psd]
     return inputs, [layout.pack(values), transition, factor]
 
@@ -290,7 +290,7 @@ def correction_function(layout: StateLayout) -> ca.Function:
 
 
 def measurement_function(model: MeasurementModel) -> ca.Function:
-    """Whitened innovation, Jacobian by the model's columns, and validity of a sensor without landmarks."""
+    """Whitened innovation, Jacobian by the `seen_columns`, and validity of a sensor without landmarks."""
     x, p, z = (
         ca.SX.sym("x", model.layout.mean_dim),
         ca.SX.sym("p", model.parameter_dim),
@@ -301,7 +301,8 @@ def measurement_function(model: MeasurementModel) -> ca.Function:
     moved = model.layout.unpack(model.layout.retract_expression(x, d))
     away = model.innovation(model.symbolic(moved, p), z)
     here = model.innovation(model.symbolic(state, p), z)
-    jacobian = ca.substitute(-ca.jacobian(away, d)[:, model.columns], d, ca.SX.zeros(*d.shape))
+    seen = list(seen_columns(model))
+    jacobian = ca.substitute(-ca.jacobian(away, d)[:, seen], d, ca.SX.zeros(*d.shape))
     root = ca.SX(model.noise_factor(state, p))
     outputs = {
         "rho": _solve_lower(root, here),
@@ -309,6 +310,11 @@ def measurement_function(model: MeasurementModel) -> ca.Function:
         "valid": model.valid(state, p),
     }
     return _function(model.name, {"x": x, "p": p, "z": z}, outputs)
+
+
+def seen_columns(model: MeasurementModel) -> range:
+    """Error components from the first to the last that a sensor depends on; those between have zeros in its Jacobian."""
+    return range(min(model.columns), max(model.columns) + 1)
 
 
 def landmark_functions(model: LandmarkSensor) -> list[ca.Function]:
@@ -355,10 +361,12 @@ class _DiscreteStep(NamedTuple):
     force_psd: ca.SX
 
 
-def _translate(layout: StateLayout, step: _DiscreteStep, transition: ca.SX, factor: ca.SX) -> Expression:
-    """Fill in the rows of t and v, give t after the step.
+def _translate(
+    layout: StateLayout, step: _DiscreteStep, transition: ca.SX, factor: ca.SX
+) -> dict[str, Expression]:
+    """Fill in the rows of t and v, give them after the step.
 
-    t + R c + dt v - R' c.
+    t + R c + dt v - R' c, and where the state has a constant acceleration f: dt^2 / 2 f more of t, v + dt f.
     """
     values, dt = layout.unpack(step.x), step.dt
     t, a, v, w, c, s = (layout.slice(name) for name in ("t", "a", "v", "w", "c", "s"))
@@ -371,7 +379,16 @@ def _translate(layout: StateLayout, step: _DiscreteStep, transition: ca.SX, fact
     factor[t, :6] = lever_after @ factor[a, :6]
     factor[t, 6:9] = root * dt / np.sqrt(3) * ca.SX.eye(3)
     factor[v, 6:9], factor[v, 9:12] = root * np.sqrt(3) / 2 * ca.SX.eye(3), root / 2 * ca.SX.eye(3)
-    return values["t"] + dt * values["v"] + (before - after) @ values["c"]
+    moved = {
+        "t": values["t"] + dt * values["v"] + (before - after) @ values["c"],
+        "v": values["v"],
+    }
+    if layout.has(ACCELERATION):
+        f = layout.slice(ACCELERATION.name)
+        transition[t, f], transition[v, f] = dt**2 / 2 * ca.SX.eye(3), dt * ca.SX.eye(3)
+        moved["t"] += dt**2 / 2 * values["f"]
+        moved["v"] += dt * values["f"]
+    return moved
 
 
 def _function(name: str, inputs: Mapping[str, ca.SX], outputs: Mapping[str, Expression]) -> ca.Function:

@@ -1,1 +1,1 @@
-"""Errors, NEES and NIS with their bands."""
+"""Errors, NEES and NIS with their bands, bounds, tests of a filter's noise, and the one table of metrics."""

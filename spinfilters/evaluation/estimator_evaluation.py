@@ -237,6 +237,8 @@ class Evaluation:
         Why there is none, in words.
     distances : Mapping[str, PosteriorDistance] or None
         From a sampled posterior, by quantity; None where no estimator of the run has sampled it.
+    last_error : (e,) float array or None
+        Error of the state after the last epoch, from the estimate to the truth, where it was computed with many others'.
     """
 
     history: EstimateHistory
@@ -248,6 +250,7 @@ class Evaluation:
     bound: ErrorBound | None = None
     bound_missing: str | None = None
     distances: Mapping[str, PosteriorDistance] | None = None
+    last_error: Float[np.ndarray, " e"] | None = None
 
     @property
     def name(self) -> str:

@@ -17,10 +17,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from jaxtyping import Float
 
 from spinfilters.filters.compiled_steps import MOST_NOISE, Update, compiled_update
-from spinfilters.filters.epoch_run import RunOptions, SensorLevel, compiled_loops, take_in
-from spinfilters.filters.estimator import EpochRun, Estimator, Measurement, ProcessModel
+from spinfilters.filters.epoch_run import (
+    RunOptions,
+    SensorLevel,
+    compiled_loops,
+    take_in,
+    take_in_runs,
+)
+from spinfilters.filters.estimator import EpochRun, Estimator, Measurement, ProcessModel, RunsTaken
 from spinfilters.filters.filter import LinearisedProcess, MultiplicativeFilter
 from spinfilters.filters.iterated_update import (
     IteratedObservations,
@@ -77,7 +84,7 @@ class MultiplicativeEkf(FirstOrderFilter):
     def __init_subclass__(cls) -> None:
         """Let a filter that changes a step take every epoch by itself, unless it says how it takes several."""
         if "take_in" not in vars(cls):
-            cls.take_in = Estimator.take_in
+            cls.take_in, cls.take_in_runs = Estimator.take_in, Estimator.take_in_runs
 
     def __init__(
         self,
@@ -155,18 +162,12 @@ class MultiplicativeEkf(FirstOrderFilter):
         count = min(len(epochs.dt), self._adaptation.constant_predictions(names))
         if self._held is not None or not count:
             return 0
-        noise, guards = self._adaptation, [self._outliers.of(name) for name in names]
-        levels = tuple(
-            SensorLevel(noise.measurement_scale(model.name), guard.limit(model.dim))
-            for model, guard in zip(models, guards, strict=True)
-        )
-        scales = noise.scaled(np.ones((1, MOST_NOISE)))[0]
+        guards = [self._outliers.of(name) for name in names]
         parts = tuple(
             replace(part, first=part.first[:count], end=part.end[:count]) for part in epochs.sensors
         )
         run = EpochRun(epochs.dt[:count], parts)
-        options = RunOptions(scales, levels, self._iteration)
-        done = take_in(self.process, self.mean, self.factor, run, options, rows)
+        done = take_in(self.process, self.mean, self.factor, run, self._run_options(models), rows)
         if done:
             self.mean, self.factor = rows["mean"][done - 1].copy(), rows["factor"][done - 1].copy()
             self._adaptation.count_predictions(done)
@@ -180,6 +181,36 @@ class MultiplicativeEkf(FirstOrderFilter):
                 keys = part.every.parameters[values, : part.every.model.known_by]
                 guard.remember(keys, part.every.values[values], time_passed=last < done - 1)
         return done
+
+    def take_in_runs(
+        self, epochs: EpochRun, mean: Float[np.ndarray, "r m"], factor: Float[np.ndarray, "r n n"]
+    ) -> RunsTaken | None:
+        """Take many runs of the same epochs in by one call of compiled code.
+
+        Parameters
+        ----------
+        epochs, mean, factor
+            See `Estimator.take_in_runs`.
+
+        Returns
+        -------
+        RunsTaken or None
+            None without compiled code, with a robust loss, while noise levels adapt, or without any sensor.
+        """
+        models = [part.every.model for part in epochs.sensors]
+        constant = self._adaptation.constant_predictions([model.name for model in models])
+        if self._held is not None or constant < len(epochs.dt) or not models:
+            return None
+        return take_in_runs(self.process, mean, factor, epochs, self._run_options(models))
+
+    def _run_options(self, models: Sequence[MeasurementModel]) -> RunOptions:
+        """What is the same in all epochs to come, until noise levels adapt or a gate refuses too much."""
+        noise = self._adaptation
+        levels = tuple(
+            SensorLevel(noise.measurement_scale(model.name), self._outliers.of(model.name).limit(model.dim))
+            for model in models
+        )
+        return RunOptions(noise.scaled(np.ones((1, MOST_NOISE)))[0], levels, self._iteration)
 
     def correct_by_landmarks(
         self, observations: MapObservations, outliers: SensorOutlierRejection

@@ -164,3 +164,26 @@ integer take_in(const Filter* f, integer sensors, const Sensor* sensor, integer 
   free(all);
   return done;
 }
+
+/* `take_in` for each of many runs of the same epochs: run r begins at mean[r] and factor[r], and has each sensor's values and
+ * parameters `values_per_run` rows behind those of the run before. Leaves `epochs` rows and one of `done` behind for each run. */
+void take_in_runs(const Filter* f, integer sensors, const Sensor* sensor, const integer* values_per_run, integer runs,
+                  integer epochs, const double* dt, const double* mean, const double* factor, integer most, integer width,
+                  const Rows* to, integer* done) {
+  const integer n = f->n, m = f->point;
+  Sensor* own = malloc(sensors * sizeof(Sensor));
+  for (integer r = 0; r < runs; ++r) done[r] = 0;
+  for (integer r = 0; own && r < runs; ++r) {
+    for (integer i = 0; i < sensors; ++i) {
+      const integer before = r * values_per_run[i];
+      own[i] = sensor[i];
+      own[i].parameters += before * own[i].model->width;
+      own[i].values += before * own[i].model->components;
+    }
+    const integer row = r * epochs;
+    const Rows rows = {to->mean + row * m,   to->factor + row * n * n, to->nis + row,     to->likelihood + row,
+                       to->dof + row, to->accepted + row,       to->rejected + row};
+    done[r] = take_in(f, sensors, own, epochs, dt, mean + r * m, factor + r * n * n, most, width, &rows);
+  }
+  free(own);
+}

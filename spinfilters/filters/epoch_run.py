@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -25,15 +25,18 @@ from spinfilters.filters.compiled_steps import (
     compiled_propagation,
     compiled_update,
 )
-from spinfilters.filters.estimator import EpochRun, ProcessModel, SensorTimeline
+from spinfilters.filters.estimator import COUNTS, EpochRun, ProcessModel, RunsTaken, SensorTimeline
 from spinfilters.filters.iterated_update import SMALLEST_RANGE, IterationOptions
 from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.rotation_integrator import LinearisedLoops
 from spinfilters.models.state_blocks import ATTITUDE
 from spinfilters.models.state_layout import StateLayout
 
-_SIGNATURES: Final = {"take_in": Signature("pip" + "ip" + "pp" + "iip", ctypes.c_longlong)}
-_ROWS: Final = ("mean", "factor", "nis", "log_likelihood", "dof", "accepted", "rejected")
+_SIGNATURES: Final = {
+    "take_in": Signature("pip" + "ip" + "pp" + "iip", ctypes.c_longlong),
+    "take_in_runs": Signature("pipp" + "iip" + "pp" + "iipp", None),
+}
+_ROWS: Final = ("mean", "factor", "nis", "log_likelihood", *COUNTS)
 
 
 class _Sensor(ctypes.Structure):
@@ -117,33 +120,84 @@ def take_in(
     int
         How many epochs were taken in.
     """
-    found = compiled_loops(process, [part.every.model for part in epochs.sensors])
-    if found is None or min(level.limit for level in options.levels) < 0:
+    call = _Call.of(process, epochs, options)
+    if call is None:
         return 0
-    library, loops, propagation, updates = found
-    layout = process.layout
-    given = [_Given.of(part) for part in epochs.sensors]
-    sensors = [
-        _sensor(update, each, level)
-        for update, each, level in zip(updates, given, options.levels, strict=True)
-    ]
-    scales = np.ascontiguousarray(options.noise_scales)
-    chosen = _filter(layout, loops, scales, options.iteration, propagation.address)
     dt, x, S = (np.ascontiguousarray(array, dtype=float) for array in (epochs.dt, mean, factor))
-    most = max(int((part.end - part.first).max(initial=0)) for part in epochs.sensors)
-    width = max(part.every.model.dim * (len(part.every.model.columns) + 1) + 2 for part in epochs.sensors)
-    given_sensors = (_Sensor * len(sensors))(*sensors)
     places = (ctypes.c_void_p * len(_ROWS))(*(address(rows[name]) for name in _ROWS))
-    return library.take_in(
-        ctypes.addressof(chosen),
-        len(sensors),
-        ctypes.addressof(given_sensors),
-        len(dt),
-        *map(address, (dt, x, S)),
-        most,
-        width,
-        ctypes.addressof(places),
+    return call.library.take_in(
+        *(ctypes.addressof(call.filter), len(call.sensors), ctypes.addressof(call.sensors)),
+        *(len(dt), *map(address, (dt, x, S)), call.most, call.width, ctypes.addressof(places)),
     )
+
+
+def take_in_runs(
+    process: ProcessModel,
+    mean: Float[np.ndarray, "r m"],
+    factor: Float[np.ndarray, "r n n"],
+    epochs: EpochRun,
+    options: RunOptions,
+) -> RunsTaken | None:
+    """Take a first-order filter through many runs of the same epochs, each to the numbers of `take_in`.
+
+    Parameters
+    ----------
+    mean, factor : ndarray
+        The beliefs before, one of each run.
+    epochs : EpochRun
+        Of the first run; its sensors hold the values of all runs, one run behind the other.
+
+    Returns
+    -------
+    RunsTaken or None
+        None where something compiled is missing, or a sensor has no plain gate.
+    """
+    call = _Call.of(process, epochs, options)
+    if call is None:
+        return None
+    runs, count = len(mean), len(epochs.dt)
+    dt, x, S = (np.ascontiguousarray(array, dtype=float) for array in (epochs.dt, mean, factor))
+    room = {name: np.empty((runs, count), dtype=int if name in COUNTS else float) for name in _ROWS[2:]}
+    room |= {"mean": np.empty((runs, count, *x.shape[1:])), "factor": np.empty((runs, count, *S.shape[1:]))}
+    done = np.zeros(runs, dtype=np.int64)
+    per_run = np.array([len(part.every.values) // runs for part in epochs.sensors], dtype=np.int64)
+    places = (ctypes.c_void_p * len(_ROWS))(*(address(room[name]) for name in _ROWS))
+    call.library.take_in_runs(
+        *(ctypes.addressof(call.filter), len(call.sensors), ctypes.addressof(call.sensors), address(per_run)),
+        *(runs, count, *map(address, (dt, x, S))),
+        *(call.most, call.width, ctypes.addressof(places), address(done)),
+    )
+    return RunsTaken(room, done)
+
+
+class _Call(NamedTuple):
+    """Arguments of the functions in C that all epochs share, and what keeps their arrays alive."""
+
+    library: ctypes.PyDLL
+    filter: _Filter
+    sensors: "ctypes.Array[_Sensor]"
+    most: int
+    width: int
+    kept: tuple[Any, ...]
+
+    @classmethod
+    def of(cls, process: ProcessModel, epochs: EpochRun, options: RunOptions) -> "_Call | None":
+        """The arguments; None where something compiled is missing, or a sensor has no plain gate."""
+        found = compiled_loops(process, [part.every.model for part in epochs.sensors])
+        if found is None or min(level.limit for level in options.levels) < 0:
+            return None
+        library, loops, propagation, updates = found
+        given = [_Given.of(part) for part in epochs.sensors]
+        sensors = [
+            _sensor(update, each, level)
+            for update, each, level in zip(updates, given, options.levels, strict=True)
+        ]
+        scales = np.ascontiguousarray(options.noise_scales)
+        chosen = _filter(process.layout, loops, scales, options.iteration, propagation.address)
+        most = max(int((part.end - part.first).max(initial=0)) for part in epochs.sensors)
+        widths = [part.every.model.dim * (len(part.every.model.columns) + 1) + 2 for part in epochs.sensors]
+        kept = (given, loops, updates, scales)
+        return cls(library, chosen, (_Sensor * len(sensors))(*sensors), most, max(widths), kept)
 
 
 def compiled_loops(process: ProcessModel, models: Sequence[MeasurementModel]) -> CompiledLoops | None:

@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Final, Protocol
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -81,6 +81,25 @@ class EpochRun:
     sensors: tuple[SensorTimeline, ...]
 
 
+@dataclass(frozen=True, eq=False)
+class RunsTaken:
+    """What the epochs of many runs left behind.
+
+    Attributes
+    ----------
+    rows : dict[str, ndarray]
+        mean (r, k, m), factor (r, k, n, n), and nis, log_likelihood, dof, accepted and rejected (r, k), as of
+        `Estimator.take_in`.
+    done : ndarray of int, shape (r,)
+        How many epochs of each run were taken in; rows behind them hold nothing.
+    """
+
+    rows: dict[str, np.ndarray]
+    done: Int[np.ndarray, " r"]
+
+
+COUNTS: Final = ("dof", "accepted", "rejected")
+"""Arrays of a history that hold whole numbers."""
 NO_IDS = np.zeros(0, dtype=np.int64)
 
 
@@ -223,6 +242,27 @@ class Estimator(ABC):
             How many epochs were taken in; the next one needs `predict` and `update`.
         """
         return 0
+
+    def take_in_runs(
+        self, epochs: EpochRun, mean: Float[np.ndarray, "r m"], factor: Float[np.ndarray, "r n n"]
+    ) -> RunsTaken | None:
+        """Take many runs of the same epochs in, each from a belief of its own, to the numbers of a run by itself.
+
+        The estimator itself stays as it was started.
+
+        Parameters
+        ----------
+        epochs : EpochRun
+            Of the first run; its sensors hold the values of all runs, one run behind the other.
+        mean, factor : ndarray
+            The beliefs before, one of each run.
+
+        Returns
+        -------
+        RunsTaken or None
+            None where runs can only be made one by one.
+        """
+        return None
 
     def build_take_in(self, models: Sequence[MeasurementModel]) -> None:  # noqa: B027 - most estimators have none
         """Build what `take_in` computes with for sensors of these models, before a clock runs; nothing by default."""

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from spinfilters.core.errors import ShapeError
-from spinfilters.filters.estimator import UpdateReport
+from spinfilters.filters.estimator import COUNTS, UpdateReport
 from spinfilters.filters.noise_levels import VarianceComponent
 from spinfilters.filters.square_root import lower_roots
 from spinfilters.models.body import MassSamples
@@ -15,8 +15,6 @@ from spinfilters.models.state_layout import Gaussian, StateLayout
 from spinfilters.models.state_mixture import StateMixture
 from spinfilters.models.status import EstimatorStatus, Verdict
 
-COUNTS = ("dof", "accepted", "rejected")
-"""Arrays of a history that hold whole numbers."""
 FEWEST_EPOCHS = 64
 """Epochs for which a history first makes room when their number is unknown."""
 

@@ -277,19 +277,19 @@ def _taken_together(estimator: Estimator, timeline: Timeline, chosen: slice, row
     dt = np.diff(time, prepend=rows.time)
     if not dt[0] > 0:
         return 0
-    done = estimator.take_in(EpochRun(dt, _sensors_of(part)), rows.room(len(dt)))
+    done = estimator.take_in(EpochRun(dt, sensors_of(part)), rows.room(len(dt)))
     if done:
         rows.extend(time[:done], (working_seconds() - begin) / done)
     return done
 
 
 @singledispatch
-def _sensors_of(epochs: Timeline) -> tuple[SensorTimeline, ...]:
+def sensors_of(epochs: Timeline) -> tuple[SensorTimeline, ...]:
     """Sensors of epochs, none where they were not kept by sensor."""
     return ()
 
 
-@_sensors_of.register
+@sensors_of.register
 def _(epochs: LogTimeline) -> tuple[SensorTimeline, ...]:
     """As they are kept."""
     return epochs.sensors
@@ -321,7 +321,7 @@ def rehearse(estimator: Estimator, time: float, timeline: Timeline) -> None:
         for epoch in timeline[:REHEARSED]:
             finite(estimator.belief, advance(estimator, epoch, epoch.time - time))
             time = epoch.time
-        estimator.build_take_in([part.every.model for part in _sensors_of(timeline)])
+        estimator.build_take_in([part.every.model for part in sensors_of(timeline)])
     except np.linalg.LinAlgError:  # which its run will meet, and report
         return
 

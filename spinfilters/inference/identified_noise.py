@@ -1,4 +1,4 @@
-"""Noise that is not stated, identified from the recording: on the epochs of the initialisation, or a gyro's from its own values."""
+"""Noise that is not stated: the levels that `identification` has to find, and a gyro's error, found from its whole recording."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace

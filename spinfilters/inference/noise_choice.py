@@ -1,4 +1,4 @@
-"""Which noise a run uses: stated by settings or data set, unspecified and identified, or adapted by its filters."""
+"""Which noise a run uses: stated by settings or data set, else identified, or adapted by its filters."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""The smoother on a prepared data set, with unspecified noise identified on its own epochs."""
+"""The smoother on a prepared data set, with noise that is not stated identified on its own epochs."""
 
 from contextlib import suppress
 from dataclasses import replace

@@ -280,9 +280,30 @@ class TorqueFreeProcess:
         ndarray of float, shape (n + 1, m)
             Points at the begin and at the end of every interval.
         """
-        h = dt / normal.shape[1]
+        return self.disturbed_paths(x[np.newaxis], dt, normal[np.newaxis])[0]
+
+    def disturbed_paths(
+        self, x: Float[np.ndarray, "r m"], dt: float, normal: Float[np.ndarray, "r n k 2 b"]
+    ) -> Float[np.ndarray, "r n_plus_1 m"]:
+        """Many disturbed motions, each to the numbers of `disturbed_path`.
+
+        Parameters
+        ----------
+        x : ndarray of float, shape (r, m)
+            Point of each at the begin.
+        dt : float
+            Duration of an interval, s; positive.
+        normal : Float[np.ndarray, 'r n k 2 b']
+            As of `disturbed_path`, for every motion.
+
+        Returns
+        -------
+        ndarray of float, shape (r, n + 1, m)
+            Points of each at the begin and at the end of every interval.
+        """
+        h = dt / normal.shape[2]
         scale = np.sqrt(self._disturbed_densities * (h / 2))
-        return self._disturbed.path(x, h, scale * normal)
+        return self._disturbed.paths(x, h, scale * normal)
 
     @property
     def disturbed_dim(self) -> int:
@@ -443,31 +464,44 @@ class DisturbedSteps:
                 return after
             count *= 2
 
-    def path(
-        self, x: Float[np.ndarray, " m"], h: float, impulses: Float[np.ndarray, "n k 2 b"]
-    ) -> Float[np.ndarray, "n_plus_1 m"]:
-        """The point x and those after every k steps of h > 0 seconds; see `run`."""
-        intervals, each = impulses.shape[:2]
+    def paths(
+        self, x: Float[np.ndarray, "r m"], h: float, impulses: Float[np.ndarray, "r n k 2 b"]
+    ) -> Float[np.ndarray, "r n_plus_1 m"]:
+        """Of each motion the point x and those after every k steps of h > 0 seconds; see `run`."""
+        runs, intervals, each = impulses.shape[:3]
         filled = -(-intervals // INTERVALS_PER_CALL) * INTERVALS_PER_CALL
-        flat = np.zeros((filled, each, impulses.shape[2] * impulses.shape[3]))
-        flat[:intervals] = impulses.reshape(intervals, each, -1)
-        points, q = [x[np.newaxis]], self._layout.mean_slice(ATTITUDE.name)
+        flat = np.zeros((runs, filled, each, impulses.shape[3] * impulses.shape[4]))
+        flat[:, :intervals] = impulses.reshape(runs, intervals, each, -1)
+        points, q = [x[:, np.newaxis]], self._layout.mean_slice(ATTITUDE.name)
         for begin in range(0, filled, INTERVALS_PER_CALL):
-            part = self._path_part(points[-1][-1], h, flat[begin : begin + INTERVALS_PER_CALL])
-            part[:, q] /= np.linalg.norm(part[:, q], axis=1, keepdims=True)
+            part = self._path_parts(points[-1][:, -1], h, flat[:, begin : begin + INTERVALS_PER_CALL])
+            part[..., q] /= np.linalg.norm(part[..., q], axis=-1, keepdims=True)
             points.append(part)
-        return np.concatenate(points)[: 1 + intervals]
+        return np.concatenate(points, axis=1)[:, : 1 + intervals]
 
-    def _path_part(
-        self, x: Float[np.ndarray, " m"], h: float, impulses: Float[np.ndarray, "n k b"]
-    ) -> Float[np.ndarray, "n m"]:
-        count, steps = self._integrator.first_count(x, h), impulses.shape[0] * impulses.shape[1]
-        columns = impulses.reshape(steps, -1).T
-        while True:
-            after, error = self._compiled_steps(count, steps, impulses.shape[1])(x, h, columns)
-            if self._integrator.good(error, count):
-                return after.T.copy()
-            count *= 2
+    def _path_parts(
+        self, x: Float[np.ndarray, "r m"], h: float, impulses: Float[np.ndarray, "r n k b"]
+    ) -> Float[np.ndarray, "r n m"]:
+        """A part of each path, with the substeps that it needs by itself."""
+        intervals, each = impulses.shape[1:3]
+        columns = np.swapaxes(impulses.reshape(len(x), intervals * each, -1), 1, 2)
+        made = np.empty((len(x), intervals, x.shape[1]))
+        counts = np.array([self._integrator.first_count(point, h) for point in x])
+        left = np.arange(len(x))
+        while left.size:
+            coarse = []
+            for count in np.unique(counts[left]).tolist():
+                rows = left[counts[left] == count]
+                after, error = self._compiled_steps(count, intervals * each, each)(x[rows], h, columns[rows])
+                made[rows] = np.swapaxes(after, 1, 2)
+                coarse += [
+                    row
+                    for row, worst in zip(rows, error, strict=True)
+                    if not self._integrator.good(worst, count)
+                ]
+            left = np.array(coarse, dtype=np.int64)
+            counts[left] *= 2
+        return made
 
     @building()
     def _build(self, count: int, steps: int, kept: int | None = None) -> Compiled:

@@ -36,6 +36,7 @@ from spinfilters.inference.smoother_run import (
 )
 from spinfilters.io.sensor_format import sensor_format
 from spinfilters.models.rotation_integrator import substeps, turns
+from spinfilters.models.state_blocks import ACCELERATION, GYRO_BIAS
 from spinfilters.settings.run_settings import Settings
 from spinfilters.smoother.recursive_smoother import RecursiveSmoother
 from spinfilters.smoother.window import FixedLag
@@ -340,7 +341,10 @@ class EmbeddedEntry(EstimatorEntry["EmbeddedFilter"]):
                 "of --estimators"
             )
         count = _substeps(setup, settings.process.tolerance)
-        options = EmbedOptions(sensor.name, LARGEST_MAP, self.real, count)  # pyright: ignore[reportArgumentType]  (checked there)
+        layout = setup.process.layout
+        bias_std = settings.initialisation.gyro_bias_std if layout.has(GYRO_BIAS) else 0.0
+        pulled = layout.has(ACCELERATION)
+        options = EmbedOptions(sensor.name, LARGEST_MAP, self.real, count, bias_std, acceleration=pulled)  # pyright: ignore[reportArgumentType]  (checked there)
         return EmbeddedFilter(setup.process, options)
 
     def begin(self, estimator: "EmbeddedFilter", setup: Setup) -> None:

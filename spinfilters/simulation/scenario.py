@@ -148,7 +148,9 @@ def measured(scenario: Scenario, motion: Motion, generator: np.random.Generator)
     told = None if path is None else told_trajectory(path, motion.time, dict(scenario.inspector_errors))
     surface = ball(scenario.landmarks, scenario.radius_m, generator)
     simulated = [
-        _simulated(scenario, kind, motion if not scenario.beside else motion.at(time), surface, generator)
+        simulated_stream(
+            scenario, kind, motion if not scenario.beside else motion.at(time), surface, generator
+        )
         for kind, time in scenario.times.items()
     ]
     rows = next((each.landmarks for each in simulated if each.landmarks is not None), None)
@@ -159,7 +161,7 @@ def measured(scenario: Scenario, motion: Motion, generator: np.random.Generator)
         log=MeasurementLog(tuple(each.stream for each in simulated)),
         description=f"simulated {scenario.kind}, {scenario.epochs} epochs at {scenario.interval} s{others}, seed {scenario.seed}"
         + _inspector_words(scenario),
-        truth=_truth(scenario, motion),
+        truth=truth_of(scenario, motion),
         rig=next((each.rig for each in simulated if each.rig is not None), None),
         known_map=known_map,
         inspector=None if told is None else MeasurementStream("pose", told.time, told.poses),
@@ -167,7 +169,7 @@ def measured(scenario: Scenario, motion: Motion, generator: np.random.Generator)
     )
 
 
-def _simulated(
+def simulated_stream(
     scenario: Scenario, kind: str, motion: Motion, surface: Surface, generator: np.random.Generator
 ) -> SimulatedStream:
     """Simulated measurements of one sensor at its own epochs."""
@@ -224,7 +226,8 @@ def _principal_axes(scenario: Scenario) -> Float[np.ndarray, "3 3"]:
     return matrix_from_quaternion(quaternion_from_euler321(np.array(scenario.axes_euler_g)))
 
 
-def _truth(scenario: Scenario, motion: Motion) -> Truth:
+def truth_of(scenario: Scenario, motion: Motion) -> Truth:
+    """Truth of a motion and of the scenario's body."""
     rotations, order = motion.rotations, np.argsort(scenario.principal_moments)
     axes = _principal_axes(scenario).T[order]
     axes[2] *= np.sign(np.linalg.det(axes))

@@ -1,4 +1,4 @@
-"""Compiled kernels of the elimination, or none without a compiler. NumPy does the same then."""
+"""Loops of the smoother in C, `landmarks.c` and `velocities.c`, or none without a compiler. NumPy does the same then."""
 
 import ctypes
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""One check of the verdict, the evidence that it is given, and the tests of an estimate by its own numbers."""
+"""One check of the verdict, the evidence that it is given, and the tests of an estimate by its own numbers, with their limits."""
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence

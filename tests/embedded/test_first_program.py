@@ -117,6 +117,8 @@ def test_a_filter_begins_from_the_last_state_of_a_run(tmp_path: Path) -> None:
         main(["embed", "-o", str(tmp_path / "same"), "--sensor", "gyro", "--from-run", str(run / "mekf")])
         == 0
     )
+    biased = ["--sensor", "gyro", "--gyro-bias-std", "0.01", "--from-run", str(run)]
+    assert main(["embed", "-o", str(tmp_path / "biased"), *biased]) == 2
     begun = [(tmp_path / name / "start_state.h").read_text() for name in ("filter", "same")]
     assert begun[0] == begun[1]
     assert "the last state of mekf in run" in begun[0]

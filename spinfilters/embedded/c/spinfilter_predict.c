@@ -145,6 +145,29 @@ static void transition(const sf_filter *f, const rotation *s, const sf_real *dj,
   sf_model_transition(f->x, s->point, s->aa, aw, ww, theta_a, theta_w, dj, noise, dt, f->psd, x, phi, g);
 }
 
+#ifdef SF_GYRO_BIAS_PSD
+/* The gyro's bias walks: P += variance e e' for each of its components e, as U D U' (Agee and Turner 1972). */
+static void add_walk(sf_filter *f, sf_real variance)
+{
+  for (int place = SF_B; place < SF_B + 3; ++place) {
+    sf_real a[SF_N], weight = variance; /* what is left to add to the columns before j: weight a a' */
+    sf_clear(a, SF_N);
+    a[place] = SF_R(1.0);
+    for (int j = place; j >= 0; --j) {
+      sf_real *column = SF_COLUMN(f->u, j);
+      const sf_real before = f->d[j], part = weight * a[j];
+      f->d[j] = before + part * a[j];
+      const sf_real share = part / f->d[j];
+      weight *= before / f->d[j];
+      for (int i = 0; i < j; ++i) {
+        a[i] -= a[j] * column[i];
+        column[i] += share * a[i];
+      }
+    }
+  }
+}
+#endif
+
 int sf_predict(sf_filter *filter, sf_real dt)
 {
   sf_filter f;
@@ -165,6 +188,9 @@ int sf_predict(sf_filter *filter, sf_real dt)
   for (int k = 0; k < 3; ++k) s.noise_ww[4 * k] += sf_weight[SF_SUBSTEPS] * h;
   transition(&f, &s, dj, dt, x, phi, g);
   sf_copy(f.x, x, SF_NX);
+#ifdef SF_GYRO_BIAS_PSD
+  add_walk(&f, SF_R(SF_GYRO_BIAS_PSD) * dt); /* before or after the motion, which does not depend on the bias */
+#endif
   if (!propagate(&f, phi, g) || !sf_is_finite(&f)) return SF_NOT_FINITE;
   const sf_real *w = f.x + SF_X_W;
   const sf_real turn = SF_SQRT(w[0] * w[0] + w[1] * w[1] + w[2] * w[2]) * dt;

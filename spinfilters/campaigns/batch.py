@@ -1,0 +1,269 @@
+"""Runs of one filter in batches: many seeds of a cell are simulated, filtered and evaluated as arrays.
+
+Beliefs and counts are those of runs made one by one, to the bit; errors and NEES to rounding. A batch gives no verdict: rows are
+``degraded`` at best, with the reason that no verdict was asked for.
+"""
+
+import json
+import time
+from collections.abc import Generator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from functools import cache, partial
+from multiprocessing import get_context
+from typing import Any, Final
+
+import numpy as np
+from jaxtyping import Float
+
+from spinfilters.campaigns.engine import Chunk
+from spinfilters.campaigns.recording_factors import FaultFactor
+from spinfilters.campaigns.row_columns import noise_columns, result_columns
+from spinfilters.campaigns.runner import Row, Runner, asked, run_seeds, when_and_where
+from spinfilters.campaigns.study import Cell, Study, study_from
+from spinfilters.core.errors import InputError
+from spinfilters.evaluation.consistency import normalised_errors, true_states
+from spinfilters.evaluation.estimated_motion import trajectory_of
+from spinfilters.evaluation.estimator_evaluation import Evaluation
+from spinfilters.evaluation.metrics import metrics
+from spinfilters.evaluation.trajectory_errors import body_errors, truth_errors
+from spinfilters.filters.estimator import EpochRun, Estimator, Measurement, RunsTaken, SensorTimeline
+from spinfilters.filters.history import EPOCH_ARRAYS, EstimateHistory
+from spinfilters.filters.timeline import MOST_TOGETHER, rehearse, sensors_of, times_of
+from spinfilters.inference.setup import Setup
+from spinfilters.io.truth import Truth
+from spinfilters.models.body import bodies_of
+from spinfilters.models.sensor_registry import sensor_of
+from spinfilters.models.status import EstimatorStatus
+from spinfilters.run.estimation import build_estimator
+from spinfilters.run.estimators import estimator_entries
+from spinfilters.simulation.simulated_runs import SimulatedRuns, require_simulated_together, simulate_runs
+
+RUNS_TOGETHER: Final = 64
+"""Runs of a batch: their histories of a hundred epochs take some 20 MB."""
+NO_VERDICT: Final = EstimatorStatus().degraded("runs of a batch have no verdict (leave --batch out for one)")
+WITHOUT: Final = "; leave --batch out"
+"""What a user does about a study that batches cannot make."""
+
+
+@dataclass(frozen=True)
+class Batches:
+    """Makes the runs of a study in batches, on this machine.
+
+    Attributes
+    ----------
+    processes : int
+        Processes that share the batches; each run's numbers are the same for any number.
+    """
+
+    processes: int = 1
+
+    def rows(self, study: Study, chunks: list[Chunk]) -> Generator[Row, None, None]:
+        """Rows of all runs, batch by batch.
+
+        Raises
+        ------
+        InputError
+            A study that batches cannot make: of data sets, of initialisations from data, with bounds of every run, or with
+            faults, landmarks or drawn factors.
+        """
+        _require_batches(study)
+        runs, parts = [run for chunk in chunks for run in chunk], []
+        for number in range(len(study.cells)):
+            own = [run for run in runs if study.run(run).cell == number]
+            parts += [own[begin : begin + RUNS_TOGETHER] for begin in range(0, len(own), RUNS_TOGETHER)]
+        if self.processes == 1 or len(parts) == 1:
+            runner = Runner(study)
+            for part in parts:
+                yield from _Batch(runner, part).rows()
+            return
+        make = partial(_rows_of_batch, json.dumps(dict(study.document)))
+        with ProcessPoolExecutor(self.processes, get_context("spawn")) as pool:
+            for rows in pool.map(make, parts):
+                yield from rows
+
+
+@cache
+def _runner(document: str) -> Runner:
+    """Runner of a study, kept by the process that makes its batches."""
+    return Runner(study_from(json.loads(document), "study"))
+
+
+def _rows_of_batch(document: str, runs: Sequence[int]) -> list[Row]:
+    return _Batch(_runner(document), runs).rows()
+
+
+def _require_batches(study: Study) -> None:
+    """InputError: a study that batches cannot make."""
+    options = study.options
+    if options.initialisation != "drawn":
+        raise InputError(f'a batch needs drawn beliefs; give initialisation = "drawn"{WITHOUT}')
+    if options.bound == "run":
+        raise InputError(f'a batch has no bound of every run; give bound = "motion" or "none"{WITHOUT}')
+    for cell in study.cells:
+        if cell.own_recording or cell.drawn or cell.recording.fault != FaultFactor():
+            raise InputError(f"a batch is of simulated recordings without drawn factors and faults{WITHOUT}")
+        if not (cell.recording.noise.stated and cell.recording.noise.calibrated):
+            raise InputError(f"a batch needs stated noise and an exact calibration{WITHOUT}")
+        if cell.recording.motion.epochs > MOST_TOGETHER:
+            raise InputError(f"a batch has runs of at most {MOST_TOGETHER} epochs{WITHOUT}")
+        require_simulated_together(cell.recording.scenario)
+
+
+class _Batch:
+    """Some runs of one cell."""
+
+    def __init__(self, runner: Runner, runs: Sequence[int]) -> None:
+        self._runner, self._runs = runner, runs
+        self._run = runner.study.run(runs[0])
+        self._cell: Cell = runner.study.cells[self._run.cell]
+        root, seeds = runner.study.options.root_seed, [runner.study.run(run).seed for run in runs]
+        self._seeds = [run_seeds(root, seed) for seed in seeds]
+
+    def rows(self) -> list[Row]:
+        """Rows of the runs; those that need more than compiled epochs are made one by one."""
+        spent, begin = {}, time.process_time()
+        setup = self._runner.setup(self._run)
+        estimator = self._estimator(setup)
+        spent["initialise"] = time.process_time() - begin
+        simulated = simulate_runs(
+            self._cell.recording.scenario,
+            [np.random.default_rng(each.motion) for each in self._seeds],
+            [np.random.default_rng(each.measurements) for each in self._seeds],
+        )
+        spent["simulate"] = time.process_time() - begin - sum(spent.values())
+        mean = self._beliefs(setup, simulated)
+        taken = estimator.take_in_runs(_epochs(setup, simulated), mean, _tiled(setup, mean))
+        if taken is None:
+            return [self._runner.row(run) for run in self._runs]
+        spent["estimate"] = time.process_time() - begin - sum(spent.values())
+        whole = np.flatnonzero(taken.done == len(setup.timeline) - 1)
+        evaluations = _evaluations(
+            self._cell.estimator, setup, simulated, mean, taken, whole, spent["estimate"]
+        )
+        results = dict(zip(whole.tolist(), self._results(evaluations, setup), strict=True))
+        spent["evaluate"] = time.process_time() - begin - sum(spent.values())
+        share = {f"time_{name}_s": seconds / len(self._runs) for name, seconds in spent.items()}
+        share["time_total_s"] = sum(share.values())
+        study, end = self._runner.study, self._runner.versions | share | when_and_where()
+        return [
+            asked(study, run) | results[k] | end if k in results else self._runner.row(run)
+            for k, run in enumerate(self._runs)
+        ]
+
+    def _estimator(self, setup: Setup) -> Estimator:
+        """The cell's filter, started, and with everything compiled that its epochs need."""
+        name, settings = self._cell.estimator, self._cell.settings
+        entry, estimator, twin = (
+            estimator_entries()[name],
+            *(build_estimator(name, setup, settings) for _ in range(2)),
+        )
+        entry.begin(twin, setup)
+        rehearse(twin, setup.end_of_initialisation, setup.timeline[1:])
+        entry.begin(estimator, setup)
+        return estimator
+
+    def _beliefs(self, setup: Setup, simulated: SimulatedRuns) -> Float[np.ndarray, "r m"]:
+        """Means of the first beliefs, as `drawn_start` draws them about each run's truth."""
+        layout = setup.process.layout
+        true = true_states(_rows_of(simulated.truth, slice(None, None, simulated.epochs)), layout)
+        drawn = [np.random.default_rng(each.belief).standard_normal(layout.error_dim) for each in self._seeds]
+        return layout.retract(true, np.stack([setup.initial.factor[0] @ each for each in drawn]))
+
+    def _results(self, evaluations: Sequence[Evaluation], setup: Setup) -> list[Row]:
+        """Columns of runs that ended."""
+        shared, limits, chosen = self._runner.shared_begin(self._run), {}, metrics()
+        if self._runner.study.options.bound == "motion":
+            limits = self._runner.motion_bound(self._run)
+        levels = noise_columns(setup.identified, self._cell.recording.levels)
+        known = {"outcome": "done", "reason": "", "model_errors": ""} | levels | limits
+        return [known | result_columns(each, shared, chosen) for each in evaluations]
+
+
+def _tiled(setup: Setup, mean: Float[np.ndarray, "r m"]) -> Float[np.ndarray, "r n n"]:
+    """The first covariance factor, the same of all runs."""
+    return np.tile(setup.belief.state.factor, (len(mean), 1, 1))
+
+
+def _epochs(setup: Setup, simulated: SimulatedRuns) -> EpochRun:
+    """Epochs behind the first belief, with the values of all runs."""
+    sensors = []
+    for part, stream in zip(sensors_of(setup.timeline), simulated.log.streams, strict=True):
+        bound = sensor_of(stream.sensor).bind(stream, setup.process.layout, setup.noise, None)
+        every = Measurement(part.every.model, bound.values, bound.parameters)
+        sensors.append(SensorTimeline(every, part.first[1:], part.end[1:]))
+    return EpochRun(np.diff(times_of(setup.timeline)), tuple(sensors))
+
+
+def _rows_of(truth: Truth, rows: slice) -> Truth:
+    """The truth at some of its stamps."""
+    return replace(
+        truth,
+        **{
+            name: getattr(truth, name)[rows]
+            for name in ("time", "center_of_mass", "q_ig", "velocity", "rate_i")
+        },
+    )
+
+
+def _evaluations(
+    name: str,
+    setup: Setup,
+    simulated: SimulatedRuns,
+    first: Float[np.ndarray, "r m"],
+    taken: RunsTaken,
+    whole: np.ndarray,
+    seconds: float,
+) -> list[Evaluation]:
+    """Evaluations of the runs that were taken in whole, from one history of all of them, one behind the other."""
+    if not whole.size:
+        return []
+    layout, times, count = setup.process.layout, times_of(setup.timeline), len(setup.timeline)
+    observations = setup.observations
+    before = {"mean": first[whole, np.newaxis], "factor": _tiled(setup, first[whole])[:, np.newaxis]}
+    arrays = {name: _behind(before.get(name), values[whole]) for name, values in taken.rows.items()}
+    each = np.r_[0.0, np.full(count - 1, seconds / (len(first) * (count - 1)))]
+    arrays |= {"runtime": np.tile(each, (len(whole), 1))}
+    arrays |= {"time": times + simulated.period * whole[:, np.newaxis]}
+    every = _history(name, setup, {key: array.reshape(-1, *array.shape[2:]) for key, array in arrays.items()})
+    truth = simulated.truth
+    errors, nees = truth_errors(trajectory_of(every), truth), normalised_errors(every, truth)
+    last = slice(simulated.epochs - 1, None, simulated.epochs)
+    true = true_states(_rows_of(truth, last), layout)[whole]
+    last_errors = layout.local(arrays["mean"][:, -1], true)
+    bodies = bodies_of(layout, times[-1:].repeat(len(whole)), arrays["mean"][:, -1], arrays["factor"][:, -1])
+    found = []
+    for k in range(len(whole)):
+        rows = slice(k * count, (k + 1) * count)
+        own = {name: array[k] for name, array in arrays.items()} | {"time": times}
+        body = bodies.at(k)
+        moved = {name: getattr(errors, name) for name in ("position", "attitude", "velocity", "rate")}
+        moved = {name: None if error is None else error[rows] for name, error in moved.items()}
+        evaluation = Evaluation(
+            _history(name, setup, own, observations),
+            errors=replace(errors, time=times, rows=np.arange(count), **moved),
+            body_errors=body_errors(body, truth),
+            nees=replace(
+                nees, time=times, total=nees.total[rows], blocks={b: v[rows] for b, v in nees.blocks.items()}
+            ),
+            last_error=last_errors[k],
+        )
+        evaluation.__dict__["body"] = body
+        found.append(evaluation)
+    return found
+
+
+def _behind(before: np.ndarray | None, values: np.ndarray) -> np.ndarray:
+    """Rows of each run behind that of its first belief, which counts nothing."""
+    if before is None:
+        before = np.zeros_like(values[:, :1])
+    return np.concatenate([before, values], axis=1)
+
+
+def _history(
+    name: str, setup: Setup, arrays: dict[str, Any], observations: np.ndarray | None = None
+) -> EstimateHistory:
+    own = {key: arrays[key] for key in EPOCH_ARRAYS}
+    return EstimateHistory(
+        name, setup.process.layout, status=NO_VERDICT, initialisation=1, observations=observations, **own
+    )
