@@ -2,6 +2,9 @@
 
 import ast
 import re
+import shutil
+import subprocess
+import sys
 import tomllib
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -48,6 +51,24 @@ def unsafe(text: str) -> Iterator[str]:
 
 def test_the_version_of_the_package_is_that_of_the_build_file() -> None:
     assert spinfilters.__version__ == pyproject()["project"]["version"]
+
+
+def test_the_source_distribution_has_every_file_of_the_tree(tmp_path: Path) -> None:
+    """Its tests run from it alone. Files that are built, or made by running, are no part of it."""
+    command = [sys.executable, "-c", "import setuptools; setuptools.setup()", "-q", "egg_info"]
+    subprocess.run([*command, "--egg-base", str(tmp_path)], cwd=ROOT, check=True, capture_output=True)
+    listed = (tmp_path / "spinfilters.egg-info" / "SOURCES.txt").read_text().splitlines()
+    folders = ("spinfilters", "observability", "experiments", "tests", "docs", ".ci", ".github")
+    found = [path for name in folders for path in (ROOT / name).rglob("*") if path.is_file()]
+    wanted = {str(path.relative_to(ROOT)) for path in found if path.suffix not in {".pyc", ".so"}}
+    wanted |= {path.name for path in ROOT.glob("*.md")} | {
+        "Makefile",
+        "LICENSE",
+        ".mkdocs.yml",
+        "MANIFEST.in",
+    }
+    assert wanted <= set(listed)
+    assert not [name for name in listed if name.endswith((".pyc", ".so"))]
 
 
 def test_every_package_module_and_folder_stands_in_a_layer() -> None:
@@ -180,6 +201,36 @@ def targets() -> set[str]:
     """Targets of the Makefile that are commands."""
     (line,) = re.findall(r"^\.PHONY:(.*)$", (ROOT / "Makefile").read_text(), re.MULTILINE)
     return set(line.split())
+
+
+LOADERS = {"compiled", "c_library", "vectorised"}
+"""Modules of `core` that load compiled code, or do without."""
+LOAD_FOR_A_USER = {"cli", "embedded"}
+"""Rooms that load what a user asked for; their tests build it."""
+
+
+def rooms_with_compiled_code() -> set[str]:
+    """Rooms of the package, and the analyser, with a module that takes a function from a loader."""
+    imported = re.compile(rf"^\s*from spinfilters\.core\.({'|'.join(sorted(LOADERS))}) import ", re.MULTILINE)
+    found = {path.relative_to(ROOT).parts for path in SOURCES if imported.search(path.read_text())}
+    return {
+        parts[1] if parts[0] == "spinfilters" else parts[0] for parts in found if parts[0] != "experiments"
+    }
+
+
+@pytest.mark.skipif(shutil.which("make") is None, reason="make is not installed")
+def test_every_room_with_compiled_code_is_tested_without_it() -> None:
+    """Whole recordings are left to compiled code; the other files of their rooms must be there."""
+    program = "listed: ; @echo $(interpreted) ; echo $(whole)"
+    command = ["make", "--no-print-directory", "--eval", program, "listed"]
+    done = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True)
+    interpreted, whole = (line.split() for line in done.stdout.splitlines())
+    rooms = rooms_with_compiled_code()
+    assert {"core", "filters", "smoother", "models", "observability"} <= rooms
+    assert rooms - LOAD_FOR_A_USER <= {Path(name).parts[1] for name in interpreted}
+    assert whole
+    assert all((ROOT / name).is_file() for name in (*interpreted, *whole))
+    assert not set(whole) & set(interpreted)
 
 
 def test_files_that_are_read_at_run_time_are_built_in() -> None:

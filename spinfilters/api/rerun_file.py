@@ -9,10 +9,11 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.core.attitude_conversions import quaternion_from_matrix
+from spinfilters.core.inertia_charts import box_of_equal_inertia
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.io.output_files import write_bytes
 from spinfilters.io.truth import Truth
-from spinfilters.run.run_report import box_edge, box_of_equal_inertia
+from spinfilters.run.run_report import box_edge
 
 TIME_LINE: Final = "time"
 DEVIATIONS: Final = 3.0
@@ -114,7 +115,8 @@ def _record_body(
         return
     edge = box_edge(motion.position, motion.sees_position)
     box = rr.Boxes3D(
-        half_sizes=[edge * box_of_equal_inertia(body) / 2], quaternions=[quaternion_from_matrix(axes.T)]
+        half_sizes=[edge * box_of_equal_inertia(body.principal_moments) / 2],
+        quaternions=[quaternion_from_matrix(axes.T)],
     )
     recording.log(f"i/{name}/body/box_of_equal_inertia", box, static=True)
     arrows = rr.Arrows3D(vectors=edge * axes, colors=AXIS_COLORS)

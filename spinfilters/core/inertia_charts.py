@@ -1,8 +1,9 @@
-"""Other parametrisations of principal moments up to scale: Aghili's, Lichter's, and the thesis' logarithms of ratios.
+"""Other parametrisations of principal moments up to scale: Aghili's, Lichter's, the thesis' logarithms of ratios, a box.
 
     Aghili (2012)     p_x = (I_y - I_z) / I_x and cyclic: three numbers, p_x + p_y + p_z + p_x p_y p_z = 0
     Lichter (2005)    I_xx = |z_2| + |z_3| and cyclic, z = R(q) (0, 0, 1): four numbers
     Tweddle (2013)    k_1 = ln(J_xx / J_yy), k_2 = ln(J_yy / J_zz): two numbers, impossible bodies among them
+    a uniform box     J_x is proportional to b^2 + c^2 and cyclic: three edges, the longest 1
 
 Every function takes moments about x, y, z in this order (Tweddle 2013, Eqs 4.89 to 4.99). The package itself estimates a mass
 distribution whose every value is a body (`spinfilters.core.mass_distribution`).
@@ -100,6 +101,25 @@ def moments_from_log_ratios(log_ratios: Float[np.ndarray, "*batch 2"]) -> Float[
     """Principal moments, the second of them 1, of k_1 and k_2 (Eq. 4.99)."""
     k_1, k_2 = log_ratios[..., 0], log_ratios[..., 1]
     return np.stack([np.exp(k_1), np.ones_like(k_1), np.exp(-k_2)], axis=-1)
+
+
+def box_of_equal_inertia(moments: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
+    """Edges of the uniform box with these ratios of moments, along the same axes.
+
+    Parameters
+    ----------
+    moments : ndarray of float, shape (..., 3)
+        Principal moments of a body, of any scale.
+
+    Returns
+    -------
+    ndarray of float, shape (..., 3)
+        Edges a, b, c, the longest 1: a^2 is proportional to J_y + J_z - J_x.
+        The edge that a plate or rod lacks is about a thousandth.
+    """
+    total = moments.sum(axis=-1, keepdims=True)
+    squares = np.clip(total - 2 * moments, 1e-6 * total, None)
+    return np.sqrt(squares / squares.max(axis=-1, keepdims=True))
 
 
 def is_body(moments: Float[np.ndarray, "*batch 3"]) -> Bool[np.ndarray, "*batch"]:

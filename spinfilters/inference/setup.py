@@ -42,9 +42,9 @@ class Setup:
     gyro_noise : GyroNoise or None
         Identified correlated error of a gyro, or None where it is white or stated.
     identified : tuple[VarianceComponent, ...]
-        Other unspecified noise, as identified.
+        Other noise that is not stated, as identified.
     unstated : frozenset[str]
-        Names of all unspecified noise.
+        Names of all noise that is not stated.
     sought : Unstated
         What of it is identified, by sensor.
     is_given : bool

@@ -292,7 +292,7 @@ def _determines_centre(start: InitialEstimate) -> bool:
 
 
 def _cost(setup: Setup | None) -> float:
-    """-2 ln marginal likelihood of the first epochs; infinite where unspecified noise is not identified from them.
+    """-2 ln marginal likelihood of the first epochs; infinite where noise that is not stated is not identified from them.
 
     Levels are identified that differ from zero, or that are the least there are with every measurement accepted. Levels that are
     neither belong to epochs whose gates have refused everything.

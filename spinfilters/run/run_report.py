@@ -11,6 +11,7 @@ from jaxtyping import Float
 
 from spinfilters.core.attitude_conversions import matrix_from_quaternion
 from spinfilters.core.errors import InputError
+from spinfilters.core.inertia_charts import box_of_equal_inertia
 from spinfilters.evaluation.comparison_table import comparison_cells
 from spinfilters.evaluation.estimator_evaluation import Evaluation
 from spinfilters.evaluation.metrics import held_text
@@ -18,7 +19,6 @@ from spinfilters.evaluation.spin_regime import spin_verdict
 from spinfilters.io.input_file import printable, read_bytes, read_settings_text
 from spinfilters.io.output_files import write_text
 from spinfilters.io.ply_files import read_ply
-from spinfilters.models.body import BodyEstimate
 from spinfilters.models.status import Holds
 from spinfilters.plots.figures import FigureData, figure_entries
 from spinfilters.plots.page import (
@@ -135,7 +135,9 @@ def _model_section(figure_data: FigureData, folder: Path) -> str:
         model, what = _map_model(figure_data, evaluation), "The map of landmarks"
     if model is None:
         model, what = (
-            shown_box(box_edge(motion.position, motion.sees_position) * box_of_equal_inertia(body)),
+            shown_box(
+                box_edge(motion.position, motion.sees_position) * box_of_equal_inertia(body.principal_moments)
+            ),
             "The uniform box of equal inertia, of no known size,",
         )
     words = (
@@ -156,16 +158,6 @@ def box_edge(position: Float[np.ndarray, "n 3"], sees_position: bool) -> float:
     return BOX_SHARE * extent if sees_position and extent > 0 else 1.0
 
 
-def box_of_equal_inertia(body: BodyEstimate) -> Float[np.ndarray, "3"]:
-    """Edges of the uniform box with these ratios of moments, along the principal axes; the longest is 1.
-
-    J_x is proportional to b^2 + c^2, so that a^2 is to J_y + J_z - J_x.
-    """
-    moments = body.principal_moments
-    squares = np.clip(moments.sum() - 2 * moments, 1e-6, None)
-    return np.sqrt(squares / squares.max())
-
-
 def _lead(figure_data: FigureData) -> str:
     """The verdict on the most exact estimate, and the body in one line."""
     evaluation = figure_data.most_exact
@@ -177,7 +169,7 @@ def _lead(figure_data: FigureData) -> str:
     moments = evaluation.body.principal_moments
     if np.isfinite(moments).all() and status.holds.get("moments") is not Holds.NOT_DETERMINED:
         ratios = " : ".join(f"{each:.2f}" for each in moments[:2])
-        edges = " x ".join(f"{edge:.2f}" for edge in box_of_equal_inertia(evaluation.body))
+        edges = " x ".join(f"{edge:.2f}" for edge in box_of_equal_inertia(moments))
         words += f". Moments {ratios} : 1, as a uniform box of {edges}, its longest edge being 1"
     return words + ".</p>"
 

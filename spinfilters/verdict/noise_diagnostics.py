@@ -74,7 +74,7 @@ def filter_noise_diagnostics(history: EstimateHistory, setup: Setup, settings: S
 def noise_doubts(tests: Mapping[str, NoiseTest], setup: Setup) -> list[Finding]:
     """A finding about the level that the data contradict most; one that is wrong shows in the tests of the others.
 
-    An unspecified level may be too large, as its identification means it to be.
+    A level that is not stated may be too large, as its identification means it to be.
     """
     for name, test in sorted(tests.items(), key=lambda item: -abs(item[1].score)):
         told = name not in setup.unstated if name in DISTURBANCES else not _is_identified(setup)
@@ -135,7 +135,7 @@ def stated_level_diagnostics(
 ) -> list[Finding]:
     """A finding about the level that the data contradict most; one that is wrong shows in the tests of the others.
 
-    An unspecified level may be too large, as its identification means it to be.
+    A level that is not stated may be too large, as its identification means it to be.
 
     Parameters
     ----------

@@ -7,6 +7,7 @@ from spinfilters.core.errors import InputError
 from spinfilters.core.inertia_charts import (
     aghili_constraint,
     aghili_parameters,
+    box_of_equal_inertia,
     is_body,
     lichter_direction,
     moments_from_aghili,
@@ -33,6 +34,14 @@ def test_lichters_quaternion_gives_the_moments_whose_direction_it_turns_to() -> 
     found = moments_from_lichter(q)
     np.testing.assert_allclose(found / found[:, :1], MOMENTS / MOMENTS[:, :1], rtol=1e-9)
     assert moments_from_lichter(np.array([0.0, 0.0, 1.0, 0.0]))[2] == 0.0
+
+
+def test_a_uniform_box_has_its_own_edges() -> None:
+    edges = np.array([[0.3, 0.5, 1.0], [1.0, 0.2, 0.2]])
+    squares = edges**2
+    moments = squares.sum(axis=1, keepdims=True) - squares
+    np.testing.assert_allclose(box_of_equal_inertia(7.0 * moments), edges, rtol=1e-12)
+    assert 5e-4 < box_of_equal_inertia(np.array([0.5, 0.5, 1.0]))[2] < 2e-3
 
 
 def test_ratios_admit_impossible_bodies() -> None:
