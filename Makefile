@@ -50,7 +50,13 @@ numeric := $(addprefix tests/,core filters models simulation smoother test_blas_
   inspector_alternatives.py laplace_likelihood.py model_errors.py null_distributions.py)) \
   $(filter-out $(exact) tests/evaluation/test_metric_table.py,$(wildcard tests/observability/test_*.py tests/evaluation/test_*.py))
 
-# Every kernel but the last with compiled code, the last without: what passes by rounding in one of both fails there, too.
+# Whole recordings that are solved many times take five to eight times as long when nothing is compiled. What they are made of is run
+# without compiled code by the other tests of their room.
+whole := $(addprefix tests/smoother/test_,early_epochs.py mass_posterior.py posterior.py)
+interpreted := $(filter-out $(whole),$(foreach each,$(numeric),$(if $(filter %.py,$(each)),$(each),$(wildcard $(each)/test_*.py))))
+
+# Every kernel but the last with compiled code, the last without but for whole recordings: what passes by rounding in one of both fails
+# there, too.
 kernels:
 	$(environment) test
 	@status=0; kernels=$$($(bin)/python tests/blas_kernels.py) || exit 1; \
@@ -61,7 +67,9 @@ kernels:
 	  shift; \
 	done; \
 	echo "numeric tests, nothing compiled$${1:+, OpenBLAS' kernel $$1}:"; \
-	env SPINFILTERS_COMPILE=off $${1:+OPENBLAS_CORETYPE=$$1} $(bin)/python -m pytest -q -n 2 --dist worksteal $(numeric) || status=1; \
+	env SPINFILTERS_COMPILE=off $${1:+OPENBLAS_CORETYPE=$$1} $(bin)/python -m pytest -q -n 2 --dist worksteal $(interpreted) || status=1; \
+	echo "whole recordings$${1:+, OpenBLAS' kernel $$1}:"; \
+	env $${1:+OPENBLAS_CORETYPE=$$1} $(bin)/python -m pytest -q -n 2 --dist worksteal $(whole) || status=1; \
 	exit $$status
 
 check:

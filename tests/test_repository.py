@@ -2,6 +2,7 @@
 
 import ast
 import re
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -200,6 +201,36 @@ def targets() -> set[str]:
     """Targets of the Makefile that are commands."""
     (line,) = re.findall(r"^\.PHONY:(.*)$", (ROOT / "Makefile").read_text(), re.MULTILINE)
     return set(line.split())
+
+
+LOADERS = {"compiled", "c_library", "vectorised"}
+"""Modules of `core` that load compiled code, or do without."""
+LOAD_FOR_A_USER = {"cli", "embedded"}
+"""Rooms that load what a user asked for; their tests build it."""
+
+
+def rooms_with_compiled_code() -> set[str]:
+    """Rooms of the package, and the analyser, with a module that takes a function from a loader."""
+    imported = re.compile(rf"^\s*from spinfilters\.core\.({'|'.join(sorted(LOADERS))}) import ", re.MULTILINE)
+    found = {path.relative_to(ROOT).parts for path in SOURCES if imported.search(path.read_text())}
+    return {
+        parts[1] if parts[0] == "spinfilters" else parts[0] for parts in found if parts[0] != "experiments"
+    }
+
+
+@pytest.mark.skipif(shutil.which("make") is None, reason="make is not installed")
+def test_every_room_with_compiled_code_is_tested_without_it() -> None:
+    """Whole recordings are left to compiled code; the other files of their rooms must be there."""
+    program = "listed: ; @echo $(interpreted) ; echo $(whole)"
+    command = ["make", "--no-print-directory", "--eval", program, "listed"]
+    done = subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True)
+    interpreted, whole = (line.split() for line in done.stdout.splitlines())
+    rooms = rooms_with_compiled_code()
+    assert {"core", "filters", "smoother", "models", "observability"} <= rooms
+    assert rooms - LOAD_FOR_A_USER <= {Path(name).parts[1] for name in interpreted}
+    assert whole
+    assert all((ROOT / name).is_file() for name in (*interpreted, *whole))
+    assert not set(whole) & set(interpreted)
 
 
 def test_files_that_are_read_at_run_time_are_built_in() -> None:

@@ -14,6 +14,8 @@ In the numbers s themselves it is bent by far more than its width: on the thesis
 500 instead of 20.
 """
 
+from functools import cache
+
 import casadi as ca
 import numpy as np
 from jaxtyping import Float
@@ -85,6 +87,22 @@ def inertia_matrix(s: Float[np.ndarray, " 5"]) -> Float[np.ndarray, "3 3"]:
     """J(s) in g axes up to scale, as numbers."""
     with building():
         return np.asarray(inertia(ca.DM(s)))
+
+
+def inertia_matrices(s: Float[np.ndarray, "n 5"]) -> Float[np.ndarray, "n 3 3"]:
+    """`inertia_matrix` of every row, in one call."""
+    with building():
+        S = np.asarray(_second_moments_function()(s.T)).reshape(3, len(s), 3).swapaxes(0, 1)
+    trace = np.trace(S, axis1=1, axis2=2)[:, np.newaxis, np.newaxis]
+    with np.errstate(invalid="ignore"):  # of numbers too large to be a body's
+        # symbolically tr(S) - S_33 would be simplified to S_11 + S_22, which rounds in another way
+        return np.where(np.eye(3, dtype=bool), trace - S, 0.0 - S)
+
+
+@cache
+def _second_moments_function() -> ca.Function:
+    s = ca.SX.sym("s", DIMENSION)
+    return ca.Function("second_moments", [s], [second_moments(s)])
 
 
 def from_inertia(J: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, " 5"]:

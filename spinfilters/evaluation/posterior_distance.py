@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.core.attitude_conversions import inverse, multiply, rotation_vector_from_quaternion
-from spinfilters.core.mass_distribution import inertia_matrix
+from spinfilters.core.mass_distribution import inertia_matrices, inertia_matrix
 from spinfilters.evaluation.estimated_motion import trajectory_of
 from spinfilters.evaluation.estimator_evaluation import Evaluation, PosteriorDistance
 from spinfilters.filters.history import EstimateHistory, history_at
@@ -170,6 +170,6 @@ def _bodies(
 ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
     """Principal moments, largest = 1, and rotation vectors of the principal axes about those of one mass distribution."""
     _, origin = np.linalg.eigh(inertia_matrix(about))
-    moments, vectors = np.linalg.eigh(np.array([inertia_matrix(point) for point in points]))
+    moments, vectors = np.linalg.eigh(inertia_matrices(points))
     axes = np.swapaxes(vectors, 1, 2)
     return moments / moments[:, 2:], turn_of_axes(np.broadcast_to(origin.T, axes.shape), axes)

@@ -44,6 +44,7 @@ from spinfilters.lidar.scan_pose import (
     ROTATION_PRIOR,
     ScanPose,
     angles_from,
+    described_covariance,
     largest_departure,
     pose_covariance,
     predicted_pose,
@@ -51,6 +52,9 @@ from spinfilters.lidar.scan_pose import (
 
 NEGLIGIBLE: Final = 1e-9
 """Share of the largest information, below which a direction counts as not determined."""
+
+CHANCE: Final = 10.0
+"""Largest positive eigenvalues by chance, in terms of the most negative one."""
 
 LARGEST: Final = 1e6
 """Inflation, at most."""
@@ -184,6 +188,10 @@ def adjusted_scans(
             found[begin : group.stop] = _on_drift([found[k] for k in group], normal, size)
             matched = _match_group(clouds, found, group, size, normal.reach)
             normal = replace(matched, variance=matched.variance / share**2)
+        if len(group) >= FEWEST_ON_DRIFT and normal.is_exact:
+            # residuals of scans without noise do not tell what poses are off by: their places do
+            scatter = _drift_of([found[k] for k in group], size).scatter
+            normal = replace(normal, variance=max(normal.variance, scatter**2))
         adjusted = _with_covariances([found[k] for k in group], normal, size)
         found[begin : group.stop], inflation = adjusted.poses, max(inflation, adjusted.inflation)
     return AdjustedScans(tuple(found), inflation)
@@ -229,6 +237,8 @@ class _Normal:
         What the residuals ask for, m.
     is_free : bool
         Whether no pose is held.
+    is_exact : bool
+        Whether residuals are rounding alone, so that the points have no noise.
     """
 
     information: Float[np.ndarray, "a a"]
@@ -239,6 +249,7 @@ class _Normal:
     reach: float
     asked_reach: float
     is_free: bool
+    is_exact: bool
 
     @property
     def following_reach(self) -> float:
@@ -299,7 +310,8 @@ def _normal_equations(
     variance = max(squares / max(matched.sum(), 1), 1e-24) * max(each.dependence for each in patches)
     asked = max(6 * std, *(clouds[number].least_reach for number in group))
     whole = (H.reshape(6 * k, 6 * k), b.ravel(), certain.reshape(6 * k, 6 * k))
-    return _Normal(*whole, matched, variance, reach, asked, k == len(poses))
+    is_exact = variance < (STRICTEST * size) ** 2
+    return _Normal(*whole, matched, variance, reach, asked, k == len(poses), is_exact)
 
 
 def _in_body_frame(cloud: Cloud, pose: ScanPose) -> Cloud:
@@ -462,17 +474,18 @@ def _drift_of(poses: Sequence[ScanPose], size: float) -> _Drift:
 def _least_scatter(drift: _Drift, normal: _Normal, size: float) -> float:
     """Scatter about a drift, m, below which it would say more of the places than the matches do that determine them."""
     k = len(normal.matched)
-    alone = np.linalg.inv(_information_alone(normal) + np.diag(_prior_information(1, size)))
+    alone = np.array([_covariance_root(each, size) for each in _information_alone(normal)])
     change = np.einsum("kikj->kij", drift.change.reshape(k, 3, k, 6))
-    std = np.sqrt(np.linalg.eigvalsh(change @ alone @ np.swapaxes(change, 1, 2)))
+    std = np.linalg.svd(change @ alone, compute_uv=False)
     return max(_DRIFT_SCATTER * float(np.median(std)), STRICTEST * size)
 
 
 def _on_drift(poses: Sequence[ScanPose], normal: _Normal, size: float) -> list[ScanPose]:
     """Poses on a drift in the directions that the matches leave open."""
     found, done = list(poses), np.zeros(6 * len(poses))
-    whole = _proper(normal.certain) / normal.variance
-    joint = np.linalg.inv(normal.constrained(whole, _prior_information(len(found), size)))
+    whole = _proper(normal.certain, normal.is_exact) / normal.variance
+    root = _covariance_root(normal.constrained(whole, 0.0), size)
+    joint = root @ root.T
     for _ in range(_DRIFT_STEPS):
         drift = _drift_of(found, size)
         least = _least_scatter(drift, normal, size)
@@ -489,13 +502,29 @@ def _information_alone(normal: _Normal) -> Float[np.ndarray, "k 6 6"]:
     """Information of every pose with all others exact."""
     k = len(normal.matched)
     blocks = np.einsum("kikj->kij", normal.certain.reshape(k, 6, k, 6)) / normal.variance
-    return np.array([_proper(block) for block in blocks])
+    return np.array([_proper(block, normal.is_exact) for block in blocks])
 
 
-def _proper(information: Float[np.ndarray, "a a"]) -> Float[np.ndarray, "a a"]:
-    """The information without eigenvalues below zero, which chance gives where there is none."""
+def _proper(information: Float[np.ndarray, "a a"], is_exact: bool) -> Float[np.ndarray, "a a"]:
+    """The information without eigenvalues that chance gives where there is none.
+
+    Those below zero; of scans without noise also positive ones like these, for no noise would make such directions uncertain.
+    """
     values, vectors = np.linalg.eigh(information)
-    return (vectors * np.maximum(values, 0.0)) @ vectors.T
+    chance = -CHANCE * values[0] if is_exact else 0.0
+    return (vectors * np.where(values > chance, np.maximum(values, 0.0), 0.0)) @ vectors.T
+
+
+def _covariance_root(information: Float[np.ndarray, "a a"], size: float) -> Float[np.ndarray, "a a"]:
+    """Square root of the covariance of information and the prior of predicted poses together.
+
+    By eigenvectors in deviations of the prior: scans without noise hold up to 1e27 times its information, and a sum of both would
+    lose what it says of the directions that they leave open.
+    """
+    scale = _prior_information(len(information) // 6, size) ** -0.5
+    values, vectors = np.linalg.eigh(scale[:, None] * information * scale)
+    known = np.where(values > NEGLIGIBLE * values[-1], values, 0.0)
+    return scale[:, None] * vectors / np.sqrt(1.0 + known)
 
 
 def _prior_information(scans: int, size: float) -> Float[np.ndarray, " a"]:
@@ -510,20 +539,21 @@ def _with_covariances(poses: Sequence[ScanPose], normal: _Normal, size: float) -
     pose, see `pose_covariance`.
     """
     k, prior = len(poses), _prior_information(1, size)
-    whole = _proper(normal.certain) / normal.variance
+    whole = _proper(normal.certain, normal.is_exact) / normal.variance
     if k >= FEWEST_ON_DRIFT:
         drift = _drift_of(poses, size)
         whole = whole + drift.information(max(drift.scatter, _least_scatter(drift, normal, size)))
-    joint = np.linalg.inv(normal.constrained(whole, _prior_information(k, size)))
+    root = _covariance_root(normal.constrained(whole, 0.0), size)
+    joint = root @ root.T
     covariance = joint.reshape(k, 6, k, 6)
     alone = _information_alone(normal)
     found = []
     for number, pose in enumerate(poses):
         to_lidar = np.kron(np.eye(2), -pose.rotation)
-        information = np.linalg.inv(covariance[number, :, number]) - np.diag(prior)
+        root = to_lidar @ _covariance_root(alone[number], size)
         (every, lacking), (own, _) = (
-            pose_covariance(to_lidar @ each @ to_lidar.T, pose.rotation, size)
-            for each in (information, alone[number])
+            described_covariance(each, pose.rotation, size)
+            for each in (to_lidar @ covariance[number, :, number] @ to_lidar.T, root @ root.T)
         )
         matched = int(normal.matched[number])
         found.append(

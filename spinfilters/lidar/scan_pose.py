@@ -20,6 +20,8 @@ ROTATION_PRIOR: Final = 0.2
 """Standard deviation of a predicted attitude, rad: the only knowledge in directions that a scan does not determine."""
 UNDETERMINED: Final = 0.1
 """Share of the prior's variance above which a direction counts as not determined by the scan."""
+LEAST_VARIANCE: Final = 1e-12
+"""Share of the largest variance of a pose, both in those of the prior, below which rounding would make it indefinite."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,12 +83,31 @@ def pose_covariance(
     there the covariance is the prior's, and they are named.
     """
     scale = np.repeat([ROTATION_PRIOR, size], 3)
-    whitened = scale[:, None] * information * scale
-    values, vectors = np.linalg.eigh(whitened + np.eye(6))
-    lacking = [
-        _describe_direction(vectors[:, k] * scale, size) for k in range(6) if 1 / values[k] > UNDETERMINED
-    ]
-    covariance = (scale[:, None] * vectors / values) @ (vectors.T * scale)
+    values, vectors = np.linalg.eigh(scale[:, None] * information * scale + np.eye(6))
+    return _described(1 / np.maximum(values, 1.0), vectors, rotation, size)
+
+
+def described_covariance(
+    covariance: Float[np.ndarray, "6 6"], rotation: Float[np.ndarray, "3 3"], size: float
+) -> tuple[Float[np.ndarray, "6 6"], tuple[str, ...]]:
+    """A covariance over (rotation in L, translation) that holds the prior already, as `pose_covariance` returns it."""
+    scale = np.repeat([ROTATION_PRIOR, size], 3)
+    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    return _described(values[::-1], vectors[:, ::-1], rotation, size)
+
+
+def _described(
+    values: Float[np.ndarray, "6"],
+    vectors: Float[np.ndarray, "6 6"],
+    rotation: Float[np.ndarray, "3 3"],
+    size: float,
+) -> tuple[Float[np.ndarray, "6 6"], tuple[str, ...]]:
+    """Covariance (translation, body-side rotation), from eigenvalues in variances of the prior, with what it lacks."""
+    scale = np.repeat([ROTATION_PRIOR, size], 3)
+    lacking = [_describe_direction(vectors[:, k] * scale, size) for k in range(6) if values[k] > UNDETERMINED]
+    # beside an open direction, rounding loses smaller variances
+    values = np.maximum(values, LEAST_VARIANCE * values.max())
+    covariance = (scale[:, None] * vectors * values) @ (vectors.T * scale)
     return body_side(body_side(covariance, rotation).T, rotation), tuple(lacking)
 
 

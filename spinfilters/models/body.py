@@ -19,7 +19,7 @@ from jaxtyping import Bool, Float, Int
 
 from spinfilters.core.compiled import Compiled
 from spinfilters.core.linear_algebra import by_stretches, with_largest_positive
-from spinfilters.core.mass_distribution import inertia, inertia_matrix
+from spinfilters.core.mass_distribution import inertia, inertia_matrices
 from spinfilters.models.body_spread import body_spread, widest_departures
 from spinfilters.models.state_blocks import CENTRE_OF_MASS, DRAG, StateBlock
 from spinfilters.models.state_layout import Gaussian, StateLayout, with_error_jacobian
@@ -153,7 +153,7 @@ class MassSamples:
     @cached_property
     def principal_moments(self) -> Float[np.ndarray, "n 3"]:
         """(n, 3) ascending, largest = 1."""
-        moments = np.array([np.linalg.eigvalsh(inertia_matrix(point)) for point in self.points])
+        moments = np.linalg.eigvalsh(inertia_matrices(self.points))
         return moments / moments[:, 2:]
 
     def quantiles(

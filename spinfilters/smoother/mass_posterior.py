@@ -44,6 +44,8 @@ MOST_NODES = 24
 """In each direction along the ridge."""
 FALLEN = 11.0
 """Fall of the log probability per step along the ridge at which a walk ends: beyond four deviations of a Gaussian."""
+EVEN_SHARE = 0.5
+"""Of the samples, spread evenly over the nodes: tails to four deviations are stated, and need as many samples as the middle."""
 PROPOSAL_DOF, PROPOSAL_WIDTH = 6.0, 1.25
 """Degrees of freedom of the t distributions, and their width over the local one."""
 SMALLEST_GAP = 1e-6
@@ -184,9 +186,7 @@ class MassSampler:
         if not nodes:
             return None
         roots = [self._root(node) for node in nodes]
-        log_mass = np.array([self._log_mass(node) for node in nodes])
-        share = np.exp(log_mass - log_mass.max())
-        share = 0.9 * share / share.sum() + 0.1 / len(nodes)
+        share = shares_of_nodes(np.array([self._log_mass(node) for node in nodes]))
         uniform = even_points(count, 7, seed)
         chosen = np.minimum(np.searchsorted(np.cumsum(share), uniform[:, 0]), len(nodes) - 1)
         from scipy.special import chdtri, ndtri  # here alone: few motions need samples
@@ -317,6 +317,12 @@ class MassSampler:
         log_density = -0.5 * cost - 0.5 * log_determinant(solution)
         outside = log_volume_ratio(traceless_part(away * self._prior_std[self._s]))
         return ConditionalMotion(x, log_density - outside, solution)
+
+
+def shares_of_nodes(log_mass: Float[np.ndarray, " c"]) -> Float[np.ndarray, " c"]:
+    """Shares of the nodes in the mixture that proposes samples: their probability, and `EVEN_SHARE` for all alike."""
+    mass = np.exp(log_mass - log_mass.max())
+    return (1 - EVEN_SHARE) * mass / mass.sum() + EVEN_SHARE / len(mass)
 
 
 def even_points(count: int, dimension: int, seed: int) -> Float[np.ndarray, "n d"]:

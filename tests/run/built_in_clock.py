@@ -4,6 +4,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from types import ModuleType
 
 import casadi as ca
@@ -11,14 +12,18 @@ import casadi as ca
 from spinfilters.core import c_library
 from spinfilters.core.c_library import load_loop
 from spinfilters.core.compiled import Compiled, Loader
+from spinfilters.evaluation.recording_bound import without_bounds
 from spinfilters.filters import timeline as run
 from spinfilters.inference import smoother_run
 from spinfilters.io.dataset import Dataset
-from spinfilters.run.estimation import compare_estimators
+from spinfilters.run.estimation import ComparisonExtent, compare_estimators
 from spinfilters.run.preparation import prepare
 from spinfilters.settings.run_settings import Settings, estimator_names
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
+from spinfilters.smoother import mass_posterior, posterior
 
+FEW = 16
+"""Samples of a mass distribution: those after the first build nothing more."""
 running: set[str] = set()
 """Modules whose clock has been looked at once, and not yet again."""
 looks, built = [0], list[str]()
@@ -80,12 +85,15 @@ def main(kind: str) -> None:
         left_out |= {name for name in estimator_names() if name.startswith("embedded")}  # they are C
     every = [name for name in estimator_names() if name not in left_out]
     names = every if kind != "tracks" else ("mekf", "ukf", "smoother")
+    mass_posterior.SAMPLES, mass_posterior.TRIED, mass_posterior.MOST_NODES = FEW, FEW, 2
+    options = posterior.SamplingOptions(FEW, walkers=FEW, steps=2, settling=1)
+    posterior.sample_posterior = partial(posterior.sample_posterior, options=options)
     settings = Settings(estimators=tuple(names))
     setup = prepare(dataset(kind), settings)
     watch_clock(run)
     watch_clock(smoother_run)
     watch_building()
-    compare_estimators(setup, settings, lambda name, done, total: None)
+    compare_estimators(setup, settings, lambda *_: None, extent=ComparisonExtent(bounding=without_bounds))
     print(f"{looks[0]} looks at clocks; built while they ran: {', '.join(built) or 'nothing'}")
 
 

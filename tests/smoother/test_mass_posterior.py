@@ -1,13 +1,62 @@
 """The marginal posterior of the mass distribution: where it is asked for, and what it says of a weak motion."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
+from jaxtyping import Float
+from scipy.special import ndtr, ndtri
 
 from spinfilters import compare, simulate
+from spinfilters.core.importance_weights import smoothed_weights
 from spinfilters.core.mass_distribution import exponential
-from spinfilters.smoother.mass_posterior import log_volume_ratio, traceless_part
+from spinfilters.models.body import MassSamples
+from spinfilters.smoother.mass_posterior import (
+    SAMPLES,
+    even_points,
+    log_volume_ratio,
+    shares_of_nodes,
+    traceless_part,
+)
 
 WEAK_RPM = (2.0, 6.0, 1.0)
+STEP = 0.7
+
+
+def _stated_deviations(
+    log_density: Callable[[np.ndarray], np.ndarray], fallen: float, count: int
+) -> Float[np.ndarray, " c"]:
+    """Deviation about zero that samples of a density along a straight ridge state, by seed."""
+    nodes = STEP * np.arange(-30, 31)
+    nodes = nodes[log_density(nodes) > -fallen]
+    share, stated = shares_of_nodes(log_density(nodes)), []
+    for seed in range(count):
+        uniform = even_points(SAMPLES, 2, seed)
+        chosen = np.minimum(np.searchsorted(np.cumsum(share), uniform[:, 0]), len(nodes) - 1)
+        x = nodes[chosen] + ndtri(uniform[:, 1])
+        proposed = np.logaddexp.reduce(np.log(share) - (x[:, np.newaxis] - nodes) ** 2 / 2, axis=1)
+        weights = smoothed_weights(log_density(x) - proposed).weights
+        stated.append(MassSamples(np.zeros((SAMPLES, 5)), weights, 0.0, 0.0).deviation(x, 0.0))
+    return np.array(stated)
+
+
+def test_samples_of_a_normal_ridge_state_its_deviation_and_hardly_more() -> None:
+    stated = _stated_deviations(lambda x: -(x**2) / 2, 12.0, 40)
+    assert stated.min() > 0.98
+    assert np.median(stated) < 1.04
+    assert stated.max() < 1.10
+
+
+def test_samples_of_a_ridge_with_long_tails_state_its_four_deviations() -> None:
+    def log_density(x: np.ndarray) -> np.ndarray:
+        return -np.hypot(1.0, 1.3 * x)
+
+    grid = np.linspace(-30.0, 30.0, 200_001)
+    reached = np.cumsum(np.exp(log_density(grid)))
+    far = float(np.interp(1 - ndtr(-4.0), reached / reached[-1], grid))
+    stated = _stated_deviations(log_density, 12.0, 40)
+    assert np.median(stated) == pytest.approx(far / 4, rel=0.02)
+    assert stated == pytest.approx(np.full(40, far / 4), rel=0.06)
 
 
 def test_the_volume_ratio_is_that_of_the_exponential_map() -> None:
