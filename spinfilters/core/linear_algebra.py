@@ -83,7 +83,10 @@ def normalised_trace(
     columns: Float[np.ndarray, "n k c"], rows: Float[np.ndarray, "n k e"]
 ) -> Float[np.ndarray, " n"]:
     """tr(P^-1 C C') of columns C for P = rows rows', infinite where P is singular, by a triangular factor of P."""
-    upper = np.asarray(np.linalg.qr(np.swapaxes(rows, 1, 2), mode="r"))
+    transposed = np.swapaxes(rows, 1, 2)
+    # Reflections leave an upper triangle as it is, so that a lower triangular factor needs none.
+    is_triangular = rows.shape[1] == rows.shape[2] and not np.triu(rows, 1).any()
+    upper = transposed if is_triangular else np.asarray(np.linalg.qr(transposed, mode="r"))
     regular = regular_factors(upper)
     result = np.full(len(columns), np.inf)
     whitened = np.linalg.solve(np.swapaxes(upper[regular], 1, 2), columns[regular])

@@ -17,7 +17,7 @@ def test_there_are_examples_of_every_kind() -> None:
     commands = " ".join(command for command, _ in EXAMPLES)
     for word in (
         "gyro",
-        "monocular",
+        "mono-tracks",
         "attitude",
         "pose",
         "lidar",
