@@ -53,6 +53,9 @@ from spinfilters.lidar.scan_pose import (
 NEGLIGIBLE: Final = 1e-9
 """Share of the largest information, below which a direction counts as not determined."""
 
+CHANCE: Final = 10.0
+"""Largest positive eigenvalues by chance, in terms of the most negative one."""
+
 LARGEST: Final = 1e6
 """Inflation, at most."""
 
@@ -185,8 +188,8 @@ def adjusted_scans(
             found[begin : group.stop] = _on_drift([found[k] for k in group], normal, size)
             matched = _match_group(clouds, found, group, size, normal.reach)
             normal = replace(matched, variance=matched.variance / share**2)
-        if len(group) >= FEWEST_ON_DRIFT and normal.variance < (STRICTEST * size) ** 2:
-            # residuals of scans without noise are rounding, and do not tell what poses are off by: their places do
+        if len(group) >= FEWEST_ON_DRIFT and normal.is_exact:
+            # residuals of scans without noise do not tell what poses are off by: their places do
             scatter = _drift_of([found[k] for k in group], size).scatter
             normal = replace(normal, variance=max(normal.variance, scatter**2))
         adjusted = _with_covariances([found[k] for k in group], normal, size)
@@ -234,6 +237,8 @@ class _Normal:
         What the residuals ask for, m.
     is_free : bool
         Whether no pose is held.
+    is_exact : bool
+        Whether residuals are rounding alone, so that the points have no noise.
     """
 
     information: Float[np.ndarray, "a a"]
@@ -244,6 +249,7 @@ class _Normal:
     reach: float
     asked_reach: float
     is_free: bool
+    is_exact: bool
 
     @property
     def following_reach(self) -> float:
@@ -304,7 +310,8 @@ def _normal_equations(
     variance = max(squares / max(matched.sum(), 1), 1e-24) * max(each.dependence for each in patches)
     asked = max(6 * std, *(clouds[number].least_reach for number in group))
     whole = (H.reshape(6 * k, 6 * k), b.ravel(), certain.reshape(6 * k, 6 * k))
-    return _Normal(*whole, matched, variance, reach, asked, k == len(poses))
+    is_exact = variance < (STRICTEST * size) ** 2
+    return _Normal(*whole, matched, variance, reach, asked, k == len(poses), is_exact)
 
 
 def _in_body_frame(cloud: Cloud, pose: ScanPose) -> Cloud:
@@ -476,7 +483,7 @@ def _least_scatter(drift: _Drift, normal: _Normal, size: float) -> float:
 def _on_drift(poses: Sequence[ScanPose], normal: _Normal, size: float) -> list[ScanPose]:
     """Poses on a drift in the directions that the matches leave open."""
     found, done = list(poses), np.zeros(6 * len(poses))
-    whole = _proper(normal.certain) / normal.variance
+    whole = _proper(normal.certain, normal.is_exact) / normal.variance
     root = _covariance_root(normal.constrained(whole, 0.0), size)
     joint = root @ root.T
     for _ in range(_DRIFT_STEPS):
@@ -495,13 +502,17 @@ def _information_alone(normal: _Normal) -> Float[np.ndarray, "k 6 6"]:
     """Information of every pose with all others exact."""
     k = len(normal.matched)
     blocks = np.einsum("kikj->kij", normal.certain.reshape(k, 6, k, 6)) / normal.variance
-    return np.array([_proper(block) for block in blocks])
+    return np.array([_proper(block, normal.is_exact) for block in blocks])
 
 
-def _proper(information: Float[np.ndarray, "a a"]) -> Float[np.ndarray, "a a"]:
-    """The information without eigenvalues below zero, which chance gives where there is none."""
+def _proper(information: Float[np.ndarray, "a a"], is_exact: bool) -> Float[np.ndarray, "a a"]:
+    """The information without eigenvalues that chance gives where there is none.
+
+    Those below zero; of scans without noise also positive ones like these, for no noise would make such directions uncertain.
+    """
     values, vectors = np.linalg.eigh(information)
-    return (vectors * np.maximum(values, 0.0)) @ vectors.T
+    chance = -CHANCE * values[0] if is_exact else 0.0
+    return (vectors * np.where(values > chance, np.maximum(values, 0.0), 0.0)) @ vectors.T
 
 
 def _covariance_root(information: Float[np.ndarray, "a a"], size: float) -> Float[np.ndarray, "a a"]:
@@ -528,7 +539,7 @@ def _with_covariances(poses: Sequence[ScanPose], normal: _Normal, size: float) -
     pose, see `pose_covariance`.
     """
     k, prior = len(poses), _prior_information(1, size)
-    whole = _proper(normal.certain) / normal.variance
+    whole = _proper(normal.certain, normal.is_exact) / normal.variance
     if k >= FEWEST_ON_DRIFT:
         drift = _drift_of(poses, size)
         whole = whole + drift.information(max(drift.scatter, _least_scatter(drift, normal, size)))
