@@ -3,10 +3,11 @@
 # make test-quick   the tests of models, state, files and interfaces, for the edit loop
 # make docs      the site of docs/ in build/site, strict
 # make bench     time the estimators, tell changes of 10 %   make clean   remove everything but results
+# make pictures  draw the pictures of README again, into docs   make release   the pictures, then the source distribution in dist
 # make kernels   run the tests that depend on arithmetic under other kernels of OpenBLAS, and without compiled code
 # Every target installs what it needs into .venv, once. Choose another Python with PYTHON=python3.12.
 
-.PHONY: compare test test-quick kernels check docs bench clean
+.PHONY: compare test test-quick kernels check docs bench pictures release clean
 .NOTPARALLEL:
 
 bin := .venv/bin
@@ -88,6 +89,14 @@ bench:
 	@$(bin)/python -m experiments.benchmarks.landmark_filters --frames 1000
 	@$(bin)/python -m experiments.benchmarks.observability_speed
 	@$(bin)/python -m experiments.benchmarks.smoother --motion rich --repeats 3
+
+pictures:
+	$(environment)
+	@$(bin)/python -m experiments.readme_pictures -o docs
+
+release: pictures
+	$(environment) test
+	@$(bin)/python -c "from setuptools.build_meta import build_sdist; print('dist/' + build_sdist('dist'))"
 
 clean:
 	rm -rf .venv build dist spinfilters.egg-info .ruff_cache .hypothesis .pytest_cache .import_linter_cache
