@@ -94,6 +94,13 @@ def unrendered() -> Iterator[None]:
         yield
 
 
+@pytest.fixture
+def few_mass_samples() -> Iterator[None]:
+    """Few samples of a mass distribution, in a test that looks at means and covariances of estimates alone."""
+    with few_samples():
+        yield
+
+
 @pytest.fixture(scope="session")
 def shared_data() -> Callable[[str], Path]:
     """Path of a recording, ``shared_data("disam115")``; the test is skipped where it is absent."""

@@ -53,6 +53,10 @@ epochs = 40
 [sensor.gyro]
 kind = "gyro"
 """
+DRAWN_STUDY = STUDY.replace('bound = "none"', 'bound = "none"\ninitialisation = "drawn"').replace(
+    "gyro", "pose"
+)
+"""For what begins all runs from drawn beliefs."""
 SMALLEST_RUN = 1  # of a campaign of two runs: in place of run 1234
 
 
@@ -115,6 +119,7 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     _write_stl(replace(body, vertices=1000 * body.vertices), folder / "body.stl")
     _write_obj(body, folder / "body.obj")
     (folder / "study.toml").write_text(STUDY)
+    (folder / "drawn.toml").write_text(DRAWN_STUDY)
     (folder / "runs").mkdir()
     (folder / "floating.toml").write_text("[process]\ngravity = false\n")
     images = ImageScenario(
@@ -189,6 +194,7 @@ def _small(command: str) -> str | None:
         ("--difference older-rig", "--difference rig"),
         ("runs/first", "runs/mine"),
         ("body.stl --scans", "body.stl --scale 0.001 --scans"),
+        ("study.toml -o runs/study --batch", "drawn.toml -o runs/batch --batch"),
         ("study motions rates noise initial-error", "study noise initial-error"),
     ):
         body = body.replace(old, new) if old else body

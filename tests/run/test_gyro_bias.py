@@ -111,6 +111,7 @@ def last_errors(kind: str) -> dict[str, LastErrors]:
     }
 
 
+@pytest.mark.usefixtures("few_mass_samples")
 @pytest.mark.parametrize("kind", [GYRO, BESIDE_POSES])
 def test_nees_of_the_bias_of_other_blocks_and_of_all_lies_in_its_band(kind: str) -> None:
     found = last_errors(kind)
@@ -122,6 +123,7 @@ def test_nees_of_the_bias_of_other_blocks_and_of_all_lies_in_its_band(kind: str)
             assert low < values.mean() < high, (estimator, name)
 
 
+@pytest.mark.usefixtures("few_mass_samples")
 @pytest.mark.parametrize("kind", [GYRO, BESIDE_POSES])
 def test_without_the_block_a_biased_gyro_makes_the_rate_overconfident(kind: str) -> None:
     squares = [
