@@ -14,7 +14,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "observability-of-your-sy
 TUTORIAL = Path(__file__).parents[2] / "docs" / "tutorials" / "observability.md"
 
 
-@pytest.mark.parametrize(("page", "count"), [(PAGE, 10), (TUTORIAL, 5)])
+@pytest.mark.parametrize(("page", "count"), [(PAGE, 11), (TUTORIAL, 5)])
 def test_the_examples_of_the_page_print_what_is_shown(
     page: Path, count: int, capsys: pytest.CaptureFixture[str]
 ) -> None:
