@@ -26,7 +26,8 @@ class LandmarkOptions:
     modes : int
         Largest number of error modes that all landmarks share and that the state contains.
     explained : float
-        Squared standard deviations, over all landmarks of the initialisation, that a mode must explain to be kept.
+        Least part of the landmarks' variance that a mode must explain to be kept, in squared deviations summed over the
+        landmarks of the initialisation.
     largest_map : int
         Largest number of landmarks; those observed longest ago are dropped first.
     precision : str

@@ -53,8 +53,8 @@ CHECKS: Final[tuple[Check, ...]] = (
     ),
     Check(
         "posterior-not-gaussian", frozenset({AXES}), Needs.SMOOTHER,
-        "Does the Gaussian belief of the mass distribution propose samples of its posterior, and reach all of it? Pareto shape at "
-        "most 0.7, mean NEES of the samples at most 2 per degree of freedom, where one direction has a deviation above 0.1", LIMIT,
+        "Do samples of the Gaussian belief of the mass distribution represent its posterior? Pareto shape of their weights at most "
+        "0.7, mean NEES at most 2 per degree of freedom; tested where one direction has a deviation above 0.1", LIMIT,
         "the posterior of the moments is not Gaussian (Pareto shape {shape:.2g}, limit 0.7; NEES of its samples {nees:.2g}, "
         "limit 2): mean and interval of the moments come from its samples, axes from its mode",
         "record a motion that wobbles",
@@ -90,7 +90,7 @@ CHECKS: Final[tuple[Check, ...]] = (
         "check what the sentence names: noise, clock and gross errors of the source",
     ),
     Check(
-        "no-smoother", NOTHING, Needs.SMOOTHER, "Is the smoother running that a live filter is rebased on?", CERTAIN,
+        "no-smoother", NOTHING, Needs.SMOOTHER, "Does the smoother run whose results a live filter takes over?", CERTAIN,
         "the filter continues without the smoother", "see why it ended; restart the live run to have it back",
     ),
     Check(

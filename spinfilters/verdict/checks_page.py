@@ -64,7 +64,7 @@ def _about(check: Check) -> str:
 def _shown(template: str) -> str:
     """A template with its numbers by name."""
     if template in ("{text}", "{cure}"):
-        return "that of the finding"
+        return "written for each finding"
     return re.sub(r"\{(\w+)[^}]*\}", r"*\1*", template).replace("{", "").replace("}", "")
 
 
