@@ -41,6 +41,7 @@ from spinfilters.lidar.registration import (
     registered,
 )
 from spinfilters.lidar.scan_pose import (
+    LEAST_VARIANCE,
     ROTATION_PRIOR,
     ScanPose,
     angles_from,
@@ -58,6 +59,11 @@ CHANCE: Final = 10.0
 
 LARGEST: Final = 1e6
 """Inflation, at most."""
+
+HELD: Final = 1e-3
+"""Share of a predicted attitude's deviation by which a drift may turn scans without noise.
+
+A place does not tell a rotation about it from a slide, and what little a drift does not explain turned panels by 15 deg."""
 
 Product = Callable[[Float[np.ndarray, "a m"]], Float[np.ndarray, "a m"]]
 """A matrix times columns."""
@@ -145,6 +151,7 @@ _SETTLED = 0.04  # mean square of a step in standard deviations
 _DRIFTS, _DRIFT_STEPS, _DRIFT_SWEEPS = 2, 12, 8
 _DRIFT_SCATTER = 3.0  # standard deviations of a place from matches alone
 _DAMPING, _GAUGE = 1e-9, 1e3  # in terms of the mean diagonal
+_GAUGE_SWEEPS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,16 +190,19 @@ def adjusted_scans(
         normal = _match_group(clouds, found, group, size, reach)
         share = _residual_response(clouds, found, group, normal.reach)
         normal = replace(normal, variance=normal.variance / share**2)
+        common = None
         # what slid is matched again where the drift leads
         for _ in range(_DRIFTS if len(group) >= FEWEST_ON_DRIFT else 0):
             found[begin : group.stop] = _on_drift([found[k] for k in group], normal, size)
             matched = _match_group(clouds, found, group, size, normal.reach)
             normal = replace(matched, variance=matched.variance / share**2)
         if len(group) >= FEWEST_ON_DRIFT and normal.is_exact:
-            # residuals of scans without noise do not tell what poses are off by: their places do
-            scatter = _drift_of([found[k] for k in group], size).scatter
-            normal = replace(normal, variance=max(normal.variance, scatter**2))
-        adjusted = _with_covariances([found[k] for k in group], normal, size)
+            # residuals of scans without noise do not tell what poses are off by: their places do, and matches let them slide
+            drift = _drift_of([found[k] for k in group], size)
+            found[begin : group.stop] = _on_drift([found[k] for k in group], normal, size)
+            usual, variance = (max(normal.variance, each**2) for each in (drift.scatter, drift.deviation))
+            common, normal = min(max(variance / usual, 1.0), LARGEST), replace(normal, variance=variance)
+        adjusted = _with_covariances([found[k] for k in group], normal, size, common)
         found[begin : group.stop], inflation = adjusted.poses, max(inflation, adjusted.inflation)
     return AdjustedScans(tuple(found), inflation)
 
@@ -426,6 +436,11 @@ class _Drift:
         """Median departure, m."""
         return float(np.median(np.linalg.norm(self.off.reshape(-1, 3), axis=1)))
 
+    @property
+    def deviation(self) -> float:
+        """Root-mean-square departure, m: that of scans which slid, above all."""
+        return float(np.sqrt(3 * np.mean(self.off**2)))
+
     def information(self, scatter: float) -> Float[np.ndarray, "a a"]:
         """Of the poses, without what the numbers of the drift take."""
         Q = np.linalg.qr(self.columns)[0]
@@ -483,8 +498,9 @@ def _least_scatter(drift: _Drift, normal: _Normal, size: float) -> float:
 def _on_drift(poses: Sequence[ScanPose], normal: _Normal, size: float) -> list[ScanPose]:
     """Poses on a drift in the directions that the matches leave open."""
     found, done = list(poses), np.zeros(6 * len(poses))
-    whole = _proper(normal.certain, normal.is_exact) / normal.variance
-    root = _covariance_root(normal.constrained(whole, 0.0), size)
+    whole = _proper(normal.certain, normal.information, normal.is_exact) / normal.variance
+    turn = HELD * ROTATION_PRIOR if normal.is_exact else ROTATION_PRIOR
+    root = _covariance_root(normal.constrained(whole, 0.0), size, turn)
     joint = root @ root.T
     for _ in range(_DRIFT_STEPS):
         drift = _drift_of(found, size)
@@ -501,30 +517,67 @@ def _on_drift(poses: Sequence[ScanPose], normal: _Normal, size: float) -> list[S
 def _information_alone(normal: _Normal) -> Float[np.ndarray, "k 6 6"]:
     """Information of every pose with all others exact."""
     k = len(normal.matched)
-    blocks = np.einsum("kikj->kij", normal.certain.reshape(k, 6, k, 6)) / normal.variance
-    return np.array([_proper(block, normal.is_exact) for block in blocks])
+    certain, information = (
+        np.einsum("kikj->kij", each.reshape(k, 6, k, 6)) for each in (normal.certain, normal.information)
+    )
+    return np.array(
+        [_proper(*each, normal.is_exact) / normal.variance for each in zip(certain, information, strict=True)]
+    )
 
 
-def _proper(information: Float[np.ndarray, "a a"], is_exact: bool) -> Float[np.ndarray, "a a"]:
+def _proper(
+    certain: Float[np.ndarray, "a a"], information: Float[np.ndarray, "a a"], is_exact: bool
+) -> Float[np.ndarray, "a a"]:
     """The information without eigenvalues that chance gives where there is none.
 
-    Those below zero; of scans without noise also positive ones like these, for no noise would make such directions uncertain.
+    Those below zero; of scans without noise also positive ones like these, for no noise would make such directions uncertain. The
+    normals of these are wrong beside edges alone. Products of wrong normals with right ones are nothing along open directions,
+    but turn them towards exact ones: those of the whole information are open by rounding.
     """
-    values, vectors = np.linalg.eigh(information)
-    chance = -CHANCE * values[0] if is_exact else 0.0
+    values, vectors = np.linalg.eigh(certain)
+    chance = 0.0
+    if is_exact:
+        chance = -CHANCE * values[0]
+        values, vectors = np.linalg.eigh(information)
     return (vectors * np.where(values > chance, np.maximum(values, 0.0), 0.0)) @ vectors.T
 
 
-def _covariance_root(information: Float[np.ndarray, "a a"], size: float) -> Float[np.ndarray, "a a"]:
+def _covariance_root(
+    information: Float[np.ndarray, "a a"], size: float, turn: float = ROTATION_PRIOR
+) -> Float[np.ndarray, "a a"]:
     """Square root of the covariance of information and the prior of predicted poses together.
 
     By eigenvectors in deviations of the prior: scans without noise hold up to 1e27 times its information, and a sum of both would
-    lose what it says of the directions that they leave open.
+    lose what it says of the directions that they leave open. ``turn`` is the prior's deviation of a rotation, rad.
     """
-    scale = _prior_information(len(information) // 6, size) ** -0.5
+    scale = np.tile(np.repeat([turn, size], 3), len(information) // 6)
     values, vectors = np.linalg.eigh(scale[:, None] * information * scale)
     known = np.where(values > NEGLIGIBLE * values[-1], values, 0.0)
     return scale[:, None] * vectors / np.sqrt(1.0 + known)
+
+
+def _about_certain_scans(
+    root: Float[np.ndarray, "a m"], prior: Float[np.ndarray, "6"]
+) -> Float[np.ndarray, "a m"]:
+    """Root of the covariance where errors of the scans that are determined, not those of all of them, have the mean zero.
+
+    A mean over scans that are open gives all others a part of their errors.
+    """
+    errors = root.reshape(-1, 6, root.shape[1])
+    for _ in range(_GAUGE_SWEEPS):
+        weights = 1 / np.maximum(np.einsum("kim,i,kim->k", errors, prior, errors), LEAST_VARIANCE)
+        errors = errors - np.average(errors, axis=0, weights=weights)
+    return errors.reshape(root.shape)
+
+
+def _with_bend(covariance: Float[np.ndarray, "6 6"]) -> Float[np.ndarray, "6 6"]:
+    """Covariance of a pose (translation, rotation) with what rotations move its place by in the second order.
+
+    A rotation by a moves a place that it shifts by d in the first order by a d / 2 across: of panels that turn about their normal,
+    more than all that is exact.
+    """
+    shift, turn = np.trace(covariance[:3, :3]), np.trace(covariance[3:, 3:])
+    return covariance + np.diag(np.repeat([shift * turn / 4, 0.0], 3))
 
 
 def _prior_information(scans: int, size: float) -> Float[np.ndarray, " a"]:
@@ -532,18 +585,23 @@ def _prior_information(scans: int, size: float) -> Float[np.ndarray, " a"]:
     return np.tile(np.repeat([ROTATION_PRIOR**-2.0, size**-2.0], 3), scans)
 
 
-def _with_covariances(poses: Sequence[ScanPose], normal: _Normal, size: float) -> AdjustedScans:
+def _with_covariances(
+    poses: Sequence[ScanPose], normal: _Normal, size: float, common: float | None
+) -> AdjustedScans:
     """Poses with the marginals of the joint covariance.
 
-    Their covariances with the poses of the others exact come with them. What no scan determines has the prior of a predicted
-    pose, see `pose_covariance`.
+    Their covariances with the poses of the others exact come with them. Of scans without noise, where a drift is known, these are
+    the marginals, too, less the inflation ``common``: no factor on exact poses would describe what some scans share that no other
+    one holds. What no scan determines has the prior of a predicted pose, see `pose_covariance`.
     """
     k, prior = len(poses), _prior_information(1, size)
-    whole = _proper(normal.certain, normal.is_exact) / normal.variance
+    whole = _proper(normal.certain, normal.information, normal.is_exact) / normal.variance
     if k >= FEWEST_ON_DRIFT:
         drift = _drift_of(poses, size)
         whole = whole + drift.information(max(drift.scatter, _least_scatter(drift, normal, size)))
     root = _covariance_root(normal.constrained(whole, 0.0), size)
+    if normal.is_exact:
+        root = _about_certain_scans(root, prior)
     joint = root @ root.T
     covariance = joint.reshape(k, 6, k, 6)
     alone = _information_alone(normal)
@@ -555,10 +613,15 @@ def _with_covariances(poses: Sequence[ScanPose], normal: _Normal, size: float) -
             described_covariance(each, pose.rotation, size)
             for each in (to_lidar @ covariance[number, :, number] @ to_lidar.T, root @ root.T)
         )
+        if common is not None:
+            every = _with_bend(every)
+            own = every / common
         matched = int(normal.matched[number])
         found.append(
             replace(pose, covariance=every, own_covariance=own, undetermined=lacking, matched=matched)
         )
+    if common is not None:
+        return AdjustedScans(tuple(found), common)
     return AdjustedScans(tuple(found), smooth_inflation(poses, alone + np.diag(prior), joint.__matmul__))
 
 
