@@ -103,7 +103,7 @@ def outcome(sensor: str, cause: str, seed: int) -> CauseOutcome:
     """One run of the smoother."""
     begin = time.perf_counter()
     scenario, fault, size, stated = drawn(sensor, cause, seed)
-    dataset = _recorded(scenario, fault, size, stated)
+    dataset = recorded(scenario, fault, size, stated)
     settings = Settings(estimators=("smoother",))
     try:
         comparison = compare_estimators(prepare(dataset, settings), settings, lambda *_: None)
@@ -162,7 +162,8 @@ def drawn(sensor: str, cause: str, seed: int) -> tuple[Scenario, ModelFault | No
     return scenario, fault, size, stated
 
 
-def _recorded(scenario: Scenario, fault: ModelFault | None, size: float, stated: bool) -> Dataset:
+def recorded(scenario: Scenario, fault: ModelFault | None, size: float, stated: bool) -> Dataset:
+    """The recording of a scenario with a fault of a size, its calibration not stated."""
     own = ModelFault("", 0.0, (scenario.kind,)) if fault is None else fault
     seeds = tuple(np.random.SeedSequence(scenario.seed).spawn(3))
     dataset = without_map(faulty_recording(scenario, own, size * own.size, seeds))

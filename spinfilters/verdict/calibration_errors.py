@@ -367,6 +367,27 @@ def possible_deviation(size: float, std: float, default: float, plausible: float
     return max(default, float(np.sqrt(density @ x**2)), float(beyond) / LARGEST)
 
 
+def stated_deviation(size: float, std: float, stated: float) -> float:
+    """Deviation of a calibration error of a stated normal prior, about zero, given the score test of the same error.
+
+    Parameters
+    ----------
+    size, std : float
+        Of the error by the residuals alone, with its standard deviation; not finite where they show nothing.
+    stated : float
+        Standard deviation of the prior.
+
+    Returns
+    -------
+    float
+        Root mean square of the posterior N(w z, w d^2), w = s^2 / (s^2 + d^2), for an estimate that does not correct the error.
+    """
+    if not (np.isfinite([size, std]).all() and std > 0):
+        return stated
+    share = stated**2 / (stated**2 + std**2)
+    return float(np.hypot(share * size, np.sqrt(share) * std))
+
+
 LARGEST_DRIFT: Final = 0.05
 """Of a recording's duration, by which stamps may be late at its ends beside its middle: the clock's rate is then 20 % off there."""
 
@@ -378,12 +399,13 @@ MOST_DRIFTING: Final = 8192
 def possible_clock_drift(
     setup: Setup, best: EstimateHistory, tested: TestedModels
 ) -> Float[np.ndarray, "k n"] | None:
-    """Error of the states by one deviation of a clock's drift, where nobody states the clock.
+    """Error of the states by one deviation of a clock's drift, where nobody states that the clock is exact.
 
     The deviation of a clock is one of its rate. Rates that seem to change are those of another body for a gyro alone. Poses and
     tracks of a body whose spin hardly nutates leave a slow change to the torques that disturb it, so that a drift may be beyond
     the deviations before it is beyond chance. Stamps are then late by x (2 t / T - 1)^2 at the time t of a recording of the
-    duration T, and x has the prior of `possible_deviation`, with the default T times the deviation of the clock.
+    duration T. Where nobody states the clock, x has the prior of `possible_deviation`, with the default T times the deviation of
+    the clock. A stated deviation s is that of the rate at the ends, so that x has s T / 4 (`stated_deviation`).
 
     Parameters
     ----------
@@ -395,10 +417,10 @@ def possible_clock_drift(
     Returns
     -------
     (k, n) float array or None
-        Of every epoch; None where the clock is stated, or the recording is too long.
+        Of every epoch; None where the clock is exact, or the recording is too long.
     """
     clock = next((each for each in setup.calibration if each.parameter.of_clock), None)
-    if clock is None or clock.source != PRIOR:
+    if clock is None or clock.std == 0:
         return None
     if len(best.time) > tested_epochs(setup):
         if setup.initial.has_landmarks or len(best.time) > MOST_DRIFTING:
@@ -413,5 +435,8 @@ def possible_clock_drift(
     test = tested.test_of(CLOCK_DRIFT)
     size, std = (0.0, np.inf) if test is None else (float(test.size[0]), float(test.std[0]))
     span = float(motion.time[-1] - motion.time[0])
-    deviation = possible_deviation(size, std, clock.std * span, LARGEST_DRIFT * span)
+    if clock.source == PRIOR:
+        deviation = possible_deviation(size, std, clock.std * span, LARGEST_DRIFT * span)
+    else:
+        deviation = stated_deviation(size, std, clock.std * span / 4)
     return deviation * motion.rows.sensitivity(columns).states[:, :, 0]
