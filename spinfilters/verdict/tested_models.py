@@ -400,10 +400,11 @@ def slow_phrase(test: ScoreTest) -> str:
 
 
 def map_phrase(test: ScoreTest) -> str:
-    """Errors of a map that poses were registered to, and the likeliest error that looks like them."""
+    """Errors of a map that poses were registered to, and after them the likeliest error that looks like them."""
     return (
-        f"the residuals are beyond chance (chi-square {test.statistic:.0f}), and poses do not distinguish errors of the map that "
-        f"they were registered to, alike in alike views, from {test.error.phrase}: the map explains {test.map_share:.0%} of it"
+        f"the residuals are beyond chance (chi-square {test.statistic:.0f}): errors of the map that poses were registered to, "
+        f"alike in alike views, explain {test.map_share:.0%} of it and leave no more than chance; poses do not exclude "
+        f"{test.error.phrase}"
     )
 
 

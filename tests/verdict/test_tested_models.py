@@ -279,4 +279,5 @@ def test_beside_errors_of_a_map_an_error_is_named_by_what_they_leave(
     models = tested_models.TestedModels((replace(drift, map_share=0.88),), std=std)
     assert models.names == names
     reason = reasons(models)[0]
-    assert ("the map explains 88% of it" in reason) == (names == ("map-error",))
+    before = reason.partition(drift.error.phrase)[0]
+    assert ("errors of the map" in before and "explain 88% of it" in before) == (names == ("map-error",))
