@@ -180,11 +180,18 @@ class LinearProblem:
 
 @dataclass(frozen=True)
 class Problem:
-    """Frames, models and prior; see `problem_of`."""
+    """Frames, models and prior; see `problem_of`.
+
+    Attributes
+    ----------
+    rows_together : int
+        Epochs without landmarks whose rows are kept in memory together; of longer problems only their products are.
+    """
 
     motion: EpochFactors
     observations: LandmarkObservations | None
     marginal_prior: MarginalizationPrior | None = None
+    rows_together: int = STRETCH
 
     @property
     def layout(self) -> StateLayout:
@@ -200,7 +207,9 @@ class Problem:
     def is_long(self) -> bool:
         """Whether a problem without landmarks exceeds the epochs whose rows fit in memory together."""
         return (
-            not self.ordering.has_landmarks and self.marginal_prior is None and self.ordering.epochs > STRETCH
+            not self.ordering.has_landmarks
+            and self.marginal_prior is None
+            and self.ordering.epochs > self.rows_together
         )
 
     def at(

@@ -168,7 +168,8 @@ def _tested(
     Where residuals contradict these, at those that the data would have, too.
     """
     epochs = setup.timeline[: len(trajectory)]
-    problem, time = linear_problem(setup, epochs), times_of(epochs)
+    # the tests need the rows themselves, also of more epochs than a smoother keeps
+    problem, time = replace(linear_problem(setup, epochs), rows_together=len(epochs)), times_of(epochs)
     near = solved_near(problem, trajectory, landmarks_placed(problem, trajectory))
     solved = None if near is None else with_refused_in_a_row(near)
     if solved is None:

@@ -12,6 +12,7 @@ from spinfilters.models.state_blocks import RATE
 from spinfilters.run.comparison_run import compare_dataset
 from spinfilters.settings.run_settings import Settings
 from spinfilters.simulation.scenario import RICH_RPM, Scenario, simulate
+from spinfilters.smoother.motion_factors import STRETCH
 from spinfilters.verdict import model_tests
 from spinfilters.verdict.calibration_errors import stated_deviation
 
@@ -62,3 +63,13 @@ def test_poses_that_would_show_a_drift_hardly_widen_the_deviations() -> None:
     assert drift is not None
     chance = np.linalg.norm(history.factor[:, rates], axis=2) ** 2 - drift[:, rates] ** 2
     assert (drift[:, rates] ** 2 < chance).all()
+
+
+def test_a_recording_longer_than_a_smoother_keeps_in_memory_counts_a_drift() -> None:
+    """Twenty seconds of a phone at 105 Hz: the rows of all epochs are there when the drift is tested."""
+    scenario = Scenario.simplified(kind="gyro", rate_rpm=RICH_RPM, epochs=STRETCH + 52, interval=0.01)
+    recording = simulate(scenario)
+    recording = replace(recording, options=replace(recording.options, calibration={}))
+    compared = compare_dataset(recording, Settings(estimators=("mekf",)))
+    assert compared.models.clock_drift is not None
+    assert len(compared.models.clock_drift) == STRETCH + 52
