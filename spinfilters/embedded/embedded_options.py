@@ -1,5 +1,6 @@
 """Options of the embedded filter. Nothing heavy is imported here: the command's help is made from them."""
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Final, Literal, get_args
 
@@ -99,6 +100,18 @@ class EmbedOptions:
         if self.sensor not in fit:
             raise InputError(
                 f"embed {option} needs --sensor {' or '.join(fit)}, not {self.sensor}; leave it out"
+            )
+
+    def require_further_blocks_of(self, blocks: Collection[str], source: str) -> None:
+        """InputError: a run's state has a block that measurements of the sensor depend on, and this filter would drop."""
+        from spinfilters.embedded.emitted_sensors import EMITTED_SENSORS
+
+        further = EMITTED_SENSORS[self.sensor].further
+        lost = [name for name in further if name in blocks and name not in self.layout.blocks]
+        if lost:
+            option = {"b": "--gyro-bias-std", "f": "--acceleration"}[lost[0]]
+            raise InputError(
+                f"{source}: its state has {lost[0]}, which this filter would take for zero; give {option} too"
             )
 
     @property

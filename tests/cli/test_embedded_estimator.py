@@ -38,7 +38,7 @@ def test_float_and_double_are_compared_on_identical_measurements(tmp_path: Path)
     ],
 )
 def test_a_further_block_of_a_run_is_estimated_and_goes_into_a_generated_filter(
-    tmp_path: Path, simulated: list[str], setting: str, block: str
+    tmp_path: Path, simulated: list[str], setting: str, block: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     data, run = str(tmp_path / "data"), tmp_path / "run"
     assert main(["simulate", "-o", data, "--frames", "70", *simulated]) == 0
@@ -52,6 +52,9 @@ def test_a_further_block_of_a_run_is_estimated_and_goes_into_a_generated_filter(
     )
     folder = tmp_path / "filter"
     assert main(["embed", "-o", str(folder), *option, "--from-run", str(run / "embedded-double")]) == 0
+    without = ["embed", "-o", str(tmp_path / "without"), *option[:2], "--from-run", str(run)]
+    assert main(without) == 2
+    assert f"give {option[2]} too" in capsys.readouterr().err
     begun = (folder / "start_state.h").read_text()
     assert f"(sf_real){ours[block][0]:.6g}"[:14] in begun
 

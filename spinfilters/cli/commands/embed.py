@@ -38,6 +38,7 @@ def embed(options: EmbedArguments) -> int:
     start = None
     if options.from_run is not None:
         source, belief, noise = last_belief(Path(options.from_run))
+        chosen.require_further_blocks_of(belief.layout.blocks, source)
         start = start_from_belief(belief, chosen.layout, source, noise)
     with output_folder(folder, COMMAND.name) as place:
         files = write_library(chosen, place, start)
