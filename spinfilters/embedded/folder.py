@@ -17,7 +17,7 @@ from spinfilters.io.output_files import write_text
 from spinfilters.models.camera_landmarks import camera_parameters
 from spinfilters.models.measurement import LandmarkSensor, MeasurementModel
 from spinfilters.models.process import ProcessNoise, TorqueFreeProcess
-from spinfilters.models.state_blocks import ACCELERATION, GYRO_BIAS
+from spinfilters.models.state_blocks import ACCELERATION, GYRO_BIAS, POSITION
 from spinfilters.models.state_layout import StateLayout
 
 
@@ -221,6 +221,9 @@ def readme_text(options: EmbedOptions, source: str) -> str:
         "substeps": str(options.substeps),
         "options": f"sensor {options.sensor}, {options.real}, {options.substeps} substeps"
         + further_options(options),
+        "estimated": "pose, velocities, centre of mass and inertia ratios"
+        if layout.has(POSITION)
+        else "attitude, body rate and inertia ratios",
         "blocks": further_blocks(options),
         "sizes": "\n".join(rows),
         "state": ", ".join(f"`{block.symbol}` ({block.mean_size})" for block in layout.members),
