@@ -19,10 +19,9 @@ from typing import Final
 
 import numpy as np
 
+from spinfilters.core.c_library import COMPILERS, compiler_version
 from spinfilters.core.shipped_libraries import has_libraries
 
-COMPILERS: Final[tuple[str, ...]] = ("cc", "gcc", "clang", "icx")
-"""Commands that are looked for beside that of ``$CC``."""
 EPOCHS: Final[int] = 20
 WARM_RUNS: Final[int] = 2
 MOST_SECONDS: Final[float] = 600.0
@@ -43,7 +42,7 @@ class CompilerTimes:
     first, warm : float
         Processor time of the first comparison, compiling included, and the least of the later ones, s.
     estimates : ndarray, (n,)
-        Last position, attitude, velocity, rate and moments of each estimator, in standard deviations of the smoother.
+        Last state of each estimator from the layout's origin, in standard deviations of the smoother.
     failure : str
         Why there are no times, else empty.
     """
@@ -59,7 +58,7 @@ class CompilerTimes:
 def installed_compilers() -> list[str]:
     """Paths of the different C compilers of this machine, that of ``$CC`` first."""
     found: dict[Path, str] = {}
-    for name in (os.environ.get("CC"), *COMPILERS):
+    for name in (os.environ.get("CC"), *COMPILERS, "icx"):
         if name and (path := shutil.which(name)):
             found.setdefault(Path(path).resolve(), path)
     return list(found.values())
@@ -110,12 +109,9 @@ def agree(one: CompilerTimes, other: CompilerTimes) -> bool:
 
 def _version(command: str) -> str:
     try:
-        done = subprocess.run(
-            [command, "--version"], capture_output=True, text=True, errors="replace", timeout=10, check=True
-        )
+        return compiler_version(command)
     except (OSError, subprocess.SubprocessError):
         return "does not run"
-    return done.stdout.partition("\n")[0]
 
 
 def _processor_time() -> float:
@@ -139,10 +135,7 @@ def compare_here() -> Mapping[str, object]:
     histories = [each.evaluation.history for each in run.values()]
     deviations = np.linalg.norm(histories[-1].factor[-1], axis=1)
     layout = histories[-1].layout
-    estimates = [
-        layout.local(histories[-1].mean[-1], each.mean[-1]) / deviations + index
-        for index, each in enumerate(histories)
-    ]
+    estimates = [layout.local(layout.origin(), each.mean[-1]) / deviations for each in histories]
     return {
         "compiled": kernels() is not None,
         "first": times[0],

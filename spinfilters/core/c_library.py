@@ -173,12 +173,24 @@ def interprets_all() -> bool:
     return os.environ.get("SPINFILTERS_COMPILE", "on").lower() in {"off", "0", "no"}
 
 
+COMPILERS: Final = ("cc", "gcc", "clang")
+"""Commands that are looked for, after that of ``$CC``."""
+
+
+def compiler_version(command: str) -> str:
+    """First line that a compiler prints of itself; OSError or SubprocessError where it does not run."""
+    done = subprocess.run(
+        [command, "--version"], capture_output=True, text=True, errors="replace", timeout=10, check=True
+    )
+    return done.stdout.partition("\n")[0]
+
+
 @cache
 def compiler() -> str | None:
-    """Path of the C compiler (``$CC``, cc, gcc, clang), or None, as with ``SPINFILTERS_COMPILE=off``."""
+    """Path of the C compiler (``$CC``, then `COMPILERS`), or None, as with ``SPINFILTERS_COMPILE=off``."""
     if interprets_all():
         return None
-    for name in (os.environ.get("CC"), "cc", "gcc", "clang"):
+    for name in (os.environ.get("CC"), *COMPILERS):
         if name and (found := shutil.which(name)):
             return found
     return None

@@ -18,6 +18,8 @@ Substeps = Literal[2, 4, 8, 16, 32, 64]
 MAP_SIZE: Final = NumberRange(1, 65_535, whole=True)
 BIAS_STD: Final = NumberRange(1e-9, 1e3, "rad/s", zero=True)
 BIAS_PSD: Final = NumberRange(1e-20, 1e6, "(rad/s^2)^2/Hz", zero=True)
+OPTIONS_OF_BLOCKS: Final = {"b": "--gyro-bias-std", "f": "--acceleration"}
+"""Option that adds a further block to the state."""
 
 
 @dataclass(frozen=True)
@@ -87,19 +89,23 @@ class EmbedOptions:
         BIAS_PSD.require("embed --gyro-bias-psd", self.gyro_bias_psd)
         if self.gyro_bias_psd and not self.gyro_bias_std:
             raise InputError("embed --gyro-bias-psd needs a bias in the state; give --gyro-bias-std too")
-        self._require_seen("--gyro-bias-std", "b", self.gyro_bias_std > 0)
-        self._require_seen("--acceleration", "f", self.acceleration)
+        for block in self._further:
+            self._require_seen(block)
 
-    def _require_seen(self, option: str, block: str, is_wanted: bool) -> None:
+    @property
+    def _further(self) -> list[str]:
+        """Names of the blocks that the options add."""
+        wanted = {"b": self.gyro_bias_std > 0, "f": self.acceleration}
+        return [block for block, is_wanted in wanted.items() if is_wanted]
+
+    def _require_seen(self, block: str) -> None:
         """InputError: a wanted block of the state that measurements of the sensor do not depend on."""
-        if not is_wanted:
-            return
         from spinfilters.embedded.emitted_sensors import EMITTED_SENSORS
 
         fit = [each.name for each in EMITTED_SENSORS.values() if block in each.further]
         if self.sensor not in fit:
             raise InputError(
-                f"embed {option} needs --sensor {' or '.join(fit)}, not {self.sensor}; leave it out"
+                f"embed {OPTIONS_OF_BLOCKS[block]} needs --sensor {' or '.join(fit)}, not {self.sensor}; leave it out"
             )
 
     def require_further_blocks_of(self, blocks: Collection[str], source: str) -> None:
@@ -109,20 +115,19 @@ class EmbedOptions:
         further = EMITTED_SENSORS[self.sensor].further
         lost = [name for name in further if name in blocks and name not in self.layout.blocks]
         if lost:
-            option = {"b": "--gyro-bias-std", "f": "--acceleration"}[lost[0]]
             raise InputError(
-                f"{source}: its state has {lost[0]}, which this filter would take for zero; give {option} too"
+                f"{source}: its state has {lost[0]}, which this filter would take for zero; "
+                f"give {OPTIONS_OF_BLOCKS[lost[0]]} too"
             )
 
     @property
     def layout(self) -> "StateLayout":
         """Blocks of the state."""
         from spinfilters.embedded.emitted_sensors import EMITTED_SENSORS
-        from spinfilters.models.state_blocks import ACCELERATION, GYRO_BIAS
+        from spinfilters.models.state_blocks import BLOCKS
         from spinfilters.models.state_layout import StateLayout
 
-        wanted = {GYRO_BIAS: self.gyro_bias_std > 0, ACCELERATION: self.acceleration}
-        further = [block for block, is_wanted in wanted.items() if is_wanted]
+        further = [BLOCKS[name] for name in self._further]
         return StateLayout(EMITTED_SENSORS[self.sensor].blocks).joined(*further)
 
     @property

@@ -127,19 +127,15 @@ def _installed_version(name: str) -> str:
 
 
 def _compiler() -> str:
-    from spinfilters.core.c_library import compiler
+    from spinfilters.core.c_library import compiler, compiler_version
 
     path = compiler()
     if path is None:
         return f"none (or SPINFILTERS_COMPILE=off): {COMPILER_CURE}"
     try:
-        command = [path, "--version"]
-        done = subprocess.run(
-            command, capture_output=True, text=True, errors="replace", timeout=10, check=True
-        )
+        return f"{path}, {compiler_version(path)}"
     except (OSError, subprocess.SubprocessError) as error:
         return f"{path} does not run ({_reason(error)}): {COMPILER_CURE}"
-    return f"{path}, {done.stdout.partition(chr(10))[0]}"
 
 
 def _libraries() -> str:
