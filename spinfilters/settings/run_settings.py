@@ -444,7 +444,7 @@ class Settings:
     robust : RobustOptions
         Gate and robust loss of the filters.
     iteration : IterationOptions
-        Iterated updates by landmarks.
+        Iterated updates of the MEKF.
     adaptation : AdaptationOptions
         Which noise levels filters adapt to their innovations.
     smoother : SmootherSettings
