@@ -213,16 +213,16 @@ def noise_model(problem: Problem, noise: SensorNoise, unstated: Unstated) -> Noi
         set() if problem.observations is None else {group.model.name for group in problem.observations.groups}
     )
     components = []
-    for option, by_sensor in unstated.options.items():
+    for option, rows_of in unstated.options.items():
         rows = {
-            k: innovation_rows(sensor.model, by_sensor[sensor.model.name])
+            k: innovation_rows(sensor.model, rows_of[sensor.model.name])
             for k, sensor in enumerate(problem.motion.sensors)
-            if sensor.model.name in by_sensor
+            if sensor.model.name in rows_of
         }
         rows = {k: own for k, own in rows.items() if own}
-        if rows or seen & set(by_sensor):
+        if rows or seen & set(rows_of):
             value = getattr(noise, option)
-            tracks = bool(seen & set(by_sensor))
+            tracks = bool(seen & set(rows_of))
             components.append(ComponentRows(option, value, rows, tracks, smallest_level(option)))
     densities = tuple(name for name in unstated.densities if problem.layout.translates or name != FORCE_PSD)
     return NoiseModel(problem, tuple(components), densities) if components or densities else None
