@@ -129,6 +129,7 @@ class CompiledUpdate:
         """Result of a compiled update, read from its structure `Made`."""
         n, begin = self._size, 3 + 2 * self._size
         nis, log_noise, log_root = float(made[0]), float(made[1]), float(made[begin - 1])
+        # Made: nis, log noise, error (n), shift (n), log root, then three n x n matrices and the mean.
         factor, root, reset = made[begin : begin + 3 * n * n].reshape(3, n, n)
         likelihood = -0.5 * (nis + dof * LOG_2_PI) - log_root - log_noise
         error, shift = made[2 : 2 + n], made[2 + n : begin - 1]

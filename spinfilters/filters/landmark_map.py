@@ -324,6 +324,7 @@ class HeldMap:
         modes: Float[np.ndarray, "r N"],
     ) -> Float[np.ndarray, "N N"]:
         """Factor about the corrected mean; the map's own move goes on."""
+        # Rows of the factor: state (n), reset; modes (r), the new ones; the map's own move, unchanged.
         n, result = layout.error_dim, correction.factor.copy()
         result[:n] = reset @ correction.factor[:n]
         result[n : n + self.landmarks.rank] = modes

@@ -98,6 +98,7 @@ def squared_distances(
 ) -> Float[np.ndarray, " k"]:
     """Squared distances d2 = rho' S^-1 rho of all values by elimination, infinite where S is not positive definite."""
     k, d = innovation.shape
+    # [S | rho] of all values, the last axis over values: each pivot adds (eliminated rho_j)^2 / pivot to the distance.
     array = np.empty((d, d + 1, k))
     array[:, :d] = covariance.transpose(1, 2, 0)
     array[:, d] = innovation.T

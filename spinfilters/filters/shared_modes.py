@@ -142,15 +142,18 @@ def anchored_at_pose(belief: LandmarkBelief, options: LandmarkOptions) -> Landma
 
 def _held(errors: SharedErrors, rigid: Float[np.ndarray, "6 R"], options: LandmarkOptions) -> HeldErrors:
     k, R = len(errors.points), errors.follow.shape[2]
+    # Errors whitened by the landmarks' own roots: eigenvectors of their Gram matrix are the modes, strongest first.
     own = lower_roots(errors.own)
     scaled = np.linalg.solve(own, errors.follow).reshape(3 * k, R)
     most = min(options.modes, R)
     explained, vectors = eigh(scaled.T @ scaled, subset_by_index=(R - most, R - 1))
     r = max(int(np.count_nonzero(explained >= options.explained)), 1)
     held = vectors[:, ::-1][:, :r]
+    # Rows of the joint factor: state, modes (r), gauge move (6); the latter two have no part in the columns behind R.
     rows = np.zeros((len(errors.state_rows) + r + GAUGE_DIM, errors.state_rows.shape[1]))
     rows[: len(errors.state_rows)] = errors.state_rows
     rows[len(errors.state_rows) :, :R] = np.concatenate([held.T, rigid])
+    # What the modes leave out, landmark by landmark, is added to its own covariance.
     rest = own @ (scaled - (scaled @ held) @ held.T).reshape(k, 3, R)
     roots = np.linalg.cholesky(own @ np.swapaxes(own, 1, 2) + rest @ np.swapaxes(rest, 1, 2))
     return HeldErrors(errors.follow @ held, roots, triangular_factor(rows.T))

@@ -197,6 +197,7 @@ class _SampleSequence:
     def distances(self, kept: Int[np.ndarray, " k"]) -> Float[np.ndarray, " d"]:
         """Distances of inner kept samples from the line through their kept neighbours."""
         time, values = self.time[kept], self.values[kept]
+        # Inner samples with both neighbours; time shares the line between these.
         before, here, after = values[:-2], values[1:-1], values[2:]
         if self.has_signs:
             before, after = (_aligned(each, here) for each in (before, after))
