@@ -498,7 +498,7 @@ def flow_at(part: ReachedModel, point: DrawnPoint, orders: int, generator: np.ra
                 f"{part.model.name}: derivatives of the outputs of order {order} and more by {len(part.unknowns)} unknowns take "
                 "too long; measure more states, declare what is known among known_constants, or analyse a part of the system"
             )
-        return _given(part, point, order, width, generator)
+        return _draw_coefficients(part, point, order, width, generator)
 
     return Flow(point.field, part.tape, point.decisions, start_values(part, point, width), others)
 
@@ -513,7 +513,7 @@ def start_values(part: ReachedModel, point: DrawnPoint, width: int) -> Num[np.nd
     return series.advance(0)
 
 
-def _given(
+def _draw_coefficients(
     part: ReachedModel, point: DrawnPoint, order: int, width: int, generator: np.random.Generator
 ) -> Iterator[tuple[int, Num[np.ndarray, "n b m"]]]:
     """Coefficients of constants, known inputs and unknown inputs of an order."""

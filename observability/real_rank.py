@@ -168,7 +168,7 @@ def real_rank(part: ReachedModel, exact: ExactRank, seed: int = 0) -> RealRank:
     )
     for attempt in range(POINTS):
         between = RANGES[attempt % len(RANGES)]
-        values = _drawn(part, between, generator)
+        values = _draw_groups(part, between, generator)
         arithmetic = RandomRounding(int(generator.integers(1 << 30)))
         try:
             rank = _rank_at(part, exact, values, arithmetic, generator, branch)
@@ -196,7 +196,7 @@ class _NotRealError(Exception):
     """Of a point at which something is not real or not finite."""
 
 
-def _drawn(
+def _draw_groups(
     part: ReachedModel, between: tuple[float, float], generator: np.random.Generator
 ) -> list[Num[np.ndarray, "n b"]]:
     """States, constants, inputs and unknown inputs, the same at all times."""

@@ -313,10 +313,10 @@ class HeldMap:
         if len(new.ids):
             held.append(new.ids, new.points, dependence, roots)
             removed = np.concatenate([removed, held.remove(held.stalest(self._options.largest_map))])
-        factor = self._moved(o.layout, correction, reset, modes.rows)
+        factor = self._reset_factor(o.layout, correction, reset, modes.rows)
         return factor, MapChange(used, weights, new.ids, removed)
 
-    def _moved(
+    def _reset_factor(
         self,
         layout: StateLayout,
         correction: Correction,

@@ -114,7 +114,7 @@ def shared_modes(every: SharedErrors, options: LandmarkOptions) -> HeldErrors:
 
     Weighed by the landmarks' own errors; what is left out is added to those.
     """
-    return _held(*every.in_frame_of_map(), options)
+    return _choose_modes(*every.in_frame_of_map(), options)
 
 
 def anchored_at_pose(belief: LandmarkBelief, options: LandmarkOptions) -> LandmarkBelief:
@@ -136,11 +136,13 @@ def anchored_at_pose(belief: LandmarkBelief, options: LandmarkOptions) -> Landma
     rows[pose] = 0.0  # but for rounding
     rows[pose, size:] = GAUGE_STD * np.eye(GAUGE_DIM)
     errors = SharedErrors(layout, belief.mean, belief.points, rows, follow.reshape(k, 3, size), belief.roots)
-    held = _held(errors, move + before if len(before) else move, options)
+    held = _choose_modes(errors, move + before if len(before) else move, options)
     return replace(belief, modes=held.modes, roots=held.roots, factor=held.factor)
 
 
-def _held(errors: SharedErrors, rigid: Float[np.ndarray, "6 R"], options: LandmarkOptions) -> HeldErrors:
+def _choose_modes(
+    errors: SharedErrors, rigid: Float[np.ndarray, "6 R"], options: LandmarkOptions
+) -> HeldErrors:
     k, R = len(errors.points), errors.follow.shape[2]
     # Errors whitened by the landmarks' own roots: eigenvectors of their Gram matrix are the modes, strongest first.
     own = lower_roots(errors.own)

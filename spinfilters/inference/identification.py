@@ -55,7 +55,7 @@ class WorkingSolutions:
         By how much the cost of u falls in the linear problem is u' J P J' u.
         """
         lengths = np.array([source.dot(source) for source in self.sources])
-        return (lengths - [each.predicted_reduction for each in self._solved]) / 2
+        return (lengths - [each.predicted_reduction for each in self._solutions]) / 2
 
     @cached_property
     def information(self) -> Float[np.ndarray, "c c"]:
@@ -64,7 +64,7 @@ class WorkingSolutions:
         What two of them share is that of the one with what is left of the other.
         """
         F = np.diag(self.variances_information)
-        explained = [explained_rows(self.problem, self.here, each) for each in self._solved[1:]]
+        explained = [explained_rows(self.problem, self.here, each) for each in self._solutions[1:]]
         for (i, one), (j, other) in combinations(enumerate(self.sources), 2):
             F[i, j] = F[j, i] = (one.dot(other) - one.dot(explained[j - 1])) / 2
         return F
@@ -72,11 +72,11 @@ class WorkingSolutions:
     @property
     def errors(self) -> Float[np.ndarray, "c k n"]:
         """P J'u: error of every epoch by each ln variance, up to its sign."""
-        solutions = [each.solution for each in self._solved]
+        solutions = [each.solution for each in self._solutions]
         return np.array([each.errors for each in solutions if each is not None])
 
     @cached_property
-    def _solved(self) -> list[NormalEquations]:
+    def _solutions(self) -> list[NormalEquations]:
         return [self._solution(each) for each in self.sources]
 
     def _solution(self, right: WhitenedRows) -> NormalEquations:

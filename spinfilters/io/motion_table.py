@@ -164,7 +164,7 @@ def read_acceleration(path: Path, options: ReadingOptions) -> Acceleration | Non
 
 def _rates(source: NamedColumns, columns: MotionColumns, options: ReadingOptions) -> MotionTable:
     vector, remarks = columns.vectors["rate"], []
-    table = _read(source, columns, ("rate",))
+    table = _read_quantities(source, columns, ("rate",))
     unit = _rate_unit(table, vector, options, "seconds_elapsed" in source.names)
     _require_measurable(table, unit, bool(vector.unit) or options.unit is not None)
     values = table.values.copy()
@@ -216,7 +216,7 @@ def _poses(source: NamedColumns, columns: MotionColumns, options: ReadingOptions
     has_position = "position" in columns.vectors
     if not has_position:
         options.require_only(("clock", "rate", "columns"), "a table of attitudes")
-    table = _read(source, columns, ("position", "quaternion") if has_position else ("quaternion",))
+    table = _read_quantities(source, columns, ("position", "quaternion") if has_position else ("quaternion",))
     table, clock = _timed(table, columns, options, source, None)
     if has_position:
         values = table.values.copy()
@@ -230,7 +230,7 @@ def _poses(source: NamedColumns, columns: MotionColumns, options: ReadingOptions
     return MotionTable(stream, None, () if clock == "s" else (clock,))
 
 
-def _read(source: NamedColumns, columns: MotionColumns, quantities: tuple[Quantity, ...]) -> Table:
+def _read_quantities(source: NamedColumns, columns: MotionColumns, quantities: tuple[Quantity, ...]) -> Table:
     """Clock, where there is one, and quantities."""
     chosen = [k for quantity in quantities for k in columns.vectors[quantity].indices]
     clock = [] if columns.time is None else [columns.time[0]]
@@ -318,7 +318,7 @@ def _acceleration(
     """Accelerometer of a table; None without one, or where its unit is in doubt."""
     if "acceleration" not in columns.vectors:
         return None
-    table = _read(source, columns, ("acceleration",))
+    table = _read_quantities(source, columns, ("acceleration",))
     force, spelled = table.values[:, -3:], columns.vectors["acceleration"].unit
     if np.abs(force).max() > LARGEST_FORCE:
         return None

@@ -175,7 +175,7 @@ def draw_predictions(folder: Path, evaluations: Sequence[Evaluation]) -> list[st
     told = [folder / PREDICTION_PICTURE, *paths, *(path.with_name(TABLE) for path in paths)]
     if not good or not any(path.exists() for path in told):
         return []
-    predicted = [_read(path, each.history) for path, each in zip(paths, good, strict=True)]
+    predicted = [_read_prediction(path, each.history) for path, each in zip(paths, good, strict=True)]
     compared = _compared_with_truth(good, predicted)
     # the reference of an earlier call is not in the folder: its picture stays
     return _draw(folder, good, predicted, compared, keeps=any(each.truth is None for each in good))
@@ -318,7 +318,7 @@ def predict_history(
     return rows.ended(history.name, EstimatorStatus())
 
 
-def _read(path: Path, history: EstimateHistory) -> EstimateHistory:
+def _read_prediction(path: Path, history: EstimateHistory) -> EstimateHistory:
     """The prediction that goes on from a history."""
     predicted = read_history(path, CURE)
     time, mean = predicted.time, predicted.mean

@@ -423,7 +423,7 @@ def model_findings(models: TestedModels, tested: EstimateHistory | None) -> list
     tested : EstimateHistory or None
         Estimate about which the models were tested.
     """
-    about = _moved(models, tested)
+    about = _find_moved_quantities(models, tested)
     found = [finding("front-end-slip", {"text": each.sentence, "cure": each.cure}) for each in models.slips]
     found += models.correlated.doubts
     found += [
@@ -452,7 +452,7 @@ def _numbers(test: ScoreTest) -> dict[str, float | str]:
     return {"chi_square": test.statistic, "p_value": test.p_value}
 
 
-def _moved(models: TestedModels, tested: EstimateHistory | None) -> frozenset[str]:
+def _find_moved_quantities(models: TestedModels, tested: EstimateHistory | None) -> frozenset[str]:
     """Quantities that removing any of the errors moves which are beyond chance.
 
     All where that is not known, or where more than what the errors explain is wrong with the residuals.

@@ -301,7 +301,7 @@ def make_rotational_energy() -> ItemResult:
             bound=100 * std,
             why=CHOSEN,
         ),
-        _held(course, held),
+        _count_inside_band(course, held),
     ]
     figure = _energy_figure(course, held, 1e3, "energy [mJ]", "Rotational kinetic energy of the target")
     return ItemResult(rows, {"energy": figure}, {"energy": _energy_table(course)}, note=NOTE)
@@ -313,12 +313,12 @@ def make_translational_energy() -> ItemResult:
     covariance = np.tile(SPEED**2 * np.eye(3), (len(measured), 1, 1))
     course = quadratic_energy(target().measured.time, measured, covariance, MASS * np.eye(3))
     held = MASS * np.sum(true**2, axis=1) / 2
-    rows = [_held(course, held)]
+    rows = [_count_inside_band(course, held)]
     figure = _energy_figure(course, held, 1e6, "energy [uJ]", "Translational kinetic energy of the target")
     return ItemResult(rows, {"energy": figure}, {"energy": _energy_table(course)}, note=NOTE)
 
 
-def _held(course: EnergyCourse, true: Float[np.ndarray, " k"]) -> ComparedNumber:
+def _count_inside_band(course: EnergyCourse, true: Float[np.ndarray, " k"]) -> ComparedNumber:
     """Share of the rows whose band holds the true energy; small energies are not Gaussian, hence the lower end."""
     inside = np.abs(course.energy - true) <= SIGMAS * course.std
     return ComparedNumber(

@@ -82,7 +82,7 @@ class ExplainedErrors:
         measured, lasting = np.zeros_like(stated), np.zeros_like(stated)
         # Unit errors of a component's r rows move states by M (n, r): M M' is their share of the stated covariance, M (w + S) M'
         # that of white errors with the variance w and of lasting ones, S_ij = s exp(-|t_i - t_j| / tau).
-        for number, away, every in self._moved:
+        for number, away, every in self._errors_by_row:
             slow, moved = np.exp(levels[count + number] - away / np.exp(levels[-1])), every[epochs]
             across = np.swapaxes(moved, 1, 2)
             measured += moved @ across
@@ -145,11 +145,11 @@ class ExplainedErrors:
         return float(np.log(np.trace(self.relative(likely.levels, some), axis1=1, axis2=2).sum()))
 
     @cached_property
-    def _moved(self) -> list[tuple[int, Float[np.ndarray, "r r"], Float[np.ndarray, "k n r"]]]:
+    def _errors_by_row(self) -> list[tuple[int, Float[np.ndarray, "r r"], Float[np.ndarray, "k n r"]]]:
         """Component, time apart (s), and errors of states, by every row of measurements."""
-        return list(self._by_row())
+        return list(self._walk_rows())
 
-    def _by_row(self) -> Iterator[tuple[int, Float[np.ndarray, "r r"], Float[np.ndarray, "k n r"]]]:
+    def _walk_rows(self) -> Iterator[tuple[int, Float[np.ndarray, "r r"], Float[np.ndarray, "k n r"]]]:
         rows, sensors = self.rows, self.rows.problem.motion.sensors
         stamps = np.concatenate([[0.0], np.cumsum(rows.problem.motion.dt)])
         for number, each in enumerate(self.model.components):
@@ -262,7 +262,7 @@ def _compared(rows: LinearRows, model: NoiseModel, stated: Collection[str]) -> l
     errors = ExplainedErrors(rows, model)
     likely = [(each, _probability(_evidence(motion, white, each))) for each in _likeliest(every)]
     found = [
-        _told(errors, ExplainedLevels(each, white, climb.information(each), p))
+        _describe_levels(errors, ExplainedLevels(each, white, climb.information(each), p))
         for each, p in likely
         if p > MOST_WRONG
     ]
@@ -319,7 +319,7 @@ def _undisturbed(motion: LinearMotion, white: LikelyLevels) -> list[LikelyLevels
     return found
 
 
-def _told(errors: ExplainedErrors, explained: ExplainedLevels) -> CorrelatedErrors:
+def _describe_levels(errors: ExplainedErrors, explained: ExplainedLevels) -> CorrelatedErrors:
     best, model = explained.levels, errors.model
     count, names = len(model.components), [c.name for c in model.components]
     half = np.exp(best.levels / 2)

@@ -236,7 +236,7 @@ class ColumnProducts:
         places = {k: slice(a, b) for k, a, b in zip(order, ends, ends[1:], strict=False)}
         driven = [each.of_motion for each in given if not each.is_measured]
         groups = [[each for each in given if each.is_measured], driven]
-        solved = _Solved.of(rows, [Columns.joined(group) for group in groups if group])
+        solved = _SolvedRows.of(rows, [Columns.joined(group) for group in groups if group])
         shared, own = solved.by_component(noise)
         return cls(
             tuple(places[k] for k in range(len(given))),
@@ -255,7 +255,7 @@ class ColumnProducts:
 
 
 @dataclass(frozen=True)
-class _Solved:
+class _SolvedRows:
     """Right-hand sides of measurements, then of the motion, with the solution for both.
 
     Attributes
@@ -272,7 +272,7 @@ class _Solved:
     beside: Columns
 
     @classmethod
-    def of(cls, rows: LinearRows, groups: Sequence[Columns]) -> "_Solved":
+    def of(cls, rows: LinearRows, groups: Sequence[Columns]) -> "_SolvedRows":
         """Solved together."""
         e = rows.solved(Gradient.joined([rows.gradient(each) for each in groups]))
         return cls(rows, tuple(groups), rows.states(e), rows.left_beside_sensors(groups, e))

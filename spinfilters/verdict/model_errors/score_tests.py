@@ -239,7 +239,7 @@ TESTED_VARIANCES: Final = (0.1, 1.0, 10.0, 100.0)
 """Of an error by epoch, likewise, for each of which there is a test: the most powerful one against it."""
 
 
-class _Left(NamedTuple):
+class _UnexplainedResiduals(NamedTuple):
     """What the solution leaves of the measurements, and its squares by noise component."""
 
     columns: Columns
@@ -257,7 +257,7 @@ def score_tests(
     motion: SmoothedMotion, noise: NoiseComponents, errors: Iterable[Alternative]
 ) -> list[ScoreTest]:
     """Score tests of all errors that apply and that the states leave room for, the most explaining first."""
-    left = _Left(motion.rows.left, noise.squares(motion.rows.left))
+    left = _UnexplainedResiduals(motion.rows.left, noise.squares(motion.rows.left))
     found: list[ScoreTest | None] = []
     constant: list[_ErrorColumns] = []
     for error in errors:
@@ -350,7 +350,7 @@ def _probability(error: Alternative, gained: float, dof: float, level_dof: float
 
 
 def _by_epoch(
-    motion: SmoothedMotion, noise: NoiseComponents, named: _ErrorColumns, left: _Left
+    motion: SmoothedMotion, noise: NoiseComponents, named: _ErrorColumns, left: _UnexplainedResiduals
 ) -> ScoreTest | None:
     """An error drawn anew at every epoch, of the variance that is most likely."""
     error, columns = named
@@ -367,7 +367,7 @@ def _by_epoch(
     drawn = vectors @ (variance * along / (1 + variance * values))
     every[chosen] = drawn.reshape(len(chosen), -1)
     free = float((variance * values / (1 + variance * values)).sum())
-    right = _drawn(motion, columns, every[:, :, None])
+    right = _scale_columns(motion, columns, every[:, :, None])
     explained = motion.rows.residual(right)
     after = noise.gain(left.squares, noise.squares(left.columns.minus(explained)))
     gain = max(likelihood, after.value - 2 * free) * K / len(chosen)
@@ -416,7 +416,7 @@ def _epochs_of(motion: SmoothedMotion) -> tuple[list[np.ndarray], np.ndarray | N
     return [sensor.epoch for sensor in problem.motion.sensors], seen
 
 
-def _drawn(motion: SmoothedMotion, columns: Columns, sizes: Float[np.ndarray, "k q m"]) -> Columns:
+def _scale_columns(motion: SmoothedMotion, columns: Columns, sizes: Float[np.ndarray, "k q m"]) -> Columns:
     """Right-hand sides of an error with these sizes at every epoch."""
     sensors, seen = _epochs_of(motion)
     nothing = motion.rows.nothing(sizes.shape[2])
