@@ -97,7 +97,7 @@ class ReachedModel:
 
     @cached_property
     def radicands(self) -> frozenset[Fraction]:
-        """Numbers that a prime field must have a root of: constants under a root or logarithm, and factors beside symbols there.
+        """Numbers that a prime field must have a root of: constants under a root or logarithm, and factors of symbols there.
 
         Drawn values are themselves in the group of numbers with roots, and so are their products, roots and powers.
         """
@@ -121,7 +121,7 @@ class ReachedModel:
 
     @property
     def most_orders(self) -> int:
-        """Orders (in discrete time periods) that are taken where nothing tells that fewer are enough."""
+        """Orders (in discrete time periods) that are taken where nothing shows that fewer are enough."""
         return len(self.unknowns) + 2 + len(self.states)
 
     @property

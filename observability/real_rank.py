@@ -1,4 +1,4 @@
-"""Rank of a model's outputs at real points in floats, beside which a rank in residues must hold.
+"""Rank of a model's outputs at real points in floats, with which a rank in residues must agree.
 
 Residues know that exp(a) exp(b) = exp(a + b), but not that log(a) + log(b) = log(a b) or that sin(4 atan(1)) = 0: such a
 difference is then a number other than 0, and the rank too high. On the reals it is rounding. Each operation is computed several

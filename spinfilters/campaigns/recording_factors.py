@@ -358,7 +358,7 @@ def prepared_about_truth(dataset: Dataset, settings: Settings, belief: BeliefFac
 def require_frames(sensor: SensorFactor) -> None:
     """Refuse sensors whose frames are not those of the truth.
 
-    A belief is drawn in the frames of the truth, which unknown landmarks do not tell.
+    A belief is drawn in the frames of the truth, which unknown landmarks do not determine.
     """
     if sensor.known_map:
         return

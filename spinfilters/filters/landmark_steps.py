@@ -531,7 +531,7 @@ def _new_modes(closing: Closing) -> NewModes:
 
 
 def _observe(stored: LandmarkArrays, closing: Closing, new: NewModes) -> None:
-    """Move observed landmarks, and tell them by the new modes."""
+    """Correct observed landmarks, and express them by the new modes."""
     at, (X, gram) = closing.at, _own_parts(closing.white)
     modes, roots = stored.modes[at].astype(float), stored.roots[at].astype(float)
     # pull = L X' rows, columns [pose | modes | innovation]; errors of a landmark by both: [0 | A] - pull.

@@ -198,7 +198,7 @@ class DuplicateImages:
     def remember(
         self, keys: Num[np.ndarray, "k ..."], values: Float[np.ndarray, "k v"], time_passed: bool
     ) -> None:
-        """Remember values of a later epoch, too few to be told from a repetition (`FEWEST_DUPLICATES`).
+        """Remember values of a later epoch, too few to be distinguished from a repetition (`FEWEST_DUPLICATES`).
 
         Parameters
         ----------

@@ -91,7 +91,8 @@ class SharedErrors:
             turned @ N.reshape(3 * k, GAUGE_DIM),
             turned @ self.follow.reshape(3 * k, self.follow.shape[2]),
         )
-        rigid = np.linalg.lstsq(normal, right, rcond=None)[0]  # of landmarks on a line not all is told
+        # Least norm: landmarks on a line do not determine all of it.
+        rigid = np.linalg.lstsq(normal, right, rcond=None)[0]
         rows = self.state_rows.copy()
         rows[:, : rigid.shape[1]] -= gauge_directions(self.layout, self.mean) @ rigid
         return replace(self, state_rows=rows, follow=self.follow - N @ rigid), rigid

@@ -148,7 +148,7 @@ PRIOR_SLOPE: Final[float] = 2 * PRIOR_INFORMATION
 """Of twice the log prior by ln variance: flat in the standard deviation."""
 SMALLEST_REDUNDANCY: Final[float] = 1e-3
 SMALLEST_SHARE: Final[float] = 0.01
-"""Of a level in what tells it, below which it makes no difference."""
+"""Of a level in what identifies it, below which it makes no difference."""
 TINY: Final[float] = float(np.finfo(float).tiny)
 NEGLIGIBLE: Final[float] = 1e-3
 """Of ln variance: a change that no estimate shows."""
@@ -238,7 +238,7 @@ class _Optimum:
     def refuses(self, measurement: SensorRows, sensor: int) -> bool:
         """Whether a further measurement is beyond the gate at these levels.
 
-        The residuals of the others tell these by as many degrees of freedom as they have redundancy (Fisher's distribution).
+        The residuals of the others estimate these by as many degrees of freedom as they have redundancy (Fisher's distribution).
         """
         own = replace(measurement, scale=self.problem.motion.sensors[sensor].scale)
         rows = self.problem.motion.sensor_rows(own, self.here.trajectory, LeastSquares()).rows
@@ -362,7 +362,7 @@ class LevelTest:
     Attributes
     ----------
     score : float
-        Standard deviations by which the data ask for more noise, as of a normal number; zero where they tell nothing.
+        Standard deviations by which the data ask for more noise, as of a normal number; zero where they contain no information.
     """
 
     name: str

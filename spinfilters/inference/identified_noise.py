@@ -170,7 +170,7 @@ def _unidentified(sensor: Sensor, why: str) -> InputError:
 
 SMALLEST_SHARE_OF_DEFAULT: Final[float] = 1e-4
 """Of a noise option's default, the least level that is identified: no such sensor is better. Less is a simulation without
-noise, whose residuals are those of rounding and of integration (1e-9 of a step) and tell no level."""
+noise, whose residuals are those of rounding and of integration (1e-9 of a step) and identify no level."""
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,7 @@ SLOWEST: Final = 1.0
 FASTEST: Final = 8000.0
 """Hz: gyros and trackers whose clock has no unit sample between these."""
 LARGEST_ROTATION: Final[float] = np.pi
-"""Between samples in the median, rad: a gyro that is sampled more slowly tells no motion."""
+"""Between samples in the median, rad: a gyro that is sampled more slowly determines no motion."""
 LONGEST_STEP: Final[float] = 2.0
 """s: larger steps of a clock without a unit are not seconds."""
 _CALENDAR = (8e8, 4.2e9)  # s from 1970 of the years 1995 to 2100
@@ -98,7 +98,7 @@ MOTION_TABLE_LONGEST_STEP: Final[float] = 3600.0
 LARGEST_FORCE: Final[float] = 1e6
 """Of an accelerometer, in any unit: one that says more is not believed."""
 _AT_REST = {"m/s^2": (5.0, 15.0), "g": (0.5, 1.5)}
-"""Medians of an accelerometer without a unit that tell it."""
+"""Medians of an accelerometer without a unit that show it."""
 
 
 @dataclass(frozen=True)
@@ -211,7 +211,7 @@ def _require_measurable(table: Table, unit: str, is_stated: bool) -> None:
 def _poses(source: NamedColumns, columns: MotionColumns, options: ReadingOptions) -> MotionTable:
     """Poses, or attitudes where no position is there.
 
-    Rates beside them are taken as derived and left out.
+    Rates in the same table are taken as derived and left out.
     """
     has_position = "position" in columns.vectors
     if not has_position:
@@ -349,7 +349,7 @@ def _quantities(
 ) -> tuple[Quantity, ...]:
     """The quantities read of a table.
 
-    InputError where it does not tell a motion or its clock.
+    InputError where it does not describe a motion or its clock.
     """
     found, path, names = columns.vectors, source.path, source.names
     if columns.time is None and options.rate is None:

@@ -248,7 +248,7 @@ class Lines(Source):
                 epoch = self.reader.feed(line.decode("utf-8", "replace"))
                 if epoch is not None:
                     yield replace(epoch, at=self._arrived)
-        if rest:  # nobody knows how much of it is missing
+        if rest:  # how much of it is missing is unknown
             self.reader.torn(rest.decode("utf-8", "replace"))
         yield self.reader.flush()
 

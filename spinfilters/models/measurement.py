@@ -78,7 +78,7 @@ class MeasurementModel(ABC):
     needs : tuple[str, ...]
         State blocks that the measurement depends on.
     known_by : int | None
-        Leading parameters that tell what is measured, by which it is known again; None for all of them.
+        Leading parameters that identify what is measured, by which it is recognised; None for all of them.
     images : int
         Of which a value holds pixels: one of a camera, two of a pair.
     reads_rate : bool

@@ -48,7 +48,7 @@ MOST_STEPS = 20_000
 ROUNDING = 1e-6
 """Of a step: time stamps are printed with six decimals."""
 CLOSE = 1e-3
-"""Of a step: a stamp of the truth stands for a step that is so near."""
+"""Of a step: a stamp of the truth counts as a step that is so near."""
 
 
 def times_ahead(time: Float[np.ndarray, " n"], seconds: float) -> Float[np.ndarray, " k"]:
@@ -73,7 +73,7 @@ def times_ahead(time: Float[np.ndarray, " n"], seconds: float) -> Float[np.ndarr
 def stamps_ahead(
     time: Float[np.ndarray, " n"], seconds: float, compared: Float[np.ndarray, " m"]
 ) -> Float[np.ndarray, " k"]:
-    """Times ahead of the last epoch, s: those of `times_ahead`, and the stamps (s) at which a truth tells the motion.
+    """Times ahead of the last epoch, s: those of `times_ahead`, and the stamps (s) at which a truth gives the motion.
 
     Where a truth has more rows than a prediction may have steps, every so many of them are taken.
 

@@ -155,7 +155,7 @@ def setup_beside(setup: Setup, settings: Settings) -> Setup:
 
 
 def _compared(setup: Setup, settings: Settings) -> Setup | None:
-    """`setup_beside`; None where these settings lead nowhere, of which the caller's own would tell."""
+    """`setup_beside`; None where these settings fail, which the caller's own settings would report."""
     try:
         return setup_beside(setup, settings)
     except InputError:

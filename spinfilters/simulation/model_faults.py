@@ -36,7 +36,7 @@ Vector = Float[np.ndarray, "3"]
 
 @dataclass(frozen=True)
 class Physics:
-    """What moves a body beside its inertia; all zero in free flight.
+    """What moves a body in addition to its inertia; all zero in free flight.
 
     Attributes
     ----------
@@ -467,7 +467,7 @@ MODEL_FAULTS: Final[tuple[ModelFault, ...]] = (
 )
 """Every model of a recording that can be wrong."""
 STEP = 1e-3
-"""Between two views that tell how fast points move, s."""
+"""Between two views that determine how fast points move, s."""
 
 
 def model_faults() -> Mapping[str, ModelFault]:

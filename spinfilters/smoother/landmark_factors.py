@@ -289,7 +289,7 @@ def _lost(observations: LandmarkObservations, inliers: Bool[np.ndarray, " N"]) -
 def _own_points(
     observations: LandmarkObservations, trajectory: Float[np.ndarray, "k m"], rows: Int[np.ndarray, " r"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rows that tell a point by themselves, with points and covariance square roots."""
+    """Rows that determine a point by themselves, with points and covariance square roots."""
     found, points, covariance_sqrts = [np.zeros(0, dtype=int)], [np.zeros((0, 3))], [np.zeros((0, 3, 3))]
     for group in observations.groups:
         at = np.flatnonzero(np.isin(group.rows, rows))

@@ -207,7 +207,7 @@ class MarginalizationPrior:
 
     @cached_property
     def knows_constants(self) -> bool:
-        """Whether epochs were marginalized, since landmarks alone tell no constants or velocities."""
+        """Whether epochs were marginalized, since landmarks alone determine no constants or velocities."""
         return bool(self.information_sqrt[:, len(self.first) * len(self.ordering.pose) :].any())
 
     def at(self, trajectory: Float[np.ndarray, "k m"]) -> "LinearizedPrior":

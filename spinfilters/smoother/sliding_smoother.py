@@ -44,7 +44,7 @@ from spinfilters.smoother.window import DETERMINED, LandmarkMarginalization, Win
 
 TRUSTED = 0.15
 """Standard deviation of the mass distribution from which the belief is trusted: before, it may sit in a wrong minimum, or be curved
-more than a covariance tells (NEES of a hundred times the degrees of freedom above 0.3 on simulated motions, as it should be below
+more than a covariance describes (NEES of a hundred times the degrees of freedom above 0.3 on simulated motions, as it should be below
 0.2)."""
 
 
@@ -420,7 +420,7 @@ class SlidingSmoother:
         self._linear = linear
 
     def _remember(self, problem: Problem) -> None:
-        """Keep what the last linear problem tells of the whole run."""
+        """Keep what the last linear problem determines of the whole run."""
         linear = self._linearised(problem)
         solution = linear.normal.solution
         self._landmarks = self.window.ids, self.window.points

@@ -57,7 +57,7 @@ class Check:
     name : str
         As summary.json and the docs call it.
     about : frozenset[str]
-        Quantities that do not hold where it fails, unless its finding tells which.
+        Quantities that do not hold where it fails, unless its finding names them.
     needs : Needs
         What it is computed from.
     asks : str

@@ -76,7 +76,7 @@ class Doubts:
     shared : list[Finding]
         About every estimator.
     of_filters : list[Finding]
-        About those that continue from the initialisation, with no smoother beside.
+        About those that continue from the initialisation, without a smoother.
     smoother : EstimateHistory or None
         Smoother with which filters are compared, None where there is none.
     models : TestedModels
@@ -149,7 +149,7 @@ def doubts_of(
 ) -> Doubts:
     """The doubts of a run, as far as they are the same for several estimators.
 
-    A given initialisation means that filters alone are studied, by the thousand: what their innovations tell is all, and the
+    A given initialisation means that filters alone are studied, by the thousand: their innovations are the only evidence, and the
     smoother where the belief is too wide for a linearisation.
     """
     if setup.is_given:

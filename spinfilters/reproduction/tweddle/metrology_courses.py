@@ -69,7 +69,7 @@ CHOSEN: Final = "what is simulated depends on the choices that the note names"
 
 @dataclass(frozen=True)
 class Metrology:
-    """What the metrology says of one body, beside its true motion.
+    """Metrology of one body, with its true motion.
 
     Attributes
     ----------
@@ -372,7 +372,7 @@ def make_relative_motion() -> ItemResult:
 
 
 def make_difference_rate() -> ItemResult:
-    """Figure 6-14: rates from differences of the quaternions (Eq. 6.13) beside those of the gyros."""
+    """Figure 6-14: rates from differences of the quaternions (Eq. 6.13) compared with those of the gyros."""
     motion = target()
     poses = ReferenceMotion("attitudes alone", motion.measured.time, motion.measured.attitude)
     time, rate = reference_rates(poses)

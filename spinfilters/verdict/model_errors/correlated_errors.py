@@ -1,7 +1,7 @@
 """Errors of measurements that are correlated in time, and the covariance of smoothed states that holds with them.
 
 Estimates x = P J'z were made for white z. Had the whitened measurements the covariance C, that of x would be A = P J'C J P. With
-P = F F', the eigenvalues of F^-1 A F^-T tell by what the variances of the state's directions are wrong.
+P = F F', the eigenvalues of F^-1 A F^-T show by what factors the variances of the state's directions are wrong.
 
 Three explanations of one linearised motion are compared by their marginal likelihood, levels at their most likely values:
 
@@ -9,7 +9,7 @@ Three explanations of one linearised motion are compared by their marginal likel
     correlated    these, and errors that last for a time tau (`LikelyLevels`),
     undisturbed   errors white and lasting, and no disturbances.
 
-A disturbance lets rates wander for ever, an error that lasts comes back: a recording of many tau tells them apart. A shorter one
+A disturbance lets rates wander for ever, an error that lasts comes back: a recording of many tau separates them. A shorter one
 need not, so that what matters is the probability of lasting errors times what they do. With prior odds, and ln(epochs) for each
 number that an explanation has more (Schwarz 1978), p is the probability of lasting errors; estimates that were made for white ones
 have then the covariance P J' C J P in place of P, C that of the whitened measurements.
@@ -178,7 +178,7 @@ NOTHING: Final = -40.0
 
 @dataclass(frozen=True)
 class CorrelatedErrors:
-    """Errors that last, as likely as they are beside disturbances.
+    """Errors that last, as likely as they are together with disturbances.
 
     Attributes
     ----------
@@ -187,7 +187,7 @@ class CorrelatedErrors:
     time : float
         Of correlation, s.
     densities : dict[str, float]
-        Beside them.
+        Identified together with them.
     probability : float
         Of them.
     advantage : float
@@ -214,7 +214,7 @@ class CorrelatedErrors:
 
 
 class ExplainedLevels(NamedTuple):
-    """Likeliest levels with correlated errors and with white ones, and what tells them apart."""
+    """Likeliest levels with correlated errors and with white ones, and what separates them."""
 
     levels: LikelyLevels
     white: LikelyLevels
@@ -227,7 +227,7 @@ def correlated_errors(
 ) -> list[CorrelatedErrors]:
     """Errors that last in a solved problem without landmarks, the likeliest first.
 
-    None where there are none to speak of, or the problem does not tell.
+    None where there are none to speak of, or the problem does not determine them.
 
     Parameters
     ----------

@@ -248,7 +248,7 @@ SETTLED: Final = 0.05
 LONGEST_STEP: Final = 2.5
 DIFFERENCE: Final = 1e-3
 SMALL_VARIANCE: Final = 1e-2
-"""Of a lasting error beside the stated variance, for its score."""
+"""Of a lasting error relative to the stated variance, for its score."""
 DAMPING: Final = (1e-2, 1e4)
 
 
