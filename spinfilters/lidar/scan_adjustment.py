@@ -63,7 +63,7 @@ LARGEST: Final = 1e6
 HELD: Final = 1e-3
 """Share of a predicted attitude's deviation by which a drift may turn scans without noise.
 
-A place does not distinguish a rotation about it from a translation, and what little a drift does not explain turned panels by 15 deg."""
+A place does not separate a rotation about it from a slide, and what little a drift does not explain turned panels by 15 deg."""
 
 Product = Callable[[Float[np.ndarray, "a m"]], Float[np.ndarray, "a m"]]
 """A matrix times columns."""

@@ -44,8 +44,8 @@ from spinfilters.smoother.window import DETERMINED, LandmarkMarginalization, Win
 
 TRUSTED = 0.15
 """Standard deviation of the mass distribution from which the belief is trusted: before, it may sit in a wrong minimum, or be curved
-more than a covariance describes (NEES of a hundred times the degrees of freedom above 0.3 on simulated motions, as it should be below
-0.2)."""
+more than a covariance describes (NEES of a hundred times the degrees of freedom above 0.3 on simulated motions, as it should be
+below 0.2)."""
 
 
 @dataclass(frozen=True)

@@ -277,7 +277,7 @@ void solve_velocities(integer K, integer v, const double* L, const double* F, do
 }
 
 /* Lower triangular root of I + below' below, below [v][v], by Householder's reflections of the rows [I; below]: products would lose
- * what is small beside the rest. Column j of I is touched at its diagonal alone. */
+ * what is small compared with the rest. Column j of I is touched at its diagonal alone. */
 static void root_beside_unit(integer v, double* below, double* root) {
   memset(root, 0, v * v * sizeof(double));
   /* the upper half of [I; below] is the identity */

@@ -389,7 +389,7 @@ def stated_deviation(size: float, std: float, stated: float) -> float:
 
 
 LARGEST_DRIFT: Final = 0.05
-"""Of a recording's duration, by which stamps may be late at its ends compared with its middle: the clock's rate is then 20 % off there."""
+"""Of a recording's duration, by which stamps may be late at its ends, not its middle: the clock's rate is then 20 % off there."""
 
 
 MOST_DRIFTING: Final = 8192

@@ -1,6 +1,6 @@
 """Sections 1.4.3, 6.2.4 and 7.2: comparisons that the thesis names and leaves to others, on simulated recordings.
 
-Filters that begin after few epochs, compared with the smoother; an inspector that moves, and what may be done about it; a map and motion
+Filters that begin after few epochs, and the smoother; an inspector that moves, and what may be done about it; a map and motion
 without dynamics that are added afterwards; motions that leave parameters open; several recordings of one body in one inertia.
 """
 

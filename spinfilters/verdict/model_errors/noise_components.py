@@ -175,7 +175,7 @@ class NoiseComponents:
         """Gain from the `squares` of one residual to those of another.
 
         Its degrees of freedom are those of the levels that fall, by their shares of the fall.
-        The squares of a correlated error identify the level that represents it less than the recording did that it was identified from.
+        The squares of a correlated error identify the level that represents it less than the recording did from which it comes.
         """
         r, left, dof = before, after, self.dof
         finite = np.where(self.known, 1.0, dof)

@@ -173,7 +173,7 @@ class SmoothedMotion:
 
             a: t_k - R_k R_0' t_0,  v,  c + R_0' t_0,  f,      H_steps = -J_steps a,
 
-        which leaves every step as it is along (e, a e). What then determines the unit are lengths other than the motion's own, such as the
+        which leaves every step as it is along (e, a e). Lengths other than the motion's own then determine the unit, such as the
         path of an inspector.
 
         Parameters
