@@ -202,10 +202,7 @@ def _gauge_and_scales(values: dict[str, Expression], axes: list[GaugeAxis]) -> I
             for k in range(3)
         )
     if "q_gb" in values:
-        yield from (
-            Symmetry("gauge rotation", rotation_of_g(axis.name), _turned(axis), 0.3)
-            for axis in axes
-        )
+        yield from (Symmetry("gauge rotation", rotation_of_g(axis.name), _turned(axis), 0.3) for axis in axes)
     if "J" in values:
         yield Symmetry("scale of the inertia", "scale of the inertia", _heavier, 0.2)
     if "r" in values:

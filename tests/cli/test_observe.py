@@ -131,6 +131,20 @@ def test_directions_name_their_frame_and_moving_ones_their_epoch(tmp_path: Path)
 
 
 @pytest.mark.usefixtures("unrendered")
+def test_further_sensors_are_in_text_document_and_figure(tmp_path: Path) -> None:
+    found = observed(tmp_path, "--sensor", "gyro", "--further")["further_sensors"]
+    assert found["beside"] == ["gyro"]
+    (attitude,) = [each for each in found["sensors"] if each["sensor"] == "attitude"]
+    assert (attitude["rank"], attitude["dimension"]) == ([5, 11], [5, 11])
+    assert attitude["becomes_determined"] == {"attitude [rad]": 3}
+    assert attitude["bounds"]["attitude [rad]"]["before"] is None
+    rate = attitude["bounds"]["body rate [rad/s]"]
+    assert rate["before"] / rate["after"] == pytest.approx(rate["gain"])
+    assert "Further sensors beside gyro" in (tmp_path / "observe.txt").read_text()
+    assert (tmp_path / "further.png").exists()
+
+
+@pytest.mark.usefixtures("unrendered")
 def test_an_input_is_compared_with_the_same_question_without_it(tmp_path: Path) -> None:
     found = observed(tmp_path / "a", "--sensor", "monocular", "--frames", "60", "--manoeuvre", "x")
     alone = observed(tmp_path / "b", "--sensor", "monocular", "--frames", "60")
