@@ -9,8 +9,8 @@ linearises, and by which of four paths it updates:
 3. as 2, but the linear model does not hold: the update is iterated (`spinfilters.filters.iterated_update`);
 4. landmarks of an unknown map, which have an iteration of their own (`correct_by_landmarks`).
 
-Another filter is a class of its own in this package that linearises process and measurements in its own way, and an entry in the
-table `OWN` of `spinfilters.run.estimators`.
+Another filter is a class of its own in this package, and an entry in the table `OWN` of `spinfilters.run.estimators`. It linearises
+process and measurements in its own way, or derives from `FirstOrderFilter` and corrects in its own way.
 """
 
 from collections.abc import Mapping, Sequence
@@ -47,7 +47,11 @@ from spinfilters.models.measurement import MeasurementModel
 
 
 class FirstOrderFilter(MultiplicativeFilter):
-    """A filter that linearises process and measurements by their exact derivatives at the mean."""
+    """A filter that linearises process and measurements by their exact derivatives at the mean.
+
+    The base of filters with another correction: they override `correct_linearly`. In a subclass of `MultiplicativeEkf`, compiled
+    code would pass by that method.
+    """
 
     def linearise_process(self, dt: float) -> LinearisedProcess:
         """f, its derivative F with respect to the error, and the noise factor G, all at the mean."""

@@ -222,7 +222,7 @@ def measurements_left_out(evidence: Evidence) -> Iterator[Failure]:
 
 
 def rejected_share(history: EstimateHistory) -> dict[str, float | str] | None:
-    """Numbers of measurements that an estimator refused at its own epochs; None up to `LARGEST_REJECTED`."""
+    """Numbers of measurements of all sensors that an estimator refused at its own epochs; None up to `LARGEST_REJECTED`."""
     rejected = int(history.rejected[history.own].sum())
     total = rejected + int(history.accepted[history.own].sum())
     if not total or rejected <= LARGEST_REJECTED * total:
