@@ -93,7 +93,8 @@ def with_noise(
 class CameraView:
     """What a camera's observations are compared with: landmarks in frame g, calibration and camera poses.
 
-    Without a known map the estimators hold the landmarks, and measurements carry their ids.
+    Without a known map the estimators hold the landmarks, and measurements carry their ids. Only a data set with a camera's
+    calibration has a view; its other sensors get the same one.
 
     Attributes
     ----------
