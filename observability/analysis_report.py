@@ -32,6 +32,7 @@ from observability.exact_numbers import as_floats
 from observability.prior_dependence import QuantityBound, quantity_bounds
 from observability.reference_trajectory import ReferenceTrajectory
 from observability.system import analysed, with_noise_options
+from spinfilters.core.attitude_conversions import matrix_from_quaternion
 from spinfilters.core.working_time import building
 from spinfilters.io.sensor_format import noise_options
 
@@ -444,7 +445,17 @@ def _direction(report: Report, name: Quantity, row: Float[np.ndarray, " d"]) -> 
         and np.linalg.norm(np.cross(row, rate)) < ALONG_SPIN * speed
     ):
         told.append("the spin axis")
+    if name == ATTITUDE:
+        told += _axis_of_i(report, row)
     return f"{words} ({', '.join(told)})"
+
+
+def _axis_of_i(report: Report, row: Float[np.ndarray, "3"]) -> list[str]:
+    """The axis of frame i that a direction of g is at the last epoch, as the names of null directions call it; none or one."""
+    attitude = report.reference.states[-1][report.reference.process.layout.mean_slice("a")]
+    along = np.abs(matrix_from_quaternion(attitude) @ row)
+    axis = int(along.argmax())
+    return [f"{'xyz'[axis]} of frame i"] if np.delete(along, axis).max() < ALONG_SPIN else []
 
 
 def _vector(values: Float[np.ndarray, " d"]) -> str:

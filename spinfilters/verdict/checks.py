@@ -326,6 +326,16 @@ CHECKS: Final[tuple[Check, ...]] = (
         of_estimate.innovations_too_large,
     ),
     Check(
+        "innovations-too-small", NOTHING, Needs.FILTER,
+        f"Is the NIS per degree of freedom at least {of_estimate.SMALLEST_NIS:g}, or that share of what correlated or inflated "
+        "noise leaves of it?",
+        f"{of_estimate.FALSE_ALARM:.0e}, below {of_estimate.SMALLEST_NIS:g} by chance",
+        "the assumed noise is far larger than the measurements show: innovations are {times:.2g} times smaller than it explains "
+        "(NIS {ratio:.2g} per degree of freedom), so deviations are too wide",
+        "state a smaller noise of the sensor or of the disturbances in a config file, or leave it out to have it identified",
+        of_estimate.innovations_too_small,
+    ),
+    Check(
         "measurements-left-out", ALL, Needs.ESTIMATE,
         f"Are at most {of_estimate.LARGEST_REJECTED:.0%} of the measurements rejected?", "below 1e-6",
         "{rejected} of {total} measurements ({percent:.2g} %) could not be used or were rejected",

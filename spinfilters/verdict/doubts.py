@@ -29,7 +29,11 @@ from spinfilters.verdict.check import LARGEST_MOMENT_STD, LEFT_OUT, Evidence, re
 from spinfilters.verdict.checks import MOST_MOMENTUM, finding
 from spinfilters.verdict.judge import judge
 from spinfilters.verdict.model_tests import tested_epochs, tested_history, tested_models
-from spinfilters.verdict.noise_diagnostics import filter_noise_diagnostics, stated_level_diagnostics
+from spinfilters.verdict.noise_diagnostics import (
+    expected_nis,
+    filter_noise_diagnostics,
+    stated_level_diagnostics,
+)
 from spinfilters.verdict.recording_tests import front_end_slips, pose_findings, wrong_units
 from spinfilters.verdict.refits import DoubtedMotion, with_camera_refit, with_flywheel_refit
 from spinfilters.verdict.tested_models import NOT_TESTED, TestedModels, model_findings
@@ -258,6 +262,7 @@ def with_verdicts(doubts: Doubts, settings: Settings, entries: Mapping[str, AnyE
             entry.false_alarm_probability(setup, settings),
             [*doubts.of(evaluation, entry), *_undetermined(evaluation, wider, doubts)],
             _centre_prior_std(setup),
+            0.0 if entry.is_baseline else expected_nis(setup),
         )
         found.append(wider.with_status(judge(evidence)))
     return found
