@@ -557,7 +557,7 @@ def compare(
     KeyboardInterrupt
         Ctrl-C; what was estimated is in ``output``, if given, for ``resume`` to go on from.
     """
-    chosen = _beginning(_settings(settings, estimators, verdict), belief, from_truth)
+    chosen = _set_initial_belief(_settings(settings, estimators, verdict), belief, from_truth)
     reading = {"unit": unit, "clock": clock, "rate": rate, "topic": topic, "columns": columns}
     dataset = given_dataset(data, segment, kind=kind, units=units, **reading)
     how = RunArguments(
@@ -635,7 +635,9 @@ def _settings(
     return chosen if estimators is None else replace(chosen, estimators=_names(estimators))
 
 
-def _beginning(settings: Settings, belief: Mapping[str, Any] | None, from_truth: int | None) -> Settings:
+def _set_initial_belief(
+    settings: Settings, belief: Mapping[str, Any] | None, from_truth: int | None
+) -> Settings:
     """The settings with a belief from which estimators begin. InputError: one that cannot be."""
     changes: dict[str, Any] = {}
     if belief is not None:

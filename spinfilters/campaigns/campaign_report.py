@@ -67,7 +67,7 @@ def asked_section(description: str, told: Mapping[str, str], study: str) -> str:
 
 def consistency_section(cells: Sequence[CellSummary], varied: Sequence[str], picture: str) -> str:
     """NEES by cell with its interval and band."""
-    blocks = [metric for metric in _shown(cells, Section.CONSISTENCY) if metric.label.startswith(" ")]
+    blocks = [metric for metric in _metrics_shown(cells, Section.CONSISTENCY) if metric.label.startswith(" ")]
     head = [
         *varied,
         "runs",
@@ -104,7 +104,7 @@ def _consistency_cells(cell: CellSummary) -> list[str]:
     ]
 
 
-def _shown(cells: Sequence[CellSummary], *sections: Section) -> list[Metric]:
+def _metrics_shown(cells: Sequence[CellSummary], *sections: Section) -> list[Metric]:
     """Metrics of these sections that any cell has numbers of."""
     return [
         metric
@@ -117,7 +117,7 @@ def errors_section(cells: Sequence[CellSummary], varied: Sequence[str], picture:
     """Errors and their ratio to the bound."""
     tables = []
     for section in (Section.MOTION, Section.BODY):
-        errors = [metric for metric in _shown(cells, section) if metric.bound is not None]
+        errors = [metric for metric in _metrics_shown(cells, section) if metric.bound is not None]
         head = [*varied, *(part for metric in errors for part in (metric.title, "over bound"))]
         rows = [
             [*_levels(cell, varied), *(part for metric in errors for part in _error_cells(cell, metric))]
@@ -143,7 +143,7 @@ def further_section(cells: Sequence[CellSummary], varied: Sequence[str]) -> str:
     """Means of the metrics that no other section shows."""
     shown = [
         metric
-        for metric in _shown(cells, Section.USE, Section.CONSISTENCY, Section.FURTHER, Section.COST)
+        for metric in _metrics_shown(cells, Section.USE, Section.CONSISTENCY, Section.FURTHER, Section.COST)
         if metric.label and not metric.column_name.startswith("nees")
     ]
     head = [*varied, *(metric.title for metric in shown)]

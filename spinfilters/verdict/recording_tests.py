@@ -183,7 +183,7 @@ def _scalar_first(q: Quaternions) -> Quaternions:
     return np.roll(q, -1, axis=1)
 
 
-def _mirrored(axis: int) -> Callable[[Quaternions], Matrices]:
+def _mirror_axis(axis: int) -> Callable[[Quaternions], Matrices]:
     """Attitudes in a frame of which one axis points the other way."""
     signs = np.where(np.arange(3) == axis, -1.0, 1.0)
     return lambda q: signs[:, None] * matrix_from_quaternion(q)
@@ -193,9 +193,9 @@ OTHERS: Final[dict[str, Callable[[Quaternions], Matrices]]] = {
     "inverted": lambda q: matrix_from_quaternion(inverse(q)),
     "with the scalar first": lambda q: matrix_from_quaternion(_scalar_first(q)),
     "with the scalar first, and inverted": lambda q: matrix_from_quaternion(inverse(_scalar_first(q))),
-    "in a frame with another x axis": _mirrored(0),
-    "in a frame with another y axis": _mirrored(1),
-    "in a frame with another z axis": _mirrored(2),
+    "in a frame with another x axis": _mirror_axis(0),
+    "in a frame with another y axis": _mirror_axis(1),
+    "in a frame with another z axis": _mirror_axis(2),
 }
 """Rotations of quaternions that are not x, y, z, w of the body's attitude in the right-handed frame of its places."""
 
@@ -216,8 +216,8 @@ def contradicted_convention(stream: MeasurementStream) -> tuple[str, float, floa
     places, q = values[:, :3], values[:, 3:]
     if angle_between(q, q[:1]).max() < LEAST_TURN:
         return None
-    read = _rms(_unexplained(time, places, matrix_from_quaternion(q)))
-    left = {name: _unexplained(time, places, other(q)) for name, other in OTHERS.items()}
+    read = _rms(_remove_parabola(time, places, matrix_from_quaternion(q)))
+    left = {name: _remove_parabola(time, places, other(q)) for name, other in OTHERS.items()}
     best = min(left, key=lambda name: _rms(left[name]))
     rest = _rms(left[best])
     ratio = np.sum(np.diff(left[best], axis=0) ** 2) / max(np.sum(left[best] ** 2), np.finfo(float).tiny)
@@ -230,7 +230,7 @@ def _rms(residual: Places) -> float:
     return float(np.sqrt(np.sum(residual**2) / (residual.size - 12)))
 
 
-def _unexplained(time: Float[np.ndarray, " n"], places: Places, R: Matrices) -> Places:
+def _remove_parabola(time: Float[np.ndarray, " n"], places: Places, R: Matrices) -> Places:
     """Places (m) about a parabola and an offset that turns with the attitude."""
     A = path_rows((time - time[0]) / (time[-1] - time[0]), R, accelerated=True)
     right = -(places - places.mean(axis=0)).reshape(-1)
