@@ -1,6 +1,6 @@
-"""Ready studies of filters beside smoothers, and one page that answers: which of them, when?
+"""Ready studies of filters compared with smoothers, and one page that answers: which of them, when?
 
-The studies are files of `spinfilters.campaigns.studies`. Each varies one factor beside the estimator. By the levels of that factor
+The studies are files of `spinfilters.campaigns.studies`. Each varies one factor besides the estimator. By the levels of that factor
 the page shows ratios of errors and of processor time to those of the smoother on the same recordings, NEES, the share of
 estimates within four stated deviations and how soon filters converge, each with its 95 % interval; and it names one to choose.
 """
