@@ -25,9 +25,10 @@ class EnergyCourse:
     def change(self, begin: float, end: float) -> tuple[float, float]:
         """Relative change between two times (s) and its deviation: of a straight line through the logarithms within.
 
-        Rows weigh by their deviations, and their errors are taken as independent.
+        Rows weigh by their deviations, and their errors are taken as independent. Rows without a deviation have no weight and are
+        left out. LinAlgError: fewer than two rows.
         """
-        inside = (self.time >= begin) & (self.time <= end) & (self.energy > 0)
+        inside = (self.time >= begin) & (self.time <= end) & (self.energy > 0) & (self.std > 0)
         weight = self.energy[inside] / self.std[inside]
         rows = np.stack([np.ones(len(weight)), self.time[inside] - begin], axis=1) * weight[:, None]
         normal = rows.T @ rows
