@@ -163,18 +163,40 @@ def title_sentences(evaluations: Sequence[Evaluation]) -> list[str]:
     return [IDENTICAL if on_identical_measurements(evaluations) else NOT_IDENTICAL]
 
 
+FAR_ORIGIN: Final = 1e4
+"""Time of the first epoch, s, from which a clock counts from something else than the recording, such as 1970."""
+
+
+def clock_text(time: float) -> str:
+    """Digits of a time, s, of any clock: milliseconds where its origin is far."""
+    return f"{time:.6g}" if abs(time) < FAR_ORIGIN else f"{time:.3f}"
+
+
+def time_text(time: float, first: float) -> str:
+    """A time, s, of a clock that shows ``first`` at the first epoch.
+
+    As it is, or after that epoch where the clock's origin is far.
+    """
+    if abs(first) < FAR_ORIGIN:
+        return f"t = {time:.6g} s"
+    return f"{time - first:.6g} s after the first epoch, t = {clock_text(first)} s"
+
+
 def epoch_sentences(evaluations: Sequence[Evaluation]) -> list[str]:
     """Sentence on the epochs of the errors; none without an initialisation."""
     history = max((e.history for e in evaluations), key=lambda history: history.initialisation)
     begin, count = shared_begin(evaluations), history.initialisation
     if not count or begin == ALWAYS:
         return []
+    since = time_text(begin, float(history.time[0]))
     own = {e.name: int(np.count_nonzero(e.history.time[e.history.own] >= begin)) for e in evaluations}
     if len(set(own.values())) == 1:
-        epochs = f"the {next(iter(own.values()))} epochs from t = {begin:.6g} s on, which every estimator computed itself"
+        epochs = (
+            f"the {next(iter(own.values()))} epochs from {since} on, which every estimator computed itself"
+        )
     else:
         each = ", ".join(f"{name.upper()} {number}" for name, number in own.items())
-        epochs = f"every estimator's own epochs from t = {begin:.6g} s on ({each})"
+        epochs = f"every estimator's own epochs from {since} on ({each})"
     if count == 1:  # smoothed ones are more
         return [f"Errors, NEES, NIS and counts: over {epochs}. The epoch before is the stated belief."]
     return [
