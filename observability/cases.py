@@ -105,7 +105,7 @@ class Case:
     levels : Levels
         Of noise, disturbances and priors in the bound.
     recorded : Sequence[RecordedInput]
-        The inputs over time, in their order, where a table tells them; without any they are cosines of those sizes.
+        The inputs over time, in their order, where a table gives them; without any they are cosines of those sizes.
     """
 
     sensors: tuple[str, ...] = ("stereo",)

@@ -144,7 +144,7 @@ def inertial_symmetries(place: str | None, attitude: str | None) -> Iterator[Sym
 
 
 def turns_like_drift(slow_turn: Callable[[int | None], Move]) -> Iterator[Symmetry]:
-    """Small rotations that resting landmarks cannot tell from drift."""
+    """Small rotations that resting landmarks cannot distinguish from drift."""
     group = "turn that looks like drift"
     yield Symmetry(group, "turn about the line of two landmarks", slow_turn(None), 0.02)
     for k in range(3):

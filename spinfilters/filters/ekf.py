@@ -15,6 +15,7 @@ process and measurements in its own way, or derives from `FirstOrderFilter` and 
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 from jaxtyping import Float
@@ -49,9 +50,7 @@ from spinfilters.models.measurement import MeasurementModel
 class FirstOrderFilter(MultiplicativeFilter):
     """A filter that linearises process and measurements by their exact derivatives at the mean.
 
-    The base of filters with another correction: they override `correct_linearly`. In a subclass of `MultiplicativeEkf`, compiled
-    code would pass by that method.
-    """
+    The base of filters with another correction: they override `correct_linearly`."""
 
     def linearise_process(self, dt: float) -> LinearisedProcess:
         """f, its derivative F with respect to the error, and the noise factor G, all at the mean."""
@@ -84,11 +83,15 @@ class MultiplicativeEkf(FirstOrderFilter):
     """
 
     name = "mekf"
+    compiled_correction: ClassVar[bool] = True
+    """Whether compiled code corrects: not in a filter with a correction of its own."""
 
     def __init_subclass__(cls) -> None:
         """Let a filter that changes a step take every epoch by itself, unless it says how it takes several."""
         if "take_in" not in vars(cls):
             cls.take_in, cls.take_in_runs = Estimator.take_in, Estimator.take_in_runs
+        if not {"correct_linearly", "predict_measurement"}.isdisjoint(vars(cls)):
+            cls.compiled_correction = False
 
     def __init__(
         self,
@@ -234,7 +237,7 @@ class MultiplicativeEkf(FirstOrderFilter):
     ) -> Update | None:
         """The linear update by compiled code; None without such code, or where the linear model does not hold over the step."""
         model, count = measurement.model, len(measurement.values)
-        compiled = compiled_update(model)
+        compiled = compiled_update(model) if self.compiled_correction else None
         if compiled is None:
             return None
         update = compiled(self.mean, self.factor, measurement, scale, outliers.limit(model.dim))

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.core.errors import NUMERICAL_ERRORS, InputError, numerical
-from spinfilters.filters.noise_levels import DISTURBANCES, FORCE_PSD, ComponentRows
+from spinfilters.filters.noise_levels import DISTURBANCES, FORCE_PSD, ComponentRows, VarianceComponent
 from spinfilters.filters.timeline import SensorNoise, Timeline, build_timeline, by_sensor
 from spinfilters.inference.initial_estimate import InitialEstimate
 from spinfilters.inference.initialisation import initialise
@@ -170,7 +170,7 @@ def _unidentified(sensor: Sensor, why: str) -> InputError:
 
 SMALLEST_SHARE_OF_DEFAULT: Final[float] = 1e-4
 """Of a noise option's default, the least level that is identified: no such sensor is better. Less is a simulation without
-noise, whose residuals are those of rounding and of integration (1e-9 of a step) and tell no level."""
+noise, whose residuals are those of rounding and of integration (1e-9 of a step) and identify no level."""
 
 
 @dataclass(frozen=True)
@@ -205,6 +205,15 @@ class Unstated:
 def smallest_level(option: str) -> float:
     """Level of a noise option below which none is identified, in its unit."""
     return SMALLEST_SHARE_OF_DEFAULT * noise_options()[option].default
+
+
+AT_FLOOR: Final = 1.01
+"""Times the smallest level that can be identified, below which an identified one is that smallest level."""
+
+
+def is_smallest(level: VarianceComponent) -> bool:
+    """Whether an identified level of a sensor is the smallest there is: its measurements show no noise."""
+    return not level.is_density and level.value < AT_FLOOR * smallest_level(level.name)
 
 
 def noise_model(problem: Problem, noise: SensorNoise, unstated: Unstated) -> NoiseModel | None:

@@ -158,7 +158,7 @@ if TYPE_CHECKING:
     class InitialisationOptions(_OptionsOfEveryState):
         """Options of the initialisation.
 
-        Beside those named in `_OptionsOfEveryState` each state block with a `prior_range` has one, by default 0: such as
+        In addition to those named in `_OptionsOfEveryState` each state block with a `prior_range` has one, by default 0: such as
         gyro_bias_std, of the prior of a gyro's bias, rad/s, or gyro_scale_error_std, of that of its relative scale error.
         """
 
@@ -183,7 +183,7 @@ else:
 PRESETS: Final = Path(__file__).parent / "presets"
 """Folder of the settings that have a name."""
 DEFAULT_ESTIMATORS: Final = ("mekf", "ukf", "smoother")
-"""Estimators of a comparison where nobody names any."""
+"""Estimators of a comparison unless some are named."""
 
 
 class NamedEstimator:
@@ -325,7 +325,7 @@ if TYPE_CHECKING:
 
         "auto" takes the data set's own, or the default where it is silent.
         Its fields are the `NoiseOption` of all sensors. "auto" of an option that a sensor identifies (`Sensor.identified_option`)
-        identifies it from the recording when nobody states the sensor's noise.
+        identifies it from the recording when the sensor's noise is unspecified.
         """
 
         __dataclass_fields__: ClassVar[dict[str, Any]]
@@ -407,7 +407,7 @@ class ProcessSettings:
     tolerance: Annotated[float, NumberRange(1e-12, 1e-2)] = 1e-8
 
     def noise(self, automatic: ProcessNoise) -> ProcessNoise:
-        """Its noise densities, checked; ``automatic`` are those that nobody has set.
+        """Its noise densities, checked; ``automatic`` are those that are not set.
 
         Parameters
         ----------

@@ -63,7 +63,7 @@ def live(options: LiveArguments) -> int:
             executive.summary.final = final_verdict(kept, settings, answered)
     except KeyboardInterrupt:
         pass
-    except BrokenPipeError:  # nobody reads the answers any more
+    except BrokenPipeError:  # the reader of the answers has gone
         _close_output()
     except OSError as error:
         if error is not writer.broken:

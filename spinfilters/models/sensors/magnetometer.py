@@ -81,7 +81,7 @@ class Magnetometer(MeasurementModel):
 class MagnetometerSensor(Sensor):
     """Values (bx, by, bz, fx, fy, fz): the field as measured, axes g, and as a model of the field gives it, frame i, T.
 
-    One direction leaves the rotation about it open: poses or attitudes tell how the body moves at first.
+    One direction leaves the rotation about it open: poses or attitudes determine how the body moves at first.
     """
 
     name = "magnetometer"
