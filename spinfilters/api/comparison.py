@@ -20,9 +20,7 @@ from spinfilters.api.arguments import RunArguments
 from spinfilters.api.blas_threads import on_one_blas_thread
 from spinfilters.api.given_settings import SETTINGS_GIVEN, AnySettings, chosen_settings
 from spinfilters.api.labelled_arrays import labelled_arrays, write_netcdf
-from spinfilters.api.mcap_file import write_mcap
 from spinfilters.api.recordings import load
-from spinfilters.api.rerun_file import write_rrd
 from spinfilters.core.errors import InputError
 from spinfilters.evaluation.comparison_table import ComparisonCells, comparison_cells, comparison_table
 from spinfilters.evaluation.estimated_motion import (
@@ -54,6 +52,8 @@ from spinfilters.models.body import BodyEstimate
 from spinfilters.models.status import verdict_sentences
 from spinfilters.run.comparison_run import RunOutput, compare_dataset, compare_into, silent, write_comparison
 from spinfilters.run.estimation import Comparison, Progress
+from spinfilters.run.mcap_file import write_mcap
+from spinfilters.run.rerun_file import write_rrd
 from spinfilters.run.run_folder import CONFIG_FILE, MAP_FILE, SEGMENTS_FOLDER, read_figure_data
 from spinfilters.run.run_summary import SUMMARY_FILE, read_summary, summary
 from spinfilters.settings.run_settings import Settings, names_in, read_settings

@@ -84,8 +84,9 @@ def consistency_section(cells: Sequence[CellSummary], varied: Sequence[str], pic
     ]
     remark = (
         "Normalised estimation error squared per degree of freedom, 1 for a consistent estimator: mean over runs of the mean over "
-        "the estimator's own epochs, with its 95 % confidence interval. Last epoch: mean over runs, marked where it lies outside "
-        "the band that holds it with probability 95 % for a consistent estimator. Of the blocks: means."
+        "the estimator's own epochs, with its 95 % confidence interval. Last epoch: mean over the N runs, marked where it lies "
+        "outside the 95 % band: the interval that holds the mean of N runs of a consistent estimator with probability 95 %, from "
+        "chi-square with N times the state's degrees of freedom. It narrows as N grows. Of the blocks: means."
     )
     return note(remark) + table(head, rows, len(varied)) + _cut(cells) + picture
 
@@ -449,7 +450,9 @@ def nees_figure(cells: Sequence[CellSummary], varied: Sequence[str]) -> Figure |
         axes.set_visible(False)
     panels[0].set_ylim(0.0, min(highest, 10.0))
     panels[0].set_ylabel("NEES / dof, mean over runs [-]")
-    band = Patch(color=GREEN, alpha=0.25, label="95 % band of a consistent estimator")
+    band = Patch(
+        color=GREEN, alpha=0.25, label="95 % interval of the mean over the runs, for a consistent estimator"
+    )
     legend_below(figure, [*(line.handle for line in lines.values()), band])
     return figure
 

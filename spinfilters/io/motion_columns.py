@@ -258,6 +258,18 @@ def motion_columns(
         A quantity that stands twice, or in two units or one that is unknown; clocks among which none can be
         chosen.
     """
+    found, headings = _vectors(path, names, bare)
+    if bare is None and "quaternion" in found and "position" not in found:
+        found, headings = _vectors(
+            path, names, "position"
+        )  # x, y, z beside a quaternion, as in the header of TUM
+    return MotionColumns(None if options.rate is not None else _clock(path, names, headings), found)
+
+
+def _vectors(
+    path: Path, names: Sequence[str], bare: Quantity | None
+) -> tuple[dict[Quantity, VectorColumns], list[Heading | None]]:
+    """Vectors of a header, and what each of its columns says."""
     headings = [heading_of(name, bare) for name in understood_names(names)]
     found: dict[Quantity, VectorColumns] = {}
     for quantity, axes in AXES.items():
@@ -266,7 +278,7 @@ def motion_columns(
         )
         if vector is not None:
             found[quantity] = vector
-    return MotionColumns(None if options.rate is not None else _clock(path, names, headings), found)
+    return found, headings
 
 
 class _Headed(NamedTuple):

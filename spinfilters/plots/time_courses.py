@@ -249,7 +249,7 @@ def _error_rows(evaluation: Evaluation, trajectory: Trajectory) -> list[_Row]:
         ("position [mm]", i_axes, errors.position, trajectory.std_position, 1e3),
         ("attitude [deg]", g_axes, errors.attitude, trajectory.std_attitude, DEGREES),
         ("velocity [mm/s]", i_axes, errors.velocity, trajectory.std_velocity, 1e3),
-        ("rate [deg/s]", i_axes, errors.rate, trajectory.std_rate, DEGREES),
+        ("rate in i [deg/s]", i_axes, errors.rate, trajectory.std_rate, DEGREES),
     ]
     return [
         _Row(label, names, scale * values, scale * std[kept], True)
@@ -261,7 +261,9 @@ def _error_rows(evaluation: Evaluation, trajectory: Trajectory) -> list[_Row]:
 def _estimate_rows(_: Evaluation, trajectory: Trajectory) -> list[_Row]:
     i_axes, nothing = _names("i"), np.zeros((len(trajectory.time), 3))
     attitude = _Row("attitude ± [deg]", _names("g"), nothing, DEGREES * trajectory.std_attitude, True)
-    rate = _Row("rate [deg/s]", i_axes, DEGREES * trajectory.rate_i, DEGREES * trajectory.std_rate, False)
+    rate = _Row(
+        "rate in i [deg/s]", i_axes, DEGREES * trajectory.rate_i, DEGREES * trajectory.std_rate, False
+    )
     if not trajectory.sees_position:
         return [attitude, rate]
     position = _Row("position [m]", i_axes, trajectory.position, trajectory.std_position, False)

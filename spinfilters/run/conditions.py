@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from spinfilters.core.attitude_conversions import angle_between, integrate_gyro, inverse, multiply
+from spinfilters.evaluation.epoch_spans import clock_text
 from spinfilters.filters.noise_levels import VarianceComponent
 from spinfilters.inference.identified_noise import smallest_level
 from spinfilters.inference.setup import Setup
@@ -263,7 +264,8 @@ class Conditions:
         absent = [_describe_assumed_noise(each) for each in self.sensors if each.is_absent]
         if self.belief_at is not None:
             first.append(
-                f"Every estimator starts from the stated belief at t = {self.belief_at:.6g} s; no first epochs are smoothed."
+                f"Every estimator starts from the stated belief at t = {clock_text(self.belief_at)} s; "
+                "no first epochs are smoothed."
             )
         return [*([" ".join(first)] if first else []), noise, *absent, *calibration, *self.contradictions]
 

@@ -17,6 +17,7 @@ from spinfilters.core.attitude_conversions import (
 )
 from spinfilters.core.camera_trajectory import CameraTrajectory
 from spinfilters.core.errors import NUMERICAL_ERRORS, InputError
+from spinfilters.evaluation.epoch_spans import time_text
 from spinfilters.inference.setup import Setup, camera_view
 from spinfilters.io.dataset import Dataset
 from spinfilters.io.measurement_log import MeasurementStream
@@ -54,8 +55,8 @@ class Slip:
     ----------
     sensor : str
         Whose attitudes slip.
-    time : float
-        Of the first epoch behind it, s.
+    time, first : float
+        Of the first epoch behind it and of the first epoch of the recording, s.
     angle : float
         Rad.
     count : int
@@ -64,6 +65,7 @@ class Slip:
 
     sensor: str
     time: float
+    first: float
     angle: float
     count: int
     name: str = "slip"
@@ -74,8 +76,8 @@ class Slip:
         more = f", the first of {self.count} jumps" if self.count > 1 else ""
         return (
             f"most like a slip of the front end: the attitude of {self.sensor} jumps by {np.degrees(self.angle):.0f} deg at "
-            f"t = {self.time:.4g} s{more}, with the rate the same before and behind it, as where one face of the body is taken "
-            "for another"
+            f"{time_text(self.time, self.first)}{more}, with the rate the same before and behind it, as where one face of the body "
+            "is taken for another"
         )
 
     @property
@@ -115,7 +117,8 @@ def _slip_of(stream: MeasurementStream, setup: Setup) -> Slip | None:
     steps, angles = slipped_steps(samples.time, samples.attitude)
     if not steps.size:
         return None
-    return Slip(stream.sensor, float(samples.time[steps[0] + 1]), float(angles[0]), len(steps))
+    begin, first = float(samples.time[steps[0] + 1]), float(samples.time[0])
+    return Slip(stream.sensor, begin, first, float(angles[0]), len(steps))
 
 
 def slipped_steps(
