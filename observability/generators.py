@@ -376,7 +376,7 @@ class _Search:
     """Ansatz after ansatz, until all directions have a generator."""
 
     def __init__(self, part: ReachedModel, moved: list[str], count: int, seed: int) -> None:
-        self._part, self._moved, self._count = part, moved, count
+        self._part, self._moved_names, self._count = part, moved, count
         self._random = np.random.default_rng(seed)
         fields = fields_of(part, self._random)
         self._field = next(fields, PrimeField())
@@ -398,7 +398,7 @@ class _Search:
 
     def scalings(self) -> None:
         """Fields x -> weight x."""
-        self._solve([Term(name, (name,)) for name in self._moved])
+        self._solve([Term(name, (name,)) for name in self._moved_names])
         self._scalings = list(self.found)
 
     def _weights(self, prime: int) -> list[dict[str, int]]:
@@ -416,9 +416,9 @@ class _Search:
         groups: dict[tuple[int, ...], list[Term]] = defaultdict(list)
         prime = self._field.prime
         weights = self._weights(prime)
-        others = [name for name in self._part.constants if wide or name in self._moved]
-        states = [name for name in self._moved if name not in self._part.constants]
-        for name in self._moved:
+        others = [name for name in self._part.constants if wide or name in self._moved_names]
+        states = [name for name in self._moved_names if name not in self._part.constants]
+        for name in self._moved_names:
             factors = others if name in others else [*others, *states]
             for degree in degrees:
                 for chosen in combinations_with_replacement(factors, degree):
@@ -443,7 +443,7 @@ class _Search:
                 Modulo(each.field.prime, next(islice(started(each.field), index, None), {}))
                 for each in self._other_points()
             )
-            generator = as_generator(chain([Modulo(self._field.prime, found)], others), self._holds)
+            generator = as_generator(chain([Modulo(self._field.prime, found)], others), self._is_confirmed)
             if generator is not None:
                 self._keep(generator)
             if not self.missing:
@@ -474,7 +474,7 @@ class _Search:
             if not self.missing:
                 return
             values = fractions_that_hold(
-                _columns(kernels, k, further), lambda values: self._holds(_generator(terms, values))
+                _columns(kernels, k, further), lambda values: self._is_confirmed(_generator(terms, values))
             )
             if values is not None:
                 self._keep(_generator(terms, values))
@@ -492,7 +492,7 @@ class _Search:
         rows = self._fixed_point.equations(terms, SPARE)
         return not any(field.reduced(field.product(rows, each).sum(axis=1)).any() for each in kernel)
 
-    def _holds(self, generator: Generator) -> bool:
+    def _is_confirmed(self, generator: Generator) -> bool:
         """Whether a generator holds at points modulo a prime that it was not found from."""
         points = self._confirming
         longest = max(abs(value) for value in generator.terms.values())
@@ -505,7 +505,7 @@ class _Search:
     def _keep(self, generator: Generator) -> None:
         """Keep a generator that is independent of those known."""
         before = self._directions.rank
-        self._directions.add(self._fixed_point.direction(generator, self._moved)[np.newaxis])
+        self._directions.add(self._fixed_point.direction(generator, self._moved_names)[np.newaxis])
         if self._directions.rank > before:
             self.found.append(generator)
 

@@ -97,7 +97,7 @@ class ReachedModel:
 
     @cached_property
     def radicands(self) -> frozenset[Fraction]:
-        """Numbers that a prime field must have a root of: constants under a root or logarithm, and factors beside symbols there.
+        """Numbers that a prime field must have a root of: constants under a root or logarithm, and factors of symbols there.
 
         Drawn values are themselves in the group of numbers with roots, and so are their products, roots and powers.
         """
@@ -121,7 +121,7 @@ class ReachedModel:
 
     @property
     def most_orders(self) -> int:
-        """Orders (in discrete time periods) that are taken where nothing tells that fewer are enough."""
+        """Orders (in discrete time periods) that are taken where nothing shows that fewer are enough."""
         return len(self.unknowns) + 2 + len(self.states)
 
     @property
@@ -208,7 +208,7 @@ def draw_point(part: ReachedModel, generator: np.random.Generator) -> DrawnPoint
             reason = "a root or a logarithm has no exact value"
             continue
         try:
-            return _tried(part, field, batch, generator).first
+            return _try_batch(part, field, batch, generator).first
         except NotRegularError as error:
             reason = str(error)
     where = " with these values given" if part.model.point or part.model.known_initial_values else ""
@@ -299,7 +299,7 @@ def other_fields(part: ReachedModel, random: np.random.Generator) -> Iterator[Pr
             continue
         if _constants_matter(part):
             try:
-                _tried(part, field, BATCHES[-1], random)
+                _try_batch(part, field, BATCHES[-1], random)
             except NotRegularError:
                 continue
         yield field
@@ -318,7 +318,7 @@ def draw_points(
     batch = count
     while batch <= MOST_POINTS:
         try:
-            found = _tried(part, field, batch, generator)
+            found = _try_batch(part, field, batch, generator)
         except NotRegularError:
             batch *= 4
             continue
@@ -328,7 +328,9 @@ def draw_points(
     raise InputError(f"{part.model.name}: too few points at which all functions have exact values")
 
 
-def _tried(part: ReachedModel, field: PrimeField, batch: int, generator: np.random.Generator) -> DrawnPoint:
+def _try_batch(
+    part: ReachedModel, field: PrimeField, batch: int, generator: np.random.Generator
+) -> DrawnPoint:
     """The good points of a batch; NotRegularError where there is none."""
     piecewise = not PIECEWISE.isdisjoint(part.tape.operations)
     floats = [_floats(part, group, batch, generator) for group in part.groups] if piecewise else []
@@ -498,7 +500,7 @@ def flow_at(part: ReachedModel, point: DrawnPoint, orders: int, generator: np.ra
                 f"{part.model.name}: derivatives of the outputs of order {order} and more by {len(part.unknowns)} unknowns take "
                 "too long; measure more states, declare what is known among known_constants, or analyse a part of the system"
             )
-        return _given(part, point, order, width, generator)
+        return _draw_coefficients(part, point, order, width, generator)
 
     return Flow(point.field, part.tape, point.decisions, start_values(part, point, width), others)
 
@@ -513,7 +515,7 @@ def start_values(part: ReachedModel, point: DrawnPoint, width: int) -> Num[np.nd
     return series.advance(0)
 
 
-def _given(
+def _draw_coefficients(
     part: ReachedModel, point: DrawnPoint, order: int, width: int, generator: np.random.Generator
 ) -> Iterator[tuple[int, Num[np.ndarray, "n b m"]]]:
     """Coefficients of constants, known inputs and unknown inputs of an order."""

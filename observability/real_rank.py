@@ -1,4 +1,4 @@
-"""Rank of a model's outputs at real points in floats, beside which a rank in residues must hold.
+"""Rank of a model's outputs at real points in floats, with which a rank in residues must agree.
 
 Residues know that exp(a) exp(b) = exp(a + b), but not that log(a) + log(b) = log(a b) or that sin(4 atan(1)) = 0: such a
 difference is then a number other than 0, and the rank too high. On the reals it is rounding. Each operation is computed several
@@ -168,7 +168,7 @@ def real_rank(part: ReachedModel, exact: ExactRank, seed: int = 0) -> RealRank:
     )
     for attempt in range(POINTS):
         between = RANGES[attempt % len(RANGES)]
-        values = _drawn(part, between, generator)
+        values = _draw_groups(part, between, generator)
         arithmetic = RandomRounding(int(generator.integers(1 << 30)))
         try:
             rank = _rank_at(part, exact, values, arithmetic, generator, branch)
@@ -196,7 +196,7 @@ class _NotRealError(Exception):
     """Of a point at which something is not real or not finite."""
 
 
-def _drawn(
+def _draw_groups(
     part: ReachedModel, between: tuple[float, float], generator: np.random.Generator
 ) -> list[Num[np.ndarray, "n b"]]:
     """States, constants, inputs and unknown inputs, the same at all times."""
@@ -238,8 +238,8 @@ def _rank_at(
         raise _NotRealError
     unknown = len(part.unknowns)
     ordered = np.concatenate([rows[..., unknown:], rows[..., :unknown]], axis=-1).transpose(1, 0, 2)
-    before, rest = _eliminated(ordered, jets, arithmetic)
-    return _eliminated(rest[:, before:, jets:], unknown, arithmetic)[0]
+    before, rest = _eliminate_columns(ordered, jets, arithmetic)
+    return _eliminate_columns(rest[:, before:, jets:], unknown, arithmetic)[0]
 
 
 def _gradients(
@@ -318,7 +318,7 @@ def _jets(
     return later_inputs(part, index, order, np.repeat(drawn[:, np.newaxis], TIMES, axis=1), width)
 
 
-def _eliminated(
+def _eliminate_columns(
     rows: Num[np.ndarray, "b r n"], columns: int, arithmetic: RandomRounding
 ) -> tuple[int, Num[np.ndarray, "b r n"]]:
     """Pivots in the first columns that are surely not 0, the surest first, and what elimination leaves, pivots' rows above."""

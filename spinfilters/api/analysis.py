@@ -186,7 +186,7 @@ class KnownInputs:
 
     @cached_property
     def recorded(self) -> tuple[RecordedInput, ...]:
-        """The inputs of the table; none without one. InputError: a table that cannot be read, or axes beside it."""
+        """The inputs of the table; none without one. InputError: a table that cannot be read, or axes in addition to it."""
         if self.table is None:
             return ()
         if self.torque or self.manoeuvre:

@@ -1,6 +1,6 @@
 """Clock, axes and origin of a reference, fitted to an estimate.
 
-A reference tells poses of axes m in a frame l at times of its own clock (`spinfilters.io.reference_motion`). With the estimate
+A reference gives poses of axes m in a frame l at times of its own clock (`spinfilters.io.reference_motion`). With the estimate
 R_ig(t), r(t), c of a `ContinuousMotion` it is modelled as
 
     R_lm(t + d) = X R_ig(t) Y,    p_l(t + d) = X (r(t) + R_ig(t) (o - c)) + s,    w_m(t + d) = Y' w_g(t),
@@ -67,7 +67,7 @@ class ReferenceFit:
     ----------
     clock_offset, clock_std : float
         d, s; positive where the reference is late. The deviation is infinite where the motion does not determine it, which d = 0
-        then stands for.
+        then represents.
     frame, frame_std : (3, 3), (3,) float array
         X = R_li and deviations about the axes of l, rad; zero where the frame is shared.
     axes, axes_std : (3, 3), (3,) float array
@@ -129,12 +129,12 @@ def fit_reference(
         The recordings have no stretch in common, whatever the offset.
     """
     reference = _without_jumps(reference)
-    found = _fitted(motion, reference)
+    found = _fit_reference(motion, reference)
     if reference.attitude is None or found.residual[0] < WRONG_FORM:
         return found, reference
     best, chosen = found, reference
     for form, other in _other_forms(reference):
-        tried = _fitted(motion, other)
+        tried = _fit_reference(motion, other)
         if tried.residual[0] < 0.25 * best.residual[0]:
             best, chosen = replace(tried, form=form), other
     return best, chosen
@@ -258,7 +258,7 @@ def quaternion_pairs(q: Float[np.ndarray, "n 4"], stride: int) -> Float[np.ndarr
     return rotation_vector_from_matrix(turn)
 
 
-def _fitted(motion: ContinuousMotion, reference: ReferenceMotion) -> ReferenceFit:
+def _fit_reference(motion: ContinuousMotion, reference: ReferenceMotion) -> ReferenceFit:
     few = _thinned(reference, FIRST_ROWS)
     found = [_solved_from(motion, few, start) for start in _starts(motion, reference)]
     if not found:

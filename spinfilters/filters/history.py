@@ -45,7 +45,7 @@ class EstimateHistory:
     log_likelihood : ndarray of float, shape (n,)
         Log likelihood of each epoch's measurements given everything before.
     accepted, rejected : ndarray of int, shape (n,)
-        Measurements used and left out.
+        Measurements used and left out; by sensor: `spinfilters.evaluation.epoch_spans.use_by_sensor`.
     runtime : ndarray of float, shape (n,)
         Seconds per epoch, prediction and update.
     initialisation : int
@@ -156,6 +156,7 @@ class EstimateHistory:
         """
         factor, epochs = np.empty_like(self.factor), len(self.factor)
         first = min(len(widening), epochs)
+        # F B epoch by epoch, with the last B for all later epochs; then lower triangles again.
         factor[:first] = self.factor[:first] @ widening[:first]
         factor[first:] = self.factor[first:] @ widening[-1]
         finite = np.isfinite(factor).all(axis=(1, 2))

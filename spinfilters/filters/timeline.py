@@ -108,7 +108,7 @@ def by_sensor(epochs: Timeline) -> list[SensorEpochs]:
             measurements, numbers = parts.setdefault((id(m.model), m.ids is None), ([], []))
             measurements.append(m)
             numbers.append(k)
-    return [_joined(*part) for part in parts.values()]
+    return [_join_measurements(*part) for part in parts.values()]
 
 
 @by_sensor.register
@@ -117,7 +117,7 @@ def _(epochs: LogTimeline) -> list[SensorEpochs]:
     return [found for part in epochs.sensors if len((found := SensorEpochs.of(part)).epoch)]
 
 
-def _joined(measurements: Sequence[Measurement], numbers: Sequence[int]) -> SensorEpochs:
+def _join_measurements(measurements: Sequence[Measurement], numbers: Sequence[int]) -> SensorEpochs:
     """One sensor's measurements, one epoch after the other."""
     first, counts = measurements[0], [len(m.values) for m in measurements]
     values, parameters = (
@@ -215,7 +215,7 @@ def run(
             done = _taken_together(estimator, timeline, slice(index, int(together[index])), rows)
             if not done:
                 epoch, done = timeline[index], 1
-                if not _taken(estimator, epoch, rows):
+                if not _take_in_epoch(estimator, epoch, rows):
                     where = f"epoch {len(rows)}, t = {epoch.time:.3f} s"
                     status = status.failed(f"the estimate stopped being finite at {where}")
                     break
@@ -295,7 +295,7 @@ def _(epochs: LogTimeline) -> tuple[SensorTimeline, ...]:
     return epochs.sensors
 
 
-def _taken(estimator: Estimator, epoch: Epoch, rows: GrowingHistory) -> bool:
+def _take_in_epoch(estimator: Estimator, epoch: Epoch, rows: GrowingHistory) -> bool:
     """Take in an epoch and append the belief; False where it is not finite."""
     begin = working_seconds()
     reports = advance(estimator, epoch, epoch.time - rows.time)

@@ -32,7 +32,7 @@ class NoiseOption:
     default : float
         Where neither settings nor data set state it.
     components : tuple[int, ...] | None
-        Of the covariance of a row that it is the standard deviation of; None for what no covariance tells.
+        Of the covariance of a row that it is the standard deviation of; None for what no covariance gives.
     in_dataset : bool
         Whether dataset.toml may state it.
     simulated : float | None
@@ -40,6 +40,8 @@ class NoiseOption:
     scene_level : str
         Level of a `Scenario` that sensors share and that it takes instead (`position_std`, `rotation_std`, `gyro_std` or
         `pixel_std`); "" for a value of its own.
+    remark : str
+        Further sentence of its help; "" for none.
     """
 
     name: str
@@ -50,6 +52,7 @@ class NoiseOption:
     in_dataset: bool = True
     simulated: float | None = None
     scene_level: str = ""
+    remark: str = ""
 
 
 @dataclass(frozen=True)
@@ -134,7 +137,7 @@ class SensorFormat:
 
     @property
     def covariance_file(self) -> str:
-        """Table of the covariances of the rows, beside that of the measurements."""
+        """Table of the covariances of the rows, next to that of the measurements."""
         return f"{Path(self.file).stem}_covariance.csv"
 
     @property

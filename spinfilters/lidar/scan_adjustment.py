@@ -63,7 +63,7 @@ LARGEST: Final = 1e6
 HELD: Final = 1e-3
 """Share of a predicted attitude's deviation by which a drift may turn scans without noise.
 
-A place does not tell a rotation about it from a slide, and what little a drift does not explain turned panels by 15 deg."""
+A place does not separate a rotation about it from a slide, and what little a drift does not explain turned panels by 15 deg."""
 
 Product = Callable[[Float[np.ndarray, "a m"]], Float[np.ndarray, "a m"]]
 """A matrix times columns."""
@@ -197,7 +197,7 @@ def adjusted_scans(
             matched = _match_group(clouds, found, group, size, normal.reach)
             normal = replace(matched, variance=matched.variance / share**2)
         if len(group) >= FEWEST_ON_DRIFT and normal.is_exact:
-            # residuals of scans without noise do not tell what poses are off by: their places do, and matches let them slide
+            # residuals of scans without noise do not show the errors of poses: their places do, and matches let them slide
             drift = _drift_of([found[k] for k in group], size)
             found[begin : group.stop] = _on_drift([found[k] for k in group], normal, size)
             usual, variance = (max(normal.variance, each**2) for each in (drift.scatter, drift.deviation))
@@ -498,7 +498,7 @@ def _least_scatter(drift: _Drift, normal: _Normal, size: float) -> float:
 def _on_drift(poses: Sequence[ScanPose], normal: _Normal, size: float) -> list[ScanPose]:
     """Poses on a drift in the directions that the matches leave open."""
     found, done = list(poses), np.zeros(6 * len(poses))
-    whole = _proper(normal.certain, normal.information, normal.is_exact) / normal.variance
+    whole = _proper_information(normal.certain, normal.information, normal.is_exact) / normal.variance
     turn = HELD * ROTATION_PRIOR if normal.is_exact else ROTATION_PRIOR
     root = _covariance_root(normal.constrained(whole, 0.0), size, turn)
     joint = root @ root.T
@@ -521,17 +521,20 @@ def _information_alone(normal: _Normal) -> Float[np.ndarray, "k 6 6"]:
         np.einsum("kikj->kij", each.reshape(k, 6, k, 6)) for each in (normal.certain, normal.information)
     )
     return np.array(
-        [_proper(*each, normal.is_exact) / normal.variance for each in zip(certain, information, strict=True)]
+        [
+            _proper_information(*each, normal.is_exact) / normal.variance
+            for each in zip(certain, information, strict=True)
+        ]
     )
 
 
-def _proper(
+def _proper_information(
     certain: Float[np.ndarray, "a a"], information: Float[np.ndarray, "a a"], is_exact: bool
 ) -> Float[np.ndarray, "a a"]:
     """The information without eigenvalues that chance gives where there is none.
 
     Those below zero; of scans without noise also positive ones like these, for no noise would make such directions uncertain. The
-    normals of these are wrong beside edges alone. Products of wrong normals with right ones are nothing along open directions,
+    normals of these are wrong next to edges alone. Products of wrong normals with right ones are nothing along open directions,
     but turn them towards exact ones: those of the whole information are open by rounding.
     """
     values, vectors = np.linalg.eigh(certain)
@@ -595,7 +598,7 @@ def _with_covariances(
     one holds. What no scan determines has the prior of a predicted pose, see `pose_covariance`.
     """
     k, prior = len(poses), _prior_information(1, size)
-    whole = _proper(normal.certain, normal.information, normal.is_exact) / normal.variance
+    whole = _proper_information(normal.certain, normal.information, normal.is_exact) / normal.variance
     if k >= FEWEST_ON_DRIFT:
         drift = _drift_of(poses, size)
         whole = whole + drift.information(max(drift.scatter, _least_scatter(drift, normal, size)))

@@ -111,7 +111,7 @@ class AnswerWriter:
     dropped
         Answers that were not written, because too many waited.
     broken : OSError | None
-        Why nothing is written any more: nobody reads, or the disk is full.
+        Why nothing is written any more: the reader has gone, or the disk is full.
     """
 
     def __init__(self, style: str, stream: TextIO) -> None:
@@ -119,7 +119,7 @@ class AnswerWriter:
         self._waiting: queue.Queue[Answer | None] = queue.Queue(MOST_WAITING)
         self.dropped = 0
         self.broken: OSError | None = None
-        self._thread = threading.Thread(target=self._work, daemon=True)
+        self._thread = threading.Thread(target=self._write_lines, daemon=True)
         self._thread.start()
 
     def write(self, answer: Answer) -> None:
@@ -142,7 +142,7 @@ class AnswerWriter:
         Raises
         ------
         BrokenPipeError
-            Nobody reads any more.
+            The reader has gone.
         OSError
             The answers cannot be written, as on a full disk.
         """
@@ -156,7 +156,7 @@ class AnswerWriter:
         self._thread.join(LAST_SECONDS)
         self.dropped += max(self._waiting.qsize() - 1, 0) if self._thread.is_alive() else 0
 
-    def _work(self) -> None:
+    def _write_lines(self) -> None:
         while (answer := self._waiting.get()) is not None:
             try:
                 write_answer(answer, self._style, self._stream)

@@ -90,9 +90,9 @@ class LineReader:
             done = self.flush()
         key = row.sensor, row.landmark
         if key in self._rows:
-            self._lost("duplicate", text)
+            self._count_lost("duplicate", text)
         elif len(self._rows) >= LARGEST_EPOCH:
-            self._lost("too many lines of one time", text)
+            self._count_lost("too many lines of one time", text)
         else:
             self._rows[key] = row
         return done
@@ -110,17 +110,17 @@ class LineReader:
             try:
                 streams.append(_stream(sensor, [row for row in rows if row.sensor == sensor]))
             except InputError as error:
-                self._lost("unusable", str(error))
+                self._count_lost("unusable", str(error))
         return ArrivedEpoch(rows[0].time, tuple(streams)) if streams else None
 
     def torn(self, text: str) -> None:
         """Count an incomplete line."""
-        self._lost("torn line", text)
+        self._count_lost("torn line", text)
 
     def _row(self, text: str) -> Row | None:
         sensor, _, rest = text[:LONGEST_LINE].partition(",")
         if sensor not in self.sensors:
-            self._lost("unknown sensor", text)
+            self._count_lost("unknown sensor", text)
             return None
         form = sensor_format(sensor)
         parts = rest.split(",")
@@ -128,9 +128,9 @@ class LineReader:
         if len(parts) != wanted or len(text) > LONGEST_LINE or not text.isascii() or "_" in rest:
             self.torn(text)
             return None
-        return self._parsed(form, parts, text)
+        return self._parse_row(form, parts, text)
 
-    def _parsed(self, form: SensorFormat, parts: list[str], text: str) -> Row | None:
+    def _parse_row(self, form: SensorFormat, parts: list[str], text: str) -> Row | None:
         try:
             time, values = float(parts[0]), tuple(map(float, parts[1 + form.has_landmarks :]))
             landmark = int(parts[1]) if form.has_landmarks else None
@@ -138,11 +138,11 @@ class LineReader:
             self.torn(text)
             return None
         if not all(map(math.isfinite, (time, *values))) or (landmark is not None and abs(landmark) >= 2**62):
-            self._lost("not finite", text)
+            self._count_lost("not finite", text)
             return None
         return Row(form.name, time, values, landmark)
 
-    def _lost(self, kind: str, text: str) -> None:
+    def _count_lost(self, kind: str, text: str) -> None:
         self.losses[kind] = self.losses.get(kind, 0) + 1
         self.last[kind] = text[:80]
 
@@ -233,7 +233,7 @@ class Lines(Source):
         self._looked = quiet = time.monotonic()
         rest = b""
         while True:
-            data = self._read()
+            data = self._read_chunk()
             if data == b"" and (not self._grows or time.monotonic() - quiet > self._patience):
                 break
             if not data:
@@ -248,16 +248,16 @@ class Lines(Source):
                 epoch = self.reader.feed(line.decode("utf-8", "replace"))
                 if epoch is not None:
                     yield replace(epoch, at=self._arrived)
-        if rest:  # nobody knows how much of it is missing
+        if rest:  # how much of it is missing is unknown
             self.reader.torn(rest.decode("utf-8", "replace"))
         yield self.reader.flush()
 
-    def _read(self) -> bytes | None:
+    def _read_chunk(self) -> bytes | None:
         """Bytes that have come; empty at the end, None where nothing came in a moment."""
         begin = time.monotonic()
         try:
             if self._grows:
-                return self._grown()
+                return self._read_growth()
             ready, _, _ = select.select([self._descriptor], [], [], POLL)
             self._arrived = self._looked if time.monotonic() - begin < AT_ONCE else time.monotonic()
             return os.read(self._descriptor, CHUNK) if ready else None
@@ -267,7 +267,7 @@ class Lines(Source):
         finally:
             self._looked = time.monotonic()
 
-    def _grown(self) -> bytes:
+    def _read_growth(self) -> bytes:
         """Bytes by which a file has grown; from its beginning where it has become shorter."""
         data = os.read(self._descriptor, CHUNK)
         if not data and os.fstat(self._descriptor).st_size < os.lseek(self._descriptor, 0, os.SEEK_CUR):

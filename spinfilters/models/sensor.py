@@ -164,7 +164,7 @@ class MotionSamples:
     landmarks : KnownMap | None
         a map that was found with the poses, None where it was known or there is none.
     noise_ratio : float | None
-        Standard deviation of the rows over the stated, None where the samples do not tell it.
+        Standard deviation of the rows over the stated, None where the samples do not determine it.
     shared : Int[np.ndarray, ' k'] | None
         (k,) landmarks that an epoch has in common with the one before, of poses from tracks; else None.
     """

@@ -42,7 +42,7 @@ BRIGHT: Final = 0.6
 
 
 def observability_figure(found: Report, title: str) -> Figure:
-    """Ranks by order with the verdict, beside the Cramer-Rao bound of every quantity over time, s.
+    """Ranks by order with the verdict, next to the Cramer-Rao bound of every quantity over time, s.
 
     Parameters
     ----------

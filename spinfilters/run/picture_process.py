@@ -1,6 +1,6 @@
 """Pictures of a run by further processes, which load what draws while the estimators run.
 
-A process is told a run folder and then the names of pictures, one at a time. Whatever ends it early, the process that asked draws
+A process is sent a run folder and then the names of pictures, one at a time. Whatever ends it early, the process that asked draws
 what is missing, and meets and reports the cause itself.
 """
 
@@ -21,7 +21,7 @@ from spinfilters.plots.figures import FigureData, draw_run, figure_names
 from spinfilters.run.run_folder import read_figure_data
 
 MOST_PROCESSES: Final = 3
-"""Beside the one that asks; a run has about ten pictures."""
+"""In addition to the one that asks; a run has about ten pictures."""
 PROCESSES: Final = "SPINFILTERS_PICTURE_PROCESSES"
 """Environment variable that states another number, 0 for none."""
 STATED_PROCESSES: Final = NumberRange(0, 99, whole=True)
@@ -34,7 +34,7 @@ _READY: Final = b"ready\n"
 
 
 class PictureProcess:
-    """A process that draws pictures of a run when told so.
+    """A process that draws pictures of a run on request.
 
     It ends with its input, hence with the process that started it.
     """
@@ -89,9 +89,12 @@ class PictureProcess:
 
 @contextmanager
 def picture_processes(wanted: bool) -> Iterator[list[PictureProcess]]:
-    """Processes beside this one, one for each further core; none where not wanted or where none can be started.
+    """Processes in addition to this one, one for each further core; none where not wanted or where none can be started.
 
-    InputError: the environment variable `PROCESSES` is no such number.
+    Raises
+    ------
+    InputError
+        The environment variable `PROCESSES` is not a whole number in its range.
     """
     processes: list[PictureProcess] = []
     count = _further_processes() if wanted else 0

@@ -61,7 +61,7 @@ SURFACE_PICTURES = {
 }
 SETTLING_ANIMATIONS = {"velocity": "convergence-velocity.gif", "body_rate": "convergence-body-rate.gif"}
 CONSTANTS_PICTURE, COSTS_PICTURE = "convergence-constants.png", "convergence-costs.png"
-"""Pictures of how each quantity settles, beside the arrays."""
+"""Pictures of how each quantity converges, with the arrays."""
 ESTIMATOR_FILES = (
     *("trajectory.csv", "trajectory.tum", FRAME_FILE, MAP_FILE, HISTORY_FILE),
     *(PREDICTION_TABLE, PREDICTION_ARRAYS, CONVERGENCE_ARRAYS, REFERENCE_TABLE, PREDICTION_ERRORS_TABLE),
@@ -227,7 +227,8 @@ def last_belief(folder: Path) -> LastBelief:
         raise not_whole(run, error) from None
     (history,) = read_histories(run, [name])
     belief = history.belief(len(history.time) - 1)
-    return LastBelief(f"the last state of {name} in {run.name}", belief, noise)
+    source = f"the last state of {name} in {run.name}, at t = {float(history.time[-1]):.3f} s of its clock"
+    return LastBelief(source, belief, noise)
 
 
 def figure_data_of(comparison: Comparison) -> FigureData:

@@ -85,7 +85,8 @@ class _OptionsOfEveryState:
         (of frame g in i, m), attitude (q_ig), velocity (of the centre of mass, m/s), rate (rad/s, g axes), center_of_mass (m, g),
         and mass_distribution or principal_moments (about the axes of g).
     std : dict
-        Standard deviations of that belief, by block.
+        Standard deviations of that belief, by block. Without them velocity, centre of mass and mass distribution have speed_std,
+        centre_std and mass_std; the others must be stated.
     covariance : tuple of tuples of float
         Covariance instead of standard deviations, of the errors in the order of the state.
     from_truth : bool
@@ -157,7 +158,7 @@ if TYPE_CHECKING:
     class InitialisationOptions(_OptionsOfEveryState):
         """Options of the initialisation.
 
-        Beside those named in `_OptionsOfEveryState` each state block with a `prior_range` has one, by default 0: such as
+        In addition to those named in `_OptionsOfEveryState` each state block with a `prior_range` has one, by default 0: such as
         gyro_bias_std, of the prior of a gyro's bias, rad/s, or gyro_scale_error_std, of that of its relative scale error.
         """
 
@@ -182,7 +183,7 @@ else:
 PRESETS: Final = Path(__file__).parent / "presets"
 """Folder of the settings that have a name."""
 DEFAULT_ESTIMATORS: Final = ("mekf", "ukf", "smoother")
-"""Estimators of a comparison where nobody names any."""
+"""Estimators of a comparison unless some are named."""
 
 
 class NamedEstimator:
@@ -324,7 +325,7 @@ if TYPE_CHECKING:
 
         "auto" takes the data set's own, or the default where it is silent.
         Its fields are the `NoiseOption` of all sensors. "auto" of an option that a sensor identifies (`Sensor.identified_option`)
-        identifies it from the recording when nobody states the sensor's noise.
+        identifies it from the recording when the sensor's noise is unspecified.
         """
 
         __dataclass_fields__: ClassVar[dict[str, Any]]
@@ -406,7 +407,7 @@ class ProcessSettings:
     tolerance: Annotated[float, NumberRange(1e-12, 1e-2)] = 1e-8
 
     def noise(self, automatic: ProcessNoise) -> ProcessNoise:
-        """Its noise densities, checked; ``automatic`` are those that nobody has set.
+        """Its noise densities, checked; ``automatic`` are those that are not set.
 
         Parameters
         ----------

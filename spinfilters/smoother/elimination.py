@@ -40,7 +40,7 @@ def pooled_zeros(*shape: int) -> np.ndarray:
 def pooled_array(*shape: int) -> np.ndarray:
     """An array of any numbers, aligned to vectors."""
     count = prod(shape)
-    raw = _taken(count) if count >= LARGE else None
+    raw = _take_spare(count) if count >= LARGE else None
     if raw is None:
         raw = np.empty(count + ALIGNMENT)
     first = (-address(raw) // raw.itemsize) % ALIGNMENT
@@ -51,7 +51,7 @@ def pooled_array(*shape: int) -> np.ndarray:
     return array.reshape(shape)
 
 
-def _taken(count: int) -> np.ndarray | None:
+def _take_spare(count: int) -> np.ndarray | None:
     """A spare array that is long enough and not much too long."""
     for key, raw in list(_pool.items()):
         if count + ALIGNMENT <= len(raw) <= 2 * (count + ALIGNMENT) and _pool.pop(key, None) is raw:
@@ -139,7 +139,7 @@ class Eliminated:
         )
         # Back-substitution of the 3 x 3 blocks: L_l' dp_l = rest_l.
         step = np.zeros_like(rest)
-        step[self.is_constrained] = _solved(
+        step[self.is_constrained] = _solve_by_root(
             np.swapaxes(self.information_sqrt[self.is_constrained], 1, 2), rest[self.is_constrained]
         )
         return step
@@ -200,7 +200,7 @@ def eliminate_in_numpy(
     # Per landmark: gradient L^-1 sum J_p' y, and coupling Y = L^-1 J_p' J_x [3][epochs][6], summed per epoch.
     turned = by_point.swapaxes(1, 2)
     np.add.at(gradient, landmark, (turned @ y)[..., 0])
-    gradient = _solved(information_sqrt, gradient)
+    gradient = _solve_by_root(information_sqrt, gradient)
     each = np.linalg.solve(information_sqrt[landmark], turned @ by_pose)
     np.add.at(whole, (landmark, slice(None), epoch), each)  # pyright: ignore[reportArgumentType]
     # Per pose: information J_x' J_x and right-hand side J_x' y.
@@ -261,7 +261,7 @@ def _firsts(observations: LandmarkObservations, used: Bool[np.ndarray, " N"]) ->
     return result
 
 
-def _solved(
+def _solve_by_root(
     information_sqrt: Float[np.ndarray, "k 3 3"], right: Float[np.ndarray, "k 3"]
 ) -> Float[np.ndarray, "k 3"]:
     return np.linalg.solve(information_sqrt, right[..., None])[..., 0]
@@ -334,11 +334,11 @@ class VelocityElimination:
         # What the separator leaves to each epoch: y_k - X_k dx.
         right = self.coupling[:, :, -1] - self.coupling[:, :, : width - 1] @ separator_step
         if library is None:
-            return self._back(right)
+            return self._solve_backwards(right)
         library.solve_velocities(*right.shape, *map(address, (self.information_sqrts, self.next, right)))
         return right
 
-    def _back(self, right: Float[np.ndarray, "k v"]) -> Float[np.ndarray, "k v"]:
+    def _solve_backwards(self, right: Float[np.ndarray, "k v"]) -> Float[np.ndarray, "k v"]:
         # From the last epoch on, L_k' dv_k = right_k - F_k dv_k+1.
         for k in range(len(right) - 1, -1, -1):
             if k + 1 < len(right):
@@ -368,7 +368,7 @@ def eliminate_velocities(
     (K, v, width), library = G.shape, kernels()
     begin = np.zeros(K, dtype=np.int64)
     if library is None:
-        return VelocityElimination(D, E, G, begin, pose, reach, _eliminated(D, E, G))
+        return VelocityElimination(D, E, G, begin, pose, reach, _eliminate_in_place(D, E, G))
     blocks = K if pose else 0
     failed = library.eliminate_velocities(
         *(K, v, pose, blocks, width, reach),
@@ -380,7 +380,7 @@ def eliminate_velocities(
     return VelocityElimination(D, E, G, begin, pose, reach, int(failed) - 1)
 
 
-def _eliminated(D: np.ndarray, E: np.ndarray, G: np.ndarray) -> int:
+def _eliminate_in_place(D: np.ndarray, E: np.ndarray, G: np.ndarray) -> int:
     """`eliminate_velocities` for machines without a compiler, in place."""
     for k in range(len(D)):
         # Schur complement of the epoch before: D_k - F_k-1' F_k-1, and its coupling to what remains G_k - F_k-1' X_k-1.

@@ -98,17 +98,17 @@ class VariableOrdering:
     @cached_property
     def pose(self) -> Int[np.ndarray, " p"]:
         """Error components of an epoch coupled by landmark observations."""
-        return self._of([block for block in self.layout.moving if self._is_separator(block)])
+        return self._components_of([block for block in self.layout.moving if self._is_separator(block)])
 
     @cached_property
     def tridiagonal(self) -> Int[np.ndarray, " v"]:
         """Error components of an epoch coupled only to its neighbours in time."""
-        return self._of([block for block in self.layout.moving if not self._is_separator(block)])
+        return self._components_of([block for block in self.layout.moving if not self._is_separator(block)])
 
     @cached_property
     def constant(self) -> Int[np.ndarray, " c"]:
         """Error components that are the same in every epoch."""
-        return self._of(self.layout.constant)
+        return self._components_of(self.layout.constant)
 
     @cached_property
     def moving(self) -> Int[np.ndarray, " d"]:
@@ -154,6 +154,7 @@ class VariableOrdering:
         """Each epoch's error in the order of the layout."""
         p = len(self.pose)
         result = np.empty((self.epochs, self.layout.error_dim))
+        # Separator step: poses epoch by epoch, then the constants, which are the same in every epoch.
         result[:, self.pose] = separator_step[: self.epochs * p].reshape(self.epochs, p)
         result[:, self.tridiagonal] = tridiagonal_step
         result[:, self.constant] = separator_step[self.epochs * p :]
@@ -162,7 +163,7 @@ class VariableOrdering:
     def _is_separator(self, block: StateBlock) -> bool:
         return self.has_landmarks and block.name in POSE_BLOCKS
 
-    def _of(self, blocks: Sequence[StateBlock]) -> Int[np.ndarray, " b"]:
+    def _components_of(self, blocks: Sequence[StateBlock]) -> Int[np.ndarray, " b"]:
         every = np.arange(self.layout.error_dim)
         return np.concatenate([every[:0], *[every[self.layout.slice(block.name)] for block in blocks]])
 
@@ -206,7 +207,7 @@ class MarginalizationPrior:
 
     @cached_property
     def knows_constants(self) -> bool:
-        """Whether epochs were marginalized, since landmarks alone tell no constants or velocities."""
+        """Whether epochs were marginalized, since landmarks alone determine no constants or velocities."""
         return bool(self.information_sqrt[:, len(self.first) * len(self.ordering.pose) :].any())
 
     def at(self, trajectory: Float[np.ndarray, "k m"]) -> "LinearizedPrior":

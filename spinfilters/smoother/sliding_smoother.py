@@ -44,8 +44,8 @@ from spinfilters.smoother.window import DETERMINED, LandmarkMarginalization, Win
 
 TRUSTED = 0.15
 """Standard deviation of the mass distribution from which the belief is trusted: before, it may sit in a wrong minimum, or be curved
-more than a covariance tells (NEES of a hundred times the degrees of freedom above 0.3 on simulated motions, as it should be below
-0.2)."""
+more than a covariance describes (NEES of a hundred times the degrees of freedom above 0.3 on simulated motions, as it should be
+below 0.2)."""
 
 
 @dataclass(frozen=True)
@@ -289,9 +289,9 @@ class SlidingSmoother:
         ends = []
         for epoch, state in zip(epochs, trajectory, strict=True):
             self.window = self.window.opened(epoch.time, state)
-            ends.append(self._extended(epoch.measurements))
+            ends.append(self._extend_latest(epoch.measurements))
         self.window = self.window.placed(ids, points)
-        _, problem = self._solved(epochs[-1].measurements)
+        _, problem = self._iterate_window(epochs[-1].measurements)
         self._remember(problem)
         weights = [self._weights(k, end) for k, end in enumerate(ends)]
         return [UpdateResult.counted(f.measurements, w, 1) for f, w in zip(epochs, weights, strict=True)]
@@ -320,13 +320,13 @@ class SlidingSmoother:
             self.window = self.window.opened(
                 epoch.time, predicted_state(self.process, self._prior, self.window, epoch.time)
             )
-            self._extended(epoch.measurements)
+            self._extend_latest(epoch.measurements)
         return self.add(epochs[-1])
 
     def extend(self, measurements: tuple[Measurement, ...]) -> UpdateResult:
         """Add measurements of the latest epoch, solve, and marginalize by the window policy."""
-        ends = self._extended(measurements)
-        count, problem = self._solved(measurements)
+        ends = self._extend_latest(measurements)
+        count, problem = self._iterate_window(measurements)
         self._remember(problem)
         count += self._restarted_from_momentum(problem)
         taken = UpdateResult.counted(measurements, self._weights(len(self.window.epochs) - 1, ends), count)
@@ -395,7 +395,7 @@ class SlidingSmoother:
             return []
         return unobservable_directions(self.problem(), linear.point, linear.normal)
 
-    def _solved(self, measurements: tuple[Measurement, ...]) -> tuple[int, Problem]:
+    def _iterate_window(self, measurements: tuple[Measurement, ...]) -> tuple[int, Problem]:
         """Relinearise and iterate; the number of iterations is returned too."""
         problem, loss = self.problem(), self.options.observation_loss
         here = self._found_back(problem, problem.at(self.window.trajectory, self.window.points), loss)
@@ -411,7 +411,7 @@ class SlidingSmoother:
             if there is None:
                 break
             linear, count = linear_problem(problem, there, loss), count + 1
-        self.window = _stepped(self.window, problem, linear, rule, number)
+        self.window = _step_window(self.window, problem, linear, rule, number)
         self._linear = linear
         return count, problem
 
@@ -420,7 +420,7 @@ class SlidingSmoother:
         self._linear = linear
 
     def _remember(self, problem: Problem) -> None:
-        """Keep what the last linear problem tells of the whole run."""
+        """Keep what the last linear problem determines of the whole run."""
         linear = self._linearised(problem)
         solution = linear.normal.solution
         self._landmarks = self.window.ids, self.window.points
@@ -461,7 +461,7 @@ class SlidingSmoother:
             self._remember(problem)
         return tries + 1
 
-    def _extended(self, measurements: tuple[Measurement, ...]) -> list[int]:
+    def _extend_latest(self, measurements: tuple[Measurement, ...]) -> list[int]:
         """Put measurements into the latest epoch; where their observations begin and end in the window."""
         ends = [len(self.window.seen.epoch)]
         for measurement in measurements:
@@ -492,7 +492,7 @@ class SlidingSmoother:
         return marginalized
 
 
-def _stepped(
+def _step_window(
     window: Window, problem: Problem, linear: LinearProblem, rule: StepRule, number: float
 ) -> Window:
     """The window one step beyond the last linearisation, if the linear problem has a solution."""

@@ -220,7 +220,7 @@ CHECKS: Final[tuple[Check, ...]] = (
     ),
     Check(
         "map-error", ALL, Needs.RESIDUALS,
-        "Does an error of the list explain registered poses by more than errors of their map do? Score test beside shifts and "
+        "Does an error of the list explain registered poses by more than errors of their map do? Score test with shifts and "
         "rotations of second degree in the direction of view",
         "1 % of recordings, with all other model errors", "{text}", "give more scans, so that the same views come back more often",
     ),

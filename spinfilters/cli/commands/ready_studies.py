@@ -2,10 +2,11 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from spinfilters.api.arguments import CampaignArguments
 from spinfilters.cli.command import Command
+from spinfilters.core.errors import InputError
 from spinfilters.io.stated_values import Argument, NumberRange
 
 
@@ -33,6 +34,16 @@ class ReadyStudyArguments:
     workers: Annotated[
         int | None, NumberRange(1, 1024, whole=True), Argument("processes, by default one per processor")
     ] = None
+    format: Annotated[
+        Literal["png", "svg", "pdf"] | None,
+        Argument("print the figures for a paper too, in this file format"),
+    ] = None
+    panels: Annotated[bool, Argument("one panel a file, cut out of its printed figure")] = False
+    width: Annotated[
+        float | None,
+        NumberRange(20.0, 1000.0, "mm"),
+        Argument("width of a printed figure or panel, mm: 84 for a column, 174 for two", metavar="MM"),
+    ] = None
 
 
 def make_studies(options: ReadyStudyArguments) -> int:
@@ -52,7 +63,11 @@ def make_studies(options: ReadyStudyArguments) -> int:
     )
     from spinfilters.cli.campaign_progress import rows_with_bar
     from spinfilters.cli.console import wide_console
+    from spinfilters.plots.printing import PrintStyle
 
+    if options.format is None and (options.panels or options.width is not None):
+        raise InputError("--panels and --width are of printed figures; give their --format")
+    style = None if options.format is None else PrintStyle(options.format, options.width, options.panels)
     console = wide_console()
     if options.names == ("list",):
         found = Table("name", "runs", "what it compares")
@@ -71,9 +86,8 @@ def make_studies(options: ReadyStudyArguments) -> int:
             document["study"] = {**document["study"], "seeds": options.seeds}
         rows_with_bar(document, folder / name, CampaignArguments(workers=options.workers, resume=True), name)
         console.print(f"{name}: look at {folder / name / PICTURE}", highlight=False, soft_wrap=True)
-    console.print(
-        f"written to {folder}; look at {write_comparison_page(folder)}", highlight=False, soft_wrap=True
-    )
+    page = write_comparison_page(folder, print_style=style)
+    console.print(f"written to {folder}; look at {page}", highlight=False, soft_wrap=True)
     return 0
 
 

@@ -120,6 +120,7 @@ class GyroSensor(Sensor):
                 NumberRange(1e-9, 1e3, zero=True),
                 default=0.0,
                 in_dataset=False,
+                remark="White noise of each sample in proportion to the rate. A constant error is calibration.gyro_scale_std.",
             ),
         ),
         allowed=RATE,
@@ -184,7 +185,7 @@ FLAT_TOP: Final[float] = 1e-3
 """Relative distance from the largest |rate| of an axis within which clipped samples lie, since offsets are corrected after
 clipping."""
 NEAR_TOP: Final[float] = 2e-2
-"""Relative distance within which few samples lie beside clipped ones. Of a smooth peak's samples within it, the share
+"""Relative distance within which few samples lie next to clipped ones. Of a smooth peak's samples within it, the share
 sqrt(FLAT_TOP / NEAR_TOP) lies within `FLAT_TOP`."""
 FEWEST_CLIPPED: Final[int] = 3
 """Samples that can make a flat top."""

@@ -69,7 +69,7 @@ class Sensitivity:
     states : (k, n, m) float array
         Of every epoch, components in the order of the layout.
     landmarks : (L, 3, m) float array
-        Zero of those not told.
+        Zero of those not given.
     """
 
     states: Float[np.ndarray, "k n m"]
@@ -181,7 +181,7 @@ def summed(
 
     rows = len(index)
     which = csr_array((np.ones(rows), index, np.arange(rows + 1)), shape=(rows, count)).T
-    flat = part.reshape(rows, part.shape[1] * part.shape[2])  # of no rows, -1 would tell no width
+    flat = part.reshape(rows, part.shape[1] * part.shape[2])  # of no rows, -1 would give no width
     return (which @ flat).reshape(count, *part.shape[1:])
 
 
@@ -259,7 +259,7 @@ class LinearRows:
 
     def residual(self, right: Columns) -> Columns:
         """M H."""
-        return right.minus(self._explained(self.solved(self.gradient(right))))
+        return right.minus(self._explained_rows(self.solved(self.gradient(right))))
 
     @cached_property
     def prior_rows(self) -> Float[np.ndarray, "n n1"]:
@@ -326,7 +326,7 @@ class LinearRows:
         kept = solve_triangular(s.information_sqrt, half.kept, lower=True, trans=1, check_finite=False)
         moving = np.empty_like(b.moving)
         moving[:, :p] = kept[: K * p].reshape(K, p, m)
-        moving[:, p:] = self._back(chained - X @ kept)
+        moving[:, p:] = self._solve_backwards(chained - X @ kept)
         if fit is not None:
             follow = (self._coupling.T @ moving[:, :p].reshape(-1, m)).reshape(g.shape)
             g = np.linalg.solve(np.swapaxes(self._landmark_sqrts, 1, 2), g - follow)
@@ -342,7 +342,7 @@ class LinearRows:
             n[k] = inverses[k] @ n[k]
         return n
 
-    def _back(self, n: Float[np.ndarray, "k v m"]) -> Float[np.ndarray, "k v m"]:
+    def _solve_backwards(self, n: Float[np.ndarray, "k v m"]) -> Float[np.ndarray, "k v m"]:
         """e_k = L_k^-T (n_k - F_k e_k+1)."""
         inverses, F = self._inverses, self.solution.tridiagonal.next
         for k in range(len(n) - 1, -1, -1):
@@ -378,7 +378,7 @@ class LinearRows:
         """L_k^-1."""
         return np.linalg.inv(np.tril(self.solution.tridiagonal.information_sqrts))
 
-    def _explained(self, e: Gradient) -> Columns:
+    def _explained_rows(self, e: Gradient) -> Columns:
         """J e."""
         states = self.states(e)
         sensors = tuple(

@@ -248,7 +248,7 @@ SETTLED: Final = 0.05
 LONGEST_STEP: Final = 2.5
 DIFFERENCE: Final = 1e-3
 SMALL_VARIANCE: Final = 1e-2
-"""Of a lasting error beside the stated variance, for its score."""
+"""Of a lasting error relative to the stated variance, for its score."""
 DAMPING: Final = (1e-2, 1e4)
 
 
@@ -292,7 +292,7 @@ class LikelihoodClimb:
             at = np.flatnonzero(going)
             if not len(at):
                 break
-            for k, (likelihood, own) in zip(at, self._evaluated([trial[k] for k in at]), strict=True):
+            for k, (likelihood, own) in zip(at, self._evaluate_levels([trial[k] for k in at]), strict=True):
                 if likelihood > best[k].log_likelihood:
                     best[k], slope[k] = replace(trial[k], log_likelihood=likelihood), own
                     damping[k] = max(damping[k] / 10, DAMPING[0])
@@ -301,12 +301,12 @@ class LikelihoodClimb:
                 step = _step(slope[k], damping[k])
                 going[k] = step is not None and damping[k] < DAMPING[1]
                 if step is not None:
-                    trial[k] = self._moved(best[k], step)
+                    trial[k] = self._step_levels(best[k], step)
         return best
 
     def information(self, one: LikelyLevels) -> Float[np.ndarray, "f f"]:
         """Fisher information of the free levels."""
-        return self._evaluated([one])[0][1].information
+        return self._evaluate_levels([one])[0][1].information
 
     def scores(self, white: LikelyLevels) -> Float[np.ndarray, " s"]:
         """Scores of lasting errors of each component and time of `SCORE_TIMES`.
@@ -329,7 +329,7 @@ class LikelihoodClimb:
         score = g[f:] - F[f:, :f] @ left[:, 0]
         return score / np.sqrt(np.maximum(np.diag(own), np.finfo(float).tiny))
 
-    def _evaluated(self, each: list[LikelyLevels]) -> list[tuple[float, Curvature]]:
+    def _evaluate_levels(self, each: list[LikelyLevels]) -> list[tuple[float, Curvature]]:
         rows = [self._around(one) for one in each]
         found, first, made = self.motion.innovations(np.concatenate(rows)), 0, []
         for own, one in zip(rows, each, strict=True):
@@ -345,7 +345,7 @@ class LikelihoodClimb:
         rows[np.arange(len(one.free)) + 1, one.free] += DIFFERENCE
         return rows
 
-    def _moved(self, one: LikelyLevels, step: Float[np.ndarray, " f"]) -> LikelyLevels:
+    def _step_levels(self, one: LikelyLevels, step: Float[np.ndarray, " f"]) -> LikelyLevels:
         """With correlation times within `TIME_RANGE` too."""
         moved, interval = one.moved(step), self.motion.interval
         if one.free[-1] == len(one.levels) - 1:
