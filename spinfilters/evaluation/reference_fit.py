@@ -129,12 +129,12 @@ def fit_reference(
         The recordings have no stretch in common, whatever the offset.
     """
     reference = _without_jumps(reference)
-    found = _fitted(motion, reference)
+    found = _fit_reference(motion, reference)
     if reference.attitude is None or found.residual[0] < WRONG_FORM:
         return found, reference
     best, chosen = found, reference
     for form, other in _other_forms(reference):
-        tried = _fitted(motion, other)
+        tried = _fit_reference(motion, other)
         if tried.residual[0] < 0.25 * best.residual[0]:
             best, chosen = replace(tried, form=form), other
     return best, chosen
@@ -258,7 +258,7 @@ def quaternion_pairs(q: Float[np.ndarray, "n 4"], stride: int) -> Float[np.ndarr
     return rotation_vector_from_matrix(turn)
 
 
-def _fitted(motion: ContinuousMotion, reference: ReferenceMotion) -> ReferenceFit:
+def _fit_reference(motion: ContinuousMotion, reference: ReferenceMotion) -> ReferenceFit:
     few = _thinned(reference, FIRST_ROWS)
     found = [_solved_from(motion, few, start) for start in _starts(motion, reference)]
     if not found:

@@ -498,7 +498,7 @@ def _least_scatter(drift: _Drift, normal: _Normal, size: float) -> float:
 def _on_drift(poses: Sequence[ScanPose], normal: _Normal, size: float) -> list[ScanPose]:
     """Poses on a drift in the directions that the matches leave open."""
     found, done = list(poses), np.zeros(6 * len(poses))
-    whole = _proper(normal.certain, normal.information, normal.is_exact) / normal.variance
+    whole = _proper_information(normal.certain, normal.information, normal.is_exact) / normal.variance
     turn = HELD * ROTATION_PRIOR if normal.is_exact else ROTATION_PRIOR
     root = _covariance_root(normal.constrained(whole, 0.0), size, turn)
     joint = root @ root.T
@@ -521,11 +521,14 @@ def _information_alone(normal: _Normal) -> Float[np.ndarray, "k 6 6"]:
         np.einsum("kikj->kij", each.reshape(k, 6, k, 6)) for each in (normal.certain, normal.information)
     )
     return np.array(
-        [_proper(*each, normal.is_exact) / normal.variance for each in zip(certain, information, strict=True)]
+        [
+            _proper_information(*each, normal.is_exact) / normal.variance
+            for each in zip(certain, information, strict=True)
+        ]
     )
 
 
-def _proper(
+def _proper_information(
     certain: Float[np.ndarray, "a a"], information: Float[np.ndarray, "a a"], is_exact: bool
 ) -> Float[np.ndarray, "a a"]:
     """The information without eigenvalues that chance gives where there is none.
@@ -595,7 +598,7 @@ def _with_covariances(
     one holds. What no scan determines has the prior of a predicted pose, see `pose_covariance`.
     """
     k, prior = len(poses), _prior_information(1, size)
-    whole = _proper(normal.certain, normal.information, normal.is_exact) / normal.variance
+    whole = _proper_information(normal.certain, normal.information, normal.is_exact) / normal.variance
     if k >= FEWEST_ON_DRIFT:
         drift = _drift_of(poses, size)
         whole = whole + drift.information(max(drift.scatter, _least_scatter(drift, normal, size)))

@@ -385,7 +385,7 @@ def draw_figure(draw: Callable[[], Figure], path: Path) -> None:
         with np.errstate(all="ignore"):
             save_figure(figure, path)
     except NUMERICAL_ERRORS as error:
-        save_figure(_undrawable(path.stem, error), path)
+        save_figure(_undrawable_figure(path.stem, error), path)
 
 
 def drawn(draw: Callable[[], Figure], name: str) -> Figure:
@@ -407,10 +407,10 @@ def drawn(draw: Callable[[], Figure], name: str) -> Figure:
         with ONE_DRAWS, np.errstate(all="ignore"):
             return draw()
     except (*NUMERICAL_ERRORS, InputError) as error:  # an estimated body need not be one that a model takes
-        return _undrawable(name, error)
+        return _undrawable_figure(name, error)
 
 
-def _undrawable(name: str, error: Exception) -> Figure:
+def _undrawable_figure(name: str, error: Exception) -> Figure:
     return note_figure(f"{name} cannot be drawn: {reason(error)}")
 
 

@@ -200,7 +200,7 @@ def _levels_of_run(setup: Setup, settings: Settings, histories: Sequence[Estimat
     model = noise_model(problem, setup.noise, Unstated.of_all(setup.log, setup.process.noise))
     if model is None:
         return None
-    return _Levels(_deflated(_at(model, used or ()), setup.inflation), trajectory, points)
+    return _Levels(_deflated(_model_at(model, used or ()), setup.inflation), trajectory, points)
 
 
 def _most_contradicted(setup: Setup, levels: _Levels) -> list[Finding]:
@@ -269,7 +269,7 @@ def _stated_level_finding(
     return finding("stated-noise", numbers | {"cure": cure}, about)
 
 
-def _at(model: NoiseModel, levels: Sequence[VarianceComponent]) -> NoiseModel:
+def _model_at(model: NoiseModel, levels: Sequence[VarianceComponent]) -> NoiseModel:
     """The model at levels that an estimator has identified by itself."""
     own = {each.name: each for each in levels}
     before = dict(zip(model.names, model.values(model.stated), strict=True))

@@ -273,7 +273,7 @@ class TestedModels:
         return test.p_value_beside_map >= self.largest_p_value
 
     def _counts(self, test: ScoreTest) -> bool:
-        return self.contradicted or self._matters(test)
+        return self.contradicted or self._moves_estimates(test)
 
     @property
     def largest_p_value(self) -> float:
@@ -315,7 +315,7 @@ class TestedModels:
         """Score tests in the verdict, the likeliest first."""
         return tuple(each for own in self.classes for each in own)
 
-    def _matters(self, test: ScoreTest) -> bool:
+    def _moves_estimates(self, test: ScoreTest) -> bool:
         """Whether an error moves estimates, or noise levels, and is beyond chance.
 
         At the tested noise levels, too, less surely where these share the residuals: what only lets levels fall may be slow noise.

@@ -40,6 +40,14 @@ def rows_of(program: str, text: str | None = None) -> list[dict[str, float]]:
     ]
 
 
+@pytest.mark.parametrize(("sensor", "remark"), [("gyro", True), ("pose", False)])
+def test_the_start_state_says_which_disturbance_a_filter_without_a_position_leaves_out(
+    sensor: str, remark: bool
+) -> None:
+    text = folder_texts(EmbedOptions(sensor=sensor))["start_state.h"]
+    assert ("a state without a position does not use it" in text) is remark
+
+
 @needs_compiler
 @pytest.mark.parametrize("sensor", ["gyro", "pose", "stereo"])
 def test_the_program_filters_its_built_in_recording(tmp_path: Path, sensor: str) -> None:
@@ -109,6 +117,7 @@ def test_a_filter_begins_from_the_last_state_of_a_run(tmp_path: Path) -> None:
     noise = ["--set", "sensors.gyro_noise_std=0.0123", "--set", "process.torque_psd=3e-7"]
     assert main(["compare", data, "-o", str(run), "--estimators", "mekf", "--no-figures", *noise]) == 0
     first = rows_of(built(tmp_path / "filter", "--sensor", "gyro", "--from-run", str(run)))[0]
+    assert " s of its clock." in (tmp_path / "filter" / "start_state.h").read_text()
     last = list(csv.DictReader((run / "mekf" / "trajectory.csv").read_text().splitlines()))[-1]
     speed = np.linalg.norm([float(last[name]) for name in ("wx", "wy", "wz")])
     assert np.linalg.norm([first[name] for name in ("wx", "wy", "wz")]) == pytest.approx(speed, rel=0.1)

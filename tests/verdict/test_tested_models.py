@@ -240,7 +240,7 @@ def test_beside_a_slip_neither_causes_nor_slow_changes_are_named() -> None:
     one, std = np.ones(1), np.full((1, 1), 0.1)
     drag = ScoreTest(table()["drag"], one, one, 90.0, 1.0, 90.0, 1e-9, std, slow=0.99, beside_slow=0.1)
     touch = replace(drag, error=table()["contact-at-end"], slow=0.5, beside_slow=40.0)
-    models = tested_models.TestedModels((drag, touch), std=std, slips=(Slip("pose", 3.0, np.pi, 1),))
+    models = tested_models.TestedModels((drag, touch), std=std, slips=(Slip("pose", 3.0, 0.0, np.pi, 1),))
     assert models.names == ("slip",)
     assert len(reasons(models)) == 1
 

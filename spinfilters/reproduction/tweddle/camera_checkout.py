@@ -146,7 +146,7 @@ def _checkout(rig: RawRig, on_orbit: bool) -> tuple[Checkout, float, ItemResult]
 
 def make_screens() -> ItemResult:
     """Figures 5-24 to 5-26: a good example and a bad one."""
-    good, bad = calibrated(False).rig, _bent(calibrated(False).rig)
+    good, bad = calibrated(False).rig, _bend_rig(calibrated(False).rig)
     (passed, good_filled, one), (failed, bad_filled, other) = _checkout(good, False), _checkout(bad, False)
     rows = [
         ComparedNumber("good example: checks out of range", _failures(passed), printed=0.0),
@@ -289,7 +289,7 @@ def _failures(found: Checkout) -> float:
     return float(sum(not result.passed for result in found.results))
 
 
-def _bent(rig: RawRig) -> RawRig:
+def _bend_rig(rig: RawRig) -> RawRig:
     """The rig with a right camera that was turned."""
     turned = matrix_from_rotation_vector(BENT) @ rig.relative_rotation
     right = rig.right

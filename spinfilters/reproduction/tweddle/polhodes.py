@@ -89,7 +89,7 @@ def make_cones(moments: tuple[float, float, float], sense: str) -> ItemResult:
         ),
         ComparedNumber(
             "rolls without slip: path of the rate on body over that in space",
-            _rolled(motion),
+            _rolled_share(motion),
             expected=(1 - 1e-5, 1 + 1e-5),
         ),
     ]
@@ -100,7 +100,7 @@ def make_cones(moments: tuple[float, float, float], sense: str) -> ItemResult:
     )
 
 
-def _rolled(motion: RollingMotion) -> float:
+def _rolled_share(motion: RollingMotion) -> float:
     """Length of the polhode over that of the herpolhode."""
     body, space = (
         np.linalg.norm(np.diff(path, axis=0), axis=1).sum() for path in (motion.body_rate, motion.space_rate)

@@ -58,7 +58,7 @@ def make_surfaces(name: str, printed: tuple[float, float, float]) -> ItemResult:
     settling, time, closure = recorded()
     quantity = settling.quantities[name]
     rows = [
-        _settled_row(f"{quantity.label} {axis}", _settled(quantity, k), number)
+        _settled_row(f"{quantity.label} {axis}", _settling_solve(quantity, k), number)
         for k, (axis, number) in enumerate(zip(quantity.names, printed, strict=True))
     ]
     last = quantity.std[-1]
@@ -203,7 +203,7 @@ def make_iterations() -> ItemResult:
     ]
     for name, printed in (("position", 30.0), ("velocity", 30.0), ("attitude", 100.0), ("body_rate", 100.0)):
         quantity = settling.quantities[name]
-        slowest = max(_settled(quantity, k) for k in range(len(quantity.names)))
+        slowest = max(_settling_solve(quantity, k) for k in range(len(quantity.names)))
         rows.append(_settled_row(f"{quantity.label}, slowest axis", slowest, printed))
     for constant, printed in zip(settling.constants, (50.0, 40.0, 100.0), strict=True):
         slowest = max(_constant_settled(constant, k) for k in range(len(constant.names)))
@@ -211,7 +211,7 @@ def make_iterations() -> ItemResult:
     return ItemResult(rows, note=_closed(closure))
 
 
-def _settled(quantity: SettlingQuantity, axis: int) -> float:
+def _settling_solve(quantity: SettlingQuantity, axis: int) -> float:
     """Number of the solve from which on the rms distance from the last solve stays small."""
     distance = quantity.values[..., axis] - quantity.values[-1, :, axis]
     with np.errstate(invalid="ignore"):
