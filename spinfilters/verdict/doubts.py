@@ -35,7 +35,7 @@ from spinfilters.verdict.noise_diagnostics import (
     stated_level_diagnostics,
 )
 from spinfilters.verdict.recording_tests import front_end_slips, pose_findings, wrong_units
-from spinfilters.verdict.refits import DoubtedMotion, with_camera_refit, with_flywheel_refit
+from spinfilters.verdict.refits import DoubtedMotion, with_camera_refit, with_flywheel_refit, with_later_begin
 from spinfilters.verdict.tested_models import NOT_TESTED, TestedModels, model_findings
 
 
@@ -217,7 +217,9 @@ def _test_models(setup: Setup, settings: Settings, best: EstimateHistory | None)
     models = replace(models, stated_std=_stated_std(setup, best, models))
     is_suspect = models.is_suspect or best is None or best.status.verdict is not Verdict.OK
     models = replace(models, slips=front_end_slips(setup, with_fits=is_suspect))
-    if best is None or not is_suspect or models.slips:
+    if not models.slips:
+        models = with_later_begin(models, setup, settings)
+    if best is None or not is_suspect or models.slips or models.later_begin is not None:
         return models
     motion = DoubtedMotion(setup, best.mean[: tested_epochs(setup)])
     return with_camera_refit(with_flywheel_refit(models, settings, motion), motion)
