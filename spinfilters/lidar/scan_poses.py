@@ -306,8 +306,10 @@ MOST_EXCESS: Final = 1.25
 """Mean reduced chi-square of the planes' points, of the median scan, at most.
 
 Patches of a curved surface exceed the noise: plane faces have 0.8 to 1.0, a bumpy sphere of a metre at 30 m 1.2 to 2.5."""
-CONFIRMED: Final = np.deg2rad(5.0)
-"""Angle between attitudes that were found in two ways, up to which they are the same one."""
+CONFIRMED: Final = np.deg2rad(2.0)
+"""Angle between attitudes that were found in two ways, up to which they are the same one.
+
+Panels that are taken for one another can turn a scan by less than 5 deg."""
 FEWEST_CONFIRMED: Final = 2
 """Scans with such an attitude, of fewer of which nothing is estimated."""
 MOST_FRAMES: Final = 50
