@@ -13,6 +13,7 @@ from spinfilters.core.attitude_conversions import angle_from_matrix, matrix_from
 from spinfilters.core.errors import InputError
 from spinfilters.core.gauss_newton import gauss_newton
 from spinfilters.core.robust_losses import median_deviation
+from spinfilters.lidar.adjustment_covariance import shared_inflation
 from spinfilters.lidar.edge_adjustment import edge_adjusted
 from spinfilters.lidar.face_map import (
     FEWEST_FOR_DRIFT,
@@ -41,7 +42,7 @@ from spinfilters.lidar.planes import (
     identified_noise,
 )
 from spinfilters.lidar.scan import Scan, without_isolated, without_repeats
-from spinfilters.lidar.scan_adjustment import MOST_POINTS, SURE_OVERLAP, match_scans, shared_inflation
+from spinfilters.lidar.scan_adjustment import MOST_POINTS, SURE_OVERLAP, match_scans
 from spinfilters.lidar.scan_pose import (
     MOST_SCANS,
     ScanPose,
