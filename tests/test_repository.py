@@ -191,6 +191,30 @@ def test_everything_that_the_makefile_says_of_itself_is_a_target() -> None:
     assert set(re.findall(r"\bmake ([a-z-]+)", head)) == targets()
 
 
+BLOB = "https://github.com/spinfilters/spinfilters/blob/main/"
+
+
+def links_of(markdown: str) -> list[str]:
+    """Targets of the links and pictures of a page."""
+    return re.findall(r"\]\(([^)\s]+)\)", markdown)
+
+
+def test_links_of_the_readme_work_on_a_package_index() -> None:
+    """An index shows the page without the repository: a relative link leads nowhere there."""
+    links = links_of((ROOT / "README.md").read_text())
+    assert [link for link in links if not link.startswith("https://")] == []
+    own = [link.removeprefix(BLOB).partition("#")[0] for link in links if link.startswith(BLOB)]
+    assert len(own) > 30
+    assert [path for path in own if not (ROOT / path).is_file()] == []
+
+
+def test_a_relative_link_is_found() -> None:
+    assert links_of("see [this](docs/a.md#b) and ![that](https://x/y.png)") == [
+        "docs/a.md#b",
+        "https://x/y.png",
+    ]
+
+
 def code_of(markdown: str) -> list[str]:
     """Fenced blocks and inline code of a page."""
     fenced = re.findall(r"^```[^\n]*\n(.*?)^```", markdown, re.MULTILINE | re.DOTALL)
