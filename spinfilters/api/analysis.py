@@ -70,18 +70,21 @@ class ObservabilityResult:
 
         return observability_figure(self.report, self.report.title)
 
-    def write(self, folder: Path) -> None:
+    def write(self, folder: Path, figures: bool = True) -> None:
         """Text, JSON and picture into a folder that exists. InputError: they cannot be written.
 
         Parameters
         ----------
         folder : Path
             An existing folder.
+        figures : bool
+            Whether the picture is drawn.
         """
         from spinfilters.plots.style import save_figure
 
         write_text(folder / "observe.txt", f"{self}\n")
-        save_figure(self.figure(), folder / "observe.png")
+        if figures:
+            save_figure(self.figure(), folder / "observe.png")
         write_json(folder / "observe.json", self.document)
 
     @checked_arguments(folder=path("a folder"))

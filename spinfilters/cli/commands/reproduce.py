@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Annotated
 
 from spinfilters.cli.command import Command
+from spinfilters.cli.common_options import PrintingOptions, print_document
 from spinfilters.io.stated_values import Argument
 
 
@@ -41,6 +42,12 @@ def reproduce_items(options: ReproduceArguments) -> int:
         for item in ITEMS:
             table.add_row(item.name, f"{item.source}, {item.number}", item.title, f"{item.seconds:.0f} s")
         console.print(table)
+        print_document(
+            [
+                {"name": item.name, "source": item.source, "number": item.number, "title": item.title}
+                for item in ITEMS
+            ]
+        )
         return 0
     items, folder = chosen_items(options.names), Path(options.output)
 
@@ -57,6 +64,7 @@ def reproduce_items(options: ReproduceArguments) -> int:
     }
     console.print(", ".join(f"{count} {word}" for word, count in counts.items() if count), highlight=False)
     console.print(f"written to {folder}; look at {folder / PAGE_FILE}", highlight=False, soft_wrap=True)
+    print_document({each.name: {"agreement": each.agreement, **each.document} for each in found})
     return 2 if counts["failed"] else 0
 
 
@@ -66,4 +74,5 @@ COMMAND = Command(
     reproduce_items,
     "Makes the tables and figures with results of both theses from this package alone, and compares them with the printed ones. "
     "Existing items are kept, so an interrupted call continues where it ended.",
+    common=PrintingOptions,
 )

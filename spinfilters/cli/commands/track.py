@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from spinfilters.cli.command import Command
+from spinfilters.cli.common_options import PrintingOptions, print_document
 from spinfilters.core.errors import InputError
 from spinfilters.io.input_file import path_text
 from spinfilters.io.stated_values import Argument
@@ -54,6 +55,7 @@ def track(options: TrackArguments) -> int:
         if options.figures:
             _draw(source, tracked, place / "matches.png")
     _print(tracked, folder, seconds)
+    print_document({**tracked.document, "seconds": seconds})
     return 0
 
 
@@ -91,4 +93,5 @@ COMMAND = Command(
     "Reads stereo images in the EuRoC layout (cam0/data, cam0/data.csv, cam0/sensor.yaml; cam1), finds landmarks and follows them "
     "through all revolutions. The result is a data set of stereo tracks with a covariance per row, for compare. The file "
     "front_end.json lists losses by stage and cause. Images can also be given to compare directly.",
+    common=PrintingOptions,
 )

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 from spinfilters.cli.command import Command
+from spinfilters.cli.common_options import PrintingOptions, print_document, prints_text
 from spinfilters.core.errors import InputError
 from spinfilters.io.input_file import path_text, printable
 from spinfilters.io.stated_values import Argument, NumberRange
@@ -63,6 +64,9 @@ def unpack(options: UnpackArguments) -> int:
             said = _unpack_bag(source, options.topic, place)
         if options.rig is not None:
             _copy_rig(Path(options.rig), place)
+    print_document({"dataset": str(folder), "written": said.rstrip(",")})
+    if not prints_text():
+        return 0
     print(f"{said} in {printable(str(folder))}")
     if options.rig is None and (folder / "cam0").is_dir():
         print("no calibration yet: write cam0/sensor.yaml and cam1/sensor.yaml there (spinfilters calibrate)")
@@ -111,4 +115,5 @@ COMMAND = Command(
     unpack,
     "Images become a folder for track and compare (cam0, cam1); point clouds one of kind lidar-scans. Of a bag with two image "
     "topics the first by name is the left camera, unless --topic says otherwise.",
+    common=PrintingOptions,
 )
