@@ -16,7 +16,8 @@ STYLE: Final = """
 :root{color-scheme:light dark;--ink:#1d2328;--soft:#55606a;--paper:#fff;--shade:#f4f6f7;--line:#d5dade;--good:#1f7a4d;
 --doubt:#a35b00;--bad:#b3261e}
 @media (prefers-color-scheme:dark){:root{--ink:#e3e7ea;--soft:#a4aeb6;--paper:#15191d;--shade:#20262b;--line:#39424a;--good:#5cc08b;
---doubt:#e8a94c;--bad:#ff8a80}}
+--doubt:#e8a94c;--bad:#ff8a80}
+img.drawn{filter:invert(.91) hue-rotate(180deg)}}
 body{font:15px/1.5 system-ui,sans-serif;color:var(--ink);background:var(--paper);max-width:1700px;margin:1.5rem auto;padding:0 1rem}
 h1{font-size:1.5rem;margin-bottom:.2rem;overflow-wrap:anywhere}
 h2{font-size:1.2rem;margin-top:2rem;border-bottom:1px solid var(--line);padding-bottom:.2rem}
@@ -31,13 +32,17 @@ img{max-width:100%;height:auto;border-radius:4px}
 .badge{display:inline-block;border-radius:4px;padding:.05rem .5rem;font-weight:600;color:var(--paper);background:var(--soft)}
 .ok{background:var(--good)}.degraded{background:var(--doubt)}.failed{background:var(--bad)}.lead{font-size:1.15rem;margin:.5rem 0}
 pre,code{font:.83rem/1.45 ui-monospace,monospace;background:var(--shade);border-radius:4px}pre{padding:.7rem;overflow-x:auto}
-table.facts td{text-align:left;white-space:normal;overflow-wrap:anywhere}
+table.facts td{text-align:left;white-space:normal;overflow-wrap:anywhere}table.facts td:first-child{white-space:nowrap}
 code{padding:.1rem .3rem}details{margin:.15rem 0}summary{cursor:pointer}p.note{color:var(--soft);max-width:80ch}
 figure{margin:1rem 0}figcaption{color:var(--soft);max-width:80ch}
 canvas{background:#14181c;border-radius:4px;max-width:100%;height:auto;touch-action:none}
-.controls{display:flex;gap:.6rem;align-items:center;flex-wrap:wrap}.controls input{flex:1 1 8rem;min-width:0;max-width:24rem}
+.controls{display:flex;gap:.6rem;align-items:center;flex-wrap:wrap}.controls input{flex:1 1 8rem;min-width:0;max-width:min(24rem,100%)}
 @media (max-width:480px){body{padding:0 .6rem}th,td{padding:.2rem .4rem}}
 """
+
+
+DRAWN: Final = "png"
+"""Format of figures; photographs and animations have others."""
 
 
 def page(parts: Mapping[str, str], title: str, script: str = "", beside: Collection[str] = ()) -> str:
@@ -78,7 +83,7 @@ def page(parts: Mapping[str, str], title: str, script: str = "", beside: Collect
 
 
 def image(data: bytes, words: str, kind: str = "png") -> str:
-    """A picture within the page.
+    """A picture within the page; of figures, which are PNG on white, a dark page exchanges light and dark, and keeps the hues.
 
     Parameters
     ----------
@@ -94,9 +99,9 @@ def image(data: bytes, words: str, kind: str = "png") -> str:
     str
         HTML of the picture.
     """
-    return (
-        f'<p><img alt="{escape(words)}" src="data:image/{kind};base64,{base64.b64encode(data).decode()}"></p>'
-    )
+    drawn = ' class="drawn"' if kind == DRAWN else ""
+    content = base64.b64encode(data).decode()
+    return f'<p><img{drawn} alt="{escape(words)}" src="data:image/{kind};base64,{content}"></p>'
 
 
 def facts(told: Mapping[str, str]) -> str:

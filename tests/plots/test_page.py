@@ -8,10 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from spinfilters.plots.page import (
+    STYLE,
     ShownModel,
     ShownMotion,
     details,
     facts,
+    image,
     model_script,
     model_view,
     page,
@@ -68,6 +70,24 @@ def test_epochs_and_points_that_are_not_finite_are_left_out() -> None:
     text = model_view(ShownModel(points, np.zeros((0, 3), int), np.full(5, 200.0)), motion)
     assert "NaN" not in text
     assert text.count("1.0, 0.0, 0.0, 0.0, 1.0") == 2
+
+
+def test_nothing_is_wider_than_a_telephone() -> None:
+    """No rule demands more than 390 px; pictures, canvas and slider shrink with the window."""
+    rules = re.sub(r"@media \([^)]*\)|min\([^()]*\)|max-width:[^;}]*", "", STYLE)
+    assert [size for size in map(int, re.findall(r"(\d+)px", rules)) if size > 390] == []
+    for element in ("img", "canvas"):
+        assert "max-width:100%" in re.findall(rf"^{element}\{{([^}}]*)", STYLE, re.MULTILINE)[0]
+    slider = re.findall(r"\.controls input\{([^}]*)", STYLE)[0]
+    assert "min-width:0" in slider
+    assert "100%" in re.findall(r"max-width:(.*)", slider)[0]
+
+
+def test_a_dark_page_darkens_figures_and_leaves_photographs() -> None:
+    dark = STYLE.partition("prefers-color-scheme:dark")[2]
+    assert "img.drawn{filter:invert" in dark.partition("\nbody")[0]
+    assert 'class="drawn"' in image(b"", "rates")
+    assert "drawn" not in image(b"", "animation", "gif")
 
 
 def test_a_box_shows_six_faces_from_outside() -> None:
