@@ -472,6 +472,7 @@ def compare(
     rate: float | None = None,
     topic: str | None = None,
     columns: str | None = None,
+    rig: str | None = None,
     resume: bool = False,
     predict: float | None = None,
     convergence: bool = False,
@@ -515,6 +516,8 @@ def compare(
         Of a ROS bag.
     columns : str or None
         Names of the columns of a table without a header.
+    rig : str or None
+        Folder with the calibration of a bag's images, see `load`.
     resume : bool
         Whether to go on from what an interrupted run has left in ``output``; a finished run is read from there.
     predict : float or None
@@ -558,7 +561,7 @@ def compare(
         Ctrl-C; what was estimated is in ``output``, if given, for ``resume`` to go on from.
     """
     chosen = _beginning(_settings(settings, estimators, verdict), belief, from_truth)
-    reading = {"unit": unit, "clock": clock, "rate": rate, "topic": topic, "columns": columns}
+    reading = {"unit": unit, "clock": clock, "rate": rate, "topic": topic, "columns": columns, "rig": rig}
     dataset = given_dataset(data, segment, kind=kind, units=units, **reading)
     how = RunArguments(
         resume=resume,

@@ -36,7 +36,8 @@ table.facts td{text-align:left;white-space:normal;overflow-wrap:anywhere}table.f
 code{padding:.1rem .3rem}details{margin:.15rem 0}summary{cursor:pointer}p.note{color:var(--soft);max-width:80ch}
 figure{margin:1rem 0}figcaption{color:var(--soft);max-width:80ch}
 canvas{background:#14181c;border-radius:4px;max-width:100%;height:auto;touch-action:none}
-.controls{display:flex;gap:.6rem;align-items:center;flex-wrap:wrap}.controls input{flex:1 1 8rem;min-width:0;max-width:min(24rem,100%)}
+.controls{display:flex;gap:.6rem;align-items:center;flex-wrap:wrap}
+.controls input{flex:1 1 8rem;min-width:0;max-width:min(24rem,100%)}
 @media (max-width:480px){body{padding:0 .6rem}th,td{padding:.2rem .4rem}}
 """
 

@@ -202,6 +202,7 @@ def _recording(path: str, stated: ReadingOptions) -> "Dataset":
     from spinfilters.io.dataset_reader import IMAGES, has_images
     from spinfilters.run.readers import read_dataset
 
+    path, stated = _unpacked(path, stated)
     if not has_images(path):
         return read_dataset(path, options=stated)
     stated.require_only((), IMAGES)
@@ -213,6 +214,19 @@ def _recording(path: str, stated: ReadingOptions) -> "Dataset":
     for line in tracked.losses.sentences():
         wide_console().print(line, highlight=False, soft_wrap=True)
     return tracked.dataset
+
+
+def _unpacked(path: str, stated: ReadingOptions) -> tuple[str, ReadingOptions]:
+    """The folder of a bag's images or clouds, with a line that says where it is; any other path as it is."""
+    from spinfilters.run.bag_recording import unpacked_recording
+
+    found, options = unpacked_recording(path, stated)
+    if found == path:
+        return path, stated
+    from spinfilters.cli.console import wide_console
+
+    wide_console().print(f"unpacked into {found}", highlight=False, soft_wrap=True)
+    return str(found), options
 
 
 def _print_comparison(comparison: "Comparison", folder: Path) -> None:
