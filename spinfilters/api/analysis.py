@@ -255,7 +255,7 @@ def stated_deviations(initial: InitialisationOptions) -> dict[str, float]:
 )
 @on_one_blas_thread
 def observe(
-    sensors: Sequence[str] | str = "stereo",
+    sensors: Sequence[str] | str = ObserveArguments.sensors,
     *,
     rate_rpm: Sequence[float] = Scenario.rate_rpm,
     moments: Sequence[float] = Scenario.principal_moments,
@@ -275,7 +275,8 @@ def observe(
     Parameters
     ----------
     sensors : str or sequence of str
-        One or several of "stereo", "monocular", "lidar", "pose", "attitude", "gyro"; one text may list several, with commas.
+        One or several of "stereo-tracks", "mono-tracks", "lidar-points", "lidar-poses", "pose", "attitude", "gyro", "magnetometer",
+        as `simulate` calls them; one text may list several, with commas. "stereo", "monocular" and "lidar" are accepted too.
     rate_rpm : sequence of 3 floats
         About the principal axes x, y, z, rpm.
     moments : sequence of 3 floats
