@@ -47,6 +47,7 @@ from spinfilters.io.argument_checks import (
     text,
 )
 from spinfilters.io.dataset import Dataset
+from spinfilters.io.dataset_reader import has_images
 from spinfilters.io.input_file import path_text, value_text
 from spinfilters.io.memory_tables import WHAT_TO_GIVE, is_table
 from spinfilters.io.stated_values import ReadingOptions
@@ -322,7 +323,9 @@ class Run(Mapping[str, EstimatorResult]):
             return Path(folder)
         if suffix == ".rrd":
             maps = {each.name: each.landmarks for each in self.values() if each.landmarks is not None}
-            write_rrd(Path(folder), self._evaluations, maps, self.dataset.name)
+            source = self.dataset.path
+            images = source if source is not None and has_images(source) else None
+            write_rrd(Path(folder), self._evaluations, maps, self.dataset.name, images)
             return Path(folder)
         if self.comparison is None:
             raise InputError(f"this run was read from {self.folder}; copy that folder")

@@ -1,7 +1,10 @@
 """What every command line has: exact flags, a hint at what was meant, settings by key, output for people and for programs."""
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -149,6 +152,29 @@ def test_a_live_run_prints_its_counts_as_json_and_takes_the_settings_of_its_fold
     assert "sensors.smell" in capsys.readouterr().err
     (tmp_path / "spinfilters.toml").unlink()
     assert main([*words, "--set", "sensors.smell=1"]) == 2
+
+
+@pytest.mark.parametrize("words", [["compare"], ["track", "-o", "tracks"]])
+def test_something_is_shown_before_the_first_image_is_read(
+    words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for camera in ("cam0", "cam1"):
+        (tmp_path / "images" / camera / "data").mkdir(parents=True)
+    shown: list[str] = []
+
+    @contextmanager
+    def bars() -> Iterator[Any]:
+        yield lambda name, done, total: shown.append(name)
+
+    def read(*_: object) -> None:
+        assert shown == ["reading"]
+        raise InputError("no more than that")
+
+    monkeypatch.setattr("spinfilters.cli.console.progress_bars", bars)
+    monkeypatch.setattr("spinfilters.vision.track_images.stamped_pairs", read)
+    assert main([words[0], "images", *words[1:]]) == 2
+    assert shown == ["reading"]
 
 
 def test_numbers_alone_are_written_and_printed_for_programs(

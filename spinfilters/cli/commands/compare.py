@@ -4,7 +4,6 @@ What estimates, and what prints its results, is imported once there is a data se
 refused in half the time.
 """
 
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -21,7 +20,7 @@ from spinfilters.simulation.scenario_record import SEED
 
 if TYPE_CHECKING:
     from spinfilters.io.dataset import Dataset
-    from spinfilters.run.estimation import Comparison
+    from spinfilters.run.estimation import Comparison, Progress
     from spinfilters.run.segment_choice import SegmentChoice
     from spinfilters.run.segment_runs import SegmentResult
     from spinfilters.settings.run_settings import Settings
@@ -110,16 +109,12 @@ def compare(options: CompareArguments) -> int:
 
 
 def _read_with_bar(options: CompareArguments, choice: "SegmentChoice | None") -> "Dataset":
-    """The data set, with a bar from the first second on where somebody watches; images have bars of their own."""
-    from spinfilters.io.dataset_reader import has_images
-
-    if not sys.stderr.isatty() or (options.dataset is not None and has_images(options.dataset)):
-        return _dataset(options, choice)
+    """The data set, with a bar from the first second on where somebody watches."""
     from spinfilters.cli.console import progress_bars
 
     with progress_bars() as report:
         report("simulating" if options.dataset is None else "reading", 0, 1)
-        return _dataset(options, choice)
+        return _dataset(options, choice, report)
 
 
 def _without_table(comparison: "Comparison | None", folder: Path) -> int:
@@ -173,7 +168,7 @@ def _segment_choice(text: str | None) -> "SegmentChoice | None":
     return segment_choice(text)
 
 
-def _dataset(options: CompareArguments, choice: "SegmentChoice | None") -> "Dataset":
+def _dataset(options: CompareArguments, choice: "SegmentChoice | None", report: "Progress") -> "Dataset":
     """The recording, a segment of it, or the bundled example."""
     stated = options.how.reading
     if options.dataset is None:
@@ -194,10 +189,10 @@ def _dataset(options: CompareArguments, choice: "SegmentChoice | None") -> "Data
         from spinfilters.run.segment_choice import read_chosen
 
         return read_chosen(options.dataset, choice, stated)
-    return _recording(options.dataset, stated)
+    return _recording(options.dataset, stated, report)
 
 
-def _recording(path: str, stated: ReadingOptions) -> "Dataset":
+def _recording(path: str, stated: ReadingOptions, report: "Progress") -> "Dataset":
     """The data set of a path, or of the tracks of its stereo images, with losses."""
     from spinfilters.io.dataset_reader import IMAGES, has_images
     from spinfilters.run.readers import read_dataset
@@ -206,11 +201,10 @@ def _recording(path: str, stated: ReadingOptions) -> "Dataset":
     if not has_images(path):
         return read_dataset(path, options=stated)
     stated.require_only((), IMAGES)
-    from spinfilters.cli.console import progress_bars, wide_console
+    from spinfilters.cli.console import wide_console
     from spinfilters.vision.track_images import track_images
 
-    with progress_bars() as report:
-        tracked = track_images(Path(path), progress=report)
+    tracked = track_images(Path(path), progress=report)
     for line in tracked.losses.sentences():
         wide_console().print(line, highlight=False, soft_wrap=True)
     return tracked.dataset

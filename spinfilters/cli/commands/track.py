@@ -3,7 +3,7 @@
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 from spinfilters.cli.command import Command
 from spinfilters.cli.common_options import PrintingOptions, print_document
@@ -12,6 +12,7 @@ from spinfilters.io.input_file import path_text
 from spinfilters.io.stated_values import Argument
 
 if TYPE_CHECKING:
+    from spinfilters.run.estimation import Progress
     from spinfilters.vision.track_images import TrackedImages
 
 
@@ -31,6 +32,24 @@ class TrackArguments:
 def track(options: TrackArguments) -> int:
     """Write the tracks of a folder of stereo images, and counts of losses."""
     from spinfilters.cli.console import progress_bars
+
+    with progress_bars() as report:
+        report("reading", 0, 1)
+        done = _track(options, report)
+    _print(*done)
+    print_document({**done.tracked.document, "seconds": done.seconds})
+    return 0
+
+
+class _Tracking(NamedTuple):
+    """What was tracked, where it was written, and how long it took, s."""
+
+    tracked: "TrackedImages"
+    folder: Path
+    seconds: float
+
+
+def _track(options: TrackArguments, report: "Progress") -> _Tracking:
     from spinfilters.io.dataset_folder import write_dataset
     from spinfilters.io.dataset_reader import has_images
     from spinfilters.io.output_files import output_folder, refuse_foreign, write_json
@@ -46,17 +65,14 @@ def track(options: TrackArguments) -> int:
     refuse_foreign(folder, COMMAND.name)
     detector(options.detector)
     follow, began = track_images_online if options.online else track_images, time.perf_counter()
-    with progress_bars() as report:
-        tracked = follow(source, FrontEndOptions(options.detector), report)
+    tracked = follow(source, FrontEndOptions(options.detector), report)
     seconds = time.perf_counter() - began
     with output_folder(folder, COMMAND.name) as place:
         write_dataset(replace(tracked.dataset, path=None), place)
         write_json(place / "front_end.json", {**tracked.document, "seconds": seconds})
         if options.figures:
             _draw(source, tracked, place / "matches.png")
-    _print(tracked, folder, seconds)
-    print_document({**tracked.document, "seconds": seconds})
-    return 0
+    return _Tracking(tracked, folder, seconds)
 
 
 def _draw(source: Path, tracked: "TrackedImages", path: Path) -> None:
