@@ -32,11 +32,12 @@ from observability.exact_numbers import as_floats
 from observability.prior_dependence import QuantityBound, quantity_bounds
 from observability.reference_trajectory import ReferenceTrajectory
 from observability.system import analysed, with_noise_options
+from spinfilters.core.attitude_conversions import matrix_from_quaternion
 from spinfilters.core.working_time import building
 from spinfilters.io.sensor_format import noise_options
 
 GAIN_WORTH_SAYING = 0.9
-"""Part of a bound that inputs must bring it below, to be told."""
+"""Part of a bound that inputs must bring it below, to be reported."""
 PERCENT = round(100 * (1 - GAIN_WORTH_SAYING))
 
 
@@ -49,7 +50,7 @@ class InputGain:
     rank, dimension : tuple[int, int]
         Of the certificates.
     falls : dict[Quantity, tuple[float, float]]
-        Standard deviations after the last frame that fall by enough to be told.
+        Standard deviations after the last frame that fall by enough to be reported.
     """
 
     rank: tuple[int, int]
@@ -102,7 +103,7 @@ def input_gain(
 
 
 NEARLY_EQUAL = 0.01
-"""Relative difference below which two moments are called nearly equal: their axes are then hardly told apart."""
+"""Relative difference below which two moments are called nearly equal: their axes are then barely distinguished."""
 INERTIA_WORDS = {
     ("principal", False): "the two ratios of the principal moments",
     ("principal", True): "the three principal moments, scale included",
@@ -254,7 +255,7 @@ def _sensor_in_words(case: Case, sensor: str) -> str:
 
 
 WORTH_SAYING = 0.05
-"""Share of the information that is the priors' from which it is told beside a result."""
+"""Share of the information that is the priors' from which it is reported with a result."""
 ALONG_SPIN = 1e-2
 """Sine of the angle within which a direction is called that of the spin axis."""
 
@@ -391,7 +392,7 @@ def analyse(case: Case, frames: int, interval: float) -> Report:
 
 
 def verdict_in_words(report: Report, name: Quantity) -> str:
-    """Verdict on one quantity: what the data tell, what the prior does, and why."""
+    """Verdict on one quantity: what the data determine, what the prior does, and why."""
     each, unit = report.verdicts[name], "" if name[1] == "1" else f" {name[1]}"
     count = len(each.prior_directions)
     if not count:
@@ -444,7 +445,17 @@ def _direction(report: Report, name: Quantity, row: Float[np.ndarray, " d"]) -> 
         and np.linalg.norm(np.cross(row, rate)) < ALONG_SPIN * speed
     ):
         told.append("the spin axis")
+    if name == ATTITUDE:
+        told += _axis_of_i(report, row)
     return f"{words} ({', '.join(told)})"
+
+
+def _axis_of_i(report: Report, row: Float[np.ndarray, "3"]) -> list[str]:
+    """The axis of frame i that a direction of g is at the last epoch, as the names of null directions call it; none or one."""
+    attitude = report.reference.states[-1][report.reference.process.layout.mean_slice("a")]
+    along = np.abs(matrix_from_quaternion(attitude) @ row)
+    axis = int(along.argmax())
+    return [f"{'xyz'[axis]} of frame i"] if np.delete(along, axis).max() < ALONG_SPIN else []
 
 
 def _vector(values: Float[np.ndarray, " d"]) -> str:

@@ -121,7 +121,7 @@ def stated_bound(
 
 
 class _Section:
-    """One table ``bound`` beside the model that it belongs to."""
+    """One table ``bound`` with the model that it belongs to."""
 
     def __init__(self, document: Mapping[str, Any], name: str, folder: Path, is_one_of_several: bool) -> None:
         self._name, self._folder, self._is_one_of_several = name, folder, is_one_of_several

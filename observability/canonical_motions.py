@@ -165,7 +165,7 @@ def _tensor(chart: TensorChart, of: CanonicalMotion) -> dict[str, Rationals]:
 def _filter_state(chart: FilterChart, of: CanonicalMotion) -> dict[str, Rationals]:
     """With g along the principal axes: s holds half logarithms of the second moments (`spinfilters.core.mass_distribution`).
 
-    Blocks that a motion does not tell, such as the bias of a gyro, are at their origin.
+    Blocks that a motion does not determine, such as the bias of a gyro, are at their origin.
     """
     half = sum(of.moments, Fraction(0)) / 2
     x, y, z = (half - moment for moment in of.moments)

@@ -8,13 +8,14 @@ from typing import Final
 import numpy as np
 from jaxtyping import Float
 
-from observability.body_model import InputSeries
+from observability.body_model import InputSeries, body_rank
 from observability.canonical_motions import CANONICAL_MOTIONS as MOTIONS
 from observability.canonical_motions import CanonicalMotion, landmarks, point_of, principal_axes
-from observability.certificate import Certificate, certify
+from observability.certificate import STEADY_ORDERS, Certificate, certify
 from observability.coordinates import MOMENTS, RATIOS, Chart, FilterChart, PrincipalChart, TensorChart
 from observability.cramer_rao import LANDMARK_STD, PRIOR_STD, Bound, Deviations, cramer_rao_bound
 from observability.exact_numbers import Rationals, as_floats, rationals
+from observability.explanation import tangent_symmetries
 from observability.reference_trajectory import (
     DrivenMotion,
     InputSizes,
@@ -25,6 +26,7 @@ from observability.reference_trajectory import (
     driven_reference,
     free_reference,
 )
+from observability.symmetry import AXES, rotation_of_g
 from observability.system import Input, System, SystemSensor, analysed, watching
 from spinfilters.core.attitude_conversions import matrix_from_quaternion
 from spinfilters.core.errors import InputError
@@ -103,7 +105,7 @@ class Case:
     levels : Levels
         Of noise, disturbances and priors in the bound.
     recorded : Sequence[RecordedInput]
-        The inputs over time, in their order, where a table tells them; without any they are cosines of those sizes.
+        The inputs over time, in their order, where a table gives them; without any they are cosines of those sizes.
     """
 
     sensors: tuple[str, ...] = ("stereo-tracks",)
@@ -189,26 +191,20 @@ class Case:
         """Whether g's first place is a definition: no map, no pose."""
         return self.has_place and not self._sees_known_points and not self._tells("t")
 
-    @property
+    @built_property
     def free_rotations(self) -> tuple[int, ...]:
-        """Principal axes about which the attitude of g is free.
+        """Principal axes about which the attitude of g is free: no output notices a rotation of g about them.
 
-        A torque, or a rate that a gyro measures, is known in g; a single direction of them leaves a rotation about itself.
+        A torque, a rate or a field that is known in g leaves at most a rotation about itself. Where no sensor sees the attitude,
+        that of the first epoch is a definition as a whole.
         """
-        if self._sees_known_points or self._tells("a"):
-            return ()
         if not self.has_attitude:
             return (0, 1, 2)
-        known = [[float(axis == each.axis) for axis in range(3)] for each in self.inputs if each.is_torque]
-        if self._tells("w"):
-            known.append([float(part != 0) for part in self.motion.rate])
-            if not self.motion.steady:
-                return ()
-        directions = {tuple(each) for each in known if any(each)}
-        if not directions:
-            return (0, 1, 2)
-        (first, *others) = directions
-        return (first.index(1.0),) if not others and sum(first) == 1 else ()
+        system = self.filter_system
+        point = point_of(system.chart, self.motion)
+        exact = body_rank(system, point, STEADY_ORDERS, self.experiments)
+        unseen = {each.name for each in tangent_symmetries(system, point, exact).symmetries}
+        return tuple(axis for axis in range(3) if rotation_of_g(AXES[axis]) in unseen)
 
     @property
     def defined(self) -> tuple[int, ...]:

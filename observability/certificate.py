@@ -18,6 +18,7 @@ from observability.codistribution import motion_coefficients
 from observability.exact_numbers import PrimeField, Rationals
 from observability.explanation import Explained, explained, tangent_symmetries
 from observability.residue_matrices import FIELD
+from observability.symmetry import INERTIAL_ATTITUDE
 from observability.system import System, is_linear_in_body_axes
 
 STEADY_ORDERS = 13
@@ -188,7 +189,9 @@ def _additive(system: System) -> list[bool]:
     return [block.size == len(block.components) for block in system.chart.blocks for _ in range(block.size)]
 
 
-DIRECTED = ("gauge translation", "gauge rotation", "centre of mass", "roll of the principal axes")
+NAMED_AFTER_KIND = ("gauge translation", "gauge rotation", INERTIAL_ATTITUDE)
+"""Kinds whose directions are named behind the kind: by themselves they do not say what moves."""
+DIRECTED = (*NAMED_AFTER_KIND, "centre of mass", "roll of the principal axes")
 """Kinds that mean one direction of several, which is then named."""
 ROUNDING = 1e-12
 """Of the largest entry of a direction."""
@@ -256,9 +259,8 @@ def _named(explanations: list[Explained]) -> list[str]:
         if group not in DIRECTED or count >= ALL_DIRECTIONS:
             parts.append(group if count == 1 else f"{group} ({count})")
         else:
-            parts.append(
-                " and ".join(names) if not group.startswith("gauge") else f"{group}: {' and '.join(names)}"
-            )
+            listed = " and ".join(names)
+            parts.append(f"{group}: {listed}" if group in NAMED_AFTER_KIND else listed)
     return parts
 
 

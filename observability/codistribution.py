@@ -167,7 +167,7 @@ class Codistribution:
     @property
     def rank(self) -> int:
         """Independent rows so far."""
-        return self._common.rank + sum(int(self._held(k).sum()) for k in range(len(self._own)))
+        return self._common.rank + sum(int(self._has_pivots(k).sum()) for k in range(len(self._own)))
 
     def add(self, rows: GradientRows) -> None:
         """Take in the rows of one order, at the first point."""
@@ -188,7 +188,7 @@ class Codistribution:
             given = reduced.rest
         return given[..., own:].reshape(-1, width - own)
 
-    def _held(self, k: int) -> Bool[np.ndarray, "l o"]:
+    def _has_pivots(self, k: int) -> Bool[np.ndarray, "l o"]:
         """Whether there is a pivot for each of the items' own unknowns."""
         own = np.arange(self._own[k].shape[1])
         return self._own[k][:, own, own] != 0
@@ -196,7 +196,7 @@ class Codistribution:
     def null_space(self) -> Num[np.ndarray, "n d"]:
         """Directions that no row sees, in the columns: common unknowns, then each item's own ones."""
         base = self._common.null_space()
-        missing = [int((~self._held(k)).sum()) for k in range(len(self._own))]
+        missing = [int((~self._has_pivots(k)).sum()) for k in range(len(self._own))]
         total = base.shape[1] + sum(missing)
         parts, start = [_padded(base, 0, total)], base.shape[1]
         for k, free in enumerate(missing):
@@ -209,7 +209,7 @@ class Codistribution:
     ) -> Num[np.ndarray, "o t"]:
         """Own unknowns of a family's items: what makes up for the common ones, and what is free among themselves."""
         _, own, width = self._own[k].shape
-        rows, held = self._own[k], self._held(k)
+        rows, held = self._own[k], self._has_pivots(k)
         answers = product_of(rows[..., own:].reshape(-1, width - own), base, self._field)
         part = _padded(self._field.negative(answers), 0, total)
         for column, (item, place) in enumerate(zip(*np.nonzero(~held), strict=True), start):

@@ -273,7 +273,7 @@ def covariance_conditioning(
 def _factor_condition(factor: Float[np.ndarray, "e e"]) -> float:
     """Condition number of factor factor', by the factor's singular values.
 
-    It is the square of the factor's: these tell twice the digits.
+    It is the square of the factor's: these resolve twice the digits.
     """
     values = np.linalg.svd(factor, compute_uv=False)
     return float((values[0] / values[-1]) ** 2) if values[-1] > 0 else np.inf

@@ -95,7 +95,7 @@ def prior_share(growth: Float[np.ndarray, "*n"] | float) -> Float[np.ndarray, "*
 
     Where a variance grows so much under priors `WIDENING` times as wide.
     Of one unknown with information p of the prior and d of the data the variance 1/(p + d) grows by (p + d)/(p/100 + d), and
-    the share is sqrt(p / (p + d)), the deviation over that of the prior. Of several unknowns it tells, too, what rests on the
+    the share is sqrt(p / (p + d)), the deviation over that of the prior. Of several unknowns it shows, too, what rests on the
     priors of others: a scale of all lengths that only the prior of the landmarks holds.
     """
     share = (1 - 1 / np.asarray(growth)) / (1 - WIDENING**-2)

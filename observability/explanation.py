@@ -154,7 +154,7 @@ def explained(
 
     What is neither a symmetry nor one to first order is left out.
     """
-    moved = _moved(system, point, symmetries, (1.0, 0.5))
+    moved = _move_state(system, point, symmetries, (1.0, 0.5))
     outputs = simulate(system, moved, _duration(system, point), STEPS, inputs)
     differences = np.zeros(2 * len(symmetries))
     for values in outputs:
@@ -189,7 +189,7 @@ def _tangents(tape: Tape, system: System, point: Rationals, arithmetic: Arithmet
     return series.advance(0)[:, 0, 1].reshape(-1, system.dimension).T
 
 
-def _moved(
+def _move_state(
     system: System, point: Rationals, symmetries: Sequence[Symmetry], shares: Sequence[float]
 ) -> Trajectories:
     """The state itself, then moved by each symmetry's amount times the first share, then the next."""

@@ -70,7 +70,7 @@ def function_values(
     tape: Tape, field: PrimeField, inputs: Sequence[Residues], choices: Choices, output_needed: bool = True
 ) -> FunctionValues:
     """Values of all functions of a tape at a batch of points; where no output is needed, its residues modulo q may be 0."""
-    return _Pass(tape, field, inputs, choices, output_needed).values()
+    return _ProgramPass(tape, field, inputs, choices, output_needed).values()
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ def branch_decisions(tape: Tape, points: list[list[Rationals]], arithmetic: Arit
     return BranchDecisions(choices, found.values)
 
 
-class _Pass:
+class _ProgramPass:
     """One pass over a tape in both residues."""
 
     def __init__(
@@ -149,18 +149,18 @@ class _Pass:
         p = self._registers[0][group.left]
         match group.operation:
             case "sqrt":
-                return self._drawn(self._root(p))
+                return self._pair_with_random(self._root(p))
             case "exp":
-                return self._drawn(self._exponential(group, p))
+                return self._pair_with_random(self._exponential(group, p))
             case "cis":
                 exponents = self._registers[1][group.left]
-                return self._drawn(powers(self._field.turn_base, exponents, self._field.prime))
+                return self._pair_with_random(powers(self._field.turn_base, exponents, self._field.prime))
             case "log":
                 return self._logarithm(group, p), self._discrete(group, p, self._field.base)
             case "arg":
                 return _scrambled(p, self._field.prime), self._discrete(group, p, self._field.turn_base)
             case "times_i":
-                return self._drawn(self._field.times_i(p))
+                return self._pair_with_random(self._field.times_i(p))
             case _:
                 p, q = (
                     self._rational(index, group.operation, registers[group.left], registers[group.right], m)
@@ -247,7 +247,7 @@ class _Pass:
         if not holds.all():
             self._regular, self._reason = self._regular & holds.all(axis=0), reason
 
-    def _drawn(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _pair_with_random(self, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The value modulo p with one modulo q that nothing ties to it."""
         return p, _scrambled(p, self._field.order)
 

@@ -376,7 +376,7 @@ class _Search:
     """Ansatz after ansatz, until all directions have a generator."""
 
     def __init__(self, part: ReachedModel, moved: list[str], count: int, seed: int) -> None:
-        self._part, self._moved, self._count = part, moved, count
+        self._part, self._moved_names, self._count = part, moved, count
         self._random = np.random.default_rng(seed)
         fields = fields_of(part, self._random)
         self._field = next(fields, PrimeField())
@@ -398,7 +398,7 @@ class _Search:
 
     def scalings(self) -> None:
         """Fields x -> weight x."""
-        self._solve([Term(name, (name,)) for name in self._moved])
+        self._solve([Term(name, (name,)) for name in self._moved_names])
         self._scalings = list(self.found)
 
     def _weights(self, prime: int) -> list[dict[str, int]]:
@@ -416,9 +416,9 @@ class _Search:
         groups: dict[tuple[int, ...], list[Term]] = defaultdict(list)
         prime = self._field.prime
         weights = self._weights(prime)
-        others = [name for name in self._part.constants if wide or name in self._moved]
-        states = [name for name in self._moved if name not in self._part.constants]
-        for name in self._moved:
+        others = [name for name in self._part.constants if wide or name in self._moved_names]
+        states = [name for name in self._moved_names if name not in self._part.constants]
+        for name in self._moved_names:
             factors = others if name in others else [*others, *states]
             for degree in degrees:
                 for chosen in combinations_with_replacement(factors, degree):
@@ -505,7 +505,7 @@ class _Search:
     def _keep(self, generator: Generator) -> None:
         """Keep a generator that is independent of those known."""
         before = self._directions.rank
-        self._directions.add(self._fixed_point.direction(generator, self._moved)[np.newaxis])
+        self._directions.add(self._fixed_point.direction(generator, self._moved_names)[np.newaxis])
         if self._directions.rank > before:
             self.found.append(generator)
 

@@ -162,7 +162,7 @@ class _InvariantSearch:
     """Semi-invariant polynomials, and products of their powers."""
 
     def __init__(self, generators: Sequence[Generator], moved: list[str], others: list[str]) -> None:
-        self._generators, self._moved, self._others = generators, moved, others
+        self._generators, self._moved_names, self._others = generators, moved, others
         self._scalings = [each for each in generators if each.kind == "scaling"]
         self._rest = [each for each in generators if each.kind != "scaling"]
         self._random = np.random.default_rng(6)
@@ -170,13 +170,13 @@ class _InvariantSearch:
         self._confirming, *self._further = [PrimeField(prime=each) for each in other_primes()[:MOST_PRIMES]]
 
     def result(self) -> InvariantSet:
-        names = [*self._moved, *self._others]
+        names = [*self._moved_names, *self._others]
         values, field = self._draw(1, self._field), self._field
-        wanted = len(self._moved) - self._rank(values)
+        wanted = len(self._moved_names) - self._rank(values)
         gradients = Echelon(len(names), field)
         # What is observable is known anyway: only what is independent of it is counted.
         known = np.zeros((len(self._others), len(names)), dtype=np.uint64)
-        known[np.arange(len(self._others)), len(self._moved) + np.arange(len(self._others))] = 1
+        known[np.arange(len(self._others)), len(self._moved_names) + np.arange(len(self._others))] = 1
         gradients.add(known)
         found: list[Invariant] = []
         for each in self._candidates():
@@ -196,14 +196,16 @@ class _InvariantSearch:
     def _draw(self, count: int, field: PrimeField) -> dict[str, Num[np.ndarray, " b"]]:
         return {
             name: self._random.integers(1, field.prime, count, dtype=np.uint64)
-            for name in [*self._moved, *self._others]
+            for name in [*self._moved_names, *self._others]
         }
 
     def _rank(self, values: Values) -> int:
         """Of the generators at a point."""
-        rows = Echelon(len(self._moved), self._field)
+        rows = Echelon(len(self._moved_names), self._field)
         for each in self._generators:
-            rows.add(np.stack([each.component(name, values, self._field) for name in self._moved], axis=1))
+            rows.add(
+                np.stack([each.component(name, values, self._field) for name in self._moved_names], axis=1)
+            )
         return rows.rank
 
     def _holds(self, invariant: Invariant) -> bool:
@@ -236,11 +238,11 @@ class _InvariantSearch:
     def _polynomials(self) -> list[IntegerPolynomial]:
         """Polynomials of one weight that the generators other than scalings leave alone."""
         if not self._rest:
-            return [{(name,): Fraction(1)} for name in self._moved]
+            return [{(name,): Fraction(1)} for name in self._moved_names]
         groups: dict[tuple[int, tuple[Fraction, ...]], list[Monomial]] = defaultdict(list)
         for degree in range(1, HIGHEST_DEGREE + 1):
-            for monomial in combinations_with_replacement([*self._moved, *self._others], degree):
-                if not set(monomial).isdisjoint(self._moved):
+            for monomial in combinations_with_replacement([*self._moved_names, *self._others], degree):
+                if not set(monomial).isdisjoint(self._moved_names):
                     groups[degree, self._weights({monomial: Fraction(1)})].append(monomial)
         found: list[IntegerPolynomial] = []
         by_weight: dict[tuple[Fraction, ...], list[Monomial]] = defaultdict(list)
@@ -424,7 +426,7 @@ def _frames(generators: Sequence[Generator], names: Sequence[str]) -> Iterator[F
     moved = sorted({name for each in weights for name in each})
     for chosen in islice(combinations(names, len(generators)), MOST_CHOICES):
         table = [[own.get(name, Fraction(0)) for name in (*chosen, *moved)] for own in weights]
-        solved = _solved(table, len(chosen))
+        solved = _reduce_rows(table, len(chosen))
         if solved is None or any(value.denominator != 1 for row in solved for value in row):
             continue
         others = [(len(chosen) + k, name) for k, name in enumerate(moved) if name not in chosen]
@@ -434,7 +436,7 @@ def _frames(generators: Sequence[Generator], names: Sequence[str]) -> Iterator[F
         }
 
 
-def _solved(rows: list[list[Fraction]], count: int) -> list[list[Fraction]] | None:
+def _reduce_rows(rows: list[list[Fraction]], count: int) -> list[list[Fraction]] | None:
     """Rows with the unit matrix in their first columns; None where these are singular."""
     rows = [list(row) for row in rows]
     for k in range(count):

@@ -158,7 +158,7 @@ def _check_unit_vectors(model: Model) -> None:
 
 
 def with_norms(model: Model) -> Model:
-    """The model with the norms of its unit vectors among the outputs: they are known, and tell one direction each."""
+    """The model with the norms of its unit vectors among the outputs: they are known, and determine one direction each."""
     norms = {
         f"norm of {', '.join(group)}": ca.sumsqr(ca.vertcat(*[model.symbols[each] for each in group]))
         for group in model.unit_vectors

@@ -399,7 +399,7 @@ class ModelAnalysis:
 
 
 def analyse(f: Any, h: Any = None, x: Any = None, **roles: Any) -> ModelAnalysis:
-    """Observability of x' = f, y = h: what the outputs tell of states, parameters and unknown inputs.
+    """Observability of x' = f, y = h: what the outputs determine of states, parameters and unknown inputs.
 
     Parameters
     ----------

@@ -42,7 +42,7 @@ PARTS: Final = 16
 MOST_INTERVALS: Final = 64
 """Intervals that are looked at."""
 TIMES_SHOWN: Final = 500
-"""Times after which progress is told."""
+"""Times after which progress is reported."""
 
 
 @dataclass(frozen=True)

@@ -416,7 +416,7 @@ class Experiment:
             return following, transition.reshape(*z.shape, z.shape[-1]), self.density
         square = (*z.shape, z.shape[-1])
         transition, noise = np.broadcast_to(np.eye(z.shape[-1]), square), np.zeros(square)
-        for given in self._given(z, first, last):
+        for given in self._step_inputs(z, first, last):
             if z.shape[-1] == 1:
                 transition, noise = transition[..., 0], noise[..., 0]
             z, transition, noise = (part for part in self.advance(z, transition, noise, *given))
@@ -427,11 +427,11 @@ class Experiment:
         """z at the next time, of one start or of several at once, in the same steps."""
         if self.model.discrete:
             return self.rates(z, self.input_values(first), self.constants)[0]
-        for given in self._given(z, first, last):
+        for given in self._step_inputs(z, first, last):
             (z,) = self.moved(z, *given)
         return z
 
-    def _given(
+    def _step_inputs(
         self, z: Float[np.ndarray, "*b n"], first: float, last: float
     ) -> Iterator[tuple[np.ndarray, ...]]:
         """Inputs at the begin, middle and end of every Runge-Kutta step, constants, its width."""

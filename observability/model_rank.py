@@ -97,7 +97,7 @@ class ReachedModel:
 
     @cached_property
     def radicands(self) -> frozenset[Fraction]:
-        """Numbers that a prime field must have a root of: constants under a root or logarithm, and factors beside symbols there.
+        """Numbers that a prime field must have a root of: constants under a root or logarithm, and factors of symbols there.
 
         Drawn values are themselves in the group of numbers with roots, and so are their products, roots and powers.
         """
@@ -121,7 +121,7 @@ class ReachedModel:
 
     @property
     def most_orders(self) -> int:
-        """Orders (in discrete time periods) that are taken where nothing tells that fewer are enough."""
+        """Orders (in discrete time periods) that are taken where nothing shows that fewer are enough."""
         return len(self.unknowns) + 2 + len(self.states)
 
     @property
@@ -498,7 +498,7 @@ def flow_at(part: ReachedModel, point: DrawnPoint, orders: int, generator: np.ra
                 f"{part.model.name}: derivatives of the outputs of order {order} and more by {len(part.unknowns)} unknowns take "
                 "too long; measure more states, declare what is known among known_constants, or analyse a part of the system"
             )
-        return _given(part, point, order, width, generator)
+        return _draw_coefficients(part, point, order, width, generator)
 
     return Flow(point.field, part.tape, point.decisions, start_values(part, point, width), others)
 
@@ -513,7 +513,7 @@ def start_values(part: ReachedModel, point: DrawnPoint, width: int) -> Num[np.nd
     return series.advance(0)
 
 
-def _given(
+def _draw_coefficients(
     part: ReachedModel, point: DrawnPoint, order: int, width: int, generator: np.random.Generator
 ) -> Iterator[tuple[int, Num[np.ndarray, "n b m"]]]:
     """Coefficients of constants, known inputs and unknown inputs of an order."""

@@ -27,6 +27,7 @@ from observability.symmetry import (
     gauge_axes,
     inertial_symmetries,
     principal_symmetries,
+    rotation_of_g,
     scaled,
     shifted_points,
     turn,
@@ -149,7 +150,7 @@ class GeometricMoves:
             )
         if "q" in values:
             yield from (
-                Symmetry("gauge rotation", f"rotation of g about {axis.name}", self._turned(axis), 0.3)
+                Symmetry("gauge rotation", rotation_of_g(axis.name), self._turned(axis), 0.3)
                 for axis in self.axes
             )
         if self.scale_held:

@@ -32,7 +32,7 @@ from spinfilters.models.measurement import MeasurementModel
 from spinfilters.models.state_layout import StateLayout
 
 PRIOR_ONLY = 0.9
-"""Share of the prior's deviation from which a direction counts as told by the prior alone."""
+"""Share of the prior's deviation from which a direction counts as determined by the prior alone."""
 HALVED = 0.5
 """Share that a longer flight has to bring the prior down to."""
 SAME_DIRECTION = 1e-6
@@ -66,7 +66,7 @@ class QuantityBound:
         How many directions the sensors do not determine, exactly, however long they look.
     times_longer : float or None
         Factor of the flight's length that halves the prior's deviation in all other directions; None where
-        the data tell them already.
+        the data determine them already.
     searched : float
         Largest factor that was tried; a ``times_longer`` of infinity means beyond it.
     """
@@ -83,7 +83,7 @@ class QuantityBound:
 
     @property
     def in_principle_only(self) -> bool:
-        """Whether the prior tells more than what is not determined."""
+        """Whether the prior determines more than what the data leave open."""
         return len(self.prior_directions) > self.undetermined
 
 

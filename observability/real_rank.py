@@ -1,4 +1,4 @@
-"""Rank of a model's outputs at real points in floats, beside which a rank in residues must hold.
+"""Rank of a model's outputs at real points in floats, with which a rank in residues must agree.
 
 Residues know that exp(a) exp(b) = exp(a + b), but not that log(a) + log(b) = log(a b) or that sin(4 atan(1)) = 0: such a
 difference is then a number other than 0, and the rank too high. On the reals it is rounding. Each operation is computed several
@@ -168,7 +168,7 @@ def real_rank(part: ReachedModel, exact: ExactRank, seed: int = 0) -> RealRank:
     )
     for attempt in range(POINTS):
         between = RANGES[attempt % len(RANGES)]
-        values = _drawn(part, between, generator)
+        values = _draw_groups(part, between, generator)
         arithmetic = RandomRounding(int(generator.integers(1 << 30)))
         try:
             rank = _rank_at(part, exact, values, arithmetic, generator, branch)
@@ -196,7 +196,7 @@ class _NotRealError(Exception):
     """Of a point at which something is not real or not finite."""
 
 
-def _drawn(
+def _draw_groups(
     part: ReachedModel, between: tuple[float, float], generator: np.random.Generator
 ) -> list[Num[np.ndarray, "n b"]]:
     """States, constants, inputs and unknown inputs, the same at all times."""

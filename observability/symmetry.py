@@ -56,6 +56,8 @@ class Symmetry:
 
 
 AXES = "xyz"
+INERTIAL_ATTITUDE = "attitude in inertial space"
+"""Kind of the rotations of frame i that no sensor on the body notices; of one known direction, the heading about it."""
 
 
 def unit(axis: int) -> ca.DM:
@@ -105,6 +107,11 @@ def gauge_axes(system: System, still: bool) -> list[GaugeAxis]:
     return axes if still else [*axes, GaugeAxis("the spin axis", _rate_in_g)]
 
 
+def rotation_of_g(axis: str) -> str:
+    """Name of the symmetry that rotates g in the body about an axis of that name."""
+    return f"rotation of g about {axis}"
+
+
 def _constant(axis: ca.DM) -> Callable[[Values], Expression]:
     return lambda _: axis
 
@@ -129,7 +136,7 @@ def inertial_symmetries(place: str | None, attitude: str | None) -> Iterator[Sym
         if attitude is not None:
             names = () if place is None else (place, "v")
             yield Symmetry(
-                "attitude in inertial space",
+                INERTIAL_ATTITUDE,
                 f"rotation of i about {AXES[k]}",
                 _turned_around(k, attitude, names),
                 0.3,
@@ -137,7 +144,7 @@ def inertial_symmetries(place: str | None, attitude: str | None) -> Iterator[Sym
 
 
 def turns_like_drift(slow_turn: Callable[[int | None], Move]) -> Iterator[Symmetry]:
-    """Small rotations that resting landmarks cannot tell from drift."""
+    """Small rotations that resting landmarks cannot distinguish from drift."""
     group = "turn that looks like drift"
     yield Symmetry(group, "turn about the line of two landmarks", slow_turn(None), 0.02)
     for k in range(3):
@@ -195,10 +202,7 @@ def _gauge_and_scales(values: dict[str, Expression], axes: list[GaugeAxis]) -> I
             for k in range(3)
         )
     if "q_gb" in values:
-        yield from (
-            Symmetry("gauge rotation", f"rotation of g about {axis.name}", _turned(axis), 0.3)
-            for axis in axes
-        )
+        yield from (Symmetry("gauge rotation", rotation_of_g(axis.name), _turned(axis), 0.3) for axis in axes)
     if "J" in values:
         yield Symmetry("scale of the inertia", "scale of the inertia", _heavier, 0.2)
     if "r" in values:

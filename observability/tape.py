@@ -28,7 +28,7 @@ TRANSCENDENTAL = {"exp", "log", "cis", "arg"}
 TURNS = {"cis", "arg", "times_i"}
 """exp(i a), the angle of a number of modulus 1, and i a: sines and their inverses are written with them."""
 ROOTING = {"sqrt", "log", "log1p", "pow", "constpow", "hypot", "asin", "acos", "asinh", "acosh", "atanh"}
-"""Functions with a root or logarithm of what they are of: beside them a sum of roots is no constant that is known to have one."""
+"""Functions with a root or logarithm of what they are of: with them a sum of roots is no constant that is known to have one."""
 PRODUCTS = {"mul", "sq", "div", "inv", "sqrt"} | TRANSCENDENTAL | {"times_i"}
 CHOICES = {"fmax", "fmin", "if_else_zero", "fabs"}
 """Piecewise: smooth except where the alternatives meet, which `float_choices` refuses."""
@@ -150,7 +150,7 @@ def tape_of(name: str, inputs: list[ca.SX], output: ca.SX, constants_known: bool
     output : casadi.SX
         The expression.
     constants_known : bool
-        Whether turns by multiples of pi/12 and constants beside them are written with the roots of 2 and 3, and logarithms of
+        Whether turns by multiples of pi/12 and constants with them are written with the roots of 2 and 3, and logarithms of
         numbers with those of primes. Not every prime field has these.
 
     Raises
@@ -174,7 +174,7 @@ def tape_of(name: str, inputs: list[ca.SX], output: ca.SX, constants_known: bool
 
 
 def _constant(value: float) -> Fraction:
-    """The fraction a constant of an expression stands for, which CasADi may have computed from others."""
+    """The fraction that a constant of an expression represents, which CasADi may have computed from others."""
     return (near_simple(value) if np.isfinite(value) else None) or rational(value)
 
 

@@ -11,20 +11,17 @@ those three times as long.
 """
 
 import argparse
-import os
-import platform
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
-from time import perf_counter
 from typing import Final
 
 import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
 
-from experiments.benchmarks.stopwatch import use_one_thread
+from experiments.benchmarks.stopwatch import begin_benchmark, machine, now
 from experiments.command_line import run_study
 from spinfilters.filters.estimator import Estimator
 from spinfilters.filters.timeline import Epoch
@@ -69,7 +66,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--blocks", type=int, default=5, help="blocks, each from the same start")
     parser.add_argument("--out", type=Path, help="folder for filters.json and filters.png")
     options = parser.parse_args(arguments)
-    use_one_thread("experiments.benchmarks.filter_speed")
+    begin_benchmark("experiments.benchmarks.filter_speed")
     setup = prepare(simulate(Scenario.simplified()), Settings())
     seconds = time_frames(setup, options.frames, options.blocks)
     ratios = [speed_ratio(seconds, *pair) for pair in PAIRS]
@@ -78,8 +75,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if options.out is not None:
         options.out.mkdir(parents=True, exist_ok=True)
         document = {
-            "machine": f"{platform.machine()}, {os.cpu_count()} cores, one thread used",
-            "python": platform.python_version(),
+            "machine": machine(),
             "landmarks_per_frame": round(landmarks, 1),
             "blocks": seconds.shape[0],
             "frames_per_block": seconds.shape[1],
@@ -150,11 +146,11 @@ def speed_figure(ratios: Sequence[SpeedRatio], landmarks: float) -> Figure:
 
 
 def _seconds(estimator: Estimator, frame: Epoch, dt: float) -> float:
-    begin = perf_counter()
+    begin = now()
     estimator.predict(dt)
     for measurement in frame.measurements:
         estimator.update(measurement)
-    return perf_counter() - begin
+    return now() - begin
 
 
 def _print(ratios: Sequence[SpeedRatio], landmarks: float, shape: tuple[int, ...]) -> None:

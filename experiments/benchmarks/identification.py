@@ -11,13 +11,12 @@ learns noise over that of one whose noise is stated (bar: 1.1).
 import argparse
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from time import process_time
 from typing import Final
 
 import numpy as np
 from jaxtyping import Float
 
-from experiments.benchmarks.stopwatch import use_one_thread
+from experiments.benchmarks.stopwatch import begin_benchmark, now
 from experiments.command_line import run_study
 from experiments.honest_cases import CASES, recordings
 from spinfilters.core.robust_losses import LeastSquares
@@ -54,7 +53,7 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--cases", nargs="+", default=CHOSEN)
     options = parser.parse_args()
-    use_one_thread("experiments.benchmarks.identification")
+    begin_benchmark("experiments.benchmarks.identification")
     for name in options.cases:
         print(line_of(name, recording(name), options.rounds), flush=True)
 
@@ -126,9 +125,9 @@ def _solved(setup: Setup, trajectory: Float[np.ndarray, "k m"]) -> None:
 
 
 def _seconds(work: Callable[[], object]) -> float:
-    begin = process_time()
+    begin = now()
     work()
-    return process_time() - begin
+    return now() - begin
 
 
 if __name__ == "__main__":

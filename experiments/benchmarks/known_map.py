@@ -7,7 +7,7 @@ import argparse
 from statistics import median
 from typing import Final
 
-from experiments.benchmarks.stopwatch import CLOCKS, now, use_clock, use_one_thread
+from experiments.benchmarks.stopwatch import CLOCKS, begin_benchmark, now
 from experiments.command_line import run_study
 from spinfilters.inference.smoother_run import smooth_at_once
 from spinfilters.io.dataset import Dataset
@@ -21,12 +21,11 @@ SETTINGS: Final = Settings(estimators=("smoother",))
 
 def main() -> None:
     """Print medians in ms."""
-    use_one_thread("experiments.benchmarks.known_map")
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--clock", choices=tuple(CLOCKS), default="wall")
-    use_clock(parser.parse_args().clock)
+    parser.add_argument("--clock", choices=tuple(CLOCKS), default="processor")
+    begin_benchmark("experiments.benchmarks.known_map", parser.parse_args().clock)
     dataset = simulate(Scenario.simplified())
     seconds(dataset)  # compiles
     initialise, smooth = zip(*[seconds(dataset) for _ in range(REPEATS)], strict=True)

@@ -11,8 +11,6 @@ printed too. Beside them a known map of as many landmarks, with the same filters
 
 import argparse
 import gc
-import os
-import platform
 import resource
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,7 +23,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator
 from rich.progress import track
 
-from experiments.benchmarks.stopwatch import use_one_thread
+from experiments.benchmarks.stopwatch import begin_benchmark, machine
 from experiments.command_line import run_study
 from spinfilters.core.conventions import RPM
 from spinfilters.core.mass_distribution import from_inertia
@@ -88,7 +86,7 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=10_000, help="of each filter")
     parser.add_argument("-o", "--output", type=Path, default=Path("runs/benchmark"))
     options = parser.parse_args()
-    use_one_thread("experiments.benchmarks.landmark_filters")
+    begin_benchmark("experiments.benchmarks.landmark_filters")
     make_folder(options.output)
     speeds = measure(options.frames // BLOCKS)
     for name, speed in speeds.items():
@@ -220,7 +218,7 @@ def described(name: str, speed: Speed, allowed: float | None) -> str:
 def document(speeds: dict[str, Speed]) -> dict[str, object]:
     """Measurements as a document for JSON."""
     return {
-        "machine": f"{platform.machine()}, {os.cpu_count()} cores, one thread used",
+        "machine": machine(),
         "landmarks": LANDMARKS,
         "seen": SEEN,
         "allowed_ms": allowed_ms(speeds),

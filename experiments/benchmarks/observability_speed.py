@@ -7,9 +7,9 @@ python -m experiments.benchmarks.observability_speed
 from collections.abc import Callable
 from functools import partial
 from statistics import median
-from time import perf_counter
 from typing import Any, Final
 
+from experiments.benchmarks.stopwatch import begin_benchmark, now
 from experiments.benchmarks.symbolic_series import lie_derivatives
 from experiments.command_line import run_study
 from observability import system as sensors
@@ -28,6 +28,7 @@ RUNS: Final = 3
 
 def main() -> None:
     """Measure and print."""
+    begin_benchmark("experiments.benchmarks.observability_speed")
     for chart in CHARTS:
         _print_chart(chart)
     case = Case(landmarks=18)
@@ -63,9 +64,9 @@ def timed(run: Callable[[], Any]) -> tuple[float, Any]:
     """Least seconds of several runs, and a result."""
     times, result = [], None
     for _ in range(RUNS):
-        begin = perf_counter()
+        begin = now()
         result = run()
-        times.append(perf_counter() - begin)
+        times.append(now() - begin)
     return min(times), result
 
 

@@ -26,12 +26,12 @@ from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from queue import Empty
-from time import perf_counter
 from typing import Any, Final, NamedTuple
 
 import casadi as ca
 import numpy as np
 
+from experiments.benchmarks.stopwatch import begin_benchmark, now
 from experiments.command_line import run_study
 from observability import system as sensors
 from observability.canonical_motions import CANONICAL_MOTIONS, point_of
@@ -89,6 +89,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--limit", type=float, default=60.0, help="seconds that a tool may take for a system")
     parser.add_argument("--out", type=Path, help="folder for observability.json")
     options = parser.parse_args(arguments)
+    begin_benchmark("experiments.benchmarks.observability_tools")
     tools = [tool for tool in TOOLS if tool == "ours" or find_spec(tool) is not None]
     print(f"tools: {', '.join(tools)}; not installed: {', '.join(set(TOOLS) - set(tools)) or 'none'}")
     table = {name: {tool: limited(tool, name, options.limit) for tool in tools} for name in SYSTEMS}
@@ -147,9 +148,9 @@ def _work(tool: str, name: str, queue: Any) -> None:
 
 
 def _timed(run: Callable[[], ToolAnswer]) -> ToolAnswer:
-    begin = perf_counter()
+    begin = now()
     answer = run()
-    return answer._replace(seconds=perf_counter() - begin)
+    return answer._replace(seconds=now() - begin)
 
 
 def _ours(system: System) -> Callable[[], ToolAnswer]:

@@ -1,18 +1,20 @@
-"""Our smoother against GTSAM and SciPy on the same problem.
+"""Our smoother against Ceres, GTSAM and SciPy on the same problem, and one iteration against the floor.
 
 In turn in one process with one thread, beside what it is to show.
     python -m experiments.benchmarks.smoother [--motion rich] [--repeats 5] [--no-peers] [--quick] [--long]
 
 Every ratio is that of medians over rounds in which the solvers take turns; in brackets stand the least and greatest of one round,
 and the "bare" ratio when the time is taken away that the peer spends in our own Python, from which it has the rows of the motion.
-GTSAM's stereo factors, orderings and solvers are its own.
+GTSAM's stereo factors, orderings and solvers are its own; `ceres_peer` and `floor` say what Ceres is given, and what the floor is.
 """
 
 import argparse
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from importlib.metadata import version
 
+from experiments.benchmarks import ceres_peer
 from experiments.benchmarks.cold_start import cold_start
 from experiments.benchmarks.gtsam_chart import MISSING, gtsam
 from experiments.benchmarks.smoother_batch import batch, iterations, optimum
@@ -20,7 +22,7 @@ from experiments.benchmarks.smoother_checks import BenchmarkCheck
 from experiments.benchmarks.smoother_long import long_run
 from experiments.benchmarks.smoother_stream import resolved, window
 from experiments.benchmarks.smoother_workload import MOTIONS, Workload, simulated_workload
-from experiments.benchmarks.stopwatch import CLOCKS, use_clock, use_one_thread
+from experiments.benchmarks.stopwatch import CLOCKS, begin_benchmark
 from experiments.command_line import run_study
 from spinfilters.simulation.scenario import Scenario
 
@@ -35,11 +37,11 @@ LONG_FRAMES = 10_000
 def main(arguments: Sequence[str] | None = None) -> None:
     """Measure and print."""
     options = _options(arguments)
-    use_one_thread("experiments.benchmarks.smoother")
-    use_clock(options.clock)
+    begin_benchmark("experiments.benchmarks.smoother", options.clock)
     begin, missed = time.perf_counter(), 0
-    if options.peers and gtsam is None:
-        print(MISSING)
+    if options.peers:
+        print(MISSING if gtsam is None else f"GTSAM {version('gtsam')}")
+        print(ceres_peer.MISSING if ceres_peer.ceres_library() is None else ceres_peer.ceres_name())
     for check in checks(options):
         print(check, flush=True)
         missed += check.passed is False
@@ -92,7 +94,7 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--repeats", type=int, default=5, help="rounds")
     parser.add_argument("--peers", action=argparse.BooleanOptionalAction, default=True)
     parser.add_argument(
-        "--clock", choices=sorted(CLOCKS), default="wall", help="the processor's on a busy machine"
+        "--clock", choices=sorted(CLOCKS), default="processor", help="the wall's on quiet cores alone"
     )
     parser.add_argument("--quick", action="store_true", help="one round of a short recording: does it run?")
     parser.add_argument(

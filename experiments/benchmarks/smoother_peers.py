@@ -1,4 +1,4 @@
-"""GTSAM and SciPy on the smoothing problem.
+"""Ceres, GTSAM and SciPy on the smoothing problem.
 
 Optima by one cost, and times of one thread with what our own Python has of them.
     python -m experiments.benchmarks.smoother_peers [--motion rich] [--seeds 1] [--share 1] [--incremental] [--lag 20]
@@ -11,6 +11,8 @@ import argparse
 from collections.abc import Callable, Iterator, Sequence
 from typing import Final
 
+from experiments.benchmarks import ceres_peer
+from experiments.benchmarks.ceres_peer import ceres_batch, ceres_library
 from experiments.benchmarks.gtsam_chart import MISSING, gtsam
 from experiments.benchmarks.gtsam_incremental import fixed_lag, isam2, resolved_every_frame
 from experiments.benchmarks.gtsam_peer import (
@@ -22,7 +24,7 @@ from experiments.benchmarks.gtsam_peer import (
 )
 from experiments.benchmarks.scipy_peer import scipy_least_squares
 from experiments.benchmarks.smoother_workload import MOTIONS, PeerResult, Workload, disam115_workload
-from experiments.benchmarks.stopwatch import use_one_thread
+from experiments.benchmarks.stopwatch import begin_benchmark
 from experiments.command_line import run_study
 
 Peer = Callable[[Workload], PeerResult]
@@ -42,9 +44,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--incremental", action="store_true", help="also solvers that go frame by frame")
     parser.add_argument("--lag", type=int, default=20, help="frames of the window of fixed lag")
     options = parser.parse_args(arguments)
-    use_one_thread("experiments.benchmarks.smoother_peers")
+    begin_benchmark("experiments.benchmarks.smoother_peers")
     if gtsam is None:
         print(MISSING)
+    if ceres_library() is None:
+        print(ceres_peer.MISSING)
     for seed in range(options.seeds):
         workload = disam115_workload(options.motion, seed).nearer_to_a_sphere(options.share)
         print(_headline(options.motion, seed, workload))
@@ -57,10 +61,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def peers(incremental: bool, lag: int) -> list[Peer]:
     """Peer solvers that this machine can run."""
-    if gtsam is None:
-        return [scipy_least_squares]
-    batch: list[Peer] = [levenberg_marquardt, ceres_like, dogleg, scipy_least_squares]
-    if not incremental:
+    batch: list[Peer] = [scipy_least_squares]
+    if ceres_library() is not None:
+        batch.insert(0, ceres_batch)
+    if gtsam is not None:
+        batch = [levenberg_marquardt, ceres_like, dogleg, *batch]
+    if gtsam is None or not incremental:
         return batch
     return [
         *batch,

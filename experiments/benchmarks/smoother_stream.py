@@ -17,9 +17,9 @@ NEAR_OPTIMUM: Final = 0.5
 WHOLE_SECONDS: Final = 3.0
 """For all frames."""
 OVER_RESOLVED: Final = 15.0
-OVER_ISAM2: Final = 4.0
+OVER_ISAM2: Final = 16.0
 LAG: Final = 20
-OVER_WINDOW: Final = 50.0
+OVER_WINDOW: Final = 100.0
 
 
 def resolved(workload: Workload, rounds: int, peers: bool) -> Iterator[BenchmarkCheck]:

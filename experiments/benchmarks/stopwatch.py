@@ -1,19 +1,32 @@
-"""Clock and threads of the benchmarks, the same for all solvers."""
+"""Clock, threads and first line of all benchmarks, the same for all solvers."""
 
 import os
+import platform
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from time import perf_counter, process_time
 from typing import Final
 
+from spinfilters.core.c_library import LANES, compiler, compiler_version
+
 CLOCKS: Final[dict[str, Callable[[], float]]] = {"wall": perf_counter, "processor": process_time}
-"""On a busy machine the wall's is kind to what is short, for it is seldom interrupted: take the processor's there."""
-_chosen = ["wall"]
+"""Processor time leaves out what else a machine does. Wall time is what a user waits for; it needs quiet cores."""
+_chosen = ["processor"]
 
 
-def use_clock(name: str) -> None:
-    """Use this clock of `CLOCKS` from here on."""
-    _chosen[0] = name
+def begin_benchmark(module: str, clock: str = "processor", threads: str = "one thread") -> None:
+    """Restart a benchmark with one thread per library, choose its clock, and print on what it runs.
+
+    Parameters
+    ----------
+    module: its full name.
+    clock: of `CLOCKS`.
+    threads: how the printed line calls them; a benchmark that starts processes has some of one thread each.
+    """
+    use_one_thread(module)
+    _chosen[0] = clock
+    print(f"{machine()}; {threads}, {clock} time", flush=True)
 
 
 def now() -> float:
@@ -34,3 +47,25 @@ def use_one_thread(module: str) -> None:
     if any(os.environ.get(name) != value for name, value in ONE_THREAD.items()):
         os.environ.update(ONE_THREAD)
         os.execv(sys.executable, [sys.executable, "-m", module, *sys.argv[1:]])
+
+
+def machine() -> str:
+    """Processor, vector width, compiler and Python, on which times depend."""
+    vectors = f"vectors of {LANES} numbers ({64 * LANES} bits)"
+    return f"{_processor_name()}, {os.cpu_count()} cores, {vectors}, {_compiler()}, Python {platform.python_version()}"
+
+
+def _processor_name() -> str:
+    """What the system calls the processor, else the architecture."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+    except OSError:
+        lines = []
+    named = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    return next(named, platform.processor() or platform.machine())
+
+
+def _compiler() -> str:
+    """First line that the C compiler prints of itself."""
+    command = compiler()
+    return "no compiler" if command is None else compiler_version(command)

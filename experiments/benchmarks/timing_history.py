@@ -3,13 +3,12 @@
     python -m experiments.benchmarks.timing_history [--history runs/benchmark/timings.jsonl] [--rounds 7]
 
 Each time is the least processor time of some rounds in which all take turns, for whatever else a machine does only adds to it.
-Every run appends a line of JSON to the history, and is compared with the last line of the same machine: architecture, vectors,
+Every run appends a line of JSON to the history, and is compared with the last line of the same machine: processor, vectors,
 compiler, Python.
 """
 
 import argparse
 import json
-import platform
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
@@ -20,9 +19,8 @@ from typing import Final
 
 from experiments.benchmarks.own_smoother import OwnIterations, own_batch
 from experiments.benchmarks.smoother_workload import disam115_workload
-from experiments.benchmarks.stopwatch import use_clock, use_one_thread
+from experiments.benchmarks.stopwatch import begin_benchmark, machine
 from experiments.command_line import run_study
-from spinfilters.core.c_library import LANES, compiler
 from spinfilters.core.errors import InputError
 from spinfilters.run.estimation import build_estimator
 from spinfilters.run.preparation import prepare
@@ -46,7 +44,7 @@ class Timings:
     when, commit : str
         Time of the run, UTC, and the commit that was measured.
     machine : str
-        Architecture, numbers in a vector, compiler and Python.
+        Processor, vector width, compiler and Python; see `stopwatch.machine`.
     milliseconds : Mapping[str, float]
         Least processor time by task, ms.
     """
@@ -65,8 +63,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--history", type=Path, default=HISTORY)
     parser.add_argument("--rounds", type=int, default=7)
     options = parser.parse_args(arguments)
-    use_one_thread("experiments.benchmarks.timing_history")
-    use_clock("processor")
+    begin_benchmark("experiments.benchmarks.timing_history")
     before, now = read_history(options.history), measure(options.rounds)
     for line in compared(before, now):
         print(line)
@@ -97,7 +94,7 @@ def read_history(path: Path) -> list[Timings]:
 def compared(history: Sequence[Timings], now: Timings) -> Iterator[str]:
     """A line for each task: its time, and its change since the last run of the same machine."""
     last = next((run for run in reversed(history) if run.machine == now.machine), None)
-    yield f"{now.machine}, commit {now.commit}; compared with {'nothing yet' if last is None else last.commit}"
+    yield f"commit {now.commit}, compared with {'nothing yet' if last is None else last.commit}"
     for task, time in now.milliseconds.items():
         old = None if last is None else last.milliseconds.get(task)
         yield f"{task:32} {time:9.3f} ms{'' if old is None else _change(time / old - 1)}"
@@ -115,10 +112,8 @@ def measure(rounds: int) -> Timings:
     for number in range(rounds):
         for name in list(tasks)[:: 1 if number % 2 == 0 else -1]:
             least[name] = min(least[name], tasks[name]())
-    cc = Path(compiler() or "no compiler").name
-    machine = f"{platform.machine()}, {LANES} lanes, {cc}, Python {platform.python_version()}"
     when = datetime.now(UTC).isoformat(timespec="seconds")
-    return Timings(when, git_commit() or "unknown", machine, {k: 1e3 * s for k, s in least.items()})
+    return Timings(when, git_commit() or "unknown", machine(), {k: 1e3 * s for k, s in least.items()})
 
 
 def _smoother_tasks() -> dict[str, Callable[[], float]]:

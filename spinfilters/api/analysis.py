@@ -13,6 +13,7 @@ import numpy as np
 from observability.analysis_report import Report, analyse
 from observability.canonical_motions import motion
 from observability.cases import Case, InputSizes, Levels
+from observability.further_sensors import FurtherSensors, further_sensors
 from observability.reference_trajectory import RecordedInput
 from observability.system import Input
 from spinfilters.api.arguments import ObserveArguments
@@ -20,11 +21,13 @@ from spinfilters.api.blas_threads import on_one_blas_thread
 from spinfilters.api.given_settings import SETTINGS_GIVEN, AnySettings, chosen_settings
 from spinfilters.core.conventions import RPM
 from spinfilters.core.errors import InputError
-from spinfilters.io.argument_checks import checked_arguments, one_of, optional, path
+from spinfilters.io.argument_checks import called, checked_arguments, one_of, optional, path
 from spinfilters.io.input_file import path_text, value_text
 from spinfilters.io.output_files import output_folder, refuse_foreign, write_json, write_text
 from spinfilters.io.text_table import read_csv, read_header
 from spinfilters.models.process import THESIS_NOISE
+from spinfilters.run.comparison_run import silent
+from spinfilters.run.estimation import Progress
 from spinfilters.settings.run_settings import AUTO, InitialisationOptions, Settings
 from spinfilters.settings.stated_belief import block_named
 from spinfilters.simulation.scenario_record import Scenario
@@ -49,14 +52,18 @@ class ObservabilityResult:
     ----------
     report : Report
         With the certificate of the rank, the Cramer-Rao bound and the verdict on every quantity.
+    further : FurtherSensors or None
+        What each further sensor would add; None where it was not asked for.
     """
 
     report: Report
+    further: FurtherSensors | None = None
 
     @property
     def document(self) -> dict[str, Any]:
         """The content of ``observe.json``."""
-        return self.report.document()
+        added = {} if self.further is None else {"further_sensors": self.further.document()}
+        return self.report.document() | added
 
     def figure(self) -> "Figure":
         """Ranks by order of derivative, and the bound over time, as a matplotlib figure.
@@ -70,21 +77,42 @@ class ObservabilityResult:
 
         return observability_figure(self.report, self.report.title)
 
+    def further_figure(self) -> "Figure":
+        """Bounds with each further sensor, and what becomes determined, as a matplotlib figure.
+
+        Returns
+        -------
+        Figure
+            Not yet saved or shown.
+
+        Raises
+        ------
+        InputError
+            No further sensors were asked for.
+        """
+        from spinfilters.plots.observability_figures import further_sensors_figure
+
+        if self.further is None:
+            raise InputError("no further sensors were asked for; give observe(..., further=True)")
+        return further_sensors_figure(self.further)
+
     def write(self, folder: Path, figures: bool = True) -> None:
-        """Text, JSON and picture into a folder that exists. InputError: they cannot be written.
+        """Text, JSON and pictures into a folder that exists. InputError: they cannot be written.
 
         Parameters
         ----------
         folder : Path
             An existing folder.
         figures : bool
-            Whether the picture is drawn.
+            Whether pictures are drawn.
         """
         from spinfilters.plots.style import save_figure
 
         write_text(folder / "observe.txt", f"{self}\n")
         if figures:
             save_figure(self.figure(), folder / "observe.png")
+            if self.further is not None:
+                save_figure(self.further_figure(), folder / "further.png")
         write_json(folder / "observe.json", self.document)
 
     @checked_arguments(folder=path("a folder"))
@@ -112,7 +140,8 @@ class ObservabilityResult:
         return Path(folder)
 
     def __str__(self) -> str:
-        return "\n".join(self.report.sentences)
+        lines = list(self.report.sentences)
+        return "\n".join(lines if self.further is None else [*lines, *self.further.sentences])
 
     __repr__ = __str__
 
@@ -160,7 +189,7 @@ class KnownInputs:
 
     @cached_property
     def recorded(self) -> tuple[RecordedInput, ...]:
-        """The inputs of the table; none without one. InputError: a table that cannot be read, or axes beside it."""
+        """The inputs of the table; none without one. InputError: a table that cannot be read, or axes in addition to it."""
         if self.table is None:
             return ()
         if self.torque or self.manoeuvre:
@@ -252,6 +281,7 @@ def stated_deviations(initial: InitialisationOptions) -> dict[str, float]:
     ObserveArguments,
     known=optional(one_of(KnownInputs, cure="spinfilters.api.analysis.KnownInputs")),
     settings=optional(SETTINGS_GIVEN),
+    progress=called,
 )
 @on_one_blas_thread
 def observe(
@@ -267,6 +297,8 @@ def observe(
     unknowns: str = ObserveArguments.unknowns,
     known: KnownInputs | None = None,
     settings: AnySettings | None = None,
+    further: bool = ObserveArguments.further,
+    progress: Progress = silent,
 ) -> ObservabilityResult:
     """Observability of a motion by some sensors.
 
@@ -298,6 +330,10 @@ def observe(
     settings : Settings, Mapping, str, os.PathLike or None
         Noise of the sensors, disturbances and priors of the bound, as `compare` takes them; see `levels_of`. A ``gyro_bias_std``
         makes the gyro's bias one more unknown, in the filters' state. None takes noise and disturbances of the bundled example.
+    further : bool
+        Whether each further kind of sensor is added to these, one at a time, to see which helps most.
+    progress : Callable[[str, int, int], None]
+        Called with what is being done, steps done and steps in all.
 
     Returns
     -------
@@ -327,7 +363,8 @@ def observe(
         levels=levels,
         recorded=acting.recorded,
     )
-    return ObservabilityResult(analyse(case, frames, interval))
+    report = analyse(case, frames, interval)
+    return ObservabilityResult(report, further_sensors(case, frames, interval, progress) if further else None)
 
 
 def _require_bound(frames: int, interval: float, rate_rpm: tuple[float, ...]) -> None:

@@ -184,4 +184,10 @@ class ObserveArguments:
             cure='"ratios" or "moments"',
         ),
     ] = "ratios"
+    further: Annotated[
+        bool,
+        Argument(
+            "which further sensor helps most: each kind is added to the set, one at a time; what it determines more, and its bounds"
+        ),
+    ] = False
     motion: Annotated[Scenario, ArgumentGroup(only=MOTION)] = field(default_factory=Scenario)

@@ -379,7 +379,7 @@ class Run(Mapping[str, EstimatorResult]):
 
 
 WIDTH = 150
-"""Characters of a table where the terminal does not tell its own."""
+"""Characters of a table where the terminal does not report its own."""
 
 
 def plain_text(table: RenderableType) -> str:
@@ -617,7 +617,7 @@ def load_run(folder: str | os.PathLike[str]) -> Run:
         raise InputError(
             f"{path_text(place)}: holds runs of several segments; give one of them ({SEGMENTS_FOLDER}/...)"
         )
-    read_summary(place)  # tells first that a folder holds no finished run
+    read_summary(place)  # first reports a folder that holds no finished run
     return Run.from_folder(place, read_settings(place / CONFIG_FILE))
 
 

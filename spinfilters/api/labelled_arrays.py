@@ -22,7 +22,7 @@ MOTION: Final[dict[str, tuple[str, str, str]]] = {
     "std_velocity": ("axis", "m/s", "standard deviation of the velocity"),
     "std_rate": ("axis", "rad/s", "standard deviation of the rate"),
 }
-"""Dimension beside estimator and time, unit and meaning of each quantity of a trajectory."""
+"""Dimension in addition to estimator and time, unit and meaning of each quantity of a trajectory."""
 
 
 def labelled_arrays(evaluations: Sequence[Evaluation]) -> Any:
@@ -95,7 +95,7 @@ BODY: Final[dict[str, tuple[tuple[str, ...], str, str]]] = {
     "center_of_mass_g": (("axis",), "m", "centre of mass in frame g"),
     "center_of_mass_std": (("axis",), "m", "standard deviations of the centre of mass"),
 }
-"""Dimensions beside estimator, unit and meaning of what is known of the body after the last epoch."""
+"""Dimensions in addition to estimator, unit and meaning of what is known of the body after the last epoch."""
 
 
 def _on_times(trajectory: Trajectory, name: str, times: np.ndarray) -> np.ndarray:

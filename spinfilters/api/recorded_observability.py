@@ -42,6 +42,12 @@ DIGITS: Final = 4
 """Decimals of rates (rad/s) and ratios of moments in the exact rank."""
 
 
+NO_MOTION: Final = (
+    "the smoother finds no motion in the whole recording, about which a bound could be computed; see what compare says, or give a "
+    "part of it with --segment"
+)
+
+
 @checked_arguments(
     segment=optional(one_of(int, str, cure='a number, times such as "6.55:7.4", or "auto"')),
     settings=optional(SETTINGS_GIVEN),
@@ -113,10 +119,7 @@ def recording_report(dataset: Dataset, settings: Settings, progress: Progress) -
     setup, (evaluation,) = comparison.setup, comparison.evaluations
     history = evaluation.history
     if len(history.time) != len(setup.timeline) or not np.isfinite(history.mean).all():
-        raise InputError(
-            "the smoother finds no motion in the whole recording, about which a bound could be computed; see what compare says, "
-            "or give a part of it with --segment"
-        )
+        raise InputError(NO_MOTION)
     if len(history.time) > MOST_EPOCHS:
         raise InputError(
             f"the recording has {len(history.time)} epochs; give at most {MOST_EPOCHS} of them with --segment START:END"
@@ -172,11 +175,14 @@ def _case(setup: Setup, settings: Settings, states: Float[np.ndarray, "k m"]) ->
 
 
 def _motion(rates: Float[np.ndarray, "k 3"], s: Float[np.ndarray, " 5"]) -> CanonicalMotion:
-    """The estimated motion of the middle epoch about principal axes of ascending moments."""
+    """The estimated motion of the middle epoch about principal axes of ascending moments. InputError: no moments of a body."""
     moments, axes = np.linalg.eigh(inertia_matrix(s))
     rate = np.round(rates[len(rates) // 2] @ axes, DIGITS).tolist()
     rpm = " ".join(f"{each / RPM:.3g}" for each in rate)
-    return motion(f"{rpm} rpm in its middle", rate, np.round(moments / moments[-1], DIGITS).tolist())
+    try:
+        return motion(f"{rpm} rpm in its middle", rate, np.round(moments / moments[-1], DIGITS).tolist())
+    except InputError:
+        raise InputError(NO_MOTION) from None
 
 
 def _schedules(setup: Setup, states: Float[np.ndarray, "k m"]) -> tuple[list[SensorSchedule], str]:

@@ -67,7 +67,7 @@ def load(
         Number of a marked segment of a phyphox recording or else of a free flight, times such as "6.55:7.4" (s), or "auto" for the
         only free flight; None for the whole.
     kind : str or None
-        Of a table in memory whose names do not tell it, such as "gyro".
+        Of a table in memory whose names do not identify it, such as "gyro".
     units : str, Mapping or None
         What ``unit`` and ``clock`` say in one: "deg/s", or ``{"time": "ms", "rate": "deg/s"}``.
     unit : str or None
@@ -165,7 +165,7 @@ def simulate(
     moments : sequence of 3 floats
         Principal moments about them, any scale.
     known_map : bool
-        Whether the data set tells the landmarks' positions; of tracks only.
+        Whether the data set gives the landmarks' positions; of tracks only.
     gyro_bias : sequence of 3 floats or None
         Constant error of a gyro's rates, g axes, rad/s; of that kind only.
     inspector : str

@@ -186,7 +186,7 @@ def component_errors(evaluation: Evaluation) -> dict[str, list[tuple[float, floa
     ratios = np.log([true[2] / true[1], true[1] / true[0]])
     away = np.array([*(body.principal_moments - true)[:2], body.k1 - ratios[0], body.k2 - ratios[1]])
     found[MOMENTS] = _ranked(away, np.array([*body.principal_moments_std[:2], body.k1_std, body.k2_std]))
-    if history.mass is not None:  # a posterior that was sampled tells ranks of its own
+    if history.mass is not None:  # a posterior that was sampled gives ranks of its own
         for k in range(2):
             below = history.mass.principal_moments[:, k] < true[k]
             found[MOMENTS][k] = (*found[MOMENTS][k][:2], float(history.mass.weights @ below))

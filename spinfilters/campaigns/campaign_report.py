@@ -315,7 +315,9 @@ def write_report(folder: Path) -> Path:
     failures = failed_rows(table)
     sections = {
         "What was asked": asked_section(
-            study.options.description, _told(study, table, document), read_settings_text(folder / STUDY_FILE)
+            study.options.description,
+            _describe_campaign(study, table, document),
+            read_settings_text(folder / STUDY_FILE),
         ),
         "Consistency": consistency_section(cells, varied, shown["nees"]),
         "Errors": errors_section(cells, varied, shown["bound"]),
@@ -359,7 +361,7 @@ def cells_csv(cells: Sequence[CellSummary], factors: Sequence[str]) -> str:
     return stream.getvalue()
 
 
-def _told(study: Study, table: pa.Table, document: Mapping[str, Any]) -> dict[str, str]:
+def _describe_campaign(study: Study, table: pa.Table, document: Mapping[str, Any]) -> dict[str, str]:
     finished = sorted(filter(None, table["finished"].to_pylist()))
     hosts = sorted(set(table["host"].to_pylist()))
     made = table.group_by(["version", "packages"]).aggregate([]).to_pylist()

@@ -1,6 +1,6 @@
-"""Ready studies of filters beside smoothers, and one page that answers: which of them, when?
+"""Ready studies of filters compared with smoothers, and one page that answers: which of them, when?
 
-The studies are files of `spinfilters.campaigns.studies`. Each varies one factor beside the estimator. By the levels of that factor
+The studies are files of `spinfilters.campaigns.studies`. Each varies one factor besides the estimator. By the levels of that factor
 the page shows ratios of errors and of processor time to those of the smoother on the same recordings, NEES, the share of
 estimates within four stated deviations and how soon filters converge, each with its 95 % interval; and it names one to choose.
 """
@@ -23,7 +23,14 @@ from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 from scipy.stats import chi2
 
 from spinfilters.campaigns.campaign_folder import STUDY_FILE, read_folder
-from spinfilters.campaigns.paired_ratios import ESTIMATOR, MARKERS, geometric_ratio, reference_of
+from spinfilters.campaigns.paired_ratios import (
+    ESTIMATOR,
+    MARKERS,
+    geometric_ratio,
+    paired_ratios,
+    pareto_figure,
+    reference_of,
+)
 from spinfilters.campaigns.rows_folder import read_rows
 from spinfilters.campaigns.statistics import (
     NOTHING,
@@ -39,6 +46,7 @@ from spinfilters.evaluation.stated_errors import LARGEST_STATED_ERROR
 from spinfilters.io.input_file import path_text, value_text
 from spinfilters.io.output_files import write_bytes, write_text
 from spinfilters.plots.page import image, note, page, table
+from spinfilters.plots.printing import PrintStyle, printed_figure
 from spinfilters.plots.style import GREY, estimator_lines, legend_below, picture_bytes, tidy
 
 NAMES: Final = (
@@ -54,7 +62,10 @@ NAMES: Final = (
 )
 """Ready studies, in the order of the page."""
 PAGE: Final = "studies.html"
-PICTURE: Final = "comparison.png"
+COMPARISON: Final = "comparison"
+PARETO: Final = "pareto"
+PICTURE: Final = f"{COMPARISON}.png"
+CAPTIONS: Final = {COMPARISON: "estimators by level", PARETO: "error against processor time"}
 DPI: Final = 150
 WORSE: Final = 1.1
 """An estimator whose errors are, with 95 %, at most so many times the reference's is as good."""
@@ -288,8 +299,16 @@ def _scaled(found: Interval, scale: float) -> Interval:
     return Interval(scale * found.value, scale * found.low, scale * found.high, found.count)
 
 
-def write_comparison_page(folder: Path, studies: Sequence[str] = NAMES) -> Path:
-    """Write the page over the ready studies that a folder holds, finished or not, and a picture of each; the page's path.
+def study_figures(study: Study, rows: pa.Table, results: Sequence[LevelResult]) -> dict[str, Figure]:
+    """Figures of a study by name: curves over its levels, and errors against processor time where there are both."""
+    pareto = pareto_figure(paired_ratios(study, rows))
+    return {COMPARISON: comparison_figure(results)} | ({} if pareto is None else {PARETO: pareto})
+
+
+def write_comparison_page(
+    folder: Path, studies: Sequence[str] = NAMES, print_style: PrintStyle | None = None
+) -> Path:
+    """Write the page over the ready studies that a folder holds, finished or not, and pictures of each; the page's path.
 
     Parameters
     ----------
@@ -297,6 +316,8 @@ def write_comparison_page(folder: Path, studies: Sequence[str] = NAMES) -> Path:
         With a campaign's folder for each study, by its name.
     studies : sequence of str
         Their order.
+    print_style : PrintStyle or None
+        Prints each figure for a paper too, beside the pictures.
 
     Raises
     ------
@@ -311,15 +332,23 @@ def write_comparison_page(folder: Path, studies: Sequence[str] = NAMES) -> Path:
         study, begun = read_folder(place)
         rows = read_rows(place, study.columns, levels=study.levels)
         results = level_results(study, rows)
-        picture = picture_bytes(comparison_figure(results), "png", dpi=DPI)
-        write_bytes(place / PICTURE, picture)
+        if print_style is not None:
+            for title, figure in study_figures(study, rows, results).items():
+                for file, content in printed_figure(figure, title, print_style).items():
+                    write_bytes(place / file, content)
+        pictures = {
+            title: picture_bytes(figure, "png", dpi=DPI)
+            for title, figure in study_figures(study, rows, results).items()
+        }
+        for title, picture in pictures.items():
+            write_bytes(place / f"{title}.png", picture)
         sections[study.name] = (
             f"<p>{escape(study.options.description)}</p>"
             + note(
                 f"{len(rows)} of {len(study)} runs, {study.options.seeds} seeds, begun {begun.get('begun', '')[:10]} "
                 f"at commit {str(begun.get('commit', ''))[:12]} on {begun.get('machine', '')}."
             )
-            + image(picture, f"{study.name}: estimators by level")
+            + "".join(image(each, f"{study.name}: {CAPTIONS[title]}") for title, each in pictures.items())
             + _result_table(results)
         )
         choices += _choices(study.name, results)

@@ -143,7 +143,7 @@ def pareto_figure(ratios: Sequence[PairedRatio]) -> Figure | None:
         xscale="log",
         yscale="log",
         xlabel=f"{SECONDS} over the reference",
-        ylabel=f"{quantity} over the reference",
+        ylabel=f"{quantity.partition(' [')[0]} over the reference",
     )
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_formatter(FormatStrFormatter("%.3g"))

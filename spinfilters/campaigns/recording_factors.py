@@ -246,23 +246,23 @@ class FaultFactor:
     def faults(self) -> list[Fault]:
         """Faults that the table asks for."""
         return [
-            *_made(WrongAssociations, _given(self.wrong_associations)),
-            *_made(Outliers, _given(self.outliers)),
-            *_made(Dropout, self.dropout_s),
-            *_made(FrozenEpochs, self.frozen_epochs),
-            *_made(PointsAtInfinity, _given(self.points_at_infinity)),
-            *_made(NewIds, self.new_ids_s),
-            *_made(FewAtFirst, self.few_at_first),
+            *_build_faults(WrongAssociations, _unless_zero(self.wrong_associations)),
+            *_build_faults(Outliers, _unless_zero(self.outliers)),
+            *_build_faults(Dropout, self.dropout_s),
+            *_build_faults(FrozenEpochs, self.frozen_epochs),
+            *_build_faults(PointsAtInfinity, _unless_zero(self.points_at_infinity)),
+            *_build_faults(NewIds, self.new_ids_s),
+            *_build_faults(FewAtFirst, self.few_at_first),
             *([GrossError(self.gross_error, self.gross_error_epoch)] if self.gross_error else []),
         ]
 
 
-def _given(value: float) -> tuple[float, ...]:
+def _unless_zero(value: float) -> tuple[float, ...]:
     """A value of its own; nothing for zero."""
     return (value,) if value else ()
 
 
-def _made(kind: Callable[..., Fault], values: tuple[float, ...]) -> list[Fault]:
+def _build_faults(kind: Callable[..., Fault], values: tuple[float, ...]) -> list[Fault]:
     """The fault of these values, if there are any."""
     return [kind(*values)] if values else []
 
@@ -358,7 +358,7 @@ def prepared_about_truth(dataset: Dataset, settings: Settings, belief: BeliefFac
 def require_frames(sensor: SensorFactor) -> None:
     """Refuse sensors whose frames are not those of the truth.
 
-    A belief is drawn in the frames of the truth, which unknown landmarks do not tell.
+    A belief is drawn in the frames of the truth, which unknown landmarks do not determine.
     """
     if sensor.known_map:
         return

@@ -104,7 +104,7 @@ def bound_columns(evaluation: Evaluation, shared: float | None = None) -> dict[s
 
 
 def noise_columns(identified: Sequence[VarianceComponent], true: Mapping[str, float]) -> dict[str, Any]:
-    """Columns of identified noise levels beside the true ones."""
+    """Columns of identified noise levels and the true ones."""
     found: dict[str, Any] = {f"true_{name}": level for name, level in true.items()}
     for each in identified:
         if each.name in noise_levels():

@@ -163,7 +163,7 @@ class RowsFolder:
         """Numbers of the runs that had a row when the folder was opened."""
         found: set[int] = set()
         for path in part_files(self.folder):
-            found.update(_read(path, self._rules, ["run"])["run"].to_pylist())
+            found.update(_read_part(path, self._rules, ["run"])["run"].to_pylist())
         return found
 
     def append(self, row: Mapping[str, Any]) -> None:
@@ -242,7 +242,7 @@ def read_rows(
         There are none, or a part is damaged or of another study.
     """
     rows, rules = folder / ROWS, RowRules(schema(list(factors)), levels)
-    tables = [_read(path, rules, columns) for path in part_files(rows)]
+    tables = [_read_part(path, rules, columns) for path in part_files(rows)]
     for journal in sorted(rows.glob(f"*{_JOURNAL}")):
         if not journal.with_suffix(_PART).exists():
             table = _table(read_journal(journal, rules)[0], rules.schema)
@@ -282,7 +282,7 @@ def _holds_study(held: pa.Schema, wanted: pa.Schema) -> bool:
     )
 
 
-def _read(path: Path, rules: RowRules, columns: Sequence[str] | None) -> pa.Table:
+def _read_part(path: Path, rules: RowRules, columns: Sequence[str] | None) -> pa.Table:
     require_file(path, LARGEST_PART)
     try:
         with pq.ParquetFile(path) as file:

@@ -139,7 +139,7 @@ CHECKS: Final[tuple[InstallationCheck, ...]] = (
 
 
 class CompiledSpeed(NamedTuple):
-    """Compiled code beside CasADi's virtual machine: a library, equal bits, times as fast."""
+    """Compiled code compared with CasADi's virtual machine: a library, equal bits, times as fast."""
 
     is_c: bool
     equal: bool

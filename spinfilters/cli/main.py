@@ -29,7 +29,7 @@ PACKAGES: Final[tuple[str, ...]] = ("spinfilters", "observability")
 LONGEST_COMPLAINT: Final[int] = 500
 """Characters of a complaint: a longer one loses its middle."""
 LONGEST_WORD: Final[int] = 120
-"""A longer path or value of a stranger loses its middle, so that the sentence about it stays whole."""
+"""A longer path or untrusted value loses its middle, so that the sentence about it stays whole."""
 DEBUG: Final[str] = "SPINFILTERS_DEBUG"
 """Environment variable with which an unexpected error shows its whole trace."""
 
@@ -67,7 +67,7 @@ def _run(options: argparse.Namespace, pressed: Sequence[int]) -> int:
     try:
         _set_logging()
         with warnings.catch_warnings():
-            # of numbers that are not finite: a status tells of them; whoever asks for warnings (-W, -v) has asked before
+            # of numbers that are not finite: a status reports them; whoever asks for warnings (-W, -v) has asked before
             warnings.filterwarnings(
                 "default" if is_verbose else "ignore", category=RuntimeWarning, append=True
             )

@@ -24,7 +24,7 @@ dropped term of all series, x^4 / 9, is then a twentieth of double precision's r
 GIMBAL_LOCK = 1e-15
 """Half-angle amplitude below which rounding decides between yaw and roll: roll is then called 0."""
 SMALLEST_SQUARE = 1e-290
-"""|v|^2 below which a unit quaternion [v, w] turns about no axis that double precision can tell."""
+"""|v|^2 below which a unit quaternion [v, w] rotates about no axis that double precision can resolve."""
 
 
 def cross_matrix(v: Expression) -> Expression:

@@ -37,7 +37,7 @@ Array = np.ndarray
 SMALL_ANGLE: Final[float] = 1e-3
 """Below this angle, rad, trigonometric coefficients are replaced by their series, whose next term is below rounding there."""
 SINGULAR: Final[float] = 1e-8
-"""Cosine of the pitch, or angle in rad, below which a parametrisation has no rate that double precision can tell."""
+"""Cosine of the pitch, or angle in rad, below which a parametrisation has no rate that double precision can resolve."""
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from spinfilters.core.attitude_conversions import (
 from spinfilters.core.errors import InputError, ShapeError
 
 FEWEST_DIFFERENCES: Final = 8
-"""Second differences of poses with fewer of which noise is not told from bends."""
+"""Second differences of poses with fewer of which noise cannot be distinguished from bends."""
 
 
 class TimedPoses(Protocol):

@@ -228,7 +228,7 @@ def _loaded(group: str, kind: type[Entry], point: "EntryPoint") -> Entry:
         wrong = wrong or _wrong_attribute(entry, kind)
     except KeyboardInterrupt:
         raise
-    except BaseException as error:  # a stranger's module may raise anything, an exit among it
+    except BaseException as error:  # another author's module may raise anything, an exit among it
         raise InputError(f"{where} cannot be loaded: {_text_of(error)}; mend or uninstall it") from error
     if wrong:
         raise InputError(f"{where} {wrong}; mend or uninstall it")

@@ -1,4 +1,7 @@
-"""The polhode of a torque-free rotation: principal moments, its shape and elliptic modulus, and the Jacobi elliptic functions."""
+"""The polhode of a torque-free rotation: principal moments, its shape and elliptic modulus, and the Jacobi elliptic functions.
+
+Its counterpart in space, the herpolhode with its radii, is in `spinfilters.core.rolling_motion`.
+"""
 
 import math
 from dataclasses import dataclass

@@ -1,6 +1,7 @@
 """Robust losses of whitened residuals, their weights in least squares, and a robust deviation.
 
-A loss is a class here. An entry in `ROBUST_LOSSES` makes it a setting, which filters (``robust.loss``) and the smoother
+A loss is a class here. One that a class has already, as Geman-McClure's is Barron's of shape -2, is an entry alone. An entry in
+`ROBUST_LOSSES` makes a loss a setting, which filters (``robust.loss``) and the smoother
 (``smoother.loss``) both read.
 """
 

@@ -30,7 +30,7 @@ class EmittedSensor:
     blocks : tuple[str, ...]
         Of the state of a filter that is generated for it.
     further : tuple[str, ...]
-        Blocks that such a state may have beside them.
+        Blocks that such a state may have in addition.
     also : tuple[str, ...]
         Sensors that such a filter takes too.
     landmark_model : Callable[[StateLayout], LandmarkSensor] or None

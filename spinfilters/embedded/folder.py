@@ -34,7 +34,7 @@ class OwnLandmark:
 class ReferenceFilter:
     """State and covariance, and landmarks with independent errors; a bias of the gyro may walk.
 
-    An observation of a landmark tells the pose with the landmark's covariance in its noise. The landmark is then moved from that
+    An observation of a landmark corrects the pose with the landmark's covariance in its noise. The landmark is then moved from that
     pose, whose covariance goes into its own.
 
     Attributes

@@ -1,4 +1,4 @@
-"""C library of the embedded filter: the generated models and the fixed sources beside them."""
+"""C library of the embedded filter: the generated models and the fixed sources."""
 
 import ctypes
 import re

@@ -323,7 +323,7 @@ def landmark_functions(model: LandmarkSensor) -> list[ca.Function]:
     Both of the landmark's point y in frame i (3, m).
     Such a sensor sees the state through y = t + R_ig p alone, so how an observation depends on pose and landmark follows from how
     it depends on y. The sensor's own function: whitened innovation, its derivative by y (3 x 3), validity. ``new``: y, root of the
-    covariance that the sensor's noise gives it (3 x 3), whether told.
+    covariance that the sensor's noise gives it (3 x 3), whether it is determined.
     """
     y, z = ca.SX.sym("y", POINT), ca.SX.sym("z", model.value_dim)
     camera = ca.SX.sym("camera", model.parameter_dim - POINT)

@@ -93,7 +93,7 @@ def true_states(truth: Truth, layout: StateLayout) -> Float[np.ndarray, "n m"]:
     Raises
     ------
     InputError
-        When the truth does not tell a block, or its moments are those of a plate, which no ``s`` is.
+        When the truth does not give a block, or its moments are those of a plate, which no ``s`` is.
     """
     if not knows_state(truth, layout):
         raise InputError(
@@ -232,7 +232,7 @@ def nis_ratio(history: EstimateHistory) -> float | None:
 
 
 WHOLE: Final = "state"
-"""Name of the whole error beside that of a block."""
+"""Name of the whole error, next to that of a block."""
 
 
 def compared_parts(layout: StateLayout) -> dict[str, slice]:
@@ -261,7 +261,7 @@ def expected_nees(history: EstimateHistory, smoother: EstimateHistory) -> dict[s
         away = layout.local(history.mean[at], smoother.mean[at])
         try:
             about_filter = np.linalg.solve(layout.reset_jacobian(away), smoother.random_factor(at))
-        except np.linalg.LinAlgError:  # so far away that no error about the filter's estimate tells it
+        except np.linalg.LinAlgError:  # too far away for an error about the filter's estimate
             return dict.fromkeys(parts, np.full(len(at), np.inf))
         columns, factor = (
             np.concatenate([about_filter, away[..., np.newaxis]], axis=2),

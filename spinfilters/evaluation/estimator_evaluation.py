@@ -230,7 +230,7 @@ class Evaluation:
     errors, body_errors : TruthErrors or None, BodyErrors or None
         Against the truth, None without one.
     nees : NormalisedErrors or None
-        None when the truth does not tell the whole state in the estimate's frames.
+        None when the truth does not give the whole state in the estimate's frames.
     bound : ErrorBound or None
         Cramer-Rao bound of the errors, where it was asked for and exists.
     bound_missing : str or None
@@ -370,7 +370,7 @@ def evaluate(
     ----------
     alignment : Alignment
         How the g of the estimate relates to that of the truth; `Alignment.FIRST_FRAME` becomes `Alignment.BODY_FRAME` where
-        the truth does not tell enough for it.
+        the truth does not give enough for it.
 
     Raises
     ------
@@ -381,7 +381,7 @@ def evaluate(
         raise InputError(
             f"{history.name} left no epoch to evaluate: {'; '.join(history.status.reasons) or 'no reason'}"
         )
-    with np.errstate(all="ignore"):  # what comes out is looked at, and told in the status
+    with np.errstate(all="ignore"):  # the result is checked, and reported in the status
         evaluation, trajectory = _described(_with_status(history))
         if truth is None:
             return evaluation

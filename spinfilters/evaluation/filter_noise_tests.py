@@ -34,7 +34,7 @@ TESTS: Final = (MEASUREMENTS, *SOURCES)
 COLUMNS: Final = 4
 """Sums of a test: seen, expected, information, and information by the measurements' noise."""
 SMALLEST_RATIO: Final = 0.01
-"""Of variances that is told: far below one the first order says nothing more."""
+"""Ratio of variances that is reported: far below one the first order says nothing more."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class NoiseTest:
 
     @property
     def score(self) -> float:
-        """Standard deviations that the sum is above its expectation; zero where nothing tells."""
+        """Standard deviations that the sum is above its expectation; zero without information."""
         return (self.seen - self.expected) / np.sqrt(self.variance) if self.variance > 0 else 0.0
 
     @property
@@ -74,7 +74,7 @@ class NoiseTest:
         return max(self.seen / self.expected, SMALLEST_RATIO)
 
     def beside(self, measurements: "NoiseTest") -> "NoiseTest":
-        """Test of a disturbance beside measurements whose variance is not known but identified.
+        """Test of a disturbance together with measurements whose variance is identified.
 
         Where theirs says that it is larger, so are corrections, which are no disturbances; by how much is known to its chance.
         """
@@ -233,7 +233,7 @@ def summed_tests(sums: Float[np.ndarray, "t 4"]) -> FilterTests:
 def filter_tests(
     history: EstimateHistory, process: TorqueFreeProcess, most: int = MOST_EPOCHS
 ) -> FilterTests:
-    """Tests over a filter's own first epochs with the noise that it was told.
+    """Tests over a filter's own first epochs with the noise that it assumed.
 
     Parameters
     ----------

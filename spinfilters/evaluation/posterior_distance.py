@@ -31,7 +31,7 @@ LEVELS: Final = (0.025, 0.25, 0.5, 0.75, 0.975)
 STATED: Final = 1.959964
 """Deviations of a Gaussian's central 95 %."""
 SMALLEST_TAIL: Final = 1e-9
-"""Probability below which nothing is outside: some hundred samples do not tell smaller ones."""
+"""Probability below which nothing is outside: some hundred samples do not resolve smaller ones."""
 
 
 @dataclass(frozen=True)

@@ -67,7 +67,7 @@ class PredictionErrors:
     courses : mapping of str to ErrorCourse
         By the names of `UNITS`; those that the judge knows.
     nees : (k,) float array or None
-        Of the whole error; None where the judge does not tell the state, with ``why`` in words.
+        Of the whole error; None where the reference does not give the state, with ``why`` in words.
     dof : int
         Dimension of the error in ``nees``.
     why : str
@@ -163,7 +163,7 @@ def errors_against_reference(
 ) -> PredictionErrors | None:
     """Errors of a prediction against a reference that goes on, related to the estimate as it was over the measurements.
 
-    The deviations hold the noise of the reference and all that was fitted beside what the prediction states.
+    The deviations hold the noise of the reference and all that was fitted in addition to what the prediction states.
 
     Parameters
     ----------
@@ -200,7 +200,7 @@ def errors_against_reference(
             -np.einsum("kij,kj->ki", R_im, found.rotation),
             np.hypot(_turned(found.rotation_std, R_im), stated),
         )
-    why = "a reference does not tell every block of the state"
+    why = "a reference does not give every block of the state"
     judge = PurePath(reference.name).name
     return PredictionErrors(judge, found.time - float(predicted.time[0]), courses, None, 0, why)
 

@@ -1,8 +1,8 @@
 """The Cramer-Rao bound of a recording with a truth.
 
 The smoother's linear problem where the body really was.
-It takes stated noise as the estimators are told it, and the measurements that are what they claim to be. Of disturbances that
-nobody states it takes no more than the truth shows: what an estimator identifies of a few epochs may be far more, and would be
+It takes stated noise as the estimators assume it, and the measurements that are what they claim to be. Of disturbances that
+are unspecified it takes no more than the truth shows: what an estimator identifies of a few epochs may be far more, and would be
 no bound. Where the measurements lie much nearer to the truth than they state, as registered scans without noise do, or farther,
 their noise is not the stated, and there is no bound. Where the landmarks are not known, their true points are not either: one
 step at the true poses settles them.
@@ -43,7 +43,7 @@ GATE: Final = 5.0
 ROUGH_GATE: Final = 4 * GATE
 """The same before the landmarks are settled."""
 INLIERS_NEEDED: Final = 0.5
-"""Share of the measurements below which their noise is not what the estimators are told, and the bound says nothing."""
+"""Share of the measurements below which their noise is not what the estimators assume, and the bound says nothing."""
 LEAST_RESIDUAL: Final = 0.1
 """Mean squared residual at the truth, in stated variances, below which the same holds: half the components of a scan's pose may
 be undetermined and have none."""
@@ -54,14 +54,14 @@ MOST_WITH_LANDMARKS, MOST_WITHOUT = 200, 100_000
 time grows with the cube of the epochs; without them it grows with their number, 0.3 s for a thousand, as does memory."""
 
 Bounding = Callable[[Sequence[Evaluation], Setup], list[Evaluation]]
-"""Puts the bound beside the errors of evaluations, as `with_bounds` does."""
+"""Adds the bound to the errors of evaluations, as `with_bounds` does."""
 
 
 def with_bounds(evaluations: Sequence[Evaluation], setup: Setup) -> list[Evaluation]:
-    """Evaluations with the bound beside their errors, where there is one.
+    """Evaluations with the bound on their errors, where there is one.
 
-    There is none without a truth at all epochs, where the truth is told in epochs that nothing relates to those of the estimate,
-    where it does not tell the whole state, where it or the estimate does not go on to the end, and for long recordings.
+    There is none without a truth at all epochs, where the truth is given at epochs that nothing relates to those of the estimate,
+    where it does not give the whole state, where it or the estimate does not go on to the end, and for long recordings.
     """
     truth, epochs = setup.dataset.truth, len(setup.timeline)
     whole = [each for each in evaluations if each.errors is not None and _is_whole(each.history, epochs)]

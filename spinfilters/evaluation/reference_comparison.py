@@ -42,7 +42,7 @@ FEWEST_COMMON: Final = 4
 LARGEST_TURN: Final = 0.3
 """Of the body between two differenced rows, rad."""
 ALIKE: Final = 0.9
-"""Correlation from which a sentence says that the clock and a rotation are hardly told apart."""
+"""Correlation from which a sentence says that the clock and a rotation are barely separated."""
 _AXES = "xyz"
 
 
@@ -225,7 +225,7 @@ class ReferenceComparison:
             if fit.clock_correlation > ALIKE:
                 turn = np.rad2deg(self.typical_rate * fit.clock_std)
                 found.append(
-                    f"the spin hardly tells an offset of the clock from a rotation about its axis (correlation "
+                    f"the spin barely separates an offset of the clock from a rotation about its axis (correlation "
                     f"{fit.clock_correlation:.3f}): {1e3 * fit.clock_std:.2g} ms are {turn:.2g} deg"
                 )
         else:

@@ -1,6 +1,6 @@
 """Clock, axes and origin of a reference, fitted to an estimate.
 
-A reference tells poses of axes m in a frame l at times of its own clock (`spinfilters.io.reference_motion`). With the estimate
+A reference gives poses of axes m in a frame l at times of its own clock (`spinfilters.io.reference_motion`). With the estimate
 R_ig(t), r(t), c of a `ContinuousMotion` it is modelled as
 
     R_lm(t + d) = X R_ig(t) Y,    p_l(t + d) = X (r(t) + R_ig(t) (o - c)) + s,    w_m(t + d) = Y' w_g(t),
@@ -67,7 +67,7 @@ class ReferenceFit:
     ----------
     clock_offset, clock_std : float
         d, s; positive where the reference is late. The deviation is infinite where the motion does not determine it, which d = 0
-        then stands for.
+        then represents.
     frame, frame_std : (3, 3), (3,) float array
         X = R_li and deviations about the axes of l, rad; zero where the frame is shared.
     axes, axes_std : (3, 3), (3,) float array

@@ -27,12 +27,12 @@ class Alignment(StrEnum):
     NONE = "none"
     BODY_FRAME = "body frame"
     """The constant rotation between both frames g that fits best: for an estimator that chooses its own g, where the first
-    frame does not tell how they differ. The fit hides a part of the errors, so there is no NEES."""
+    frame does not determine how they differ. The fit hides a part of the errors, so there is no NEES."""
     FIRST_FRAME = "first frame"
-    """The constant transformation between both frames g that the first frame tells: an estimator without known map defines its
+    """The constant transformation between both frames g that the first frame determines: an estimator without known map defines its
     g by the pose there, so that this pose is exact and nothing is fitted. Needs what `tells_first_frame` asks for."""
     INERTIAL_FRAME = "inertial frame"
-    """The constant rotation between both frames i: a gyro's estimate is told in the g of its sensor and knows no direction of i.
+    """The constant rotation between both frames i: a gyro's estimate has the g of its sensor and knows no direction of i.
     Taken from the first frame where the estimate defines its attitude there, else the one that fits best; no NEES."""
 
 
@@ -109,7 +109,7 @@ class TruthErrors:
 
 @dataclass(frozen=True)
 class BodyErrors:
-    """Estimated minus true mass properties; None where the truth does not tell.
+    """Estimated minus true mass properties; None where the truth does not give them.
 
     Attributes
     ----------
@@ -194,7 +194,7 @@ def attitude_alignment(
 def body_errors(body: BodyEstimate, truth: Truth, frame: Float[np.ndarray, "4"] | None = None) -> BodyErrors:
     """Errors of the mass properties.
 
-    ``frame`` is `TruthErrors.frame`, None where truth and body are told in a common g.
+    ``frame`` is `TruthErrors.frame`, None where truth and body are expressed in a common g.
     """
     moments = k1 = k2 = None
     if truth.principal_moments is not None:
@@ -261,7 +261,7 @@ def tells_first_frame(history: EstimateHistory, truth: Truth) -> bool:
     """Whether `Alignment.FIRST_FRAME` applies.
 
     The estimate must hold the pose of g at its first frame as a definition, without doubt (`DEFINED_STD`): a pose that was
-    measured there would hand its error on to everything after. The truth must tell that pose: a row at the time of the first
+    measured there would hand its error on to everything after. The truth must give that pose: a row at the time of the first
     frame, and the centre of mass in its own g.
     """
     layout = history.layout

@@ -254,10 +254,10 @@ class FilterpyUkf(FilterpyFilter):
     def __init__(self, process: ProcessModel, options: SigmaPointOptions | None = None) -> None:
         options, n = options or SigmaPointOptions(), process.layout.error_dim
         self._points = MerweScaledSigmaPoints(n, options.alpha, options.beta, options.kappa, _upper_root)
-        self._ukf = UnscentedKalmanFilter(n, 1, 0.0, hx=None, fx=self._moved, points=self._points)
+        self._ukf = UnscentedKalmanFilter(n, 1, 0.0, hx=None, fx=self._propagate_point, points=self._points)
         super().__init__(process, self._ukf)
 
-    def _moved(self, xi: Float[np.ndarray, " n"], dt: float) -> Float[np.ndarray, " n"]:
+    def _propagate_point(self, xi: Float[np.ndarray, " n"], dt: float) -> Float[np.ndarray, " n"]:
         """One sigma point dt seconds later, on the branch that it reaches continuously from the mean's."""
         return self._chart.coordinates(self.process.step(self._chart.point(xi), dt))
 

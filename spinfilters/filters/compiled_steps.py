@@ -123,12 +123,13 @@ class CompiledUpdate:
             *(self._address, count, address(x), address(parameters), address(values), 1 / scale, limit),
             *(address(before), address(room), address(made)),
         )
-        return self._read(made, used * self._dim) if used else None
+        return self._unpack_update(made, used * self._dim) if used else None
 
-    def _read(self, made: Float[np.ndarray, " k"], dof: int) -> Update:
+    def _unpack_update(self, made: Float[np.ndarray, " k"], dof: int) -> Update:
         """Result of a compiled update, read from its structure `Made`."""
         n, begin = self._size, 3 + 2 * self._size
         nis, log_noise, log_root = float(made[0]), float(made[1]), float(made[begin - 1])
+        # Made: nis, log noise, error (n), shift (n), log root, then three n x n matrices and the mean.
         factor, root, reset = made[begin : begin + 3 * n * n].reshape(3, n, n)
         likelihood = -0.5 * (nis + dof * LOG_2_PI) - log_root - log_noise
         error, shift = made[2 : 2 + n], made[2 + n : begin - 1]
@@ -254,7 +255,7 @@ class CompiledSteps:
         n, (k, d, _) = len(factor), white.shape
         if (d, len(columns) - self._modes) != SHAPE:
             return self._reference.corrected(white, factor, columns, log_noise)
-        made = _made(factor)
+        made = _allocate_correction(factor)
         nis = self._c.correct(k, n, *map(address, (white.kept, columns, *made)))
         return _correction(made, nis, k * d, white.log_noise + log_noise)
 
@@ -271,7 +272,7 @@ class CompiledSteps:
         if not (k and loop) or (o.sensor.dim, len(o.columns) - self._modes) != SHAPE:
             return None
         kept, room = np.empty((-(-k // LANES), d * (width + 6), LANES)), np.empty(k * (d * (c + 4) + 3))
-        made, said, given = _made(factor), np.empty(2), (x, o.parameters, o.values, o.at)
+        made, said, given = _allocate_correction(factor), np.empty(2), (x, o.parameters, o.values, o.at)
         x, parameters, values, at = (np.ascontiguousarray(array) for array in given)
         behind_points = address(parameters) + 3 * parameters.itemsize
         if not self._c.solve(
@@ -298,7 +299,7 @@ class CompiledSteps:
         if k == 0 or (d, width - 4) != SHAPE or limit < 0:
             return None
         width += self._modes - 3
-        kept, made = np.empty((-(-k // LANES), d * (width + 6), LANES)), _made(factor)
+        kept, made = np.empty((-(-k // LANES), d * (width + 6), LANES)), _allocate_correction(factor)
         said, weights = np.array([log_noise, 0.0]), np.full(k, 1 / o.scale)
         given = [np.ascontiguousarray(array) for array in (linear, weights, o.at)]
         if not self._c.solve_rows(
@@ -367,7 +368,7 @@ class CompiledSteps:
         return ctypes.addressof(self._places)
 
 
-def _made(factor: Float[np.ndarray, "N N"]) -> tuple[np.ndarray, ...]:
+def _allocate_correction(factor: Float[np.ndarray, "N N"]) -> tuple[np.ndarray, ...]:
     """Room for a correction: the factor, which is corrected in place, root, shift and error."""
     n = len(factor)
     return np.array(factor, order="C"), np.empty((n, n)), np.empty(n + 1), np.empty(n)

@@ -9,12 +9,13 @@ linearises, and by which of four paths it updates:
 3. as 2, but the linear model does not hold: the update is iterated (`spinfilters.filters.iterated_update`);
 4. landmarks of an unknown map, which have an iteration of their own (`correct_by_landmarks`).
 
-Another filter is a class of its own in this package that linearises process and measurements in its own way, and an entry in the
-table `OWN` of `spinfilters.run.estimators`.
+Another filter is a class of its own in this package, and an entry in the table `OWN` of `spinfilters.run.estimators`. It linearises
+process and measurements in its own way, or derives from `FirstOrderFilter` and corrects in its own way.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 from jaxtyping import Float
@@ -47,7 +48,9 @@ from spinfilters.models.measurement import MeasurementModel
 
 
 class FirstOrderFilter(MultiplicativeFilter):
-    """A filter that linearises process and measurements by their exact derivatives at the mean."""
+    """A filter that linearises process and measurements by their exact derivatives at the mean.
+
+    The base of filters with another correction: they override `correct_linearly`."""
 
     def linearise_process(self, dt: float) -> LinearisedProcess:
         """f, its derivative F with respect to the error, and the noise factor G, all at the mean."""
@@ -80,11 +83,15 @@ class MultiplicativeEkf(FirstOrderFilter):
     """
 
     name = "mekf"
+    compiled_correction: ClassVar[bool] = True
+    """Whether compiled code corrects: not in a filter with a correction of its own."""
 
     def __init_subclass__(cls) -> None:
         """Let a filter that changes a step take every epoch by itself, unless it says how it takes several."""
         if "take_in" not in vars(cls):
             cls.take_in, cls.take_in_runs = Estimator.take_in, Estimator.take_in_runs
+        if not {"correct_linearly", "predict_measurement"}.isdisjoint(vars(cls)):
+            cls.compiled_correction = False
 
     def __init__(
         self,
@@ -230,7 +237,7 @@ class MultiplicativeEkf(FirstOrderFilter):
     ) -> Update | None:
         """The linear update by compiled code; None without such code, or where the linear model does not hold over the step."""
         model, count = measurement.model, len(measurement.values)
-        compiled = compiled_update(model)
+        compiled = compiled_update(model) if self.compiled_correction else None
         if compiled is None:
             return None
         update = compiled(self.mean, self.factor, measurement, scale, outliers.limit(model.dim))

@@ -23,6 +23,7 @@ typedef struct {
 static inline lane square_roots(lane x) {
   double each[LANES] __attribute__((aligned(ALIGNMENT)));
   *(lane*)each = x;
+  /* one by one: vector types have no square root */
   for (int i = 0; i < LANES; ++i) each[i] = sqrt(each[i]);
   return *(lane*)each;
 }
@@ -81,6 +82,7 @@ static inline void follow(const Map* map, integer k, integer slots, double* P) {
       for (int m = 0; m < M; ++m) sum += AS[a * M + m] * A[c * M + m];
       P[3 * a + c] = sum;
     }
+  /* the moved modes at last: P above needs A as it was */
   for (int a = 0; a < 3 * M; ++a) A[a] = (stored)moved[a];
 }
 
@@ -88,11 +90,12 @@ static inline void follow(const Map* map, integer k, integer slots, double* P) {
 static void widen(const Map* map, const integer* at, int count, lane* P) {
   const lane least[] = {1e-14 * P[0], 1e-14 * P[4], 1e-14 * P[8]};
   lane X[18], L[9];
+  /* X = [root | .], 3 x 6: a landmark's root in the first three columns; spare lanes repeat the last landmark */
   for (int i = 0; i < LANES; ++i) {
     const stored* root = map->roots + 9 * at[i < count ? i : count - 1];
     for (int a = 0; a < 3; ++a) TAKE(root + 3 * a, 3, i, X + 6 * a);
   }
-  for (int j = 0; j < 3; ++j) { /* by elimination; pivots that are nothing but rounding count as zero */
+  for (int j = 0; j < 3; ++j) { /* X = [. | lower root of P], by elimination; pivots that are nothing but rounding count as zero */
     const mask good = P[4 * j] > least[j];
     const lane out = (lane)((mask)(1 / square_roots(P[4 * j])) & good);
     for (int a = 0; a < 3; ++a) X[6 * a + 3 + j] = (a < j ? 0 : 1) * P[3 * a + j] * out;
@@ -100,6 +103,7 @@ static void widen(const Map* map, const integer* at, int count, lane* P) {
       for (int c = j + 1; c <= a; ++c) P[3 * a + c] -= X[6 * a + 3 + j] * X[6 * c + 3 + j];
   }
   lower_root(X, 6, L);
+  /* L L' = root root' + P, back to each landmark; spare lanes are not written */
   for (int i = 0; i < count; ++i) PUT(L, 9, i, map->roots + 9 * at[i], stored);
 }
 
@@ -156,6 +160,7 @@ static void compose(integer slots, const double* turned, const double* by, const
 /* `whitened`: the groups; returns the log determinant of what whitens all. */
 double whiten(integer count, const double* linear, const double* weights, const integer* at, const Map* map, Group* g) {
   double log_noise = 0;
+  /* a group: H = [by columns | by point | innovation] of each observation, modes A and root L of its landmark, in lanes */
   for (integer first = 0; first < count; first += LANES, ++g) {
     lane H[D * LINEAR], A[3 * M], L[9], root = {0}, X[3 * (3 + D)], T[9], out[D], volume = 1 + root;
     const int some = (int)(count - first < LANES ? count - first : LANES);
@@ -205,6 +210,7 @@ double whiten(integer count, const double* linear, const double* weights, const 
 double correct(integer count, integer n, const Group* g, const integer* columns, double* factor, double* root, double* shift,
                double* error) {
   double R[W * WP] __attribute__((aligned(ALIGNMENT))) = {0}, block[BAND * D * LANES * WP] __attribute__((aligned(ALIGNMENT)));
+  /* BAND groups fill the block of ordinary rows */
   for (integer left = (count + LANES - 1) / LANES; left > 0; left -= BAND) {
     const int some = (int)(left < BAND ? left : BAND);
     /* Lanes apart again: rows [BAND D LANES][WP] of ordinary numbers, absorbed into the triangle R. */
@@ -217,13 +223,13 @@ double correct(integer count, integer n, const Group* g, const integer* columns,
   return correct_rows(R, n, columns, factor, root, shift, error);
 }
 
-/* `solved_rows`: 1 where no innovation is longer than the limit, and else 0, with nothing done. said: log determinant of what
-whitens
- * all, by which it grows, and the normalised innovation squared. */
+/* `solved_rows`: 1 where no innovation is longer than the limit, and else 0, with nothing done. said: log determinant
+ * of what whitens all, by which it grows, and the normalised innovation squared. */
 int solve_rows(integer count, const double* linear, const double* weights, const integer* at, double limit, const Map* map,
                double* said, Group* g, integer n, const integer* columns, double* factor, double* root, double* shift,
                double* error) {
   said[0] += whiten(count, linear, weights, at, map, g);
+  /* squared length of each whitened innovation, which stands in column Q of its lane's rows */
   for (integer i = 0; i < count; ++i) {
     double length = 0;
     for (int d = 0; d < D; ++d) {
@@ -248,6 +254,7 @@ int solve(integer count, Sighted* sighted, const double* x, const double* parame
   double* const to[] = {linear, valid, square, noise};
   sighted(count, from, pitch, rows, to);
   said[0] = 0;
+  /* one invalid observation undoes all; `valid` then holds the weights that `solve_rows` reads */
   for (integer i = 0; i < count; ++i) {
     if (!(valid[i] > 0 && square[i] < INFINITY)) return 0;
     said[0] += log(noise[i]);
@@ -257,8 +264,7 @@ int solve(integer count, Sighted* sighted, const double* x, const double* parame
 }
 
 /* A set of sigma points: the centre, a step along each of AXES coordinates, and a step back; weights in a mean and square
-roots of those
- * in a covariance, of the centre and of any other. */
+ * roots of those in a covariance, of the centre and of any other. */
 enum { AXES = C + 3, POINTS = 2 * AXES + 1, ITEMS = POINTS * LANES };
 typedef struct {
   double step, mean[2], root[2];
@@ -307,6 +313,7 @@ static void sight_points(Sighted* sighted, const double* const* from, const inte
 static inline lane fit(const Sigma* set, const lane* away, lane* slope, lane* left) {
   const double scale = set->root[1] * set->root[1] * set->step, root = set->root[1];
   lane mean = set->mean[0] * away[0];
+  /* weighted mean over the points: one weight for the centre, one for all others */
   for (int p = 1; p < POINTS; ++p) mean += set->mean[1] * away[p];
   left[0] = set->root[0] * (mean - away[0]);
   /* Axis j has the points 1 + j (plus) and 1 + AXES + j (minus): slope by their difference, remainder of both. */
@@ -340,6 +347,7 @@ static inline void by_errors(const double* pose, const lane* moves, lane* slope)
 static inline void move_landmarks(const Spread* spread, const Map* map, const integer* at, const integer* which, double step,
                                   lane* moves, lane* places) {
   lane A[3 * M], X[3 * (M + 3)], L[9];
+  /* modes and points of the landmarks into lanes, and their roots as the last three columns of X */
   for (int i = 0; i < LANES; ++i) {
     const integer k = at[which[i]];
     TAKE(map->modes + k * 3 * M, 3 * M, i, A);
@@ -377,6 +385,7 @@ void regress(integer count, Sighted* sighted, const Spread* spread, integer numb
              double* valid, double* noise) {
   const double* from[] = {spread->states, parameters, values};
   const integer pitch[] = {numbers, 3, width, components};
+  /* groups of LANES landmarks; spare lanes of the last group repeat its last landmark */
   for (integer first = 0; first < count; first += LANES) {
     lane moves[3 * AXES], places[3 * POINTS], away[D * POINTS], left[D * POINTS], rows[D * LINEAR], T[D * D], volume = {0};
     double good[LANES], logs[LANES];
@@ -385,13 +394,14 @@ void regress(integer count, Sighted* sighted, const Spread* spread, integer numb
     for (int i = 0; i < LANES; ++i) which[i] = first + (i < some ? i : some - 1);
     move_landmarks(spread, map, at, which, set->step, moves, places);
     sight_points(sighted, from, pitch, places, which, away, good, logs);
+    /* component d: regression on the coordinates, then slopes by the pose's errors and by the landmark */
     for (int d = 0; d < D; ++d) {
       lane* row = rows + d * LINEAR;
       row[C + 3] = fit(set, away + d * POINTS, row, left + d * POINTS);
       by_errors(spread->pose, moves, row);
     }
     volume += 1;
-    for (int d = 0; d < D; ++d) { /* whitened by what is left, I + left left' = T T' */
+    for (int d = 0; d < D; ++d) { /* row d of T, T T' = I + left left' by Cholesky, and forward substitution of the rows by it */
       for (int e = 0; e <= d; ++e) {
         lane sum = (lane){0} + (d == e);
         for (int p = 0; p < POINTS; ++p) sum += left[d * POINTS + p] * left[e * POINTS + p];
@@ -406,6 +416,7 @@ void regress(integer count, Sighted* sighted, const Spread* spread, integer numb
         rows[d * LINEAR + k] *= out;
       }
     }
+    /* lanes apart again: a landmark's rows, whether they are usable, and the log determinant of its noise */
     for (int i = 0; i < some; ++i) {
       double *row = linear + (first + i) * D * LINEAR, square = 0;
       PUT(rows, D * LINEAR, i, row, double);
@@ -416,8 +427,9 @@ void regress(integer count, Sighted* sighted, const Spread* spread, integer numb
   }
 }
 
-/* Rows a and b of V, turned. */
+/* Givens rotation of rows a and b of V. */
 static inline void turn(double* restrict a, double* restrict b, double c, double s) {
+  /* (a, b) <- (c a - s b, s a + c b) */
   for (int k = 0; k < Q; ++k) {
     const double x = a[k], y = b[k];
     a[k] = c * x - s * y;
@@ -430,6 +442,7 @@ static inline void turn(double* restrict a, double* restrict b, double c, double
 static void eigenvectors(double* A, double* d, double* V) {
   double e[Q] = {0};
   memset(V, 0, Q * Q * sizeof(double));
+  /* V = I at first */
   for (int j = 0; j < Q; ++j) V[j * (Q + 1)] = 1;
   /* Reflection j makes row and column j tridiagonal: A <- A - v w' - w v', V <- (I - scale v v') V. */
   for (int j = 0; j + 2 < Q; ++j) {
@@ -453,17 +466,20 @@ static void eigenvectors(double* A, double* d, double* V) {
         V[a * Q + k] -= v[a] * z[k];
       }
   }
+  /* diagonal d and subdiagonal e of the tridiagonal matrix */
   for (int j = 0; j < Q; ++j) d[j] = A[j * (Q + 1)];
   for (int j = 0; j + 1 < Q; ++j) e[j] = A[j * (Q + 1) + 1];
   /* QL sweeps with implicit shift until e[l] is negligible; rotations go into the rows of V. */
   for (int l = 0; l < Q; ++l)
     for (int sweep = 0; sweep < 60; ++sweep) {
       int m = l;
+      /* e[m] is the first negligible element from l on: rows l .. m are still coupled */
       while (m + 1 < Q && !(fabs(e[m]) <= 1e-16 * (fabs(d[m]) + fabs(d[m + 1])))) ++m;
       if (m == l) break;
       double g = (d[l + 1] - d[l]) / (2 * e[l]), r = sqrt(g * g + 1), s = 1, c = 1, p = 0;
       g = d[m] - d[l] + e[l] / (g > 0 ? g + r : g - r);
       int i = m - 1;
+      /* one sweep from m up to l by Givens rotations; it ends early where an element becomes zero */
       for (; i >= l; --i) {
         const double f = s * e[i], b = c * e[i];
         e[i + 1] = r = sqrt(f * f + g * g);
@@ -519,6 +535,7 @@ static void lower_by_reflections(const double* from, int n, double* R, double* r
 /* What observations make of their landmarks, in place of the rows; and how much of it pose and modes explain, added to G. */
 static void pull(Group* g, integer groups, double* G) {
   lane square[Q * Q] = {{0}};
+  /* a group at a time: its rows become what its observations make of their landmarks; its share of G stays in lanes */
   for (integer i = 0; i < groups; ++i, ++g) {
     lane seen[D * Q];
     /* Column k: rows <- X' row (3); seen = the part explained by pose and modes, row - X X' row (of the pose - X X' row). */
@@ -541,6 +558,7 @@ static void pull(Group* g, integer groups, double* G) {
       for (int b = a; b < Q; ++b)
         for (int d = 0; d < D; ++d) square[a * Q + b] += seen[d * Q + a] * seen[d * Q + b];
   }
+  /* sum of the lanes into G, mirrored */
   for (int a = 0; a < Q; ++a)
     for (int b = a; b < Q; ++b) {
       double sum = 0;
@@ -554,6 +572,7 @@ static void pull(Group* g, integer groups, double* G) {
  * what pose and modes of all observed landmarks explain. */
 static void compress(double* G, integer n, const double* both, double* explained, double* turned, double* mode_rows) {
   double R[Q * Q], A[Q * Q] = {0}, d[Q], V[Q * Q], T[Q * Q] = {0}, reflect[Q * N];
+  /* on the diagonal of the modes: what earlier observations explained by each */
   for (int m = 0; m < M; ++m) G[(C + m) * (Q + 1)] += explained[m];
   lower_by_reflections(both, (int)n, R, reflect);
   /* A = R' G R with R lower triangular: T = G R, then R' T. */
@@ -592,6 +611,7 @@ static void compress(double* G, integer n, const double* both, double* explained
     for (int l = k; l < n; ++l)
       for (int m = 0; m < M; ++m) side[l * M + m] -= u[l] * sum[m];
   }
+  /* transposed: modes as rows [M][n] */
   for (int m = 0; m < M; ++m)
     for (int l = 0; l < n; ++l) mode_rows[m * n + l] = side[l * M + m];
 }
@@ -623,6 +643,7 @@ static inline __attribute__((always_inline)) void settle(const lane* both, const
 /* Observed landmarks, in place; `pull` has gone over the groups. error [Q] of pose and modes. */
 static void observe(integer count, const Group* g, const integer* at, const double* error, const double* turned, integer now,
                     const Map* map) {
+  /* LANES landmarks at a time: modes and roots into lanes */
   for (integer first = 0; first < count; first += LANES, ++g) {
     const int some = (int)(count - first < LANES ? count - first : LANES);
     lane A[3 * M], L[9], X[3 * (D + 3)], U[9], both[3 * Q], own[9], step[3], modes[3 * M], root[9];
@@ -631,6 +652,7 @@ static void observe(integer count, const Group* g, const integer* at, const doub
       TAKE(map->modes + l * 3 * M, 3 * M, i, A);
       TAKE(map->roots + l * 9, 9, i, L);
     }
+    /* X = [I | gram'], whose lower root U has U U' = I + gram' gram */
     for (int a = 0; a < 3; ++a) {
       for (int d = 0; d < D; ++d) X[a * (D + 3) + 3 + d] = g->gram[3 * d + a];
       for (int b = 0; b < 3; ++b) X[a * (D + 3) + b] = (lane){0} + (a == b);
@@ -650,6 +672,7 @@ static void observe(integer count, const Group* g, const integer* at, const doub
       own[3 * a + 2] = (l[2] - own[3 * a] * U[6] - own[3 * a + 1] * U[7]) / U[8];
     }
     settle(both, Q, own, turned, modes, root);
+    /* lanes apart again: the corrected point, modes and root of each landmark, and its counts */
     for (int i = 0; i < some; ++i) {
       const integer l = at[first + i];
       for (int a = 0; a < 3; ++a) map->points[3 * l + a] += ((double*)(step + a))[i];
@@ -666,6 +689,7 @@ static void observe(integer count, const Group* g, const integer* at, const doub
 /* New landmarks, which depend on the pose by [count][3][C] and have their own roots. */
 static void settle_new(integer count, const double* by_pose, const double* own, const double* turned, stored* modes,
                        stored* roots) {
+  /* LANES new landmarks at a time: dependence on the pose and own root into lanes, out as modes and root */
   for (integer first = 0; first < count; first += LANES) {
     const int some = (int)(count - first < LANES ? count - first : LANES);
     lane both[3 * C], L[9], A[3 * M], root[9];
@@ -711,7 +735,9 @@ void close_epoch(integer count, Group* groups, const integer* at, const double* 
   memset(map->transform + slot * M * M, 0, M * M * sizeof(double));
   memset(map->spread + slot * M * M, 0, M * M * sizeof(double));
   memset(map->shift + slot * M, 0, M * sizeof(double));
+  /* the slot of this epoch begins without a change: transform = I, spread = 0, shift = 0 */
   for (int a = 0; a < M; ++a) map->transform[slot * M * M + a * M + a] = 1;
+  /* rows of PITCH numbers, as `settle` reads them */
   for (int k = 0; k < Q; ++k) memcpy(wide + k * PITCH, turned + k * Q, Q * sizeof(double));
   observe(count, groups, at, error, wide, now, map);
   settle_new(fresh, by_pose, own, wide, new_modes, new_roots);

@@ -53,12 +53,12 @@ typedef struct {
 
 static double length(const double* x, integer count) {
   double sum = 0;
-  for (integer k = 0; k < count; ++k) sum += x[k] * x[k];
+  for (integer k = 0; k < count; ++k) sum += x[k] * x[k]; /* sum of squares */
   return sqrt(sum);
 }
 
 static int all_finite(const double* x, integer count) {
-  for (integer k = 0; k < count; ++k)
+  for (integer k = 0; k < count; ++k) /* one is enough to refuse */
     if (!isfinite(x[k])) return 0;
   return 1;
 }
@@ -71,14 +71,17 @@ static int predict(const Filter* f, double dt, double* x, double* S, double* roo
   double *transition = noise_by_columns + n * k, *noise = transition + n * n, *after = noise + n * k, *S_after = after + f->point;
   const double turn = length(x + f->rate, 3) * dt;
   integer j = 0;
+  /* the first integrator whose limit the rotation does not exceed */
   while (j < f->loop_count && !(turn <= f->limits[j])) ++j;
   if (j == f->loop_count || !f->loops[j]) return 0;
   const double* from[] = {x, &dt, f->densities};
   double* const to[] = {after, error, by_columns, noise_by_columns};
   const integer none[] = {0, 0, 0, 0};
   if (f->loops[j](1, from, none, to, none)) return 0;
+  /* every error estimate of the integrator within the tolerance */
   for (integer e = 0; e < f->errors; ++e)
     if (!(error[e] <= f->tolerance)) return 0;
+  /* CasADi's columns to rows, and each column of the noise factor times the scale of its disturbance */
   for (integer a = 0; a < n; ++a) {
     for (integer b = 0; b < n; ++b) transition[a * n + b] = by_columns[b * n + a];
     for (integer b = 0; b < k; ++b) noise[a * k + b] = noise_by_columns[b * n + a] * f->scales[b];
@@ -132,10 +135,12 @@ integer take_in(const Filter* f, integer sensors, const Sensor* sensor, integer 
   memcpy(x, mean, m * sizeof(double));
   memcpy(S, factor, n * n * sizeof(double));
   integer done = 0;
+  /* an epoch: predict, update by each sensor, write its row; the first that needs more than this is left to the caller, undone */
   for (; done < epochs; ++done) {
     double nis = 0, likelihood = 0;
     integer dof = 0, accepted = 0, rejected = 0, i = 0;
     if (!predict(f, dt[done], x, S, room)) break;
+    /* sensors in turn, each on the state after the one before */
     for (; i < sensors; ++i) {
       const Sensor* s = sensor + i;
       const integer first = s->first[done], count = s->end[done] - first, dim = s->model->dim;
@@ -172,7 +177,9 @@ void take_in_runs(const Filter* f, integer sensors, const Sensor* sensor, const 
                   const Rows* to, integer* done) {
   const integer n = f->n, m = f->point;
   Sensor* own = malloc(sensors * sizeof(Sensor));
+  /* zero first, which stands where there is no memory */
   for (integer r = 0; r < runs; ++r) done[r] = 0;
+  /* a run's values and parameters of each sensor, and its rows of the output */
   for (integer r = 0; own && r < runs; ++r) {
     for (integer i = 0; i < sensors; ++i) {
       const integer before = r * values_per_run[i];

@@ -187,7 +187,7 @@ class _Call(NamedTuple):
         if found is None or min(level.limit for level in options.levels) < 0:
             return None
         library, loops, propagation, updates = found
-        given = [_Given.of(part) for part in epochs.sensors]
+        given = [_RunArrays.of(part) for part in epochs.sensors]
         sensors = [
             _sensor(update, each, level)
             for update, each, level in zip(updates, given, options.levels, strict=True)
@@ -210,7 +210,7 @@ def compiled_loops(process: ProcessModel, models: Sequence[MeasurementModel]) ->
     return CompiledLoops(library, loops, propagation, updates) if loops.noise_dim <= MOST_NOISE else None
 
 
-class _Given(NamedTuple):
+class _RunArrays(NamedTuple):
     """A sensor's parameters, values, and first and end of each epoch, as C reads them."""
 
     parameters: np.ndarray
@@ -219,7 +219,7 @@ class _Given(NamedTuple):
     end: np.ndarray
 
     @classmethod
-    def of(cls, part: SensorTimeline) -> "_Given":
+    def of(cls, part: SensorTimeline) -> "_RunArrays":
         every = part.every
         first, end = (np.ascontiguousarray(array, dtype=np.int64) for array in (part.first, part.end))
         parameters, values = (
@@ -228,7 +228,7 @@ class _Given(NamedTuple):
         return cls(parameters, values, first, end)
 
 
-def _sensor(update: CompiledUpdate, given: _Given, level: SensorLevel) -> _Sensor:
+def _sensor(update: CompiledUpdate, given: _RunArrays, level: SensorLevel) -> _Sensor:
     return _Sensor(
         update.model_address,
         update.update_address,

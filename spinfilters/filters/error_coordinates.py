@@ -1,4 +1,4 @@
-"""Coordinates in which a filter takes the error of pose, velocity and rate to be Gaussian, beside those of the state's layout.
+"""Further coordinates in which a filter assumes a Gaussian error of pose, velocity and rate, besides those of the layout.
 
 To first order all of them are linear functions of one another, so that predictions and gains agree. They differ in how an update
 moves the mean, x <- phi(x, d), and in how the covariance follows. With R = R_ig, t, v, w of the layout, Exp the rotation by a

@@ -191,8 +191,8 @@ class Estimator(ABC):
     def rebase(self, belief: "Belief") -> None:
         """Restart from a smoothed belief of the present time, landmarks included.
 
-        Landmarks that only the estimator holds go: what told them has told the smoother's state too, and
-        nobody knows how their errors depend on one another.
+        Landmarks that only the estimator holds are dropped: their measurements went into the smoother's state too, and
+        the correlation of their errors is unknown.
         """
         self.start(belief.state)
 
@@ -208,7 +208,7 @@ class Estimator(ABC):
 
     @property
     def status(self) -> EstimatorStatus:
-        """Estimator's own verdict on its present belief; ok unless it can tell."""
+        """Estimator's own verdict on its present belief; ok unless it has a check of its own."""
         return EstimatorStatus()
 
     @abstractmethod

@@ -156,6 +156,7 @@ class EstimateHistory:
         """
         factor, epochs = np.empty_like(self.factor), len(self.factor)
         first = min(len(widening), epochs)
+        # F B epoch by epoch, with the last B for all later epochs; then lower triangles again.
         factor[:first] = self.factor[:first] @ widening[:first]
         factor[first:] = self.factor[first:] @ widening[-1]
         finite = np.isfinite(factor).all(axis=(1, 2))

@@ -48,7 +48,7 @@ class IterationOptions:
     Attributes
     ----------
     iterations : int
-        Linearisations at most; 1 is the plain update.
+        Linearisations at most; 1 is the plain update. The estimator iekf iterates to convergence instead.
     tolerance : float
         Standard deviations. An update ends when its remaining step is smaller. It needs no second linearisation if its
         residual differs by less, in norm, from the one that the linear model predicts.

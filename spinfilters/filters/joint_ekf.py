@@ -119,6 +119,7 @@ class JointEkf(Estimator):
         """P <- F P F' + Q in the rows and columns of the state; landmarks do not move in frame g."""
         n, P = self.layout.error_dim, self.covariance.copy()
         self.mean, F, G = self.process.linearise(self.mean, dt)
+        # [P_xx P_xm] <- F [P_xx P_xm], then the columns by F': landmarks m keep P_mm, and Q joins P_xx.
         P[:n] = F @ P[:n]
         P[:, :n] = P[:, :n] @ F.T
         P[:n, :n] += G @ G.T
@@ -178,6 +179,7 @@ class JointEkf(Estimator):
         found = sensor.linearise_landmarks(self.mean, parameters, m.values[known])
         H = np.zeros((*found.innovation.shape, len(self.covariance)))
         H[..., sensor.columns] = found.jacobian
+        # Block row i of H: the state's columns are filled above, the three of landmark `place` follow behind the state.
         for i, place in enumerate(at):  # by the landmark's own three columns
             H[i, :, n + 3 * place : n + 3 * place + 3] = found.by_landmark[i]
         rows = _JointRows(found.innovation, H, found.log_noise)
@@ -191,6 +193,7 @@ class JointEkf(Estimator):
             return UpdateReport(0.0, 0, 0, 0)
         n, P = self.layout.error_dim, self.covariance
         y, H = rows.innovation.reshape(-1), rows.jacobian.reshape(used * d, -1)
+        # H P, S and K' = S^-1 H P of all observations at once: rows are whitened, so the noise in S is I.
         HP = H @ P
         S = HP @ H.T + np.eye(len(y))
         root = np.linalg.cholesky(S)
@@ -198,6 +201,7 @@ class JointEkf(Estimator):
         error, nis = K @ y, float(np.square(np.linalg.solve(root, y)).sum())
         P = P - K @ HP
         J = self.layout.reset_jacobian(error[:n])
+        # The reset moves the state's error alone: rows, then columns, of P_xx and P_xm.
         P[:n] = J @ P[:n]
         P[:, :n] = P[:, :n] @ J.T
         self.mean, self.covariance = self.layout.retract(self.mean, error[:n]), _symmetric(P)

@@ -313,10 +313,10 @@ class HeldMap:
         if len(new.ids):
             held.append(new.ids, new.points, dependence, roots)
             removed = np.concatenate([removed, held.remove(held.stalest(self._options.largest_map))])
-        factor = self._moved(o.layout, correction, reset, modes.rows)
+        factor = self._reset_factor(o.layout, correction, reset, modes.rows)
         return factor, MapChange(used, weights, new.ids, removed)
 
-    def _moved(
+    def _reset_factor(
         self,
         layout: StateLayout,
         correction: Correction,
@@ -324,6 +324,7 @@ class HeldMap:
         modes: Float[np.ndarray, "r N"],
     ) -> Float[np.ndarray, "N N"]:
         """Factor about the corrected mean; the map's own move goes on."""
+        # Rows of the factor: state (n), reset; modes (r), the new ones; the map's own move, unchanged.
         n, result = layout.error_dim, correction.factor.copy()
         result[:n] = reset @ correction.factor[:n]
         result[n : n + self.landmarks.rank] = modes

@@ -175,6 +175,7 @@ class Spread(PoseSpread):
     ) -> tuple[Float[np.ndarray, "k d p"], np.ndarray, Float[np.ndarray, " k"]]:
         """Whitened innovations at every point (0 where one is not valid), and log determinants of the noise at the centre."""
         k, p = len(o.values), len(points.offsets)
+        # Items point by point, landmark by landmark: p k places, with the state of their point and the value of their landmark.
         moved = points.offsets @ moves.reshape(3 * k, moves.shape[2]).T
         places, each = o.points + moved.reshape(p, k, 3), np.tile(np.arange(k), p)
         away, valid, determinant = o.sensor.observation_innovations(
@@ -200,6 +201,7 @@ def _solved_by_lower(
 ) -> Float[np.ndarray, "k d q"]:
     """root^-1 right for lower triangular roots, by batched substitution; 0 in the rows of a pivot of 0."""
     result = np.zeros(right.shape)
+    # Row j of the result by the rows before it, for all items at once.
     for j in range(root.shape[1]):
         known = sum(root[:, j, i, None] * result[:, i] for i in range(j))
         pivot = root[:, j, j, None]
@@ -211,5 +213,6 @@ def _divided_by_lower(
     left: Float[np.ndarray, "k q d"], root: Float[np.ndarray, "k d d"]
 ) -> Float[np.ndarray, "k q d"]:
     """left root^-1, likewise."""
+    # X root = left is root' X' = left', upper triangular: both orders reversed it is lower again.
     flipped = np.swapaxes(root, 1, 2)[:, ::-1, ::-1]
     return np.swapaxes(_solved_by_lower(flipped, np.swapaxes(left, 1, 2)[:, ::-1])[:, ::-1], 1, 2)

@@ -165,6 +165,7 @@ class MapObservations:
         """First derivatives at a state and at points, those of the map where none are given."""
         k, d = len(self.values), self.sensor.dim
         places = (self.landmarks.points, self.at) if points is None else (points, None)
+        # One state for all observations; each its point, parameters and value.
         made, valid, square, determinant = self.sensor.observation_rows(
             x[None], places[0], self.parameters[:, 3:], self.values, rows=(None, places[1], None, None)
         )
@@ -377,6 +378,7 @@ class NumpySteps:
     def refresh(self, stored: LandmarkArrays, rows: Int[np.ndarray, " q"]) -> None:
         """Bring landmarks in these rows up to the present epoch's modes."""
         rows = rows[stored.epoch[rows] != stored.now]
+        # The slot of a row's epoch leads to now: point += A shift, A <- A transform, own covariance += A spread A'.
         slot = stored.epoch[rows] % len(stored.shift)
         A, L = stored.modes[rows].astype(float), stored.roots[rows].astype(float)
         stored.points[rows] += (A @ stored.shift[slot, :, None])[..., 0]
@@ -407,9 +409,11 @@ class NumpySteps:
         modes, roots = stored.modes[at].astype(float), stored.roots[at].astype(float)
         scaled = linear * np.sqrt(weights)[:, None, None]
         by_state, by_landmark, innovation = scaled[..., :-4], scaled[..., -4:-1], scaled[..., -1:]
+        # Columns [by state | by landmark (3) | innovation]; the landmark's own error is noise: I + gram gram', gram = H_p L.
         gram = by_landmark @ roots
         unit = np.broadcast_to(np.eye(gram.shape[1]), (len(gram), gram.shape[1], gram.shape[1]))
         root = lower_roots(np.concatenate([unit, gram], axis=2))
+        # One substitution whitens [by state | by modes | innovation | gram]; the last three columns become X.
         every = np.concatenate([by_state, by_landmark @ modes, innovation, gram], axis=2)
         every = np.linalg.solve(root, every)
         log_noise = np.log(np.abs(np.diagonal(root, axis1=1, axis2=2))).sum(axis=1)
@@ -435,6 +439,7 @@ class NumpySteps:
         log_noise : float
             Of the sensor's noise, before whitening.
         """
+        # Rows of all landmarks in one column of blocks, [H | innovation], rotated to as many rows as H has columns.
         tall = white.rows.reshape(-1, white.shape[2])
         innovation, H, residual = compressed(tall[:, -1], tall[:, :-1])
         Y, log_noise = H @ factor[columns], log_noise + white.log_noise
@@ -474,6 +479,7 @@ class NumpySteps:
 
         The map moves to the next epoch; returned is what new landmarks begin with.
         """
+        # Kept and dropped parts have rows [pose (c) | modes]: new landmarks depend on the pose alone, rows before c.
         c = closing.by_pose.shape[2]
         new = _new_modes(closing)
         late = np.flatnonzero(stored.epoch[: stored.count] < stored.now - (len(stored.shift) - 2))
@@ -494,6 +500,7 @@ def next_epoch(
 
     m_before = shift + transform m + dropped f; the new epoch's is the identity.
     """
+    # All from the old transform T of each slot: shift += T shift, spread += (T dropped)(T dropped)', then T <- T transform.
     moved = stored.transform @ dropped
     stored.shift += stored.transform @ shift
     stored.spread += moved @ np.swapaxes(moved, 1, 2)
@@ -508,12 +515,15 @@ def _new_modes(closing: Closing) -> NewModes:
     rows, X, r = closing.white.rows[..., :-1], _own_parts(closing.white)[0], len(closing.remembered)
     size = rows.shape[2]
     c = size - r
+    # seen: whitened H_p times the updated landmark's dependence on [pose | modes], [0 | A] - L X' rows.
     seen = -(X @ (np.swapaxes(X, 1, 2) @ rows))
     seen[..., c:] += rows[..., c:]
     tall, fresh = seen.reshape(-1, size), np.linalg.solve(closing.roots, closing.by_pose).reshape(-1, c)
+    # G over [pose | modes]: observed landmarks, a share of the new ones by pose, and on the modes' diagonal what was remembered.
     G = tall.T @ tall
     G[:c, :c] += NEW_LANDMARK_SHARE * (fresh.T @ fresh)
     G[range(c, size), range(c, size)] += closing.remembered
+    # Factor' = turn R: eigenvectors of R G R' in descending order; the first r are kept, the others dropped.
     turn, R = np.linalg.qr(closing.factor.T)
     value, vector = np.linalg.eigh(R @ G @ R.T)
     vector = vector[:, ::-1]
@@ -521,12 +531,14 @@ def _new_modes(closing: Closing) -> NewModes:
 
 
 def _observe(stored: LandmarkArrays, closing: Closing, new: NewModes) -> None:
-    """Move observed landmarks, and tell them by the new modes."""
+    """Correct observed landmarks, and express them by the new modes."""
     at, (X, gram) = closing.at, _own_parts(closing.white)
     modes, roots = stored.modes[at].astype(float), stored.roots[at].astype(float)
+    # pull = L X' rows, columns [pose | modes | innovation]; errors of a landmark by both: [0 | A] - pull.
     pull = roots @ (np.swapaxes(X, 1, 2) @ closing.white.rows)
     by_both = -pull[..., :-1]
     by_both[..., len(closing.error) - modes.shape[2] :] += modes
+    # Own root after the update: L U'^-1 with U U' = I + gram' gram; what the kept modes drop joins it.
     left = lower_roots(
         np.concatenate([np.broadcast_to(np.eye(3), roots.shape), np.swapaxes(gram, 1, 2)], axis=2)
     )
@@ -542,5 +554,6 @@ def _observe(stored: LandmarkArrays, closing: Closing, new: NewModes) -> None:
 def _own_parts(white: WhitenedLandmarks) -> tuple[Float[np.ndarray, "k d 3"], Float[np.ndarray, "k d 3"]]:
     """X and H_p L."""
     count, d, width = white.shape
+    # Behind the rows (d x width) stand X and H_p L (d x 3 each).
     parts = white.kept[:, d * width :].reshape(count, 2, d, 3)
     return parts[:, 0], parts[:, 1]

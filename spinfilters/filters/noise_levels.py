@@ -46,7 +46,7 @@ from spinfilters.models.state_layout import StateLayout
 PRIOR_INFORMATION: Final = 0.5
 """Of the logarithm of a level, by a prior that is flat in its standard deviation."""
 LEAST_INFORMATION: Final = 1e-3
-"""Of the data, below which they tell nothing at all."""
+"""Of the data, below which they contain no information."""
 SMALLEST_VARIANCE: Final = 1e-9
 DEVIATIONS: Final = np.linspace(-12.0, 5.0, 600)
 """Over which y is integrated, in its own standard deviations, of which none is taken for more than 1."""
@@ -135,7 +135,7 @@ class VarianceComponent:
 
     @property
     def told(self) -> bool:
-        """Whether the data tell it from zero; if not, `upper` is what they say."""
+        """Whether the data distinguish it from zero; if not, `upper` bounds it."""
         return self.log_std < TOLD_LOG_STD
 
     @property
@@ -174,7 +174,7 @@ SMALLEST_FACTOR = 0.1
 """By which one step multiplies a scale."""
 BLOCK, CYCLE = 16, 512
 """Predictions of every cycle from which an identified level is learned further, its last. An epoch that is learned from costs an
-EKF up to 3.8 times one that is not (a gyro's), so that all together cost a tenth; what is lost is little beside what was
+EKF up to 3.8 times one that is not (a gyro's), so that all together cost a tenth; what is lost is little compared with what was
 identified."""
 
 

@@ -98,6 +98,7 @@ def squared_distances(
 ) -> Float[np.ndarray, " k"]:
     """Squared distances d2 = rho' S^-1 rho of all values by elimination, infinite where S is not positive definite."""
     k, d = innovation.shape
+    # [S | rho] of all values, the last axis over values: each pivot adds (eliminated rho_j)^2 / pivot to the distance.
     array = np.empty((d, d + 1, k))
     array[:, :d] = covariance.transpose(1, 2, 0)
     array[:, d] = innovation.T
@@ -197,7 +198,7 @@ class DuplicateImages:
     def remember(
         self, keys: Num[np.ndarray, "k ..."], values: Float[np.ndarray, "k v"], time_passed: bool
     ) -> None:
-        """Remember values of a later epoch, too few to be told from a repetition (`FEWEST_DUPLICATES`).
+        """Remember values of a later epoch, too few to be distinguished from a repetition (`FEWEST_DUPLICATES`).
 
         Parameters
         ----------

@@ -91,7 +91,8 @@ class SharedErrors:
             turned @ N.reshape(3 * k, GAUGE_DIM),
             turned @ self.follow.reshape(3 * k, self.follow.shape[2]),
         )
-        rigid = np.linalg.lstsq(normal, right, rcond=None)[0]  # of landmarks on a line not all is told
+        # Least norm: landmarks on a line do not determine all of it.
+        rigid = np.linalg.lstsq(normal, right, rcond=None)[0]
         rows = self.state_rows.copy()
         rows[:, : rigid.shape[1]] -= gauge_directions(self.layout, self.mean) @ rigid
         return replace(self, state_rows=rows, follow=self.follow - N @ rigid), rigid
@@ -114,7 +115,7 @@ def shared_modes(every: SharedErrors, options: LandmarkOptions) -> HeldErrors:
 
     Weighed by the landmarks' own errors; what is left out is added to those.
     """
-    return _held(*every.in_frame_of_map(), options)
+    return _choose_modes(*every.in_frame_of_map(), options)
 
 
 def anchored_at_pose(belief: LandmarkBelief, options: LandmarkOptions) -> LandmarkBelief:
@@ -136,21 +137,26 @@ def anchored_at_pose(belief: LandmarkBelief, options: LandmarkOptions) -> Landma
     rows[pose] = 0.0  # but for rounding
     rows[pose, size:] = GAUGE_STD * np.eye(GAUGE_DIM)
     errors = SharedErrors(layout, belief.mean, belief.points, rows, follow.reshape(k, 3, size), belief.roots)
-    held = _held(errors, move + before if len(before) else move, options)
+    held = _choose_modes(errors, move + before if len(before) else move, options)
     return replace(belief, modes=held.modes, roots=held.roots, factor=held.factor)
 
 
-def _held(errors: SharedErrors, rigid: Float[np.ndarray, "6 R"], options: LandmarkOptions) -> HeldErrors:
+def _choose_modes(
+    errors: SharedErrors, rigid: Float[np.ndarray, "6 R"], options: LandmarkOptions
+) -> HeldErrors:
     k, R = len(errors.points), errors.follow.shape[2]
+    # Errors whitened by the landmarks' own roots: eigenvectors of their Gram matrix are the modes, strongest first.
     own = lower_roots(errors.own)
     scaled = np.linalg.solve(own, errors.follow).reshape(3 * k, R)
     most = min(options.modes, R)
     explained, vectors = eigh(scaled.T @ scaled, subset_by_index=(R - most, R - 1))
     r = max(int(np.count_nonzero(explained >= options.explained)), 1)
     held = vectors[:, ::-1][:, :r]
+    # Rows of the joint factor: state, modes (r), gauge move (6); the latter two have no part in the columns behind R.
     rows = np.zeros((len(errors.state_rows) + r + GAUGE_DIM, errors.state_rows.shape[1]))
     rows[: len(errors.state_rows)] = errors.state_rows
     rows[len(errors.state_rows) :, :R] = np.concatenate([held.T, rigid])
+    # What the modes leave out, landmark by landmark, is added to its own covariance.
     rest = own @ (scaled - (scaled @ held) @ held.T).reshape(k, 3, R)
     roots = np.linalg.cholesky(own @ np.swapaxes(own, 1, 2) + rest @ np.swapaxes(rest, 1, 2))
     return HeldErrors(errors.follow @ held, roots, triangular_factor(rows.T))

@@ -98,11 +98,13 @@ def square_root_update(prediction: MeasurementPrediction) -> Correction:
     X, Y = prediction.state_factor, prediction.measurement_factor
     n, k = len(X), len(Y)
     r = last_nonzero(Y)
+    # [Y y; I 0] = Q [U Uy; 0 rho]: U'U = I + Y'Y, column r becomes the shift, and R[r, r]^2 what no state explains.
     array = np.zeros((k + r, r + 1), order="F")
     array[:k, :r] = Y[:, :r]
     array[:k, r] = prediction.innovation
     array[k:, :r].flat[:: r + 1] = 1.0
     R = dgeqrf(array, overwrite_a=1)[0]
+    # X U^-1 by substitution from the left, (X U^-1)' = U'^-1 X'; rows behind r stay, as U is the identity there.
     root = X.T.copy()
     root[:r] = dtrtrs(R[:r, :r], root[:r], trans=1)[0]
     error = R[:r, r] @ root[:r]
@@ -159,6 +161,7 @@ def compressed(
     k, c = jacobian.shape
     if k <= c:
         return CompressedMeasurement(innovation, jacobian, 0.0)
+    # QR of [H | y]: the first c rows hold all that depends on the state, R[c, c]^2 is the rest.
     array = np.empty((k, c + 1), order="F")
     array[:, :c] = jacobian
     array[:, c] = innovation

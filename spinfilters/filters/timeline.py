@@ -215,7 +215,7 @@ def run(
             done = _taken_together(estimator, timeline, slice(index, int(together[index])), rows)
             if not done:
                 epoch, done = timeline[index], 1
-                if not _taken(estimator, epoch, rows):
+                if not _take_in_epoch(estimator, epoch, rows):
                     where = f"epoch {len(rows)}, t = {epoch.time:.3f} s"
                     status = status.failed(f"the estimate stopped being finite at {where}")
                     break
@@ -295,7 +295,7 @@ def _(epochs: LogTimeline) -> tuple[SensorTimeline, ...]:
     return epochs.sensors
 
 
-def _taken(estimator: Estimator, epoch: Epoch, rows: GrowingHistory) -> bool:
+def _take_in_epoch(estimator: Estimator, epoch: Epoch, rows: GrowingHistory) -> bool:
     """Take in an epoch and append the belief; False where it is not finite."""
     begin = working_seconds()
     reports = advance(estimator, epoch, epoch.time - rows.time)

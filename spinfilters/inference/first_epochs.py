@@ -239,7 +239,7 @@ class FirstEpochs:
             """The initialisation with these options."""
             count = options.count(self.timeline)
             if count not in made:  # of twice the epochs both a filter is judged and a longer start made
-                made[count] = self._again(options, before) or self._made(options)
+                made[count] = self._again(options, before) or self._initialise_from_measurements(options)
             return made[count]
 
         try:
@@ -264,7 +264,9 @@ class FirstEpochs:
             return None
         options = self._with_leading_epochs(options)
         with np.errstate(all="ignore"):
-            return beyond_share(self.process, self.timeline, self._made, options, start)
+            return beyond_share(
+                self.process, self.timeline, self._initialise_from_measurements, options, start
+            )
 
     def near(
         self, likely: InitialEstimate, options: InitialisationOptions, before: InitialEstimate | None = None
@@ -283,7 +285,7 @@ class FirstEpochs:
         options = replace(options, epochs=count, share=1.0, duration=duration)
         try:
             with np.errstate(all="ignore"):
-                return self._again(options, before) or self._made(options, likely)
+                return self._again(options, before) or self._initialise_from_measurements(options, likely)
         except NUMERICAL_ERRORS as error:
             return InitialEstimate.failed(self.process.layout, count, reason(error))
 
@@ -292,7 +294,9 @@ class FirstEpochs:
     ) -> InitialEstimate | None:
         return None if before is None else initialised_again(self.process, self.timeline, before, options)
 
-    def _made(self, options: InitialisationOptions, likely: InitialEstimate | None = None) -> InitialEstimate:
+    def _initialise_from_measurements(
+        self, options: InitialisationOptions, likely: InitialEstimate | None = None
+    ) -> InitialEstimate:
         """From the measurements alone; nothing of landmarks after the last epoch is looked at."""
         end = self.timeline[options.count(self.timeline) - 1].time
         streams = [

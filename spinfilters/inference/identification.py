@@ -55,7 +55,7 @@ class WorkingSolutions:
         By how much the cost of u falls in the linear problem is u' J P J' u.
         """
         lengths = np.array([source.dot(source) for source in self.sources])
-        return (lengths - [each.predicted_reduction for each in self._solved]) / 2
+        return (lengths - [each.predicted_reduction for each in self._solutions]) / 2
 
     @cached_property
     def information(self) -> Float[np.ndarray, "c c"]:
@@ -64,7 +64,7 @@ class WorkingSolutions:
         What two of them share is that of the one with what is left of the other.
         """
         F = np.diag(self.variances_information)
-        explained = [explained_rows(self.problem, self.here, each) for each in self._solved[1:]]
+        explained = [explained_rows(self.problem, self.here, each) for each in self._solutions[1:]]
         for (i, one), (j, other) in combinations(enumerate(self.sources), 2):
             F[i, j] = F[j, i] = (one.dot(other) - one.dot(explained[j - 1])) / 2
         return F
@@ -72,11 +72,11 @@ class WorkingSolutions:
     @property
     def errors(self) -> Float[np.ndarray, "c k n"]:
         """P J'u: error of every epoch by each ln variance, up to its sign."""
-        solutions = [each.solution for each in self._solved]
+        solutions = [each.solution for each in self._solutions]
         return np.array([each.errors for each in solutions if each is not None])
 
     @cached_property
-    def _solved(self) -> list[NormalEquations]:
+    def _solutions(self) -> list[NormalEquations]:
         return [self._solution(each) for each in self.sources]
 
     def _solution(self, right: WhitenedRows) -> NormalEquations:
@@ -148,7 +148,7 @@ PRIOR_SLOPE: Final[float] = 2 * PRIOR_INFORMATION
 """Of twice the log prior by ln variance: flat in the standard deviation."""
 SMALLEST_REDUNDANCY: Final[float] = 1e-3
 SMALLEST_SHARE: Final[float] = 0.01
-"""Of a level in what tells it, below which it makes no difference."""
+"""Of a level in what identifies it, below which it makes no difference."""
 TINY: Final[float] = float(np.finfo(float).tiny)
 NEGLIGIBLE: Final[float] = 1e-3
 """Of ln variance: a change that no estimate shows."""
@@ -238,7 +238,7 @@ class _Optimum:
     def refuses(self, measurement: SensorRows, sensor: int) -> bool:
         """Whether a further measurement is beyond the gate at these levels.
 
-        The residuals of the others tell these by as many degrees of freedom as they have redundancy (Fisher's distribution).
+        The residuals of the others estimate these by as many degrees of freedom as they have redundancy (Fisher's distribution).
         """
         own = replace(measurement, scale=self.problem.motion.sensors[sensor].scale)
         rows = self.problem.motion.sensor_rows(own, self.here.trajectory, LeastSquares()).rows
@@ -362,7 +362,7 @@ class LevelTest:
     Attributes
     ----------
     score : float
-        Standard deviations by which the data ask for more noise, as of a normal number; zero where they tell nothing.
+        Standard deviations by which the data ask for more noise, as of a normal number; zero where they contain no information.
     """
 
     name: str

@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Float
 
 from spinfilters.core.errors import NUMERICAL_ERRORS, InputError, numerical
-from spinfilters.filters.noise_levels import DISTURBANCES, FORCE_PSD, ComponentRows
-from spinfilters.filters.timeline import SensorNoise, build_timeline
+from spinfilters.filters.noise_levels import DISTURBANCES, FORCE_PSD, ComponentRows, VarianceComponent
+from spinfilters.filters.timeline import SensorNoise, Timeline, build_timeline, by_sensor
 from spinfilters.inference.initial_estimate import InitialEstimate
 from spinfilters.inference.initialisation import initialise
 from spinfilters.inference.noise_model import NoiseModel
@@ -94,12 +94,18 @@ def white_level(gyro: MeasurementStream, found: GyroNoise) -> dict[str, float]:
     return {option: max(found.relative_error, SMALLEST_SCALE) * rate}
 
 
-def identify_gyro_noise(gyro: MeasurementStream, fitted: InitialEstimate) -> GyroNoise:
-    """Gyro error from a recording's smoothed trajectory and its samples."""
-    rates = fitted.mean[:, fitted.layout.mean_slice("w")]
-    measured = gyro.values[: len(rates)]
-    residual = (measured - rates) / np.linalg.norm(rates, axis=1, keepdims=True)
-    return GyroNoise(float(np.sqrt(np.mean(residual**2))), _correlation_time(residual))
+def identify_gyro_noise(residuals: Float[np.ndarray, "n 3"], rates: Float[np.ndarray, "n 3"]) -> GyroNoise:
+    """Gyro error from its residuals.
+
+    Parameters
+    ----------
+    residuals : (n, 3) float array
+        Samples less what is expected of them, bias and scale error included, rad/s.
+    rates : (n, 3) float array
+        Body rates at the samples, rad/s.
+    """
+    relative = residuals / np.linalg.norm(rates, axis=1, keepdims=True)
+    return GyroNoise(float(np.sqrt(np.mean(relative**2))), _correlation_time(relative))
 
 
 def recorded_gyro_noise(
@@ -122,12 +128,23 @@ def recorded_gyro_noise(
     timeline = build_timeline(MeasurementLog((stream,)), layout, replace(noise, **{option: FIRST_SCALE}))
     samples = MotionSamples(stream.time, rates=rates)
     try:
-        found = identify_gyro_noise(stream, initialise(rotation, timeline, samples, whole))
+        fitted = initialise(rotation, timeline, samples, whole)
+        found = identify_gyro_noise(*_residuals_and_rates(timeline, fitted))
     except NUMERICAL_ERRORS as error:
         raise _unidentified(sensor, reason(numerical(error))) from None
     if not np.isfinite(found.scale_std):
         raise _unidentified(sensor, "what is left of its rates is not finite")
     return found, option
+
+
+def _residuals_and_rates(
+    timeline: Timeline, fitted: InitialEstimate
+) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
+    """Residuals of a rate sensor's samples after a fit to its first epochs, and the body rates at them, rad/s."""
+    (samples,) = by_sensor(timeline[: len(fitted.mean)])
+    states, measured = fitted.mean[samples.epoch], samples.measurement
+    residuals, _ = measured.model.innovations(states, measured.parameters, measured.values)
+    return residuals, states[:, fitted.layout.mean_slice("w")]
 
 
 def _correlation_time(residual: Float[np.ndarray, "n 3"]) -> float:
@@ -153,7 +170,7 @@ def _unidentified(sensor: Sensor, why: str) -> InputError:
 
 SMALLEST_SHARE_OF_DEFAULT: Final[float] = 1e-4
 """Of a noise option's default, the least level that is identified: no such sensor is better. Less is a simulation without
-noise, whose residuals are those of rounding and of integration (1e-9 of a step) and tell no level."""
+noise, whose residuals are those of rounding and of integration (1e-9 of a step) and identify no level."""
 
 
 @dataclass(frozen=True)
@@ -190,22 +207,31 @@ def smallest_level(option: str) -> float:
     return SMALLEST_SHARE_OF_DEFAULT * noise_options()[option].default
 
 
+AT_FLOOR: Final = 1.01
+"""Times the smallest level that can be identified, below which an identified one is that smallest level."""
+
+
+def is_smallest(level: VarianceComponent) -> bool:
+    """Whether an identified level of a sensor is the smallest there is: its measurements show no noise."""
+    return not level.is_density and level.value < AT_FLOOR * smallest_level(level.name)
+
+
 def noise_model(problem: Problem, noise: SensorNoise, unstated: Unstated) -> NoiseModel | None:
     """The problem of some epochs with its unknown levels; None where it has none."""
     seen = (
         set() if problem.observations is None else {group.model.name for group in problem.observations.groups}
     )
     components = []
-    for option, by_sensor in unstated.options.items():
+    for option, rows_of in unstated.options.items():
         rows = {
-            k: innovation_rows(sensor.model, by_sensor[sensor.model.name])
+            k: innovation_rows(sensor.model, rows_of[sensor.model.name])
             for k, sensor in enumerate(problem.motion.sensors)
-            if sensor.model.name in by_sensor
+            if sensor.model.name in rows_of
         }
         rows = {k: own for k, own in rows.items() if own}
-        if rows or seen & set(by_sensor):
+        if rows or seen & set(rows_of):
             value = getattr(noise, option)
-            tracks = bool(seen & set(by_sensor))
+            tracks = bool(seen & set(rows_of))
             components.append(ComponentRows(option, value, rows, tracks, smallest_level(option)))
     densities = tuple(name for name in unstated.densities if problem.layout.translates or name != FORCE_PSD)
     return NoiseModel(problem, tuple(components), densities) if components or densities else None

@@ -58,7 +58,7 @@ class InitialEstimate:
     momentum_residual : float
         How far the initial guess's angular momentum was from constant (relative rms).
     noise_ratio : float or None
-        Standard deviation of the observations over the stated, from the initial guess; None where it does not tell.
+        Standard deviation of the observations over the stated, from the initial guess; None where it does not show it.
     departure : float
         Distance of a filter from the smoother of the same measurements, in standard deviations; zero where none was tried.
     status : EstimatorStatus
@@ -211,8 +211,8 @@ def smooth_first_epochs(
 def _with_masked_refused(problem: Problem, solved: Solved, options: SmoothingOptions) -> Solved:
     """The solution without gross errors that bend the states towards themselves.
 
-    A gate looks at residuals. Of a measurement that tells much of its epoch, as in the first and the last, a residual is what is
-    left of the error: the others tell how far off it is. Refused once, it stays beyond the gate.
+    A gate looks at residuals. Of a measurement that determines much of its epoch, as in the first and the last, a residual is
+    what is left of the error: the others determine how far off it is. Refused once, it stays beyond the gate.
     """
     strict, settings = AnnealedSchedule(problem, 0, options.gate), SolverOptions(options.iterations)
     for _ in range(MOST_MASKED):

@@ -72,7 +72,7 @@ with a second optimum were beyond 0.7, and all optima that were alone below 0.5.
 SAME_COST, SAME_MASS = 0.1, 0.3
 """Of two fits (cost; log second moments), within which they are one optimum."""
 MOST_RIVALS = 2
-"""Optima that are kept beside the likeliest: of simulated motions no third one ever became the likeliest at other noise."""
+"""Optima that are kept in addition to the likeliest: of simulated motions no third one ever became the likeliest at other noise."""
 
 
 class InitialisableProcess(ProcessModel, Protocol):
@@ -235,7 +235,7 @@ def _is_same(one: InitialEstimate, other: InitialEstimate) -> bool:
 
 
 def _is_clear(found: InitialEstimate) -> bool:
-    """Whether a fit has settled and tells the mass distribution."""
+    """Whether a fit has converged and determines the mass distribution."""
     mass_std = np.linalg.norm(found.factor[-1, found.layout.slice(MASS_DISTRIBUTION.name)], axis=1)
     return bool(_has_settled(found) and mass_std.max() <= CLEAR_MASS_STD)
 

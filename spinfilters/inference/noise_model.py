@@ -129,7 +129,7 @@ class NoiseModel:
 
 
 LEAST_FREE = 0.2
-"""Redundancy of a component, from which its residual tells whether it is wrong."""
+"""Redundancy of a component, from which its residual shows whether it is wrong."""
 ENTRIES = 6
 """Columns of a step's noise factor that belong to the torque (attitude and rate); those of the force follow."""
 

@@ -52,7 +52,7 @@ class ArrayExportReader(StatedReader):
         return path.suffix.lower() in _READERS and not path.is_dir()
 
     def read(self, path: Path, segment: int | None) -> Dataset:
-        """Data set of the arrays that tell a motion."""
+        """Data set of the arrays that describe a motion."""
         self.options.require_only(("unit", "clock", "rate"), "a file of arrays")
         require_file(path, LARGEST)
         columns, bare = _READERS[path.suffix.lower()](path), bare_quantity(path)

@@ -40,7 +40,7 @@ class ConsiderParameter:
         See `Moved`; None of the clock, and of an inspector.
     displaced : Displaced | None
         Of the known trajectory of a moving camera, see `Displaced`; None of anything else. What its errors leave
-        in the residuals tells them, so that a run considers what is left of the deviation beside that.
+        in the residuals determines them, so that a run considers what is left of the deviation after that.
     block : str
         Of a state that estimates it, which need not consider it then; empty where none does.
     order : int

@@ -55,7 +55,7 @@ class DatasetOptions:
     notes : Mapping[str, Note]
         Numbers and words for the reader, such as a seed; no estimator looks at them.
     calibration : Mapping[str, float]
-        Standard deviations of the calibration by `ConsiderParameter.name`, those that the data set tells.
+        Standard deviations of the calibration by `ConsiderParameter.name`, those that the data set states.
     covariance_inflation : float
         Factor, at least 1, on the covariances that rows state for themselves, so that errors which rows have in common weigh as
         much as they should where estimators take them for white noise; residuals are smaller by it.
@@ -202,7 +202,7 @@ PHYPHOX_TABLE: Final[str] = "Raw Data.csv"
 """Files by which a folder of this project and an export of phyphox are recognised."""
 LANDMARK_FILE: Final[str] = "landmarks.csv"
 INSPECTOR_FILE: Final[str] = "inspector.tum"
-"""Known trajectory of the inspector: poses of cam0 in i, beside the measurements of a camera."""
+"""Known trajectory of the inspector: poses of cam0 in i, with the measurements of a camera."""
 
 
 @dataclass(frozen=True)
@@ -259,7 +259,7 @@ class Dataset:
     segment : Segment | None
         The stretch of a recording that this is, None of a whole one.
     acceleration : Acceleration | None
-        Of an accelerometer beside the sensors; it tells flights, no estimator reads it.
+        Of an accelerometer in addition to the sensors; it shows free flights, no estimator reads it.
     doubts : tuple[str, ...]
         Reasons why no estimate from these measurements is to be trusted, of what made them of raw data.
 
@@ -322,7 +322,7 @@ class Dataset:
             a mapping of kinds to such tables for several sensors; an array, or a pair of times and values, with the columns
             of ``kind`` in their order.
         kind : str or None
-            "gyro", "pose", "attitude", "stereo-tracks" or another of `dataset_kinds`; None to tell it by the names.
+            "gyro", "pose", "attitude", "stereo-tracks" or another of `dataset_kinds`; None to recognise it by the names.
         units : str, Mapping or None
             Of body rates or positions whose names state none, such as "deg/s"; or by quantity: ``{"time": "ms", "rate": "deg/s"}``.
         rate : float or None

@@ -131,7 +131,7 @@ def _read_folder(folder: Path, front_end: Callable[[str], RawDataReader | None])
         truth=_truth_of(folder),
         rig=cameras[0].read(folder) if cameras else None,
         known_map=read_landmarks(landmarks) if os.path.lexists(landmarks) else None,
-        inspector=_read_inspector(folder, log),
+        inspector=_covering_inspector(folder, log),
         options=with_stated_deviations(options, folder) if cameras else options,
     )
 
@@ -165,7 +165,7 @@ def _read_raw(folder: Path, reader: RawDataReader, description: str, options: Da
         description="; ".join(words for words in (description, *made.remarks) if words),
         truth=made.truth,
         rig=cameras[0].read(folder) if cameras else None,
-        inspector=_read_inspector(folder, log) if cameras else None,
+        inspector=_covering_inspector(folder, log) if cameras else None,
         options=with_stated_deviations(options, folder) if cameras else options,
         doubts=made.doubts,
     )
@@ -176,16 +176,29 @@ def _truth_of(folder: Path) -> Truth | None:
     return read_truth(folder) if any(os.path.lexists(folder / name) for name in TRUTH_FILES) else None
 
 
-def _read_inspector(folder: Path, log: MeasurementLog) -> MeasurementStream | None:
-    """Poses (t_ic m, q_ic) of the folder's inspector, None without a file. InputError: `read_tum`, `require_cover`."""
+def read_inspector(folder: Path) -> MeasurementStream | None:
+    """Known poses (t_ic m, q_ic) of a moving camera, as its folder has them; None of a camera at rest.
+
+    Data sets of tracks and folders of images both ask here; another format of such poses is one more file that is looked for.
+
+    Raises
+    ------
+    InputError
+        As `read_tum`.
+    """
     path = folder / INSPECTOR_FILE
-    if not os.path.lexists(path):
+    return read_tum(path) if os.path.lexists(path) else None
+
+
+def _covering_inspector(folder: Path, log: MeasurementLog) -> MeasurementStream | None:
+    """Poses of `read_inspector` that cover a log. InputError: as there, and of `require_cover`."""
+    stream = read_inspector(folder)
+    if stream is None:
         return None
-    stream = read_tum(path)
     try:
         require_cover(stream, log)
     except InputError as error:
-        raise InputError(f"{path_text(path)}: {error}") from None
+        raise InputError(f"{path_text(folder / INSPECTOR_FILE)}: {error}") from None
     return stream
 
 

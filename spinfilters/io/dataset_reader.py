@@ -117,7 +117,7 @@ class RawMeasurements:
     stream : MeasurementStream
         The measurements.
     truth : Truth | None
-        Told in the stream's frame g.
+        Expressed in the stream's frame g.
     remarks : tuple[str, ...]
         What was left out or not determined.
     doubts : tuple[str, ...]

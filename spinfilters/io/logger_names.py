@@ -1,4 +1,4 @@
-"""Names that known loggers give to columns, told in the words that headings are parsed by."""
+"""Names that known loggers give to columns, in the words by which headings are parsed."""
 
 import re
 from collections.abc import Sequence
@@ -7,7 +7,7 @@ from typing import Final
 _FRAMES = re.compile(r"^([wapq])_[A-Z]{1,3}(?:_[A-Z])?_([xyzw])\b(.*)$")
 """Quantities with their frames, as EuRoC writes them: w_RS_S_x, p_RS_R_x, q_RS_w."""
 _BIAS = re.compile(r"^b_[wa]_[A-Z]{1,3}")
-"""Biases that EuRoC states beside its poses: b_w_RS_S_x; they are no rates of the body."""
+"""Biases that EuRoC states with its poses: b_w_RS_S_x; they are no rates of the body."""
 _AXES: Final[tuple[tuple[tuple[str, str, str], str], ...]] = (
     (("p", "q", "r"), "gyro"),
     (("roll_rate", "pitch_rate", "yaw_rate"), "gyro"),
@@ -24,7 +24,7 @@ _AXES: Final[tuple[tuple[tuple[str, str, str], str], ...]] = (
 _ARDUPILOT: Final = ("GyrX", "GyrY", "GyrZ")
 """In rad/s where the clock is TimeUS."""
 _PX4_QUATERNION: Final = ("q[0]", "q[1]", "q[2]", "q[3]")
-"""Scalar first where it stands beside the attitude's reset counter or the sample's time stamp."""
+"""Scalar first where it stands with the attitude's reset counter or the sample's time stamp."""
 
 
 def understood_names(names: Sequence[str]) -> list[str]:

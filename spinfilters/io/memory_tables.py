@@ -21,7 +21,7 @@ from spinfilters.io.stated_values import CLOCK_UNITS, LENGTH_UNITS, RATE_UNITS, 
 TABLE: Final = "the table"
 """What messages call a table in memory."""
 MOTION_KINDS: Final = ("gyro", "pose", "attitude")
-"""Kinds that a motion table tells, whatever its columns are called."""
+"""Kinds that a motion table can hold, whatever its columns are called."""
 WHAT_TO_GIVE: Final = (
     "a path, a data set, a DataFrame, a mapping of columns, or an array with kind=... such as 'gyro'"
 )
@@ -95,7 +95,7 @@ def measured_table(table: Any, kind: str | None, options: ReadingOptions) -> Mot
         A mapping is of names to columns. An array has the columns of the kind's format, beginning with the time; a pair is of times
         and values.
     kind : str or None
-        Of `dataset_kinds`; None to tell it by the names.
+        Of `dataset_kinds`; None to recognise it by the names.
     options : ReadingOptions
         Unit, clock and rate.
 
@@ -125,7 +125,7 @@ def measured_table(table: Any, kind: str | None, options: ReadingOptions) -> Mot
 
 
 def _form_of(columns: ArrayColumns, forms: list[SensorFormat]) -> SensorFormat | None:
-    """The format whose columns are all there and which no motion table tells; None for a motion table."""
+    """The format whose columns are all there and which no motion table holds; None for a motion table."""
     others = [form for form in forms if form.kind not in MOTION_KINDS]
     return next((form for form in others if set(form.header) <= set(columns.names)), None)
 

@@ -63,7 +63,7 @@ _NOT_MOTION = re.compile(r"std|cov|bias|raw|uncal|magn|setpoint|desired|temp|sum
 """Beginning of a word of columns that are no measured component."""
 
 FOREIGN: Final = "foreign"
-"""Axis of a column whose unit alone tells that it is a time: phones write it in any language."""
+"""Axis of a column whose unit alone shows that it is a time: phones write it in any language."""
 
 
 @dataclass(frozen=True)
@@ -89,12 +89,12 @@ class Heading:
 
 
 def heading_of(text: str, bare: Quantity | None = None) -> Heading | None:
-    """Parsed heading of a column; None of a column that tells no motion.
+    """Parsed heading of a column; None of a column that describes no motion.
 
     Parameters
     ----------
     bare : Quantity | None
-        Quantity of columns that are called x, y and z and no more, as the name of their file tells.
+        Quantity of columns that are called x, y and z and no more, as the name of their file says.
     """
     name, unit = _parts(text)
     words, unit = _words(name), _spelled(unit)
@@ -190,7 +190,7 @@ def _stem_and_axis(words: list[str]) -> tuple[str, str, str]:
     if joined and joined[0] in "xyz" and _is_stem(joined[1:]):
         return joined[1:], joined[0], unit
     indexed = _INDEXED.fullmatch(joined)
-    # of a quaternion an index does not tell which is the scalar
+    # of a quaternion an index does not show which is the scalar
     if indexed and any(_STEMS[numbered].fullmatch(indexed[1]) for numbered in _NUMBERED):
         return indexed[1], "xyz"[int(indexed[2])], unit
     return "", "", unit

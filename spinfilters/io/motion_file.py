@@ -41,7 +41,7 @@ class MotionFileReader(StatedReader):
 
 
 def bare_quantity(path: Path) -> Quantity | None:
-    """Quantity of columns called x, y and z alone, as the name of their file tells."""
+    """Quantity of columns called x, y and z alone, as the name of their file says."""
     stem = path.stem.lower()
     is_rate = stem.startswith("gyro") or any(word in stem for word in _RATE_FILES)
     return "rate" if is_rate else None
@@ -74,7 +74,7 @@ def motion_dataset(path: Path, name: str, table: MotionTable) -> Dataset:
 
 
 def _parts() -> set[str]:
-    """Tables of data set folders, which tell nothing alone."""
+    """Tables of data set folders, which describe nothing alone."""
     files = {form.file for form in sensor_formats().values() if not form.suffixes} - {_ALONE}
     return files | {DATASET_FILE, LANDMARK_FILE, TRUTH_TABLE}
 

@@ -36,7 +36,7 @@ SLOWEST: Final = 1.0
 FASTEST: Final = 8000.0
 """Hz: gyros and trackers whose clock has no unit sample between these."""
 LARGEST_ROTATION: Final[float] = np.pi
-"""Between samples in the median, rad: a gyro that is sampled more slowly tells no motion."""
+"""Between samples in the median, rad: a gyro that is sampled more slowly determines no motion."""
 LONGEST_STEP: Final[float] = 2.0
 """s: larger steps of a clock without a unit are not seconds."""
 _CALENDAR = (8e8, 4.2e9)  # s from 1970 of the years 1995 to 2100
@@ -98,7 +98,7 @@ MOTION_TABLE_LONGEST_STEP: Final[float] = 3600.0
 LARGEST_FORCE: Final[float] = 1e6
 """Of an accelerometer, in any unit: one that says more is not believed."""
 _AT_REST = {"m/s^2": (5.0, 15.0), "g": (0.5, 1.5)}
-"""Medians of an accelerometer without a unit that tell it."""
+"""Medians of an accelerometer without a unit that show it."""
 
 
 @dataclass(frozen=True)
@@ -164,7 +164,7 @@ def read_acceleration(path: Path, options: ReadingOptions) -> Acceleration | Non
 
 def _rates(source: NamedColumns, columns: MotionColumns, options: ReadingOptions) -> MotionTable:
     vector, remarks = columns.vectors["rate"], []
-    table = _read(source, columns, ("rate",))
+    table = _read_quantities(source, columns, ("rate",))
     unit = _rate_unit(table, vector, options, "seconds_elapsed" in source.names)
     _require_measurable(table, unit, bool(vector.unit) or options.unit is not None)
     values = table.values.copy()
@@ -211,12 +211,12 @@ def _require_measurable(table: Table, unit: str, is_stated: bool) -> None:
 def _poses(source: NamedColumns, columns: MotionColumns, options: ReadingOptions) -> MotionTable:
     """Poses, or attitudes where no position is there.
 
-    Rates beside them are taken as derived and left out.
+    Rates in the same table are taken as derived and left out.
     """
     has_position = "position" in columns.vectors
     if not has_position:
         options.require_only(("clock", "rate", "columns"), "a table of attitudes")
-    table = _read(source, columns, ("position", "quaternion") if has_position else ("quaternion",))
+    table = _read_quantities(source, columns, ("position", "quaternion") if has_position else ("quaternion",))
     table, clock = _timed(table, columns, options, source, None)
     if has_position:
         values = table.values.copy()
@@ -230,7 +230,7 @@ def _poses(source: NamedColumns, columns: MotionColumns, options: ReadingOptions
     return MotionTable(stream, None, () if clock == "s" else (clock,))
 
 
-def _read(source: NamedColumns, columns: MotionColumns, quantities: tuple[Quantity, ...]) -> Table:
+def _read_quantities(source: NamedColumns, columns: MotionColumns, quantities: tuple[Quantity, ...]) -> Table:
     """Clock, where there is one, and quantities."""
     chosen = [k for quantity in quantities for k in columns.vectors[quantity].indices]
     clock = [] if columns.time is None else [columns.time[0]]
@@ -318,7 +318,7 @@ def _acceleration(
     """Accelerometer of a table; None without one, or where its unit is in doubt."""
     if "acceleration" not in columns.vectors:
         return None
-    table = _read(source, columns, ("acceleration",))
+    table = _read_quantities(source, columns, ("acceleration",))
     force, spelled = table.values[:, -3:], columns.vectors["acceleration"].unit
     if np.abs(force).max() > LARGEST_FORCE:
         return None
@@ -349,7 +349,7 @@ def _quantities(
 ) -> tuple[Quantity, ...]:
     """The quantities read of a table.
 
-    InputError where it does not tell a motion or its clock.
+    InputError where it does not describe a motion or its clock.
     """
     found, path, names = columns.vectors, source.path, source.names
     if columns.time is None and options.rate is None:

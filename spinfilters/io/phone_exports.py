@@ -212,12 +212,12 @@ def phyphox_trial(folder: Path, recording: PhyphoxRecording, number: int | None)
     chosen = [segment for segment in recording.segments if segment.number == number]
     if not chosen:
         raise InputError(
-            f"{path_text(folder)}: has no segment {number}; choose --segment from {_listed(recording)}"
+            f"{path_text(folder)}: has no segment {number}; choose --segment from {_list_segments(recording)}"
         )
     if not chosen[0].keep:
         raise InputError(
             f"{path_text(folder)}: segment {number} is not a trial ({value_text(chosen[0].comment)}); "
-            f"choose --segment from {_listed(recording)}"
+            f"choose --segment from {_list_segments(recording)}"
         )
     _require_within(folder, recording, chosen[0])
     return chosen[0]
@@ -233,7 +233,7 @@ def phyphox_trials(
     on_refused : OnRefused | None
         Called with the number of a kept segment that is no trial, and why, instead of raising InputError for it.
     """
-    kept = _kept(recording)
+    kept = _kept_segments(recording)
     if not kept:
         yield _only_trial(folder, recording)
     for segment in kept:
@@ -248,7 +248,7 @@ def phyphox_trials(
 
 
 def _only_trial(folder: Path, recording: PhyphoxRecording) -> Segment | None:
-    kept = _kept(recording)
+    kept = _kept_segments(recording)
     if not recording.segments:
         return None
     if not kept:
@@ -257,7 +257,7 @@ def _only_trial(folder: Path, recording: PhyphoxRecording) -> Segment | None:
         )
     if len(kept) > 1:
         raise InputError(
-            f"{path_text(folder)}: holds {len(kept)} segments; choose one with --segment: {_listed(recording)}; "
+            f"{path_text(folder)}: holds {len(kept)} segments; choose one with --segment: {_list_segments(recording)}; "
             "or take all of them"
         )
     _require_within(folder, recording, kept[0])
@@ -278,12 +278,12 @@ def _require_within(folder: Path, recording: PhyphoxRecording, segment: Segment)
     require_two_epochs(folder / f"segment {segment.number}", count)
 
 
-def _kept(recording: PhyphoxRecording) -> list[Segment]:
+def _kept_segments(recording: PhyphoxRecording) -> list[Segment]:
     return [segment for segment in recording.segments if segment.keep]
 
 
-def _listed(recording: PhyphoxRecording) -> str:
-    kept = _kept(recording)
+def _list_segments(recording: PhyphoxRecording) -> str:
+    kept = _kept_segments(recording)
     if len(kept) > _MOST_DESCRIBED:
         return ", ".join(str(segment.number) for segment in kept)
     described = [f"{s.number} ({value_text(s.comment)[1:-1]}, {s.start} s to {s.end} s)" for s in kept]

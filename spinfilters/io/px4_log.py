@@ -30,7 +30,7 @@ TOPICS: Final = (
     "vehicle_visual_odometry",
     "vehicle_attitude",
 )
-"""Topics that tell a motion, the first that is there being taken."""
+"""Topics that describe a motion, the first that is there being taken."""
 _HEADER: Final = 16
 _MOST_FIELDS: Final = 65535  # bytes of a message, of which each number takes one at least
 _MESSAGE: Final = struct.Struct("<HB")
@@ -59,7 +59,7 @@ class Px4LogReader(StatedReader):
         return path.suffix.lower() == ".ulg" and not path.is_dir()
 
     def read(self, path: Path, segment: int | None) -> Dataset:
-        """Rates or attitudes of the topic that the user states, or of the first that tells a motion."""
+        """Rates or attitudes of the topic that the user states, or of the first that describes a motion."""
         self.options.require_only(("topic", "unit", "clock"), "a PX4 log")
         formats, topics, rows = _messages(path, read_bytes(path, LARGEST))
         wanted = TOPICS if self.options.topic is None else (self.options.topic,)

@@ -1,7 +1,7 @@
 """Rows that a logger wrote again, left out of a stream.
 
 A gyro of 50 Hz that is logged at 100 Hz fills every other row with the rates
-of the row before. Taken for measurements these are late by a sample and tell the noise twice. A gyro whose noise is finer than
+of the row before. Taken for measurements these are late by a sample and count the noise twice. A gyro whose noise is finer than
 its resolution repeats itself, too; there each axis by itself keeps its value more often than all three together, and the rows
 are left as they are.
 """
@@ -19,7 +19,7 @@ MOST_REPEATED: Final[float] = 1 / 3
 MOST_KEPT: Final[float] = 0.05
 """Of rows that are new, in which any axis has kept its value: where there are more the resolution is coarse."""
 FEWEST_NEW: Final[int] = 5
-"""Rows that tell how often an axis keeps its value."""
+"""Rows that show how often an axis keeps its value."""
 
 
 def without_repeated_rows(stream: MeasurementStream) -> tuple[MeasurementStream, str]:

@@ -32,7 +32,7 @@ class NoiseOption:
     default : float
         Where neither settings nor data set state it.
     components : tuple[int, ...] | None
-        Of the covariance of a row that it is the standard deviation of; None for what no covariance tells.
+        Of the covariance of a row that it is the standard deviation of; None for what no covariance gives.
     in_dataset : bool
         Whether dataset.toml may state it.
     simulated : float | None
@@ -134,7 +134,7 @@ class SensorFormat:
 
     @property
     def covariance_file(self) -> str:
-        """Table of the covariances of the rows, beside that of the measurements."""
+        """Table of the covariances of the rows, next to that of the measurements."""
         return f"{Path(self.file).stem}_covariance.csv"
 
     @property

@@ -235,7 +235,7 @@ def to_state(name: str, value: str) -> str:
 
 @dataclass(frozen=True)
 class ReadingOptions:
-    """Statements about a recording; None where its file tells.
+    """Statements about a recording; None where its file states them.
 
     Attributes
     ----------

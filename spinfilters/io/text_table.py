@@ -47,7 +47,7 @@ _BYTE_ORDER_MARKS = (
 )
 _DEGREES = re.compile(r"(?<![a-z])(deg(ree)?s?|dps|degps)(?![a-z])|°(?!\s*[CF])", re.IGNORECASE)
 """Degrees as a whole word: deg/s, deg_s, dps, but neither radps nor degC."""
-_LARGEST_ID = 2.0**53  # above it float64 does not tell whole numbers apart
+_LARGEST_ID = 2.0**53  # above it float64 does not distinguish whole numbers
 _WRITE_ROWS = 4096  # rows turned into text at a time, which bounds the memory of a writer
 
 

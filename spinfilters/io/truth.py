@@ -31,7 +31,7 @@ TRUTH_COLUMNS: Final[tuple[str, ...]] = (
 TRUTH_TABLE: Final[str] = "truth.csv"
 TRUTH_BODY: Final[str] = "truth.toml"
 TRUTH_FILES: Final = (TRUTH_TABLE, TRUTH_BODY)
-"""A folder with one of them tells the truth."""
+"""A folder with one of them has a truth."""
 
 _TRAJECTORY_SHAPES = {"center_of_mass": 3, "q_ig": 4, "velocity": 3, "rate_i": 3}
 _BODY_RANGES = {

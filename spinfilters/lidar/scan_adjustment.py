@@ -63,7 +63,7 @@ LARGEST: Final = 1e6
 HELD: Final = 1e-3
 """Share of a predicted attitude's deviation by which a drift may turn scans without noise.
 
-A place does not tell a rotation about it from a slide, and what little a drift does not explain turned panels by 15 deg."""
+A place does not separate a rotation about it from a slide, and what little a drift does not explain turned panels by 15 deg."""
 
 Product = Callable[[Float[np.ndarray, "a m"]], Float[np.ndarray, "a m"]]
 """A matrix times columns."""
@@ -197,7 +197,7 @@ def adjusted_scans(
             matched = _match_group(clouds, found, group, size, normal.reach)
             normal = replace(matched, variance=matched.variance / share**2)
         if len(group) >= FEWEST_ON_DRIFT and normal.is_exact:
-            # residuals of scans without noise do not tell what poses are off by: their places do, and matches let them slide
+            # residuals of scans without noise do not show the errors of poses: their places do, and matches let them slide
             drift = _drift_of([found[k] for k in group], size)
             found[begin : group.stop] = _on_drift([found[k] for k in group], normal, size)
             usual, variance = (max(normal.variance, each**2) for each in (drift.scatter, drift.deviation))
@@ -531,7 +531,7 @@ def _proper(
     """The information without eigenvalues that chance gives where there is none.
 
     Those below zero; of scans without noise also positive ones like these, for no noise would make such directions uncertain. The
-    normals of these are wrong beside edges alone. Products of wrong normals with right ones are nothing along open directions,
+    normals of these are wrong next to edges alone. Products of wrong normals with right ones are nothing along open directions,
     but turn them towards exact ones: those of the whole information are open by rounding.
     """
     values, vectors = np.linalg.eigh(certain)

@@ -105,7 +105,7 @@ def _described(
     """Covariance (translation, body-side rotation), from eigenvalues in variances of the prior, with what it lacks."""
     scale = np.repeat([ROTATION_PRIOR, size], 3)
     lacking = [_describe_direction(vectors[:, k] * scale, size) for k in range(6) if values[k] > UNDETERMINED]
-    # beside an open direction, rounding loses smaller variances
+    # next to an undetermined direction, rounding loses smaller variances
     values = np.maximum(values, LEAST_VARIANCE * values.max())
     covariance = (scale[:, None] * vectors * values) @ (vectors.T * scale)
     return body_side(body_side(covariance, rotation).T, rotation), tuple(lacking)

@@ -575,7 +575,7 @@ def _describe_coarse_scans(clouds: Sequence[Float[np.ndarray, "n 3"]], unused: i
     ways = "faces and points" if by_faces else "the scans before and those behind"
     return (
         f"{np.median([len(points) for points in clouds]):.0f} points a scan leave several attitudes of this body; {unused} of "
-        f"{len(clouds)} scans are not used, because {ways} tell different ones; give scans of {FEWEST_REGISTERED} points or more"
+        f"{len(clouds)} scans are not used, because {ways} give different ones; give scans of {FEWEST_REGISTERED} points or more"
     )
 
 

@@ -111,7 +111,7 @@ class AnswerWriter:
     dropped
         Answers that were not written, because too many waited.
     broken : OSError | None
-        Why nothing is written any more: nobody reads, or the disk is full.
+        Why nothing is written any more: the reader has gone, or the disk is full.
     """
 
     def __init__(self, style: str, stream: TextIO) -> None:
@@ -142,7 +142,7 @@ class AnswerWriter:
         Raises
         ------
         BrokenPipeError
-            Nobody reads any more.
+            The reader has gone.
         OSError
             The answers cannot be written, as on a full disk.
         """

@@ -38,7 +38,7 @@ from spinfilters.verdict.check import LARGEST_NIS, LARGEST_REJECTED
 from spinfilters.verdict.noise_diagnostics import LARGEST_RATIO
 
 WINDOW = 60
-"""Measured epochs that are tested together, beside all since the filter was last believed."""
+"""Measured epochs that are tested together, in addition to all since the filter was last trusted."""
 FALSE_ALARM = 1e-9
 """Probability of a test's sum where all is well: it is looked at after every epoch of a run without an end."""
 
@@ -65,7 +65,7 @@ class RunningVerdict:
     Parameters
     ----------
     process : ProcessModel
-        With the noise that the filter was told.
+        With the noise that the filter assumes.
     """
 
     def __init__(self, process: ProcessModel) -> None:
@@ -175,7 +175,7 @@ def chance(test: NoiseTest) -> float:
 
 
 REMEMBERED, FEWEST = 50, 5
-"""Intervals that tell the usual one, and how many of them it takes."""
+"""Intervals that determine the usual one, and how many of them it takes."""
 GAP, JUMP = 3.0, 30.0
 """In usual intervals: a gap is counted, a jump must be confirmed."""
 

@@ -126,7 +126,7 @@ too poor, but one who is always late is of no use."""
 LONGEST_SILENCE = 1.0
 """Seconds without a hand-over, about."""
 MAP = ("ids", "points", "modes", "roots", "move")
-"""Of a `LandmarkBelief`, beside mean and factor."""
+"""Of a `LandmarkBelief`, in addition to mean and factor."""
 
 
 @dataclass(frozen=True)

@@ -234,7 +234,7 @@ class Lines(Source):
         self._looked = quiet = time.monotonic()
         rest = b""
         while True:
-            data = self._read()
+            data = self._read_chunk()
             if data == b"" and (not self._grows or time.monotonic() - quiet > self._patience):
                 break
             if not data:
@@ -249,16 +249,16 @@ class Lines(Source):
                 epoch = self.reader.feed(line.decode("utf-8", "replace"))
                 if epoch is not None:
                     yield replace(epoch, at=self._arrived)
-        if rest:  # nobody knows how much of it is missing
+        if rest:  # how much of it is missing is unknown
             self.reader.torn(rest.decode("utf-8", "replace"))
         yield self.reader.flush()
 
-    def _read(self) -> bytes | None:
+    def _read_chunk(self) -> bytes | None:
         """Bytes that have come; empty at the end, None where nothing came in a moment."""
         begin = time.monotonic()
         try:
             if self._grows:
-                return self._grown()
+                return self._read_growth()
             ready, _, _ = select.select([self._descriptor], [], [], POLL)
             self._arrived = self._looked if time.monotonic() - begin < AT_ONCE else time.monotonic()
             return os.read(self._descriptor, CHUNK) if ready else None
@@ -268,7 +268,7 @@ class Lines(Source):
         finally:
             self._looked = time.monotonic()
 
-    def _grown(self) -> bytes:
+    def _read_growth(self) -> bytes:
         """Bytes by which a file has grown; from its beginning where it has become shorter."""
         data = os.read(self._descriptor, CHUNK)
         if not data and os.fstat(self._descriptor).st_size < os.lseek(self._descriptor, 0, os.SEEK_CUR):

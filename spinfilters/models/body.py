@@ -142,7 +142,7 @@ class MassSamples:
         Pareto shape of the Gaussian belief as a proposal of the samples' density (`spinfilters.core.importance_weights`).
     gaussian_nees : float
         Mean NEES per degree of freedom of the samples in the Gaussian belief. It is large where that misses a part of the
-        posterior, in which it proposes nothing, so that the shape does not tell.
+        posterior, in which it proposes nothing, which the shape does not show.
     """
 
     points: Float[np.ndarray, "n 5"]

@@ -12,7 +12,7 @@ M is exact for what is quadratic in the error:
 
 Intervals of moments, log ratios and axes within four standard deviations of a mass distribution.
 
-A standard deviation tells how wide a Gaussian is. Where the mass distribution has one, moments and axes have none: the ratio of two
+A standard deviation is the width of a Gaussian. Where the mass distribution has one, moments and axes have none: the ratio of two
 nearly equal moments is a root of a sum of squares, with the tails of a chi-square, their axes turn by an angle whose tangent is a
 quotient, and an error of three deviations of the mass distribution was one of five of the ratio. So the ends of
 

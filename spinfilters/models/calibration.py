@@ -14,7 +14,9 @@ from spinfilters.io.stated_values import NumberRange
 from spinfilters.models.state_blocks import GYRO_SCALE
 
 
-def _moved(values: Expression, parameters: Expression, error: Expression) -> tuple[Expression, Expression]:
+def _change_baseline(
+    values: Expression, parameters: Expression, error: Expression
+) -> tuple[Expression, Expression]:
     return values, ca.vertcat(parameters[:7], parameters[7] * (1 + error), parameters[8:])
 
 
@@ -24,7 +26,7 @@ BASELINE: Final = ConsiderParameter(
     allowed=NumberRange(0, 0.1, "of the baseline"),
     default=1e-3,
     sensors=("stereo",),
-    moved=_moved,
+    moved=_change_baseline,
     order=2,
 )
 

@@ -78,7 +78,7 @@ class MeasurementModel(ABC):
     needs : tuple[str, ...]
         State blocks that the measurement depends on.
     known_by : int | None
-        Leading parameters that tell what is measured, by which it is known again; None for all of them.
+        Leading parameters that identify what is measured, by which it is recognised; None for all of them.
     images : int
         Of which a value holds pixels: one of a camera, two of a pair.
     reads_rate : bool
@@ -663,7 +663,7 @@ class LandmarkSensor(MeasurementModel):
 
         The Jacobians are those of the expected value, that is minus those of the innovation.
         """
-        at, d = self._moved(x)
+        at, d = self._retract_symbol(x)
         expected = self.innovation(self.symbolic(at, p), z)
         here = self.innovation(self.symbolic(self.layout.unpack(x), p), z)
         jacobian = ca.substitute(-ca.jacobian(expected, d)[:, self.columns], d, ca.SX.zeros(*d.shape))
@@ -672,7 +672,7 @@ class LandmarkSensor(MeasurementModel):
     @built_property
     def _new_landmarks(self) -> Compiled:
         x, p, z = self._symbols
-        at, d = self._moved(x)
+        at, d = self._retract_symbol(x)
         state = self.layout.unpack(x)
         point = self.landmark(state, z, p)
         moved = self.landmark(at, z, p)
@@ -683,6 +683,6 @@ class LandmarkSensor(MeasurementModel):
         outputs = [point, row_by_row(jacobian), row_by_row(root), valid]
         return self._function("new_landmarks", [x, p, z], outputs)
 
-    def _moved(self, x: ca.SX) -> tuple[dict[str, Expression], ca.SX]:
+    def _retract_symbol(self, x: ca.SX) -> tuple[dict[str, Expression], ca.SX]:
         d = ca.SX.sym("d", self.layout.error_dim)
         return self.layout.unpack(self.layout.retract_expression(x, d)), d

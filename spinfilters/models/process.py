@@ -9,8 +9,10 @@ To add to the model:
   `ACCELERATION_TERMS` of `spinfilters.models.rotation_integrator`, from where all users take it;
 - a force is a term of `RotationSubsteps.translated` in that file, which moves the centre of mass in filters, smoother and
   simulation. Repeat it in `derivative`, else verdict and observability analyser miss it;
-- a white disturbance is a field of `ProcessNoise` and a part of the noise factor G in that file. Its setting is in
-  `spinfilters.settings.run_settings`.
+- a white disturbance is a field of `ProcessNoise` and a part of the noise factor G in that file. Its columns of G have a name in
+  `SOURCES` of `spinfilters.filters.noise_levels`, its setting is in `spinfilters.settings.run_settings`;
+- a block that drifts, such as a Markov bias, decays in `RotationSubsteps.translated` and in `derivative`. Its drive is a white
+  disturbance.
 """
 
 from dataclasses import dataclass

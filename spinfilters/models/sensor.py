@@ -93,7 +93,8 @@ def with_noise(
 class CameraView:
     """What a camera's observations are compared with: landmarks in frame g, calibration and camera poses.
 
-    Without a known map the estimators hold the landmarks, and measurements carry their ids.
+    Without a known map the estimators hold the landmarks, and measurements carry their ids. Only a data set with a camera's
+    calibration has a view; its other sensors get the same one.
 
     Attributes
     ----------
@@ -163,7 +164,7 @@ class MotionSamples:
     landmarks : KnownMap | None
         a map that was found with the poses, None where it was known or there is none.
     noise_ratio : float | None
-        Standard deviation of the rows over the stated, None where the samples do not tell it.
+        Standard deviation of the rows over the stated, None where the samples do not determine it.
     shared : Int[np.ndarray, ' k'] | None
         (k,) landmarks that an epoch has in common with the one before, of poses from tracks; else None.
     """

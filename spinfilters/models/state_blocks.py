@@ -1,6 +1,7 @@
 """State blocks: what layouts, models, estimators and tables ask of a part of a state, every block, and the tuple that names them.
 
-A new constant block is one `StateBlock` here and its name in `OWN_BLOCKS`.
+A new constant block is one `StateBlock` here and its name in `OWN_BLOCKS`. A block that drifts also changes the process
+(`spinfilters.models.process`).
 """
 
 from collections.abc import Callable, Iterable, Mapping

@@ -6,13 +6,13 @@
 typedef long long integer;
 
 /* Of `count` points and unit normals (3 x count each), and n.p and |p|^2 of each: found [epochs][count] where the
- * cosine between the
- * normal and the line to the camera exceeds `cosine`, and the depth along the optical axis (its axes in g: [epochs][3]) exceeds the
- * least one. camera: its places in g. */
+ * cosine between the normal and the line to the camera exceeds `cosine`, and the depth along the optical axis (its axes in g:
+ * [epochs][3]) exceeds the least one. camera: its places in g. */
 void facing(integer epochs, integer count, const double* restrict points, const double* restrict normals,
             const double* restrict heights, const double* restrict squares, const double* camera, const double* axes,
             const double* least, double cosine, unsigned char* found) {
   const double *x = points, *y = x + count, *z = y + count, *u = normals, *v = u + count, *w = v + count;
+  /* epoch e: the camera at c looks along a, both in g; a row of flags over all points */
   for (integer e = 0; e < epochs; ++e) {
     const double *c = camera + 3 * e, *a = axes + 3 * e, square = c[0] * c[0] + c[1] * c[1] + c[2] * c[2];
     unsigned char* restrict row = found + e * count;
@@ -26,11 +26,11 @@ void facing(integer epochs, integer count, const double* restrict points, const 
 }
 
 /* Of `visible` [epochs][count] those known again: landmark k in its appearance a where `drawn` [epochs][count] at (a,
- * k) is below its
- * probability. now [count + 8], 0 at first; begun [count + 8] likewise, read eight at once, of which few are new. */
+ * k) is below its probability. now [count + 8], 0 at first; begun [count + 8] likewise, read eight at once, of which few are new. */
 void recognised(integer epochs, integer count, const unsigned char* restrict visible, const double* restrict drawn,
                 const double* restrict probability, integer* restrict appearances, unsigned char* restrict now,
                 unsigned char* restrict begun, unsigned char* restrict found) {
+  /* epoch e: which appearances begin, which of these are recognised, and which landmarks stay so */
   for (integer e = 0; e < epochs; ++e) {
     const unsigned char *seen = visible + e * count, *before = e ? seen - count : now + count;
     /* An appearance begins where a landmark is visible and was not in the epoch before. */

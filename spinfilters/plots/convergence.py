@@ -1,7 +1,7 @@
 """Convergence of a smoother's estimates over its solves.
 
 After Tweddle (2013), Figures 6-33 to 6-41: iterations (epochs taken in) and time span the plane, scales are logarithmic.
-Motions are told by the length of their error, beside its standard deviation in the same scale of colours: equal colours are an
+Motions are shown by the length of their error, with its standard deviation in the same scale of colours: equal colours are an
 honest covariance, and colours that do not change any more along a row are an estimate that has settled.
 """
 

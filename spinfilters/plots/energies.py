@@ -31,7 +31,7 @@ from spinfilters.plots.style import (
 
 
 def energy_figure(evaluations: Sequence[Evaluation], truth: Truth) -> Figure:
-    """Energy of the rotation per unit of the largest moment, and of the translation per mass, with bands, beside the true ones.
+    """Energy of the rotation per unit of the largest moment, and of the translation per mass, with bands, and the true ones.
 
     Parameters
     ----------

@@ -327,7 +327,7 @@ def _names_of(entry: FigureEntry, estimators: Sequence[str]) -> tuple[str, ...]:
     return names
 
 
-def _drawn(entry: FigureEntry, figure_data: FigureData, name: str) -> "Figure":
+def _draw_entry(entry: FigureEntry, figure_data: FigureData, name: str) -> "Figure":
     """A figure of an entry. InputError: a plug-in drew something else."""
     from matplotlib.figure import Figure
 
@@ -434,4 +434,4 @@ def _figures(figure_data: FigureData) -> Iterator[tuple[str, Callable[[], "Figur
     for entry in figure_entries():
         if entry.lacks(figure_data) is None:
             for name in _names_of(entry, estimators):
-                yield name, partial(_drawn, entry, figure_data, name)
+                yield name, partial(_draw_entry, entry, figure_data, name)

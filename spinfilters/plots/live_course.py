@@ -47,7 +47,7 @@ class LiveCourse:
     deadline : float
         Latency that is allowed, s.
     stride : int
-        Answers of which the slowest stands for all.
+        Answers of which the slowest represents all.
     """
 
     time: Float[np.ndarray, " n"]

@@ -1,6 +1,7 @@
 """Figures of the observability analyser: bounds of quantities, and conditioning against noise."""
 
 from collections.abc import Sequence
+from textwrap import wrap
 from typing import Final
 
 import numpy as np
@@ -8,6 +9,7 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter
 
 from observability.analysis_report import Report
 from observability.bound_study import BoundStudy, Curve
@@ -22,6 +24,7 @@ from observability.conditioning import (
 )
 from observability.conditioning_report import TIME_STEPS
 from observability.cramer_rao import BLOCK_NAMES, EACH_MOMENT, MOMENTS, PLACE, Quantity
+from observability.further_sensors import OTHER_AXES, FurtherSensors
 from spinfilters.plots.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, RED, SKY, tidy
 
 COLOURS: Final = dict(
@@ -39,7 +42,7 @@ BRIGHT: Final = 0.6
 
 
 def observability_figure(found: Report, title: str) -> Figure:
-    """Ranks by order with the verdict, beside the Cramer-Rao bound of every quantity over time, s.
+    """Ranks by order with the verdict, next to the Cramer-Rao bound of every quantity over time, s.
 
     Parameters
     ----------
@@ -63,6 +66,49 @@ def observability_figure(found: Report, title: str) -> Figure:
     names.legend(handles, labels, loc="center", ncols=3, frameon=False, fontsize="small")
     figure.suptitle("\n".join(_wrapped([title], TITLE_WIDTH)), fontsize="large")
     figure.supxlabel("\n".join(_wrapped(found.rank_sentences)), fontsize="small", x=0.02, ha="left")
+    return figure
+
+
+def further_sensors_figure(found: FurtherSensors) -> Figure:
+    """Bounds of each quantity with every further sensor, shaded by their gain over the set without it.
+
+    Parameters
+    ----------
+    found : FurtherSensors
+        The set, and each further sensor beside it.
+
+    Returns
+    -------
+    Figure
+        Not yet saved or shown.
+    """
+    names, quantities = [each.name for each in found.sensors], found.quantities
+    gains = np.array([[each.gains.get(name, 1.0) for name in quantities] for each in found.sensors])
+    gains = np.vstack([np.ones(len(quantities)), gains.reshape(-1, len(quantities))])
+    figure = Figure(figsize=(11.0, 2.2 + 0.5 * len(gains)), layout="constrained")
+    axes = figure.subplots()
+    norm = LogNorm(1.0, max(2.0, float(gains.max())))
+    mesh = axes.imshow(np.clip(gains, 1.0, None), aspect="auto", norm=norm, cmap="Blues")
+    for row, each in enumerate((None, *found.sensors)):
+        sensors = found.stated if each is None else each.after
+        for column, name in enumerate(quantities):
+            new = 0 if each is None else each.becomes_determined.get(name, 0)
+            ink = GREEN if new else "white" if norm(gains[row, column]) > BRIGHT else BLACK
+            words = found.cell(sensors, each, name)
+            axes.text(column, row, words, ha="center", va="center", fontsize="small", color=ink)
+    labels = [name if unit == "1" else f"{name} [{unit}]" for name, unit in quantities]
+    axes.set_xticks(range(len(labels)), ["\n".join(wrap(label, 16)) for label in labels], fontsize="small")
+    axes.set_yticks(range(len(gains)), ["none", *names])
+    axes.set_ylabel("further sensor")
+    beside = ", ".join(found.stated.case.sensors)
+    axes.set_title(
+        f"Bound beside {beside}; green: determined with the sensor only", loc="left", fontsize="medium"
+    )
+    bar = figure.colorbar(mesh, ax=axes, label="gain: bound without over with the sensor")
+    for place in (bar.ax.yaxis.set_major_formatter, bar.ax.yaxis.set_minor_formatter):
+        place(FuncFormatter(lambda value, _: f"{value:.3g}"))
+    if any("*" in found.cell(each.after, each, name) for each in found.sensors for name in quantities):
+        figure.supxlabel(OTHER_AXES, fontsize="small", x=0.02, ha="left")
     return figure
 
 

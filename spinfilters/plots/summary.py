@@ -56,7 +56,7 @@ def inertia_figure(
     evaluations: Sequence[Evaluation],
     true_moments: Float[np.ndarray, "3"] | None = None,
 ) -> Figure:
-    """Both ratios with +-3 sigma for every estimator, truth (any scale and order) dashed; beside them what estimators differ by.
+    """Both ratios with +-3 sigma for every estimator, truth (any scale and order) dashed; next to them what estimators differ by.
 
     Parameters
     ----------

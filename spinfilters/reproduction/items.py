@@ -55,7 +55,7 @@ ITEMS: Final[tuple[Item, ...]] = (
 
 
 def chosen_items(names: tuple[str, ...]) -> tuple[Item, ...]:
-    """Items of the given names, in the order of the sources; a beginning of a name stands for all that begin so.
+    """Items of the given names, in the order of the sources; a beginning of a name selects all that begin so.
 
     Parameters
     ----------

@@ -86,7 +86,7 @@ def reproduce(
         try:
             for item in items:
                 report(item, None)
-                kept = None if again else _kept(folder / item.name)
+                kept = None if again else _read_current(folder / item.name)
                 done = (
                     Finished(item.name, str(kept["result"]), kept, True)
                     if kept
@@ -179,15 +179,15 @@ def _csv(rows: Sequence[Mapping[str, Any]]) -> str:
     return text.getvalue()
 
 
-def _kept(place: Path) -> Mapping[str, Any] | None:
+def _read_current(place: Path) -> Mapping[str, Any] | None:
     """The document that an earlier call of this version wrote for an item; None without one, or where it failed."""
-    document = _read(place)
+    document = _read_document(place)
     if document is None or (document.get("schema"), document.get("version")) != (SCHEMA, __version__):
         return None
     return None if document["result"] == FAILED else document
 
 
-def _read(place: Path) -> dict[str, Any] | None:
+def _read_document(place: Path) -> dict[str, Any] | None:
     try:
         document = json.loads(read_settings_text(place / ITEM_FILE))
     except (InputError, ValueError, RecursionError):
@@ -217,7 +217,7 @@ def _read(place: Path) -> dict[str, Any] | None:
 def _documents(folder: Path) -> Iterator[dict[str, Any]]:
     """Documents of all items in a folder, in the order of the sources."""
     for item in ITEMS:
-        document = _read(folder / item.name)
+        document = _read_document(folder / item.name)
         if document is not None:
             yield document
 

@@ -261,7 +261,7 @@ def _observations(
 def _calibration(
     arrays: Mapping[str, np.ndarray], numbers: Mapping[str, np.ndarray]
 ) -> Float[np.ndarray, "n e c"] | None:
-    """Errors by those of the calibration; None where the file does not tell. Raises ShapeError."""
+    """Errors by those of the calibration; None where the file does not hold them. Raises ShapeError."""
     told = arrays.get(CALIBRATION)
     if told is None:
         return None

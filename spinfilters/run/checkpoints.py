@@ -397,10 +397,10 @@ def remove_checkpoints(folder: Path) -> None:
 
 @contextmanager
 def _held_interrupts() -> Iterator[Callable[[], bool]]:
-    """Hold the first Ctrl-C back and tell whether there was one.
+    """Defer the first Ctrl-C and report whether there was one.
 
     It is noted instead of raised.
-    One that nobody asked for takes effect when the block ends. Where Ctrl-C is not this thread's business nothing changes.
+    One that was not asked for takes effect when the block ends. Where Ctrl-C is not this thread's business nothing changes.
     """
     before = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or not callable(before):

@@ -22,11 +22,11 @@ from spinfilters.verdict.calibration_errors import enlarged_words
 WINDOW: Final = 1.0
 """Rad of turn after which attitudes and rates start together again, so that a gyro's bias does not add up."""
 LARGEST_STEP: Final = 1.0
-"""Rad between two rows, above which rates at the rows alone do not tell the turn."""
+"""Rad between two rows, above which rates at the rows alone do not determine the rotation."""
 TOLD: Final = 0.8
 """Share of all turning that must be in steps no larger: of a body that is seen too rarely nothing is said."""
 DEGREES: Final = (55.0, 60.0)
-"""Ratio of a rate to the turn that is seen, within which the rate is in degrees; steps too long to be told are no hindrance."""
+"""Ratio of a rate to the turn that is seen, within which the rate is in degrees; steps too long to be resolved do not matter."""
 APART: Final = 0.25
 """Rad within a window, which a quarter of all turning must exceed: rates wrong by a third; optical noise is a tenth of it."""
 SHARE: Final = 0.5
@@ -40,7 +40,7 @@ FEWEST: Final = 5
 def contradictions(truth: Truth) -> list[str]:
     """One sentence for each contradiction of a truth with itself.
 
-    None for one that does not contradict, or is too short to tell.
+    None for one that does not contradict, or is too short to decide.
     """
     with np.errstate(all="ignore"):  # numbers beyond all bounds are no reason to stop
         return [*_of_rotation(truth), *_of_translation(truth)]
@@ -93,7 +93,7 @@ def _turns(truth: Truth) -> tuple[Float[np.ndarray, " j"], Float[np.ndarray, " j
 def _typically_apart(truth: Truth) -> float | None:
     """Third quartile of the angle between turns by attitudes and rates, rad.
 
-    All turning counts; None where too few rows tell. What rates leave open between two rows, by their second differences, is
+    All turning counts; None where there are too few rows. What rates leave open between two rows, by their second differences, is
     taken off.
     """
     turn, seen = _turns(truth)
@@ -159,7 +159,7 @@ class StatedNoise:
     std : float or None
         Of an identified value.
     upper : float or None
-        Bound on one that cannot be told from zero.
+        Bound on one that cannot be distinguished from zero.
     smallest : float
         Level below which none is identified; 0 of what has no such bound.
     """

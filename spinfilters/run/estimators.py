@@ -65,7 +65,7 @@ class MultiplicativeEntry(EstimatorEntry[MultiplicativeFilter]):
     def noise(
         self, estimator: MultiplicativeFilter, history: EstimateHistory, setup: Setup
     ) -> tuple[VarianceComponent, ...]:
-        """Noise levels as adapted, beside those of the initialisation."""
+        """Noise levels as adapted, in addition to those of the initialisation."""
         return adapted_levels(setup, estimator.level)
 
     def points(

@@ -35,7 +35,7 @@ SLOWEST_RELEASE: Final = 4
 """Rates at each end, at most, that a hand may have changed."""
 FEWEST: Final = 8
 REACH: Final = 0.5
-"""Rates that a parabola is fitted to, and rad within which it stands for them."""
+"""Rates that a parabola is fitted to, and rad within which it represents them."""
 REMAINDER: Final = 1 / 24
 """Of the third order that a parabola leaves, over the rate and the cube of the angle."""
 TINY: Final = 1e-9
@@ -52,7 +52,7 @@ def turns_on(
     attitude : ndarray of float, shape (n, 3, 3)
         R_ig at the stamps.
     margin : int
-        Samples at each end; those between tell how much the rate changes in flight.
+        Samples at each end; those between show how much the rate changes in flight.
     """
     good, rates = np.ones(len(time), dtype=bool), _body_rates(time, attitude)
     jumps = np.linalg.norm(np.diff(rates, axis=0), axis=1)  # of samples k, k + 1 and k + 2

@@ -241,7 +241,7 @@ class OptionalOutputs:
         on_epoch: Callable[[int, int], None],
         with_figures: bool = True,
     ) -> None:
-        """Write into the folder of a written run; `lacking` tells what could not be made. Raises InputError."""
+        """Write into the folder of a written run; `lacking` lists what could not be made. Raises InputError."""
         evaluations = comparison.evaluations
         compared = self._compared([each.history for each in evaluations])
         if self.predict_s is not None:

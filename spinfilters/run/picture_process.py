@@ -1,6 +1,6 @@
 """Pictures of a run by further processes, which load what draws while the estimators run.
 
-A process is told a run folder and then the names of pictures, one at a time. Whatever ends it early, the process that asked draws
+A process is sent a run folder and then the names of pictures, one at a time. Whatever ends it early, the process that asked draws
 what is missing, and meets and reports the cause itself.
 """
 
@@ -21,7 +21,7 @@ from spinfilters.plots.figures import FigureData, draw_run, figure_names
 from spinfilters.run.run_folder import read_figure_data
 
 MOST_PROCESSES: Final = 3
-"""Beside the one that asks; a run has about ten pictures."""
+"""In addition to the one that asks; a run has about ten pictures."""
 PROCESSES: Final = "SPINFILTERS_PICTURE_PROCESSES"
 """Environment variable that states another number, 0 for none."""
 STATED_PROCESSES: Final = NumberRange(0, 99, whole=True)
@@ -34,7 +34,7 @@ _READY: Final = b"ready\n"
 
 
 class PictureProcess:
-    """A process that draws pictures of a run when told so.
+    """A process that draws pictures of a run on request.
 
     It ends with its input, hence with the process that started it.
     """

@@ -48,7 +48,7 @@ MOST_STEPS = 20_000
 ROUNDING = 1e-6
 """Of a step: time stamps are printed with six decimals."""
 CLOSE = 1e-3
-"""Of a step: a stamp of the truth stands for a step that is so near."""
+"""Of a step: a stamp of the truth counts as a step that is so near."""
 
 
 def times_ahead(time: Float[np.ndarray, " n"], seconds: float) -> Float[np.ndarray, " k"]:
@@ -73,7 +73,7 @@ def times_ahead(time: Float[np.ndarray, " n"], seconds: float) -> Float[np.ndarr
 def stamps_ahead(
     time: Float[np.ndarray, " n"], seconds: float, compared: Float[np.ndarray, " m"]
 ) -> Float[np.ndarray, " k"]:
-    """Times ahead of the last epoch, s: those of `times_ahead`, and the stamps (s) at which a truth tells the motion.
+    """Times ahead of the last epoch, s: those of `times_ahead`, and the stamps (s) at which a truth gives the motion.
 
     Where a truth has more rows than a prediction may have steps, every so many of them are taken.
 
@@ -175,7 +175,7 @@ def draw_predictions(folder: Path, evaluations: Sequence[Evaluation]) -> list[st
     told = [folder / PREDICTION_PICTURE, *paths, *(path.with_name(TABLE) for path in paths)]
     if not good or not any(path.exists() for path in told):
         return []
-    predicted = [_read(path, each.history) for path, each in zip(paths, good, strict=True)]
+    predicted = [_read_prediction(path, each.history) for path, each in zip(paths, good, strict=True)]
     compared = _compared_with_truth(good, predicted)
     # the reference of an earlier call is not in the folder: its picture stays
     return _draw(folder, good, predicted, compared, keeps=any(each.truth is None for each in good))
@@ -318,7 +318,7 @@ def predict_history(
     return rows.ended(history.name, EstimatorStatus())
 
 
-def _read(path: Path, history: EstimateHistory) -> EstimateHistory:
+def _read_prediction(path: Path, history: EstimateHistory) -> EstimateHistory:
     """The prediction that goes on from a history."""
     predicted = read_history(path, CURE)
     time, mean = predicted.time, predicted.mean

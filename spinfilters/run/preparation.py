@@ -18,7 +18,7 @@ from spinfilters.inference.first_epochs import (
     NoisyModels,
     with_identified_noise,
 )
-from spinfilters.inference.identified_noise import smallest_level
+from spinfilters.inference.identified_noise import is_smallest
 from spinfilters.inference.initial_estimate import InitialEstimate
 from spinfilters.inference.noise_choice import (
     considered_deviations,
@@ -155,7 +155,7 @@ def setup_beside(setup: Setup, settings: Settings) -> Setup:
 
 
 def _compared(setup: Setup, settings: Settings) -> Setup | None:
-    """`setup_beside`; None where these settings lead nowhere, of which the caller's own would tell."""
+    """`setup_beside`; None where these settings fail, which the caller's own settings would report."""
     try:
         return setup_beside(setup, settings)
     except InputError:
@@ -203,8 +203,6 @@ ALIKE: Final = 10.0
 """Of -2 ln likelihood, within which the data do not distinguish two priors: the smaller offset is the plainer explanation."""
 CLEAR_FIT: Final = 1.5
 """Rms of whitened residuals of the first epochs above which a score about them says little: the acceleration is tried."""
-AT_FLOOR: Final = 1.01
-"""Times the smallest level that can be identified, below which an identified one is that smallest level."""
 
 
 @dataclass(frozen=True)
@@ -300,9 +298,7 @@ def _cost(setup: Setup | None) -> float:
     if setup is None:
         return np.inf
     sensors = [each for each in setup.identified if not each.is_density]
-    is_free_of_noise = bool(sensors) and all(
-        each.value < AT_FLOOR * smallest_level(each.name) for each in sensors
-    )
+    is_free_of_noise = bool(sensors) and all(map(is_smallest, sensors))
     differs = any(each.told for each in setup.identified)
     if setup.sought and not (differs or (is_free_of_noise and not setup.initial.rejected)):
         return np.inf

@@ -98,13 +98,13 @@ def read_dataset(
     reader = reader_of(place, options)
     if segment is not None and not reader.has_segments:
         raise InputError(f"{path_text(place)}: has no segments; leave out --segment {segment}")
-    return _made(reader, reader.read(place, segment))
+    return _check_dataset(reader, reader.read(place, segment))
 
 
 def read_whole(path: str | os.PathLike[str], options: ReadingOptions = NOTHING_STATED) -> Dataset:
     """The whole recording of a path, whatever segments are marked in it. Errors: `read_dataset`."""
     reader = reader_of(Path(path), options)
-    return _made(reader, reader.whole(Path(path)))
+    return _check_dataset(reader, reader.whole(Path(path)))
 
 
 def read_segments(
@@ -129,7 +129,7 @@ def read_segments(
         As `read_dataset`.
     """
     reader = reader_of(Path(path), options)
-    return [_made(reader, each) for each in reader.segments(Path(path), on_refused)]
+    return [_check_dataset(reader, each) for each in reader.segments(Path(path), on_refused)]
 
 
 def recordings_in(folder: Path) -> tuple[Path, ...]:
@@ -156,7 +156,7 @@ def _is_recording(path: Path) -> bool:
     return reader.name != anything.name or path.suffix.lower() in suffixes
 
 
-def _made(reader: DatasetReader, dataset: Dataset) -> Dataset:
+def _check_dataset(reader: DatasetReader, dataset: Dataset) -> Dataset:
     """What a reader made, without rows that a logger wrote again, where a sensor's format says that loggers do."""
     require_made(dataset, Dataset, f"reader {reader.name!r}")
     logged_again = any(sensor_format(name).logged_again for name in dataset.log.sensors)

@@ -98,7 +98,7 @@ def reconstruct(
     Parameters
     ----------
     images : Path or None
-        Folder of the images, None for the one that the run tells.
+        Folder of the images, None for the one that the run names.
     progress : Progress
         Called with stage, how much and of how much.
 
@@ -238,7 +238,7 @@ class _Images:
 
 
 def _animated(model: BodyModel, motion: PrincipalAxesMotion, source: Path, progress: Progress) -> bytes:
-    """Left images beside the model as the estimate puts it, evenly over the run."""
+    """Left images next to the model as the estimate places it, evenly over the run."""
     sequence, pictures = _Images(source, motion), []
     step = -(-len(motion.time) // MOST_FRAMES)
     rig = sequence.rectification.stereo

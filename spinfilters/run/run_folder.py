@@ -61,7 +61,7 @@ SURFACE_PICTURES = {
 }
 SETTLING_ANIMATIONS = {"velocity": "convergence-velocity.gif", "body_rate": "convergence-body-rate.gif"}
 CONSTANTS_PICTURE, COSTS_PICTURE = "convergence-constants.png", "convergence-costs.png"
-"""Pictures of how each quantity settles, beside the arrays."""
+"""Pictures of how each quantity converges, with the arrays."""
 ESTIMATOR_FILES = (
     *("trajectory.csv", "trajectory.tum", FRAME_FILE, MAP_FILE, HISTORY_FILE),
     *(PREDICTION_TABLE, PREDICTION_ARRAYS, CONVERGENCE_ARRAYS, REFERENCE_TABLE, PREDICTION_ERRORS_TABLE),

@@ -50,7 +50,7 @@ from spinfilters.run.run_folder import (
 )
 
 LARGEST_PICTURE: Final = 20_000_000
-"""Bytes; a larger one stays beside the page."""
+"""Bytes; a larger one stays a file next to the page."""
 FEWEST_POINTS: Final = 4
 MAP_GREY: Final = 200.0
 
@@ -155,7 +155,7 @@ BOX_SHARE: Final = 0.25
 
 
 def box_edge(position: Float[np.ndarray, "n 3"], sees_position: bool) -> float:
-    """Length of the longest edge of a box whose size nobody knows: 1, or a share of the path."""
+    """Length of the longest edge of a box of unknown size: 1, or a share of the path."""
     finite = position[np.isfinite(position).all(axis=1)]
     extent = float(np.linalg.norm(np.ptp(finite, axis=0))) if len(finite) else 0.0
     return BOX_SHARE * extent if sees_position and extent > 0 else 1.0
@@ -203,7 +203,7 @@ def _dense_model(folder: Path) -> ShownModel | None:
 
 
 def _dense_sections(folder: Path) -> dict[str, str]:
-    """Dimensions of the dense model, and its animation beside the images."""
+    """Dimensions of the dense model, and its animation next to the images."""
     place = folder / RECONSTRUCTION_FOLDER
     sections: dict[str, str] = {}
     try:

@@ -86,7 +86,7 @@ def read_process(folder: Path, tolerance: float) -> TorqueFreeProcess:
     Raises
     ------
     InputError
-        As `read_summary`, or the summary does not tell it.
+        As `read_summary`, or the summary does not hold it.
     """
     document = read_summary(folder)
     try:
@@ -216,7 +216,7 @@ def _error_numbers(evaluation: Evaluation, own: EpochSpan, common: EpochSpan) ->
 
 
 def _span_numbers(chosen: list[Metric], span: EpochSpan) -> dict[str, Any] | None:
-    """Errors of other epochs than the estimator's own, beside their bounds; None without any."""
+    """Errors of other epochs than the estimator's own, with their bounds; None without any."""
     if span.errors is None:
         return None
     found: dict[str, Any] = {"epochs": len(span.errors.time)}

@@ -1,4 +1,4 @@
-"""Comparison of every free flight of a recording, and what the flights tell of the body together."""
+"""Comparison of every free flight of a recording, and what the flights together determine of the body."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass

@@ -143,7 +143,7 @@ _SIZES = {
 def write_convergence_record(path: Path, found: ConvergenceRecord, layout: StateLayout) -> None:
     """Write the convergence record as arrays.
 
-    Surfaces (solves, epochs, components), the body after every solve, and the states that it was told from.
+    Surfaces (solves, epochs, components), the body after every solve, and the states that it was computed from.
     """
     latest = latest_epochs(layout, found)
     states = {"blocks": np.array(layout.blocks), "newest_mean": latest.mean, "newest_factor": latest.factor}
@@ -327,7 +327,7 @@ def recorded_convergence(
     settings : Settings
         Of the smoother.
     on_epoch : callable
-        Told of epochs done and of all.
+        Called with epochs done and all epochs.
 
     Returns
     -------
@@ -404,7 +404,7 @@ def settling_of(found: ConvergenceRecord, layout: StateLayout, truth: Truth | No
 
 
 def _latest_attitudes(attitudes: Float[np.ndarray, "f f 4"]) -> Float[np.ndarray, "f 4"]:
-    """What the last solve that told of each epoch said, with continuous signs; the unit quaternion where none did."""
+    """Attitude of each epoch by the last solve that estimated it, with continuous signs; the unit quaternion where none did."""
     held = np.asarray(np.isfinite(attitudes).all(axis=2))
     last = len(held) - 1 - np.argmax(held[::-1], axis=0)
     latest = attitudes[last, np.arange(held.shape[1])]
@@ -528,7 +528,7 @@ def _convergence(found: ConvergenceRecord, latest: EstimateHistory, truth: Truth
 def _in_estimated_frame(found: ConvergenceRecord, latest: EstimateHistory, truth: Truth) -> Truth:
     """The truth in the estimate's g.
 
-    That which the first epoch defines; where it is not told, that which fits the last solve best.
+    That which the first epoch defines; where it is not given, that which fits the last solve best.
     """
     if tells_first_frame(latest, truth):
         return truth_in_first_frame(latest, truth)

@@ -8,7 +8,7 @@ from spinfilters.run.run_summary import SCHEMA
 from spinfilters.settings.settings_schema import DIALECT
 
 NUMBERS: Final[dict[str, Any]] = {"type": ["number", "null", "array", "object", "string", "boolean"]}
-"""Of a metric: null stands for what is not finite or not known."""
+"""Of a metric: null is written for what is not finite or not known."""
 TEXTS: Final[dict[str, Any]] = {"type": "array", "items": {"type": "string"}}
 
 

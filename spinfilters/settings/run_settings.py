@@ -34,6 +34,7 @@ from spinfilters.models.state_blocks import (
 )
 from spinfilters.settings.stated_belief import require_belief
 from spinfilters.smoother.sliding_smoother import SmootherOptions
+from spinfilters.smoother.solver import STEP_RULES
 from spinfilters.smoother.window import FixedLag, FullSmoothing, LandmarkMarginalization, WindowPolicy
 
 PRIOR_STD = NumberRange(1e-9, 1e9)
@@ -156,7 +157,7 @@ if TYPE_CHECKING:
     class InitialisationOptions(_OptionsOfEveryState):
         """Options of the initialisation.
 
-        Beside those named in `_OptionsOfEveryState` each state block with a `prior_range` has one, by default 0: such as
+        In addition to those named in `_OptionsOfEveryState` each state block with a `prior_range` has one, by default 0: such as
         gyro_bias_std, of the prior of a gyro's bias, rad/s, or gyro_scale_error_std, of that of its relative scale error.
         """
 
@@ -181,7 +182,7 @@ else:
 PRESETS: Final = Path(__file__).parent / "presets"
 """Folder of the settings that have a name."""
 DEFAULT_ESTIMATORS: Final = ("mekf", "ukf", "smoother")
-"""Estimators of a comparison where nobody names any."""
+"""Estimators of a comparison unless some are named."""
 
 
 class NamedEstimator:
@@ -253,6 +254,8 @@ class SmootherSettings:
         Barron's alpha, at most 2.
     iterations : int
         Largest number of iterations per epoch.
+    step : str
+        How an iteration steps: "gauss-newton" (the whole step, halved while the cost rises) or "dogleg" (within a trust radius).
     """
 
     mode: str = "automatic"
@@ -262,12 +265,15 @@ class SmootherSettings:
     width: Annotated[float, NumberRange(1e-6, 1e9)] = 5.0
     shape: Annotated[float, NumberRange(-1e9, 2)] = 0.0
     iterations: Annotated[int, NumberRange(1, 1000, whole=True)] = 4
+    step: str = "gauss-newton"
 
     def __post_init__(self) -> None:
         if self.mode not in MODES:
             raise InputError(f"smoother.mode {self.mode!r} is unknown; choose from {', '.join(MODES)}")
         if self.loss not in LOSS_NAMES:
             raise InputError(f"smoother.loss {self.loss!r} is unknown; choose from {', '.join(LOSS_NAMES)}")
+        if self.step not in STEP_RULES:
+            raise InputError(f"smoother.step {self.step!r} is unknown; choose from {', '.join(STEP_RULES)}")
         if not self.width > 0:
             raise InputError(f"smoother.width is {self.width}; give a positive number of standard deviations")
         LandmarkMarginalization(self.revolutions, self.epochs)
@@ -287,7 +293,8 @@ class SmootherSettings:
             Options of the sliding smoother.
         """
         mode = self._mode(epochs)
-        return SmootherOptions(mode, iterations=self.iterations, loss=self.robust_loss)
+        rule = STEP_RULES[self.step]()
+        return SmootherOptions(mode, iterations=self.iterations, loss=self.robust_loss, step_rule=rule)
 
     @property
     def robust_loss(self) -> RobustLoss:
@@ -317,7 +324,7 @@ if TYPE_CHECKING:
 
         "auto" takes the data set's own, or the default where it is silent.
         Its fields are the `NoiseOption` of all sensors. "auto" of an option that a sensor identifies (`Sensor.identified_option`)
-        identifies it from the recording when nobody states the sensor's noise.
+        identifies it from the recording when the sensor's noise is unspecified.
         """
 
         __dataclass_fields__: ClassVar[dict[str, Any]]
@@ -399,7 +406,7 @@ class ProcessSettings:
     tolerance: Annotated[float, NumberRange(1e-12, 1e-2)] = 1e-8
 
     def noise(self, automatic: ProcessNoise) -> ProcessNoise:
-        """Its noise densities, checked; ``automatic`` are those that nobody has set.
+        """Its noise densities, checked; ``automatic`` are those that are not set.
 
         Parameters
         ----------
@@ -444,7 +451,7 @@ class Settings:
     robust : RobustOptions
         Gate and robust loss of the filters.
     iteration : IterationOptions
-        Iterated updates by landmarks.
+        Iterated updates of the MEKF.
     adaptation : AdaptationOptions
         Which noise levels filters adapt to their innovations.
     smoother : SmootherSettings

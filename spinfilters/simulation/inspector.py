@@ -101,7 +101,7 @@ def circle(centre: Float[np.ndarray, " 3"], seed: int = 0) -> InspectorPath:
     """Circle in the xz plane about a point in view, m, frame i.
 
     It goes round -y, against the spin of the scenarios' bodies: an inspector that flies along with a body sees it rotate less, and
-    learns less of it (a tenth less, once a minute beside a body of 10 rpm).
+    learns less of it (a tenth less, once a minute for a body of 10 rpm).
     """
 
     def path(time: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n 7"]:
@@ -167,7 +167,7 @@ SPARSEST: Final = 1e4
 
 @dataclass(frozen=True)
 class ToldPoses:
-    """What is told of an inspector.
+    """Poses of an inspector as they are stated.
 
     Attributes
     ----------
@@ -195,7 +195,7 @@ class InspectorError:
     words : str
         What it does, with the unit of its size.
     apply : Callable
-        Told poses with the error, from right ones and its size; None where nothing is told.
+        Stated poses with the error, from right ones and its size; None where none are stated.
     smallest, largest : float
         Of its size; a largest of zero of an error without a size.
     """
@@ -287,7 +287,7 @@ def require_inspector_errors(errors: Mapping[str, float]) -> None:
 def told_trajectory(
     path: InspectorPath, time: Float[np.ndarray, " n"], errors: Mapping[str, float]
 ) -> CameraTrajectory | None:
-    """The trajectory that is told of an inspector, with all its errors; None where none is."""
+    """The stated trajectory of an inspector, with all its errors; None where none is."""
     told: ToldPoses | None = ToldPoses(path, time)
     for name, size in errors.items():
         if told is not None:

@@ -36,7 +36,7 @@ Vector = Float[np.ndarray, "3"]
 
 @dataclass(frozen=True)
 class Physics:
-    """What moves a body beside its inertia; all zero in free flight.
+    """What moves a body in addition to its inertia; all zero in free flight.
 
     Attributes
     ----------
@@ -467,7 +467,7 @@ MODEL_FAULTS: Final[tuple[ModelFault, ...]] = (
 )
 """Every model of a recording that can be wrong."""
 STEP = 1e-3
-"""Between two views that tell how fast points move, s."""
+"""Between two views that determine how fast points move, s."""
 
 
 def model_faults() -> Mapping[str, ModelFault]:
@@ -512,11 +512,11 @@ def _view(dataset: Dataset, fine: Motion, size: float, generator: np.random.Gene
     assert rig is not None
     assert stream.ids is not None
     own = known.points[np.searchsorted(known.ids, stream.ids)]
-    points = _seen(motion_at(fine, stream.time), own)
-    later = _seen(motion_at(fine, stream.time + STEP), own)
+    points = _place_points(motion_at(fine, stream.time), own)
+    later = _place_points(motion_at(fine, stream.time + STEP), own)
     epoch = np.searchsorted(np.unique(stream.time), stream.time)
     return FaultyView(points, (later - points) / STEP, epoch, rig.calibration, size, generator)
 
 
-def _seen(motion: Motion, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+def _place_points(motion: Motion, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
     return motion.block("t") + np.einsum("kij,kj->ki", motion.rotations, points)

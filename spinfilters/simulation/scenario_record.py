@@ -30,7 +30,7 @@ SIZE: Final = NumberRange(1e-3, 1e6, "m")
 FARTHEST_TURN: Final = 100
 """Revolutions between epochs, at most: beyond, rounding decides where the body points."""
 SHORTEST_INTERVAL: Final = 1e-6
-"""Of a sensor beside another, s."""
+"""Of a sensor in addition to another, s."""
 IMAGE_KIND: Final = "stereo-images"
 """Kind of a recording that is rendered instead of simulated as measurements."""
 RICH_RPM: Final = (4.0, 9.0, 3.0)

@@ -46,6 +46,7 @@ static integer bin_of(const Box* box, int axis, double low, double scale) {
 static int best_split(const Box* boxes, const integer* order, integer n, const Box* centres, integer* first_right) {
   int best_axis = -1;
   double best = FAR;
+  /* axis by axis; one along which all centres coincide cannot split */
   for (int axis = 0; axis < 3; ++axis) {
     double low = centres->low[axis], width = centres->high[axis] - low;
     if (!(width > 0)) continue;
@@ -118,7 +119,7 @@ static void split(const Box* boxes, integer* order, Node* nodes, integer at, int
   }
   nodes[at].first = child;
   nodes[at].count = 0;
-  for (int side = 0; side < 2; ++side) split(boxes, order, nodes, child + side, used, depth + 1);
+  for (int side = 0; side < 2; ++side) split(boxes, order, nodes, child + side, used, depth + 1); /* each child in turn */
 }
 
 /* Nodes, the order of triangles in leaves, and their packed corners; scratch: n boxes. */
@@ -167,6 +168,7 @@ typedef struct { double o[3][LANES], d[3][LANES], inverse[3][LANES], t[LANES]; i
 /* How many lanes meet a box before their nearest hit: slab test, entry and exit along each axis (1 / d is stored). */
 static integer meets(const Packet* p, const double* low, const double* high) {
   integer any = 0;
+  /* lane k: latest entry and earliest exit over the axes, with a margin for rounding */
   for (int k = 0; k < LANES; ++k) {
     double near = 0, far = p->t[k];
     for (int a = 0; a < 3; ++a) {
@@ -203,6 +205,7 @@ static void intersect(Packet* p, const double* v, integer triangle, double toler
 static void walk(Packet* p, const Node* nodes, const double* packed, double tolerance, double both_sides) {
   integer stack[STACK], depth = 0;
   if (meets(p, nodes[0].low, nodes[0].high)) stack[depth++] = 0;
+  /* depth first: a leaf's triangles are intersected; of an inner node both children are pushed, the nearer on top */
   while (depth) {
     const Node* node = &nodes[stack[--depth]];
     if (!meets(p, node->low, node->high)) continue; /* again: hits found since it was pushed may be nearer */

@@ -162,7 +162,7 @@ class IdleAnnealing:
 
     @property
     def is_idle(self) -> bool:
-        """Whether it was solved for long enough to tell."""
+        """Whether it was solved for long enough to judge."""
         return self.same and self.seen > len(WIDER_GATES) + 1
 
     def _all_count(self, here: LinearizationPoint, stage: Stage) -> bool:

@@ -197,6 +197,7 @@ class _SampleSequence:
     def distances(self, kept: Int[np.ndarray, " k"]) -> Float[np.ndarray, " d"]:
         """Distances of inner kept samples from the line through their kept neighbours."""
         time, values = self.time[kept], self.values[kept]
+        # Inner samples with both neighbours; time shares the line between these.
         before, here, after = values[:-2], values[1:-1], values[2:]
         if self.has_signs:
             before, after = (_aligned(each, here) for each in (before, after))
@@ -229,7 +230,7 @@ class _SampleSequence:
     def _explaining(self, kept: Int[np.ndarray, " k"], worst: int, allowed: float) -> int | None:
         """Index in ``kept`` of the sample that explains the largest distance.
 
-        It is the worst or beside it: without it its surroundings lie on lines; None without one.
+        It is the worst or next to it: without it its surroundings lie on lines; None without one.
         """
         left = {}
         for place in (worst, worst - 1, worst + 1):
@@ -262,7 +263,7 @@ def _aligned(q: Float[np.ndarray, "n v"], to: Float[np.ndarray, "n v"]) -> Float
 
 
 MOMENTUM_BLOCKS = (CENTRE_OF_MASS, MASS_DISTRIBUTION, DRAG, LINEAR_DRAG, VELOCITY)
-"""What conserved momentum and a straight path tell beyond what was seen."""
+"""What conserved momentum and a straight path determine beyond what was seen."""
 MASS_SHARES = (1.0, 0.3, 0.0)
 """Shares of the closed form's departure from a sphere from which a fit is tried, in this order."""
 
@@ -298,7 +299,7 @@ def fit_path(evidence: InitialMotion, accelerated: bool) -> dict[str, Float[np.n
     """Straight or parabolic path: c, v and f by linear least squares.
 
     t_k + R_k c = r_0 + v s_k + f s_k^2 / 2, s_k = t_k - t_0.
-    A centre of mass that rotations do not tell apart from the path is the least one.
+    A centre of mass that rotations do not separate from the path is the smallest one.
     """
     assert evidence.positions is not None
     A = path_rows(evidence.time - evidence.time[0], evidence.rotations, accelerated)

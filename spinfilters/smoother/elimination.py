@@ -40,7 +40,7 @@ def pooled_zeros(*shape: int) -> np.ndarray:
 def pooled_array(*shape: int) -> np.ndarray:
     """An array of any numbers, aligned to vectors."""
     count = prod(shape)
-    raw = _taken(count) if count >= LARGE else None
+    raw = _take_spare(count) if count >= LARGE else None
     if raw is None:
         raw = np.empty(count + ALIGNMENT)
     first = (-address(raw) // raw.itemsize) % ALIGNMENT
@@ -51,7 +51,7 @@ def pooled_array(*shape: int) -> np.ndarray:
     return array.reshape(shape)
 
 
-def _taken(count: int) -> np.ndarray | None:
+def _take_spare(count: int) -> np.ndarray | None:
     """A spare array that is long enough and not much too long."""
     for key, raw in list(_pool.items()):
         if count + ALIGNMENT <= len(raw) <= 2 * (count + ALIGNMENT) and _pool.pop(key, None) is raw:
@@ -139,7 +139,7 @@ class Eliminated:
         )
         # Back-substitution of the 3 x 3 blocks: L_l' dp_l = rest_l.
         step = np.zeros_like(rest)
-        step[self.is_constrained] = _solved(
+        step[self.is_constrained] = _solve_by_root(
             np.swapaxes(self.information_sqrt[self.is_constrained], 1, 2), rest[self.is_constrained]
         )
         return step
@@ -200,7 +200,7 @@ def eliminate_in_numpy(
     # Per landmark: gradient L^-1 sum J_p' y, and coupling Y = L^-1 J_p' J_x [3][epochs][6], summed per epoch.
     turned = by_point.swapaxes(1, 2)
     np.add.at(gradient, landmark, (turned @ y)[..., 0])
-    gradient = _solved(information_sqrt, gradient)
+    gradient = _solve_by_root(information_sqrt, gradient)
     each = np.linalg.solve(information_sqrt[landmark], turned @ by_pose)
     np.add.at(whole, (landmark, slice(None), epoch), each)  # pyright: ignore[reportArgumentType]
     # Per pose: information J_x' J_x and right-hand side J_x' y.
@@ -261,7 +261,7 @@ def _firsts(observations: LandmarkObservations, used: Bool[np.ndarray, " N"]) ->
     return result
 
 
-def _solved(
+def _solve_by_root(
     information_sqrt: Float[np.ndarray, "k 3 3"], right: Float[np.ndarray, "k 3"]
 ) -> Float[np.ndarray, "k 3"]:
     return np.linalg.solve(information_sqrt, right[..., None])[..., 0]

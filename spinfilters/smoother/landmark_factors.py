@@ -114,7 +114,7 @@ class LinearObservations:
 
 
 @dataclass(frozen=True)
-class _Seen:
+class _ObservationIndex:
     """Observations as they lie in the epochs."""
 
     epoch: Int[np.ndarray, " s"]
@@ -132,7 +132,7 @@ def collect_observations(epochs: Timeline, ids: Int[np.ndarray, " L"], needed: i
     InputError
         When a sensor of landmarks sees more than the pose.
     """
-    seen = _seen(epochs)
+    seen = _index_observations(epochs)
     # landmark of every observation: place of its id among the ascending ids, -1 where it is not among them
     row = np.clip(np.searchsorted(ids, seen.ids), 0, max(len(ids) - 1, 0))
     known = ids[row] == seen.ids if len(ids) else np.zeros(len(row), dtype=bool)
@@ -175,7 +175,7 @@ def _chosen(group: SensorGroup, order: Int[np.ndarray, " N"], count: int) -> Sen
     )
 
 
-def _seen(epochs: Timeline) -> _Seen:
+def _index_observations(epochs: Timeline) -> _ObservationIndex:
     """Observations in the order of epochs, those of one sensor after those of another."""
     nothing = np.zeros(0, dtype=int)
     parts = [(found, ids) for found in by_sensor(epochs) if (ids := found.measurement.ids) is not None]
@@ -197,7 +197,7 @@ def _seen(epochs: Timeline) -> _Seen:
         )
         for m, end in zip((found.measurement for found, _ in parts), ends, strict=True)
     )
-    return _Seen(epoch, place, ids[order], counts, groups)
+    return _ObservationIndex(epoch, place, ids[order], counts, groups)
 
 
 def _sensor_of_poses(model: MeasurementModel) -> LandmarkSensor:
@@ -289,7 +289,7 @@ def _lost(observations: LandmarkObservations, inliers: Bool[np.ndarray, " N"]) -
 def _own_points(
     observations: LandmarkObservations, trajectory: Float[np.ndarray, "k m"], rows: Int[np.ndarray, " r"]
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Rows that tell a point by themselves, with points and covariance square roots."""
+    """Rows that determine a point by themselves, with points and covariance square roots."""
     found, points, covariance_sqrts = [np.zeros(0, dtype=int)], [np.zeros((0, 3))], [np.zeros((0, 3, 3))]
     for group in observations.groups:
         at = np.flatnonzero(np.isin(group.rows, rows))

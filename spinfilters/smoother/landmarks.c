@@ -15,6 +15,7 @@ static int landmark_root(integer first, integer last, const double* rows, const 
       for (int a = 0; a < 3; ++a) sum[a] += J[a] * scaled;
     }
   }
+  /* gradient J' rho, and V = J' J as a lower triangle, whose root follows */
   for (int a = 0; a < 3; ++a) {
     y[a] = sum[a][3];
     for (int b = 0; b < 3; ++b) V[3 * a + b] = b > a ? 0 : sum[a][b];
@@ -37,6 +38,7 @@ static inline void one_observation(const double* rows, double weight, const doub
                                    int again, double* Y) {
   four x4[R], s4 = *(const four*)g, w4[3] = {{0}, {0}, {0}};
   two x2[R], s2 = *(const two*)(g + 4), w2[3] = {{0}, {0}, {0}};
+  /* weighted Jacobian by the pose, six columns as four and two */
   for (int r = 0; r < R; ++r) {
     const double* J = rows + r * ROW;
     x4[r] = weight * *(const four*)J;
@@ -72,6 +74,7 @@ static inline void one_observation(const double* rows, double weight, const doub
   w2[1] = (w2[1] - L[3] * w2[0]) * out[1];
   w4[2] = (w4[2] - L[6] * w4[0] - L[7] * w4[1]) * out[2];
   w2[2] = (w2[2] - L[6] * w2[0] - L[7] * w2[1]) * out[2];
+  /* Y of an epoch that observes the landmark more than once is the sum over these observations */
   for (int a = 0; a < 3; ++a) {
     *(four*)(Y + a * POSE) = again ? *(four*)(Y + a * POSE) + w4[a] : w4[a];
     *(two*)(Y + a * POSE + 4) = again ? *(two*)(Y + a * POSE + 4) + w2[a] : w2[a];
@@ -110,6 +113,7 @@ typedef struct {
 /* Schur complement of the landmarks, M_ij -= Y_i' Y_j for epochs j <= i; column[i]: first column of an observation's epoch. Y of
  * a landmark's earlier observations are adjacent and taken in one run; those of the next run are fetched meanwhile. */
 static void couple_poses(const Order* order, integer n, const int* column, const double* Y, double* M) {
+  /* observation i: block row of its epoch, by the columns of the same landmark's observations j <= i */
   for (integer g = 0; g < order->groups; ++g)
     for (integer e = order->begin[g]; e < order->end[g]; ++e) {
       const integer i = order->number[e];
@@ -139,11 +143,13 @@ int eliminate_landmarks(integer landmarks, integer epochs, integer n, const inte
     ++begin[epoch[i] / TOGETHER + 1];
     column[i] = (int)epoch[i] * POSE;
   }
+  /* running sum: begin[g] is where group g begins */
   for (integer g = 0; g < groups; ++g) {
     begin[g + 1] += begin[g];
     end[g] = begin[g];
   }
   memset(gradient, 0, epochs * POSE * sizeof(double));
+  /* landmark by landmark: its root, then the information of its poses, their coupling through it, and their gradients */
   for (integer l = 0; l < landmarks; ++l) {
     double *V = root + 9 * l, *v = y + 3 * l;
     told[l] = landmark_root(start[l], start[l + 1], rows, weight, flattest, V, v);
@@ -186,6 +192,7 @@ int eliminate_landmarks(integer landmarks, integer epochs, integer n, const inte
 /* Back-substitution of a pose step to the landmarks: L^-T (y - sum Y e); zero where a landmark is not well constrained. */
 void follow_poses(integer landmarks, const integer* start, const integer* epoch, const unsigned char* told, const double* root,
                   const double* y, const double* Y, const double* poses, double* step) {
+  /* landmark l: z = y - sum of Y e over its observations, then its step L^-T z */
   for (integer l = 0; l < landmarks; ++l) {
     double z[3] = {y[3 * l], y[3 * l + 1], y[3 * l + 2]};
     const double* L = root + 9 * l;

@@ -148,7 +148,7 @@ def _better(matches: _LatestMatches, one: np.ndarray | None, other: np.ndarray |
 
 
 def _matches(problem: Problem, trajectory: np.ndarray, points: np.ndarray) -> _LatestMatches:
-    """Observations of the last epoch that tell a point, of landmarks that were observed before."""
+    """Observations of the last epoch that determine a point, of landmarks that were observed before."""
     observations = problem.observations
     assert observations is not None
     last = problem.ordering.epochs - 1

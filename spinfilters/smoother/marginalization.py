@@ -27,6 +27,7 @@ def spread_poses(
     """Pose rows spread over the prior's columns and ``more``."""
     size = rows.shape[1] - 1 + len(ordering.constant) + len(ordering.tridiagonal) + more
     out = np.zeros((len(rows), size + 1))
+    # Poses first, right-hand side last; constants, velocities and `more` between them stay zero.
     out[:, : rows.shape[1] - 1], out[:, -1] = rows[:, :-1], rows[:, -1]
     return out
 
@@ -41,6 +42,7 @@ def spread_step(
     p, c, v, K = len(ordering.pose), len(ordering.constant), len(ordering.tridiagonal), ordering.epochs
     d, tridiagonal = p + v, K * p + c
     out = np.zeros((len(rows), tridiagonal + (count + 1) * v + 1))
+    # Rows [pose_k | velocity_k | pose_k+1 | velocity_k+1 | constants | right], to poses | constants | velocities | right.
     for moving, epoch in ((0, k), (d, k + 1)):
         out[:, epoch * p : (epoch + 1) * p] = rows[:, moving : moving + p]
         out[:, tridiagonal + epoch * v : tridiagonal + (epoch + 1) * v] = rows[:, moving + p : moving + d]
@@ -55,6 +57,7 @@ def spread_epoch(
     p, c, v, K = len(ordering.pose), len(ordering.constant), len(ordering.tridiagonal), ordering.epochs
     tridiagonal = K * p + c
     out = np.zeros((len(rows), tridiagonal + (count + 1) * v + 1))
+    # Rows [pose | velocity | constants | right] of epoch k, to poses | constants | velocities | right.
     out[:, k * p : (k + 1) * p], out[:, tridiagonal + k * v : tridiagonal + (k + 1) * v] = (
         rows[:, :p],
         rows[:, p : p + v],
@@ -325,6 +328,7 @@ def _marginal_prior(
 ) -> MarginalizationPrior:
     """Marginalization prior from a triangle in the order of elimination."""
     constant_cost = float(root[-1, -1] ** 2) + (0.0 if before is None else before.constant_cost)
+    # Columns from the order of elimination back to the prior's own; the last row is the constant cost alone.
     columns = np.empty((len(root) - 1, len(root) - 1))
     columns[:, elimination_order(ordering, 0)[:-1]] = root[:-1, :-1]
     return MarginalizationPrior(ordering, first, columns, root[:-1, -1].copy(), constant_cost)

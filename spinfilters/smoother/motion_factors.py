@@ -301,6 +301,7 @@ class EpochFactors:
         """Steps whose derivatives by the constants about the first estimates become those by the constants' errors at ``state``."""
         assert self.first is not None
         layout, constant = self.process.layout, self.ordering.constant
+        # Chain rule on the constants' columns of every step: d/d(error here) = d/d(error at first) by_here.
         by_here = np.linalg.inv(layout.reset_jacobian(layout.local(self.first, state)))
         transition = steps.transition.copy()
         transition[:, :, constant] = transition[:, :, constant] @ by_here[np.ix_(constant, constant)]

@@ -154,6 +154,7 @@ class VariableOrdering:
         """Each epoch's error in the order of the layout."""
         p = len(self.pose)
         result = np.empty((self.epochs, self.layout.error_dim))
+        # Separator step: poses epoch by epoch, then the constants, which are the same in every epoch.
         result[:, self.pose] = separator_step[: self.epochs * p].reshape(self.epochs, p)
         result[:, self.tridiagonal] = tridiagonal_step
         result[:, self.constant] = separator_step[self.epochs * p :]
@@ -206,7 +207,7 @@ class MarginalizationPrior:
 
     @cached_property
     def knows_constants(self) -> bool:
-        """Whether epochs were marginalized, since landmarks alone tell no constants or velocities."""
+        """Whether epochs were marginalized, since landmarks alone determine no constants or velocities."""
         return bool(self.information_sqrt[:, len(self.first) * len(self.ordering.pose) :].any())
 
     def at(self, trajectory: Float[np.ndarray, "k m"]) -> "LinearizedPrior":

@@ -31,13 +31,21 @@ from spinfilters.smoother.problem import (
     Problem,
     unobservable_directions,
 )
-from spinfilters.smoother.solver import ConstantSchedule, GaussNewton, SolverOptions, advanced, moved, solve
+from spinfilters.smoother.solver import (
+    ConstantSchedule,
+    GaussNewton,
+    SolverOptions,
+    StepRule,
+    advanced,
+    moved,
+    solve,
+)
 from spinfilters.smoother.window import DETERMINED, LandmarkMarginalization, Window, WindowPolicy
 
 TRUSTED = 0.15
 """Standard deviation of the mass distribution from which the belief is trusted: before, it may sit in a wrong minimum, or be curved
-more than a covariance tells (NEES of a hundred times the degrees of freedom above 0.3 on simulated motions, as it should be below
-0.2)."""
+more than a covariance describes (NEES of a hundred times the degrees of freedom above 0.3 on simulated motions, as it should be
+below 0.2)."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +64,8 @@ class SmootherOptions:
         Whether epochs that leave are handed back with their covariance, which costs a factorisation more.
     loss : RobustLoss or None
         Robust loss of an observation's residual, in place of the gate.
+    step_rule : StepRule
+        How far a step of an iteration goes.
     """
 
     policy: WindowPolicy = field(default_factory=LandmarkMarginalization)
@@ -63,6 +73,7 @@ class SmootherOptions:
     iterations: int = 4
     marginalized: bool = True
     loss: RobustLoss | None = None
+    step_rule: StepRule = field(default_factory=GaussNewton)
 
     def __post_init__(self) -> None:
         if self.iterations < 1 or not self.gate > 0:
@@ -280,7 +291,7 @@ class SlidingSmoother:
             self.window = self.window.opened(epoch.time, state)
             ends.append(self._extended(epoch.measurements))
         self.window = self.window.placed(ids, points)
-        _, problem = self._solved(epochs[-1].measurements)
+        _, problem = self._iterate_window(epochs[-1].measurements)
         self._remember(problem)
         weights = [self._weights(k, end) for k, end in enumerate(ends)]
         return [UpdateResult.counted(f.measurements, w, 1) for f, w in zip(epochs, weights, strict=True)]
@@ -315,7 +326,7 @@ class SlidingSmoother:
     def extend(self, measurements: tuple[Measurement, ...]) -> UpdateResult:
         """Add measurements of the latest epoch, solve, and marginalize by the window policy."""
         ends = self._extended(measurements)
-        count, problem = self._solved(measurements)
+        count, problem = self._iterate_window(measurements)
         self._remember(problem)
         count += self._restarted_from_momentum(problem)
         taken = UpdateResult.counted(measurements, self._weights(len(self.window.epochs) - 1, ends), count)
@@ -356,7 +367,12 @@ class SlidingSmoother:
         """Iterate on the window until it converges."""
         problem = self.problem()
         here = problem.at(self.window.trajectory, self.window.points)
-        solved = solve(problem, here, SolverOptions(), ConstantSchedule(self.options.observation_loss))
+        solved = solve(
+            problem,
+            here,
+            SolverOptions(rule=self.options.step_rule),
+            ConstantSchedule(self.options.observation_loss),
+        )
         self._move_to(LinearProblem(solved.point, solved.normal))
         self._remember(problem)
 
@@ -379,22 +395,23 @@ class SlidingSmoother:
             return []
         return unobservable_directions(self.problem(), linear.point, linear.normal)
 
-    def _solved(self, measurements: tuple[Measurement, ...]) -> tuple[int, Problem]:
+    def _iterate_window(self, measurements: tuple[Measurement, ...]) -> tuple[int, Problem]:
         """Relinearise and iterate; the number of iterations is returned too."""
         problem, loss = self.problem(), self.options.observation_loss
         here = self._found_back(problem, problem.at(self.window.trajectory, self.window.points), loss)
         linear = linear_problem(problem, here, loss)
         scalars = sum(m.values.size for m in measurements) + self.process.layout.error_dim
         threshold = COST_THRESHOLD * scalars if self.mass_std <= LOOSE else SETTLED_COST
-        count = 1
+        rule, count = self.options.step_rule, 1
+        number = rule.first  # of the step rule: each epoch begins anew
         while count < self.options.iterations and linear.normal.solved:
             if not linear.normal.predicted_reduction > threshold:
                 break
-            there = advanced(problem, linear.point, linear.normal, GaussNewton(), 1.0).point
+            there, number, _ = advanced(problem, linear.point, linear.normal, rule, number)
             if there is None:
                 break
             linear, count = linear_problem(problem, there, loss), count + 1
-        self.window = _stepped(self.window, problem, linear)
+        self.window = _stepped(self.window, problem, linear, rule, number)
         self._linear = linear
         return count, problem
 
@@ -403,7 +420,7 @@ class SlidingSmoother:
         self._linear = linear
 
     def _remember(self, problem: Problem) -> None:
-        """Keep what the last linear problem tells of the whole run."""
+        """Keep what the last linear problem determines of the whole run."""
         linear = self._linearised(problem)
         solution = linear.normal.solution
         self._landmarks = self.window.ids, self.window.points
@@ -475,9 +492,11 @@ class SlidingSmoother:
         return marginalized
 
 
-def _stepped(window: Window, problem: Problem, linear: LinearProblem) -> Window:
-    """The window one Gauss-Newton step beyond the last linearisation, if the linear problem has a solution."""
+def _stepped(
+    window: Window, problem: Problem, linear: LinearProblem, rule: StepRule, number: float
+) -> Window:
+    """The window one step beyond the last linearisation, if the linear problem has a solution."""
     here, normal = linear.point, linear.normal
-    step = GaussNewton().propose(lambda _: normal, problem.layout, 1.0) if normal.solved else None
+    step = rule.propose(lambda _: normal, problem.layout, number) if normal.solved else None
     trajectory, points = (here.trajectory, here.points) if step is None else moved(problem, here, step)
     return replace(window, trajectory=trajectory, points=points)

@@ -134,6 +134,10 @@ class Dogleg(StepRule):
         return number * 2 if gain > 0.75 else number
 
 
+STEP_RULES: dict[str, Callable[[], StepRule]] = {"gauss-newton": GaussNewton, "dogleg": Dogleg}
+"""The rules by the names of the setting ``smoother.step``."""
+
+
 def _dogleg(solution: SchurSystem, radius: float) -> tuple[Float[np.ndarray, " r"], float]:
     """The dogleg step within a radius, and its length over the radius."""
     information_sqrt = np.tril(solution.information_sqrt)

@@ -3,7 +3,7 @@
 /* to -= factor * from, over the columns low .. high and tail .. width. */
 static void subtract_row(double* to, const double* from, double factor, integer low, integer high, integer tail, integer width) {
   for (integer j = low; j < high; ++j) to[j] -= factor * from[j];
-  for (integer j = tail; j < width; ++j) to[j] -= factor * from[j];
+  for (integer j = tail; j < width; ++j) to[j] -= factor * from[j]; /* constants and right-hand side */
 }
 
 /* Rows [d] of vectors [groups] divided by the root of what spreads them, noise noise' + floor^2 I with noise [d][q]; NaN
@@ -31,6 +31,7 @@ static void whiten(integer d, integer groups, integer q, double floor, const dou
 /* rows' rows of rows [d] of vectors [groups], as grams [w][w]. */
 static void gram(integer d, integer groups, integer w, const lanes* rows, double* grams) {
   const double* numbers = (const double*)rows;
+  /* row i of rows' rows, a vector of columns at a time; columns beyond w are cut off */
   for (integer i = 0; i < w; ++i)
     for (integer j = 0; j < groups; ++j) {
       lanes sum = {0};
@@ -51,6 +52,7 @@ int step_rows(integer K, integer n, integer d, integer c, integer q, const integ
   lanes* padded = (lanes*)(((size_t)raw + 63) & ~(size_t)63);
   double *root = (double*)(padded + d * groups), *spread = root + d * d;
   memset(padded, 0, d * groups * sizeof(lanes));
+  /* step k: its rows, whitened by its noise, and their gram */
   for (integer k = 0; k < K; ++k, defect += n, transition += n * n, noise += n * q, rows += d * w, grams += w * w) {
     /* Row a: [-Phi_moving | I | -Phi_constant | defect], columns here (d), there (d), constants (c), right-hand side. */
     for (integer a = 0; a < d; ++a) {
@@ -65,6 +67,7 @@ int step_rows(integer K, integer n, integer d, integer c, integer q, const integ
       memcpy(spread + a * q, noise + moving[a] * q, q * sizeof(double));
     }
     whiten(d, groups, q, floor, spread, padded, root);
+    /* rows without the columns that fill up a vector */
     for (integer a = 0; a < d; ++a) memcpy(rows + a * w, padded + a * groups, w * sizeof(double));
     gram(d, groups, w, padded, grams);
   }
@@ -77,6 +80,7 @@ int step_rows(integer K, integer n, integer d, integer c, integer q, const integ
  * has pose and chain twice. */
 static integer place_components(integer k, integer both, integer K, integer p, integer v, integer c, integer* to, integer* at) {
   integer n = 0;
+  /* epoch k, and for a step k + 1 too: its pose, then its chained errors */
   for (integer f = k; f <= k + both; ++f) {
     for (integer a = 0; a < p; ++a) to[n++] = f * p + a;
     for (integer a = 0; a < v; ++a) {
@@ -84,6 +88,7 @@ static integer place_components(integer k, integer both, integer K, integer p, i
       at[n++] = a;
     }
   }
+  /* constants and right-hand side behind all poses */
   for (integer a = 0; a <= c; ++a) to[n++] = K * p + a;
   return n;
 }
@@ -96,6 +101,7 @@ int add_information_blocks(integer count, integer both, integer K, integer p, in
   integer* to = (integer*)malloc(2 * most * sizeof(integer));
   if (to == 0) return 1;
   integer* at = to + most;
+  /* gram of each epoch or step, placed by its components */
   for (integer k = 0; k < count; ++k) {
     integer n = place_components(k, both, K, p, v, c, to, at);
     const double* g = grams + k * n * n;
@@ -123,6 +129,7 @@ int add_information_blocks(integer count, integer both, integer K, integer p, in
 static integer not_faded(const double* X, double* largest, double faded, integer v, integer p, integer low, integer last,
                          integer high, integer width) {
   int fading = 1;
+  /* block m: its largest element here and so far; blocks are dropped in one unbroken run from `low`, up to before `last` */
   for (integer m = low; m < high; ++m) {
     double most = 0;
     for (integer a = 0; a < v; ++a)
@@ -143,6 +150,7 @@ integer eliminate_velocities(integer K, integer v, integer p, integer blocks, in
   double* largest = (double*)calloc(blocks + 1, sizeof(double));
   if (largest == 0) return -1;
   integer low = 0, failed = 0, tail = blocks * p;
+  /* epoch k forwards: less what epoch k - 1 leaves behind, its root L_k, then its coupling to what remains and to k + 1 */
   for (integer k = 0; k < K; ++k) {
     double *T = D + k * v * v, *X = G + k * v * width;
     integer end = k + 2 > reach ? k + 2 : reach;
@@ -191,6 +199,7 @@ static inline __attribute__((always_inline)) void subtract_products(const int ro
   if (whole <= limit) end = whole;
   integer j = low;
   double* at = M + i * n;
+  /* two vectors of columns at a time: loaded from M, less the products over all v, and stored */
   for (; j + 2 * LANES <= end; j += 2 * LANES) {
     lanes left[4], right[4];
     for (int r = 0; r < rows; ++r) {
@@ -222,6 +231,7 @@ static inline __attribute__((always_inline)) void subtract_products(const int ro
 /* The same for the rows low .. high of M, each up to its diagonal and no further than n, from column `from` on. */
 static void subtract_triangle(integer v, integer n, const double* X, integer low, integer high, integer from, double* M) {
   integer i = low;
+  /* four rows at a time, then single ones; a group of four runs up to the diagonal of its last row */
   for (; i + 4 <= high; i += 4) subtract_products(4, v, n, X, i, from, i + 4 < n ? i + 4 : n, n, M);
   for (; i < high; ++i) subtract_products(1, v, n, X, i, from, i + 1 < n ? i + 1 : n, n, M);
 }
@@ -250,6 +260,7 @@ void reduce_velocities(integer K, integer v, integer p, integer blocks, integer 
 
 /* Behind a solution of what remains: right [K][v] becomes L_k^-T (right_k - F_k out_k+1). */
 void solve_velocities(integer K, integer v, const double* L, const double* F, double* right) {
+  /* backwards, as each epoch depends on the one behind it */
   for (integer k = K - 1; k >= 0; --k) {
     const double *T = L + k * v * v, *f = F + k * v * v, *after = right + (k + 1) * v;
     double* x = right + k * v;
@@ -266,9 +277,10 @@ void solve_velocities(integer K, integer v, const double* L, const double* F, do
 }
 
 /* Lower triangular root of I + below' below, below [v][v], by Householder's reflections of the rows [I; below]: products would lose
- * what is small beside the rest. Column j of I is touched at its diagonal alone. */
+ * what is small compared with the rest. Column j of I is touched at its diagonal alone. */
 static void root_beside_unit(integer v, double* below, double* root) {
   memset(root, 0, v * v * sizeof(double));
+  /* the upper half of [I; below] is the identity */
   for (integer j = 0; j < v; ++j) root[j * v + j] = 1;
   /* Reflection j of column j of [I; below]; the root is kept transposed, lower triangular. */
   for (integer j = 0; j < v; ++j) {
@@ -289,6 +301,7 @@ static void root_beside_unit(integer v, double* below, double* root) {
 
 /* x [v][w] becomes L^-T x, L [v][v] lower triangular. */
 static void solve_transposed(integer v, integer w, const double* L, double* x) {
+  /* row a from the last: less L_ba x_b of the rows b behind it, then divided by L_aa */
   for (integer a = v - 1; a >= 0; --a) {
     for (integer b = a + 1; b < v; ++b)
       for (integer j = 0; j < w; ++j) x[a * w + j] -= L[b * v + a] * x[b * w + j];
@@ -303,6 +316,7 @@ int chained_covariances(integer K, integer v, integer r, const double* L, const 
                         double* own) {
   double* below = (double*)malloc(v * v * sizeof(double) + 1);
   if (below == 0) return 1;
+  /* epochs backwards: k depends on what remains, directly by X_k and through epoch k + 1 by F_k */
   for (integer k = K - 1; k >= 0; --k) {
     const double *T = L + k * v * v, *f = F + k * v * v;
     double *here = follow + k * v * r, *root = own + k * v * v;

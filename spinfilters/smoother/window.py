@@ -21,7 +21,7 @@ DETERMINED = 0.03
 """Standard deviation of the mass distribution (logarithm of second moments) above which no epoch leaves a window: a linear model of
 the inertia made while it is hardly known would be kept for ever."""
 LONGEST_STARTUP = 120
-"""Epochs after which even an undetermined inertia must leave: a body in pure spin never tells it."""
+"""Epochs after which even an undetermined inertia must leave: a body in pure spin never determines it."""
 
 SHARE, LARGEST_BATCH = 5, 16
 """A fifth of a window leaves together, so that its epochs share a decomposition; so many at most, also of a window that was longer

@@ -105,7 +105,7 @@ def _holds(squares: Float[np.ndarray, "n c"]) -> bool:
 
 
 MOST_EPOCHS = 1000
-"""That are looked at: a motion that does not tell itself in these is taken for one that does not."""
+"""That are looked at: a motion that does not show itself in these counts as one that does not."""
 SMALLEST_REFUSAL = 1e-12
 """Probability of a refused measurement, where there is no gate."""
 NOT_FINITE = 1e9
@@ -114,7 +114,7 @@ NOT_FINITE = 1e9
 
 @dataclass(frozen=True)
 class InertiaEvidence:
-    """Evidence for the inertia of the initialisation beside a sphere.
+    """Evidence for the inertia of the initialisation compared with a sphere.
 
     Attributes
     ----------

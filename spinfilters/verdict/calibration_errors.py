@@ -96,7 +96,7 @@ class CalibrationErrors:
     Attributes
     ----------
     ekf : AnyEntry
-        Of the table of estimators; its differences stand for those of a smoother that lets go of old epochs.
+        Of the table of estimators; its differences represent those of a smoother that lets go of old epochs.
     """
 
     setup: Setup
@@ -127,7 +127,7 @@ class CalibrationErrors:
     def _untold(self, history: EstimateHistory) -> Float[np.ndarray, "c c"] | None:
         """Factor of the considered errors' second moments given the residuals, in their deviations.
 
-        The identity of what no residual shows. Errors of an inspector's poses are told from the motion where it does not move
+        The identity of what no residual shows. Errors of an inspector's poses are separated from the motion where it does not move
         evenly (`calibration_moments`). A larger one is named.
         """
         sizes = [each.parameter.size for each in self.considered]
@@ -389,7 +389,7 @@ def stated_deviation(size: float, std: float, stated: float) -> float:
 
 
 LARGEST_DRIFT: Final = 0.05
-"""Of a recording's duration, by which stamps may be late at its ends beside its middle: the clock's rate is then 20 % off there."""
+"""Of a recording's duration, by which stamps may be late at its ends, not its middle: the clock's rate is then 20 % off there."""
 
 
 MOST_DRIFTING: Final = 8192
@@ -399,12 +399,12 @@ MOST_DRIFTING: Final = 8192
 def possible_clock_drift(
     setup: Setup, best: EstimateHistory, tested: TestedModels
 ) -> Float[np.ndarray, "k n"] | None:
-    """Error of the states by one deviation of a clock's drift, where nobody states that the clock is exact.
+    """Error of the states by one deviation of a clock's drift, where the clock is not stated to be exact.
 
     The deviation of a clock is one of its rate. Rates that seem to change are those of another body for a gyro alone. Poses and
     tracks of a body whose spin hardly nutates leave a slow change to the torques that disturb it, so that a drift may be beyond
     the deviations before it is beyond chance. Stamps are then late by x (2 t / T - 1)^2 at the time t of a recording of the
-    duration T. Where nobody states the clock, x has the prior of `possible_deviation`, with the default T times the deviation of
+    duration T. Where the clock is unspecified, x has the prior of `possible_deviation`, with the default T times the deviation of
     the clock. A stated deviation s is that of the rate at the ends, so that x has s T / 4 (`stated_deviation`).
 
     Parameters

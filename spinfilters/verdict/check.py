@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 from scipy.special import pdtrc
 
+from spinfilters.core.chi_square import chi_square_tail
 from spinfilters.evaluation.estimator_evaluation import Evaluation, not_failed
 from spinfilters.filters.history import EstimateHistory
 from spinfilters.models.status import Finding, Holds
@@ -57,7 +58,7 @@ class Check:
     name : str
         As summary.json and the docs call it.
     about : frozenset[str]
-        Quantities that do not hold where it fails, unless its finding tells which.
+        Quantities that do not hold where it fails, unless its finding names them.
     needs : Needs
         What it is computed from.
     asks : str
@@ -145,6 +146,8 @@ class Evidence:
         Failed checks of the recording, its initialisation, its noise and its models.
     centre_prior_std : float
         Standard deviation of the centre of mass before anything was measured, m; infinite where it is not known.
+    expected_nis : float
+        Least NIS per degree of freedom that the noise is meant to give; below one where it is wide on purpose.
     """
 
     evaluation: Evaluation
@@ -152,6 +155,7 @@ class Evidence:
     gate_false_alarm: float = 0.0
     found: Sequence[Finding] = field(default_factory=tuple)
     centre_prior_std: float = float("inf")
+    expected_nis: float = 1.0
 
     @property
     def peers(self) -> list[Evaluation]:
@@ -178,6 +182,8 @@ CLEAR_OF_ZERO: Final = 3.0
 """Standard deviations of the smallest moment above zero: below, the ratio k2 to the next has no upper bound."""
 LARGEST_NIS: Final = 2.5
 """NIS per degree of freedom above which measurement or process noise is clearly understated."""
+SMALLEST_NIS: Final = 1 / LARGEST_NIS
+"""Of the NIS that is expected, below which the noise is clearly overstated."""
 LARGEST_REJECTED: Final = 0.2
 """Share of measurements left out, beyond which whatever makes them cannot be trusted."""
 LEFT_OUT: Final = "measurements-left-out"
@@ -214,6 +220,21 @@ def innovations_too_large(evidence: Evidence) -> Iterator[Failure]:
         yield Failure({"ratio": ratio, "times": float(np.sqrt(ratio))})
 
 
+NOISE_CHECKS: Final = frozenset({"stated-noise", "row-noise", "filter-noise", "filter-disturbance"})
+"""Checks that say which level of noise is wrong."""
+
+
+def innovations_too_small(evidence: Evidence) -> Iterator[Failure]:
+    """Innovations far within what the noise explains, beyond chance, where no check names the level that is wrong."""
+    history, ratio = evidence.evaluation.history, evidence.evaluation.nis_ratio
+    if ratio is None or not ratio < SMALLEST_NIS * evidence.expected_nis:
+        return
+    dof, expected = float(history.dof.sum()), evidence.expected_nis
+    chance = 1.0 - float(chi_square_tail(ratio * dof / expected, dof))
+    if chance < FALSE_ALARM and not any(base_name(each.check) in NOISE_CHECKS for each in evidence.found):
+        yield Failure({"ratio": ratio, "times": float(np.sqrt(1 / max(ratio, np.finfo(float).tiny)))})
+
+
 def measurements_left_out(evidence: Evidence) -> Iterator[Failure]:
     """A large share of measurements that were refused, where the recording is not doubted for it already."""
     numbers = rejected_share(evidence.evaluation.history)
@@ -222,7 +243,7 @@ def measurements_left_out(evidence: Evidence) -> Iterator[Failure]:
 
 
 def rejected_share(history: EstimateHistory) -> dict[str, float | str] | None:
-    """Numbers of measurements that an estimator refused at its own epochs; None up to `LARGEST_REJECTED`."""
+    """Numbers of measurements of all sensors that an estimator refused at its own epochs; None up to `LARGEST_REJECTED`."""
     rejected = int(history.rejected[history.own].sum())
     total = rejected + int(history.accepted[history.own].sum())
     if not total or rejected <= LARGEST_REJECTED * total:

@@ -220,7 +220,7 @@ CHECKS: Final[tuple[Check, ...]] = (
     ),
     Check(
         "map-error", ALL, Needs.RESIDUALS,
-        "Does an error of the list explain registered poses by more than errors of their map do? Score test beside shifts and "
+        "Does an error of the list explain registered poses by more than errors of their map do? Score test with shifts and "
         "rotations of second degree in the direction of view",
         "1 % of recordings, with all other model errors", "{text}", "give more scans, so that the same views come back more often",
     ),
@@ -324,6 +324,16 @@ CHECKS: Final[tuple[Check, ...]] = (
         "innovations are {times:.2g} times as large as the noise explains (NIS {ratio:.2g} per degree of freedom)",
         "raise process.force_psd, process.torque_psd or the sensor's standard deviation in a config file",
         of_estimate.innovations_too_large,
+    ),
+    Check(
+        "innovations-too-small", NOTHING, Needs.FILTER,
+        f"Is the NIS per degree of freedom at least {of_estimate.SMALLEST_NIS:g}, or that share of what correlated or inflated "
+        "noise leaves of it?",
+        f"{of_estimate.FALSE_ALARM:.0e}, below {of_estimate.SMALLEST_NIS:g} by chance",
+        "the assumed noise is far larger than the measurements show: innovations are {times:.2g} times smaller than it explains "
+        "(NIS {ratio:.2g} per degree of freedom), so deviations are too wide",
+        "state a smaller noise of the sensor or of the disturbances in a config file, or leave it out to have it identified",
+        of_estimate.innovations_too_small,
     ),
     Check(
         "measurements-left-out", ALL, Needs.ESTIMATE,

@@ -29,7 +29,11 @@ from spinfilters.verdict.check import LARGEST_MOMENT_STD, LEFT_OUT, Evidence, re
 from spinfilters.verdict.checks import MOST_MOMENTUM, finding
 from spinfilters.verdict.judge import judge
 from spinfilters.verdict.model_tests import tested_epochs, tested_history, tested_models
-from spinfilters.verdict.noise_diagnostics import filter_noise_diagnostics, stated_level_diagnostics
+from spinfilters.verdict.noise_diagnostics import (
+    expected_nis,
+    filter_noise_diagnostics,
+    stated_level_diagnostics,
+)
 from spinfilters.verdict.recording_tests import front_end_slips, pose_findings, wrong_units
 from spinfilters.verdict.refits import DoubtedMotion, with_camera_refit, with_flywheel_refit
 from spinfilters.verdict.tested_models import NOT_TESTED, TestedModels, model_findings
@@ -76,7 +80,7 @@ class Doubts:
     shared : list[Finding]
         About every estimator.
     of_filters : list[Finding]
-        About those that continue from the initialisation, with no smoother beside.
+        About those that continue from the initialisation, without a smoother.
     smoother : EstimateHistory or None
         Smoother with which filters are compared, None where there is none.
     models : TestedModels
@@ -149,7 +153,7 @@ def doubts_of(
 ) -> Doubts:
     """The doubts of a run, as far as they are the same for several estimators.
 
-    A given initialisation means that filters alone are studied, by the thousand: what their innovations tell is all, and the
+    A given initialisation means that filters alone are studied, by the thousand: their innovations are the only evidence, and the
     smoother where the belief is too wide for a linearisation.
     """
     if setup.is_given:
@@ -258,6 +262,7 @@ def with_verdicts(doubts: Doubts, settings: Settings, entries: Mapping[str, AnyE
             entry.false_alarm_probability(setup, settings),
             [*doubts.of(evaluation, entry), *_undetermined(evaluation, wider, doubts)],
             _centre_prior_std(setup),
+            0.0 if entry.is_baseline else expected_nis(setup),
         )
         found.append(wider.with_status(judge(evidence)))
     return found

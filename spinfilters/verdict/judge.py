@@ -227,7 +227,7 @@ probability of 0.13 %; the size of the error is not known better than its own de
 SIZE_STD: Final = 2.0
 """Deviations of an error's size by which it may be larger than it seems."""
 LINEAR: Final = 30.0
-"""Deviations by which any component of the state moves, beyond which the linearised motion does not tell what an error does."""
+"""Deviations by which any component of the state moves, beyond which the linearised motion does not describe what an error does."""
 
 
 def unmoved_quantities(history: EstimateHistory, test: ScoreTest) -> frozenset[str]:

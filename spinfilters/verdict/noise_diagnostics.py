@@ -18,7 +18,7 @@ from spinfilters.evaluation.filter_noise_tests import (
 from spinfilters.filters.history import EstimateHistory, finished_history
 from spinfilters.filters.noise_levels import BLOCK, CYCLE, DISTURBANCES, VarianceComponent
 from spinfilters.inference.identification import Identified, LevelTest, identify, level_tests
-from spinfilters.inference.identified_noise import Unstated, noise_model
+from spinfilters.inference.identified_noise import WHOLE_RECORDING, Unstated, is_smallest, noise_model
 from spinfilters.inference.noise_model import NoiseModel
 from spinfilters.inference.setup import Setup
 from spinfilters.io.input_file import reason
@@ -69,6 +69,25 @@ def filter_noise_diagnostics(history: EstimateHistory, setup: Setup, settings: S
     if correlated:  # which white noise of the measurements is not, whatever its size
         tests.pop(MEASUREMENTS, None)
     return [*noise_doubts(tests, setup), *correlated]
+
+
+LONGEST_CORRELATION: Final = 0.1
+"""Share of a recording over which errors of a gyro may be correlated; what lasts longer is a constant error, and no noise."""
+
+
+def expected_nis(setup: Setup) -> float:
+    """Least NIS per degree of freedom that the noise of a run is meant to give; 1 of white noise.
+
+    The white noise that stands for noise correlated over n samples has n times its variance, and rows may be inflated. It is zero
+    where measurements show no noise, which the conditions of the run say.
+    """
+    if any(map(is_smallest, setup.identified)):
+        return 0.0
+    wide, gyro = max(setup.inflation.values(), default=1.0), setup.gyro_noise
+    if gyro is not None:
+        longest = LONGEST_CORRELATION * min(len(setup.timeline), WHOLE_RECORDING)
+        wide *= max(min(gyro.correlation_time, longest), 1.0)
+    return 1 / max(wide, 1.0)
 
 
 def noise_doubts(tests: Mapping[str, NoiseTest], setup: Setup) -> list[Finding]:

@@ -88,7 +88,7 @@ class Slip:
 
 
 def front_end_slips(setup: Setup, with_fits: bool) -> tuple[Slip, ...]:
-    """Slips of the attitudes that streams tell, one for each sensor that slips.
+    """Slips of the attitudes that streams give, one for each sensor that slips.
 
     Parameters
     ----------
@@ -331,7 +331,7 @@ FEWEST_REPEATS: Final = 3
 ROUNDING: Final = 1e-9
 """m and rad: smaller errors of an interpolation are rounding of numbers, not bends of a path."""
 ABRUPT: Final = 0.5
-"""Of the step beside a repeated pose in the one before it, from which the camera did not come to rest: evenly braked it is 1/3."""
+"""Of the step next to a repeated pose in the one before it, from which the camera did not come to rest: evenly braked it is 1/3."""
 
 
 def pose_findings(setup: Setup) -> list[Finding]:

@@ -108,7 +108,7 @@ ENOUGH: Final = 10.0
 def with_flywheel_refit(models: TestedModels, settings: Settings, motion: DoubtedMotion) -> TestedModels:
     """Score tests with that of a flywheel from a fit, where it explains more.
 
-    None of a spin about one axis, which does not tell a flywheel from other moments, nor from slow torques.
+    None of a spin about one axis, which does not distinguish a flywheel from other moments, nor from slow torques.
     """
     setup, layout = motion.setup, motion.setup.process.layout
     if layout.has(ROTOR) or is_steady(motion.trajectory[:, layout.mean_slice(RATE.name)]):
@@ -125,9 +125,9 @@ def with_flywheel_refit(models: TestedModels, settings: Settings, motion: Doubte
 
 
 def _samples_as_one(setup: Setup, settings: Settings) -> float:
-    """Samples of a gyro that count as one beside a flywheel.
+    """Samples of a gyro that count as one with a flywheel.
 
-    What a motion without one leaves of a gyro is correlated; what one with it leaves tells the gyro's own error.
+    What a motion without one leaves of a gyro is correlated; what one with it leaves is the gyro's own error.
     """
     if setup.gyro_noise is None:
         return 1.0
@@ -275,7 +275,7 @@ class FittedCamera(NamedTuple):
 
 
 def fitted_camera(doubted: DoubtedMotion) -> FittedCamera:
-    """Fit a smooth path of the camera beside the motion of the body near a trajectory."""
+    """Fit a smooth path of the camera and the motion of the body near a trajectory."""
     try:
         with np.errstate(all="ignore"):
             return _camera_path(doubted)

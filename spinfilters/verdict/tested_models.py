@@ -62,7 +62,7 @@ NO_CORRELATION: Final = PossibleCorrelation()
 def possible_correlation(
     setup: Setup, rows: LinearRows | None, stated: Collection[str]
 ) -> PossibleCorrelation:
-    """Errors that the estimates take for white ones beside disturbances.
+    """Errors that the estimates take for white ones in addition to disturbances.
 
     None of a gyro whose error is known to be correlated.
 
@@ -127,7 +127,7 @@ HARMFUL: Final = 4.0
 """Deviations, as a verdict states them, by which removing an error moves a state at one epoch, from which it alone makes estimates
 wrong."""
 SINGLE_FALSE_ALARM: Final = 2e-3
-"""Probability that one is named where there is none: silence costs more than doubt. Not beside a correlated gyro's slow errors, nor
+"""Probability that one is named where there is none: silence costs more than doubt. Not with a correlated gyro's slow errors, nor
 of jumps, which are far beyond chance where they matter."""
 LEAST_LEVEL: Final = 0.2
 """Fall of ln variance of an identified noise level by removing an error, from which that is not left to the uncertainty: the levels
@@ -135,15 +135,15 @@ share the residuals, so that one with an error in it leaves others, and with the
 NAMED: Final = 2
 """Errors that a verdict names at most, each with those that look alike."""
 ALIKE: Final = 0.95
-"""Correlation of what two errors explain of the residuals, from which the data do not tell which of them it is."""
+"""Correlation of what two errors explain of the residuals, from which the data do not show which of them it is."""
 SLOW: Final = ALIKE**2
-"""Share of what an error explains that slow changes explain as well, from which a spin about one axis does not tell which it is."""
+"""Share of what an error explains that slow changes explain as well, from which a spin about one axis does not show which it is."""
 SLOW_CHANGE: Final = "slow-change"
 """Name of such errors."""
 MAP_ERROR: Final = "map-error"
 """Name of errors that a map of the body explains which poses were registered to."""
 COMPARABLE, LEAST_SURPRISE = 0.4, 0.05
-"""Share of what the likeliest error explains, and p-value, from which an error of an inspector's poses is possible beside it."""
+"""Share of what the likeliest error explains, and p-value, from which an error of an inspector's poses is possible too."""
 MOST_ALIKE: Final = 3
 """Errors named as one."""
 
@@ -157,7 +157,7 @@ class TestedModels:
     tests : tuple[ScoreTest, ...]
         The most explaining first.
     contradicted : bool
-        Whether residuals contradict the noise levels that the recording was told.
+        Whether residuals contradict the noise levels stated of the recording.
     trouble : str
         Why there are no tests of a motion that was estimated; empty where there are.
     units : tuple[WrongUnit, ...]
@@ -172,7 +172,7 @@ class TestedModels:
         By which errors may enlarge a score that are known to be correlated and for which a noise level stands; infinite
         where it is not known, None where there are none.
     slips : tuple[Slip, ...]
-        Of front ends, beside which residuals tell of no other cause.
+        Of front ends, with which residuals show no other cause.
     has_inspector : bool
         Whether poses of a moving camera are given, of which some cures speak.
     clock_drift : (K, n) float array or None
@@ -211,7 +211,7 @@ class TestedModels:
         """Classes of alike model errors that a verdict names.
 
         The likeliest beyond chance that matter to the estimates, with those that look alike.
-        None beside a slip of a front end, which looks like a touch, a jump and more.
+        None with a slip of a front end, which looks like a touch, a jump and more.
         """
         if self.slips:
             return ()
@@ -223,19 +223,19 @@ class TestedModels:
             alike = [each for each in others if first.likeness(each) > ALIKE]
             likely.append((first, *alike[: MOST_ALIKE - 1]))
             left = [each for each in others if each not in alike]
-        # what moves no estimate is no doubt by itself; beside one it may be what the other error was taken for
+        # what moves no estimate is no doubt by itself; with one it may be what the other error was taken for
         return tuple(likely) if any(self._counts(each) for own in likely for each in own) else ()
 
     @cached_property
     def slow(self) -> ScoreTest | None:
-        """The likeliest of errors that a spin about one axis does not tell apart, if any; none beside a slip."""
+        """The likeliest of errors that a spin about one axis does not distinguish, if any; none with a slip."""
         if self.slips:
             return None
         return next((each for each in self.beyond_chance if each.slow > SLOW and self._counts(each)), None)
 
     @cached_property
     def of_map(self) -> ScoreTest | None:
-        """The likeliest error that errors of a map explain as well, if any; none beside a slip or a cause."""
+        """The likeliest error that errors of a map explain as well, if any; none with a slip or a cause."""
         if self.slips or self.classes:
             return None
         return next(
@@ -330,7 +330,7 @@ class TestedModels:
 
     @property
     def beside_slow_noise(self) -> bool:
-        """Whether a noise level stands for an error that is known to be correlated."""
+        """Whether a noise level represents an error that is known to be correlated."""
         return self.score_inflation is not None
 
     def _may_be_slow_noise(self, test: ScoreTest) -> bool:
@@ -376,7 +376,7 @@ class TestedModels:
         """The likeliest cause with its cure, and in a second sentence what else is possible, by the share that it explains.
 
         Only where there are `classes`.
-        A score is evidence for a cause, not proof of it: what nobody has put on the list may look like one that is.
+        A score is evidence for a cause, not proof of it: an error that is not on the list may look like one that is.
         """
         first, *others = self.named
         cure = first.error.cure_before(self.has_inspector)
@@ -423,7 +423,7 @@ def model_findings(models: TestedModels, tested: EstimateHistory | None) -> list
     tested : EstimateHistory or None
         Estimate about which the models were tested.
     """
-    about = _moved(models, tested)
+    about = _find_moved_quantities(models, tested)
     found = [finding("front-end-slip", {"text": each.sentence, "cure": each.cure}) for each in models.slips]
     found += models.correlated.doubts
     found += [
@@ -452,7 +452,7 @@ def _numbers(test: ScoreTest) -> dict[str, float | str]:
     return {"chi_square": test.statistic, "p_value": test.p_value}
 
 
-def _moved(models: TestedModels, tested: EstimateHistory | None) -> frozenset[str]:
+def _find_moved_quantities(models: TestedModels, tested: EstimateHistory | None) -> frozenset[str]:
     """Quantities that removing any of the errors moves which are beyond chance.
 
     All where that is not known, or where more than what the errors explain is wrong with the residuals.

@@ -160,7 +160,7 @@ class CalibrationDeviations:
         fx, fy, cx, cy of both cameras, px.
     position, rotation : ndarray of float, shape (3,)
         Of the left camera's place in the right one, m, and of the rotation between both, rad, along the right camera's axes; NaN
-        where an older file does not tell them.
+        where an older file does not hold them.
     """
 
     intrinsics: Float[np.ndarray, "2 4"]

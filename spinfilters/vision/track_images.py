@@ -20,9 +20,9 @@ from spinfilters.io.dataset import (
     options_from_toml,
     with_stated_deviations,
 )
+from spinfilters.io.dataset_folder import read_inspector
 from spinfilters.io.input_file import path_text, printable, read_toml
 from spinfilters.io.measurement_log import MeasurementLog, MeasurementStream
-from spinfilters.io.sensor_tables import read_tum
 from spinfilters.io.truth import TRUTH_FILES, TRUTH_TABLE, Truth, read_truth
 from spinfilters.vision.batch_tracks import batch_tracks, require_epochs
 from spinfilters.vision.front_end import FrontEndOptions, OnlineFrontEnd, StereoPoints
@@ -94,12 +94,11 @@ def rectified_camera_poses(
 ) -> MeasurementStream | None:
     """Poses of the rectified left camera in i; None of an inspector at rest.
 
-    Times count from the first pair, s. InputError: what `read_tum` refuses, poses that do not cover the pairs or are far too few.
+    Times count from the first pair, s. InputError: what `read_inspector` refuses, poses that are too few or do not cover the pairs.
     """
-    path = folder / INSPECTOR_FILE
-    if not os.path.lexists(path):
+    raw, path = read_inspector(folder), folder / INSPECTOR_FILE
+    if raw is None:
         return None
-    raw = read_tum(path)
     poses = replace(raw, time=_times_from_first(pairs, raw.time), values=rectification.left_poses(raw.values))
     try:
         CameraTrajectory(poses.time, poses.values).require_cover(np.array([0.0, pairs[-1].time]))

@@ -33,7 +33,7 @@ class TrackNoise:
     """Variances of an observation's place and disparity, px^2.
 
     The place has ``place[0] + place[1] size^2``: a detector finds the same point of a body again only so well, the worse the larger
-    it is. The disparity has ``disparity[0] + disparity[1] residual^2`` beside it, for the right image is aligned with the left one.
+    it is. The disparity adds ``disparity[0] + disparity[1] residual^2``, for the right image is aligned with the left one.
 
     Attributes
     ----------

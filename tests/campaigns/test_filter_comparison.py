@@ -23,6 +23,7 @@ from spinfilters.campaigns.runner import Runner, asked, ended
 from spinfilters.campaigns.statistics import positive_mean
 from spinfilters.campaigns.study import Study, study_from
 from spinfilters.core.errors import InputError
+from spinfilters.plots.printing import PrintStyle
 from tests.campaigns.study_samples import gyro_document
 
 SHARES = {"smoother": 1.0, "mekf": 1.02, "ukf": 1.5}
@@ -59,6 +60,7 @@ def _row(study: Study, run: int) -> dict:
         "nees_time_s": np.arange(30.0).tolist(),
         "nees_over_time": nees.tolist(),
         "time_per_epoch_s": 0.01 if name == "smoother" else 0.001,
+        "time_estimate_s": (0.3 if name == "smoother" else 0.03) * (1 + run % 5 / 50),
         "finished": "2026-01-01T00:00:00.000",
         "host": "here",
         "version": "1",
@@ -123,10 +125,15 @@ def test_the_page_holds_what_is_there_and_says_where_nothing_is(tmp_path: Path) 
     with pytest.raises(InputError, match="spinfilters study all"):
         write_comparison_page(tmp_path)
     _written(tmp_path / "noise", _study())
-    page = write_comparison_page(tmp_path).read_text()
+    style = PrintStyle("svg", 84.0, True)
+    page = write_comparison_page(tmp_path, print_style=style).read_text()
     assert "What to fly when" in page
     assert page.count("mekf") >= 4
     assert (tmp_path / "noise" / "comparison.png").stat().st_size > 10_000
+    assert (tmp_path / "noise" / "pareto.png").stat().st_size > 10_000
+    assert "error against processor time" in page
+    assert len(list((tmp_path / "noise").glob("comparison*.svg"))) >= 6
+    assert (tmp_path / "noise" / "pareto-1.svg").is_file()
 
 
 def test_common_epochs_are_those_behind_the_filters_initialisation() -> None:

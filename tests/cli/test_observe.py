@@ -102,6 +102,20 @@ def test_a_gyro_in_the_filters_state_is_asked_for_the_attitude_that_it_does_not_
     assert "attitude" not in found["not_asked"]
 
 
+@pytest.mark.parametrize("sensors", [["magnetometer"], ["gyro", "magnetometer"]], ids=" ".join)
+@pytest.mark.usefixtures("unrendered")
+def test_the_heading_about_a_field_is_one_direction_by_the_same_name_in_rank_and_bound(
+    tmp_path: Path, sensors: list[str]
+) -> None:
+    found = observed(tmp_path, "--sensor", *sensors, "--rate-rpm", "0", "10", "0")
+    (sentence,) = [each for each in found["text"] if each.startswith("Not determined")]
+    assert "attitude in inertial space: rotation of i about z" in sentence
+    attitude = found["bound_verdicts"]["attitude [rad]"]
+    assert len(attitude["prior_only_directions"]) == attitude["directions_not_determined"] == 1
+    assert "z of frame i): not determined" in attitude["text"]
+    assert "definition" not in attitude["text"]
+
+
 @pytest.mark.usefixtures("unrendered")
 def test_directions_name_their_frame_and_moving_ones_their_epoch(tmp_path: Path) -> None:
     observed(tmp_path, "--sensor", "monocular")
@@ -114,6 +128,20 @@ def test_directions_name_their_frame_and_moving_ones_their_epoch(tmp_path: Path)
     (axes,) = [line for line in lines if line.startswith("Axes: ")]
     assert "frame g along these axes" in axes
     assert "frame i along the camera's axes at the first frame" in axes
+
+
+@pytest.mark.usefixtures("unrendered")
+def test_further_sensors_are_in_text_document_and_figure(tmp_path: Path) -> None:
+    found = observed(tmp_path, "--sensor", "gyro", "--further")["further_sensors"]
+    assert found["beside"] == ["gyro"]
+    (attitude,) = [each for each in found["sensors"] if each["sensor"] == "attitude"]
+    assert (attitude["rank"], attitude["dimension"]) == ([5, 11], [5, 11])
+    assert attitude["becomes_determined"] == {"attitude [rad]": 3}
+    assert attitude["bounds"]["attitude [rad]"]["before"] is None
+    rate = attitude["bounds"]["body rate [rad/s]"]
+    assert rate["before"] / rate["after"] == pytest.approx(rate["gain"])
+    assert "Further sensors beside gyro" in (tmp_path / "observe.txt").read_text()
+    assert (tmp_path / "further.png").exists()
 
 
 @pytest.mark.usefixtures("unrendered")

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from experiments.benchmarks.ceres_peer import ceres_batch, ceres_library
 from experiments.benchmarks.gtsam_chart import constants_key, gtsam, pose_key, rates_key
 from experiments.benchmarks.gtsam_graph import MotionFactors, whole_graph
 from experiments.benchmarks.gtsam_incremental import fixed_lag, isam2, resolved_every_frame
@@ -161,3 +162,11 @@ def test_iterations_of_gtsam_are_timed_in_every_ordering() -> None:
     times = linear_times(workload(), (4, 8), repeats=1)
     assert [time.epochs for time in times] == [4, 4, 4, 8, 8, 8]
     assert all(0 < time.python < time.linearise < time.total for time in times)
+
+
+@pytest.mark.skipif(ceres_library() is None, reason="the optional peer Ceres is not installed")
+def test_ceres_ends_at_the_optimum_of_the_project() -> None:
+    problem, (trajectory, points) = workload(), own_optimum()
+    found = ceres_batch(problem)
+    assert found.cost == pytest.approx(whitened_cost(problem, trajectory, points), rel=1e-4)
+    assert np.abs(found.points - points).max() < 1e-3

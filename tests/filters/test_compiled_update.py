@@ -7,10 +7,10 @@ import pytest
 
 from spinfilters.filters import ekf as multiplicative_ekf
 from spinfilters.filters import filter as multiplicative_filter
-from spinfilters.filters.compiled_steps import compiled_propagation, compiled_update
+from spinfilters.filters.compiled_steps import Update, compiled_propagation, compiled_update
 from spinfilters.filters.ekf import MultiplicativeEkf
 from spinfilters.filters.estimator import Measurement
-from spinfilters.filters.filter import LinearisedProcess, propagate_factor
+from spinfilters.filters.filter import LinearisedProcess, PredictedMeasurement, propagate_factor
 from spinfilters.filters.iterated_update import IterationOptions
 from spinfilters.filters.outlier_rejection import RobustOptions
 from spinfilters.models.state_layout import Gaussian
@@ -122,3 +122,20 @@ def test_a_prediction(monkeypatch):
     scale = np.outer(*[np.linalg.norm(expected, axis=1)] * 2)
     np.testing.assert_allclose(found @ found.T / scale, expected @ expected.T / scale, atol=1e-12)
     assert not np.triu(found, 1).any()
+
+
+class _Hesitant(MultiplicativeEkf):
+    """Takes no correction at all."""
+
+    def correct_linearly(self, predicted: PredictedMeasurement) -> Update:
+        """The belief as it is, with a correction of nothing."""
+        update = super().correct_linearly(predicted)
+        return update._replace(mean=self.mean, factor=self.factor)
+
+
+def test_a_subclass_with_its_own_correction_is_not_bypassed_by_compiled_code():
+    filtering = _Hesitant(PROCESS, RobustOptions(gate_probability=1.0), iteration=PLAIN)
+    filtering.start(started(RobustOptions()).belief)
+    before = filtering.belief
+    filtering.update(embedded(0).timeline[0].measurements[0])
+    np.testing.assert_array_equal(filtering.belief.mean, before.mean)

@@ -34,9 +34,9 @@ class Presser:
 
     def __init__(self, module: ModuleType, epoch: int, patch: pytest.MonkeyPatch) -> None:
         self.module, self.epoch, self.done, self.is_within = module, epoch, 0, False
-        taken, run = loop._taken, module.run
+        taken, run = loop._take_in_epoch, module.run
         patch.setattr(loop, "MOST_TOGETHER", 0)  # so that every epoch comes by itself
-        patch.setattr(loop, "_taken", lambda *arguments: self._taken(taken, *arguments))
+        patch.setattr(loop, "_take_in_epoch", lambda *arguments: self._take_in_epoch(taken, *arguments))
         patch.setattr(module, "run", lambda *arguments: self._run(run, *arguments))
 
     @property
@@ -44,7 +44,7 @@ class Presser:
         """Whether its epoch came."""
         return self.done >= self.epoch
 
-    def _taken(self, taken: Callable[..., bool], *arguments: Any) -> bool:
+    def _take_in_epoch(self, taken: Callable[..., bool], *arguments: Any) -> bool:
         if self.is_within:
             self.done += 1
             if self.done == self.epoch:

@@ -17,12 +17,14 @@ from spinfilters.settings.run_settings import (
     ProcessSettings,
     SensorSettings,
     Settings,
+    SmootherSettings,
     TruthValue,
     read_settings,
     settings_from,
     with_keys,
 )
 from spinfilters.settings.settings_page import page
+from spinfilters.smoother.solver import Dogleg
 
 TABLES = [name for name, value in Settings().document.items() if isinstance(value, dict)]
 
@@ -41,6 +43,7 @@ OTHER_NAMES = {
     "gauge": "standard",
     "precision": "float32",
     "loss": "huber",
+    "step": "dogleg",
     "gate_probability": 0.99,
     "shape": 1.0,
     "tolerance": 1e-3,
@@ -201,7 +204,15 @@ def test_settings_of_the_thesis_have_a_name_unless_a_file_has_it(
     thesis = read_settings(Path("tweddle"))
     assert thesis.estimators == ("smoother",)
     assert (thesis.process.force_psd, thesis.sensors.pixel_std, thesis.smoother.iterations) == (1e-6, 1.0, 7)
+    assert thesis.smoother.options(10).step_rule == Dogleg()
     with pytest.raises(InputError):
         read_settings(tmp_path / "tweddle")
     (tmp_path / "tweddle").write_text("[smoother]\niterations = 3\n")
     assert read_settings(Path("tweddle")).smoother.iterations == 3
+
+
+def test_an_unknown_step_rule_is_named_with_those_there_are() -> None:
+    with pytest.raises(
+        InputError, match=r"smoother\.step 'newton' is unknown; choose from gauss-newton, dogleg"
+    ):
+        SmootherSettings(step="newton")

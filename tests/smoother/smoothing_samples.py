@@ -94,11 +94,12 @@ def optimum(scenario: Scenario) -> Solved:
     return solved(here, InitialGuess(here.truth, here.known.ids, here.known.points))
 
 
-def smoother(here: Sample, mode: WindowPolicy, std: Float[np.ndarray, " n"] = STD) -> SlidingSmoother:
+def smoother(
+    here: Sample, mode: WindowPolicy, std: Float[np.ndarray, " n"] = STD, rule: StepRule | None = None
+) -> SlidingSmoother:
     """A sliding smoother that has seen nothing yet; its prior's mean is the truth."""
-    return SlidingSmoother(
-        PROCESS, FirstStatePrior(here.truth[0], std), SmootherOptions(mode), has_landmarks=True
-    )
+    options = SmootherOptions(mode, step_rule=rule or GaussNewton())
+    return SlidingSmoother(PROCESS, FirstStatePrior(here.truth[0], std), options, has_landmarks=True)
 
 
 def run(sliding: SlidingSmoother, epochs: Timeline) -> SlidingSmoother:

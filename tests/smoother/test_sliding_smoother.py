@@ -20,7 +20,7 @@ from spinfilters.smoother.linear_system import Marginals, SchurSystem
 from spinfilters.smoother.priors import FirstStatePrior
 from spinfilters.smoother.problem import Stage
 from spinfilters.smoother.sliding_smoother import SlidingSmoother, SmootherOptions, UpdateResult
-from spinfilters.smoother.solver import ConstantSchedule, SolverOptions, solve
+from spinfilters.smoother.solver import ConstantSchedule, Dogleg, Solve, SolverOptions, Step, solve
 from spinfilters.smoother.window import FixedLag, FullSmoothing, LandmarkMarginalization, WindowPolicy
 from tests.smoother.smoothing_samples import LAYOUT, LONG, PROCESS, SOON, STD, optimum, run, sample, smoother
 
@@ -84,6 +84,29 @@ def test_the_mass_distribution_becomes_known() -> None:
     early = sliding.mass_std
     assert early > 0.4
     assert _finished(FullSmoothing())[0].mass_std < early / 2
+
+
+class _Counted(Dogleg):
+    """Dogleg steps within a small radius, counted."""
+
+    steps = 0
+
+    def propose(self, solve: Solve, layout: StateLayout, number: float) -> Step | None:
+        """Count the step."""
+        type(self).steps += 1
+        return super().propose(solve, layout, number)
+
+
+def test_a_step_rule_of_ones_own_is_followed_to_the_same_estimate() -> None:
+    here, few = sample(LONG), sample(LONG).epochs[:12]
+    plain = run(smoother(here, FullSmoothing()), few)
+    rule = _Counted(1.0)
+    sliding = run(smoother(here, FullSmoothing(), rule=rule), few)
+    assert _Counted.steps > len(few) / 2
+    for each in (plain, sliding):
+        each.settle()
+    away = LAYOUT.local(plain.belief.mean, sliding.belief.mean)
+    assert np.abs(away / plain.belief.std).max() < 0.1
 
 
 def _blind(epoch: Epoch) -> Epoch:

@@ -104,9 +104,46 @@ def test_innovations_beside_a_slip_do_not_ask_for_larger_disturbances() -> None:
 
 def too_large(given: Evidence) -> Evidence:
     """With innovations 13 times as large as they were."""
+    return with_innovations(given, 13.0)
+
+
+def with_innovations(given: Evidence, times: float) -> Evidence:
+    """With innovations so many times as large as they were."""
     history = given.evaluation.history
-    larger = replace(history, nis=169.0 * history.nis)
-    return replace(given, evaluation=given.evaluation.with_fields(history=larger))
+    changed = replace(history, nis=times**2 * history.nis)
+    return replace(given, evaluation=given.evaluation.with_fields(history=changed))
+
+
+def test_innovations_far_within_the_noise_are_said_and_everything_holds() -> None:
+    status = judge(with_innovations(evidence(), 0.05))
+    (found,) = status.findings
+    assert found.check == "innovations-too-small"
+    assert "19 times smaller" in found.sentence
+    assert "identified" in found.cure
+    assert dict(status.holds) == dict.fromkeys(QUANTITIES, Holds.OK)
+
+
+@pytest.mark.parametrize(("times", "expected"), [(0.8, 1.0), (0.3, 0.1), (0.05, 0.0)])
+def test_innovations_that_the_noise_is_meant_to_leave_so_small_are_no_doubt(
+    times: float, expected: float
+) -> None:
+    status = judge(replace(with_innovations(evidence(), times), expected_nis=expected))
+    assert status.verdict is Verdict.OK
+
+
+def test_small_innovations_of_few_epochs_may_be_chance() -> None:
+    given = with_innovations(evidence(), 0.5)
+    history = given.evaluation.history
+    few = np.arange(len(history.time)) >= len(history.time) - 2
+    few_epochs = replace(history, nis=history.nis * few, dof=history.dof * few)
+    assert judge(given).findings[0].check == "innovations-too-small"
+    assert not judge(replace(given, evaluation=given.evaluation.with_fields(history=few_epochs))).findings
+
+
+def test_noise_that_a_check_names_is_not_said_to_be_too_large_again() -> None:
+    stated = {"name": "sensors.x", "stated": 1.0, "seen": "0.1", "score": 9.0, "cure": "state another"}
+    found = judge(with_innovations(evidence(finding("stated-noise", stated, NOTHING)), 0.05)).findings
+    assert [each.check for each in found] == ["stated-noise"]
 
 
 def test_a_wrong_unit_leaves_the_cures_of_what_it_does_not_reach() -> None:

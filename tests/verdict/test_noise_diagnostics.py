@@ -11,6 +11,8 @@ from plain_comparison import plainly_compared
 
 from experiments.honest_cases import RecordingCase, recordings
 from spinfilters.evaluation.filter_noise_tests import MEASUREMENTS, FilterTests, NoiseTest, filter_tests
+from spinfilters.filters.noise_levels import VarianceComponent
+from spinfilters.inference.identified_noise import GyroNoise, smallest_level
 from spinfilters.io.measurement_log import MeasurementLog
 from spinfilters.models.process import ProcessNoise
 from spinfilters.models.status import Finding
@@ -24,6 +26,7 @@ from spinfilters.verdict import noise_diagnostics as stated_levels
 from spinfilters.verdict.noise_diagnostics import (
     LARGEST_RATIO,
     LARGEST_SCORE,
+    expected_nis,
     filter_noise_diagnostics,
     noise_doubts,
     stated_level_diagnostics,
@@ -238,3 +241,16 @@ def test_a_level_that_nobody_states_is_not_said_to_be_stated() -> None:
         assert "state another" not in doubt
         assert "is stated" not in doubt
         assert len(doubt) < 300
+
+
+def test_small_innovations_are_expected_of_correlated_or_inflated_noise_and_where_none_is_seen() -> None:
+    setup = compared().setup
+    assert len(setup.timeline) == 150
+    assert expected_nis(setup) == 1.0
+    assert expected_nis(replace(setup, gyro_noise=GyroNoise(0.01, 5.0))) == pytest.approx(0.2)
+    # over 60 of 150 samples an error is as good as constant
+    assert expected_nis(replace(setup, gyro_noise=GyroNoise(0.01, 60.0))) == pytest.approx(1 / 15)
+    assert expected_nis(replace(setup, inflation={"pose_position_std": 4.0})) == pytest.approx(0.25)
+    name = "pose_position_std"
+    absent = VarianceComponent(name, smallest_level(name), 2.0, 1.0)
+    assert expected_nis(replace(setup, identified=(absent,))) == 0.0

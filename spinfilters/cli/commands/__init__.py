@@ -110,7 +110,7 @@ COMMANDS: Final = (
     ListedCommand(
         "study",
         "study",
-        "filters beside smoothers: which to fly when, with intervals",
+        "filters compared with smoothers: which to fly when, with intervals",
         "spinfilters.cli.commands.ready_studies",
     ),
     ListedCommand(

@@ -74,7 +74,7 @@ def _answer_epochs(options: LiveArguments, target: TextIO) -> int:
             executive.summary.final = final_verdict(kept, settings, answered)
     except KeyboardInterrupt:
         pass
-    except BrokenPipeError:  # nobody reads the answers any more
+    except BrokenPipeError:  # the reader of the answers has gone
         _close_output()
     except OSError as error:
         if error is not writer.broken:

@@ -261,21 +261,25 @@ def _observed(options: ObserveCommandArguments) -> "ObservabilityResult":
     from observability.cases import InputSizes
     from spinfilters.api.analysis import KnownInputs
     from spinfilters.api.analysis import observe as observed
+    from spinfilters.cli.console import progress_bars
 
     sizes = InputSizes(options.torque_size, options.manoeuvre_size, options.input_period)
-    return observed(
-        ",".join(options.sensors),
-        rate_rpm=options.motion.rate_rpm,
-        moments=options.motion.principal_moments,
-        frames=options.motion.epochs,
-        interval=options.motion.interval,
-        landmarks=options.landmarks,
-        known_map=options.known_map,
-        chart=options.chart,
-        unknowns=options.unknowns,
-        known=KnownInputs(options.torque, options.manoeuvre, sizes, options.inputs),
-        settings=_settings(options),
-    )
+    with progress_bars() as show:
+        return observed(
+            ",".join(options.sensors),
+            rate_rpm=options.motion.rate_rpm,
+            moments=options.motion.principal_moments,
+            frames=options.motion.epochs,
+            interval=options.motion.interval,
+            landmarks=options.landmarks,
+            known_map=options.known_map,
+            chart=options.chart,
+            unknowns=options.unknowns,
+            known=KnownInputs(options.torque, options.manoeuvre, sizes, options.inputs),
+            settings=_settings(options),
+            further=options.further,
+            progress=show,
+        )
 
 
 def _settings(options: ObserveCommandArguments) -> "Settings | None":

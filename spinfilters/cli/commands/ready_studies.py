@@ -2,11 +2,12 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from spinfilters.api.arguments import CampaignArguments
 from spinfilters.cli.command import Command
 from spinfilters.cli.common_options import PrintingOptions, print_document
+from spinfilters.core.errors import InputError
 from spinfilters.io.stated_values import Argument, NumberRange
 
 
@@ -34,6 +35,16 @@ class ReadyStudyArguments:
     workers: Annotated[
         int | None, NumberRange(1, 1024, whole=True), Argument("processes, by default one per processor")
     ] = None
+    format: Annotated[
+        Literal["png", "svg", "pdf"] | None,
+        Argument("print the figures for a paper too, in this file format"),
+    ] = None
+    panels: Annotated[bool, Argument("one panel a file, cut out of its printed figure")] = False
+    width: Annotated[
+        float | None,
+        NumberRange(20.0, 1000.0, "mm"),
+        Argument("width of a printed figure or panel, mm: 84 for a column, 174 for two", metavar="MM"),
+    ] = None
 
 
 def make_studies(options: ReadyStudyArguments) -> int:
@@ -53,7 +64,11 @@ def make_studies(options: ReadyStudyArguments) -> int:
     )
     from spinfilters.cli.campaign_progress import rows_with_bar
     from spinfilters.cli.console import wide_console
+    from spinfilters.plots.printing import PrintStyle
 
+    if options.format is None and (options.panels or options.width is not None):
+        raise InputError("--panels and --width are of printed figures; give their --format")
+    style = None if options.format is None else PrintStyle(options.format, options.width, options.panels)
     console = wide_console()
     if options.names == ("list",):
         found = Table("name", "runs", "what it compares")
@@ -75,7 +90,7 @@ def make_studies(options: ReadyStudyArguments) -> int:
         done = rows_with_bar(document, folder / name, how, name)
         made[name] = {"done": done.done, "total": done.total, "without_result": done.faulty}
         console.print(f"{name}: look at {folder / name / PICTURE}", highlight=False, soft_wrap=True)
-    page = write_comparison_page(folder)
+    page = write_comparison_page(folder, print_style=style)
     console.print(f"written to {folder}; look at {page}", highlight=False, soft_wrap=True)
     print_document({"page": str(page), "studies": made})
     return 0

@@ -33,7 +33,7 @@ static void say_number(const char *name, uint32_t value)
   char digits[12], *at = digits + sizeof digits;
   *--at = 0;
   *--at = '\n';
-  do *--at = (char)('0' + value % 10);
+  do *--at = (char)('0' + value % 10); /* digits from the last to the first */
   while (value /= 10);
   say(name);
   say(at);
@@ -55,6 +55,7 @@ void measure_begin(void)
 {
   uint32_t *sp;
   __asm__ volatile("mov %0, sp" : "=r"(sp));
+  /* paint the stack below this frame, with eight words to spare */
   for (uint32_t *at = stack_bottom; at < sp - 8; ++at) *at = PAINT;
   began = SYSTICK_VALUE;
 }
@@ -66,6 +67,7 @@ void measure_end(enum measured what)
   total[what] += ticks;
   ++times[what];
   uint32_t *at = stack_bottom;
+  /* the lowest word without paint is the deepest that was used */
   while (at < stack_top && *at == PAINT) ++at;
   const uint32_t used = (uint32_t)((char *)stack_top - (char *)at);
   if (used > stack_used) stack_used = used;
@@ -100,6 +102,7 @@ void start(void)
 {
   COPROCESSORS |= 0xFu << 20; /* the floating-point unit */
   __asm__ volatile("dsb\n isb");
+  /* initial values from flash, then zeros for all other static data, as a C library would do before main */
   for (uint32_t *to = data_begin, *from = data_load; to < data_end;) *to++ = *from++;
   for (uint32_t *to = bss_begin; to < bss_end;) *to++ = 0;
   SYSTICK_RELOAD = 0xFFFFFFu;

@@ -41,6 +41,7 @@ static int take(double time, const sf_real *values)
   sf_real moments[3];
   sf_principal_moments(filter.x + SF_X_S, moments);
   printf("%.9g", time);
+  /* state in the order of spinfilter_config.h, then the principal moments */
   for (int k = 0; k < SF_NX; ++k) printf(",%.9g", (double)filter.x[k]);
   for (int k = 0; k < 3; ++k) printf(",%.9g", (double)moments[k]);
   printf(",%d\n", status != SF_OK ? status : ahead);
@@ -57,6 +58,7 @@ static int refuse(unsigned long line, const char *why)
 static int filter_input(void)
 {
   char text[512];
+  /* one line at a time: blank lines, comments and a header are skipped, anything else must be a whole row in time order */
   for (unsigned long line = 1; fgets(text, sizeof text, stdin) != NULL; ++line) {
     double row[1 + VALUES];
     sf_real values[VALUES];
@@ -65,6 +67,7 @@ static int filter_input(void)
     if (strlen(text) + 1 == sizeof text) return refuse(line, "is longer than 510 characters");
     at += strspn(at, " \t\r\n");
     if (*at == '\0' || *at == '#') continue;
+    /* up to one whole row, commas and blanks between its numbers; it ends early at what is no number */
     for (char *end; count < 1 + VALUES; ++count, at = end + strspn(end, ", \t\r\n")) {
       row[count] = strtod(at, &end);
       if (end == at) break;
@@ -90,6 +93,7 @@ int main(int count, char **arguments)
   if (count == 2)
     status = filter_input();
   else
+    /* epochs of recording.h at a fixed interval */
     for (int k = 0; k < RECORDING_EPOCHS && status == 0; ++k) status = take(RECORDING_INTERVAL * k, recording + VALUES * k);
   fprintf(stderr, "%lu epochs, %lu of them not used; the filter takes %lu bytes\n", epochs, not_used, (unsigned long)sizeof filter);
   return status;

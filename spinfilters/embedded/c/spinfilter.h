@@ -21,7 +21,7 @@ typedef float sf_real;
 extern "C" {
 #endif
 
-/* What a call says. After any of them the filter is finite: where a result would not be, nothing has changed. */
+/* Status of a call. After any of them the filter is finite: where a result would not be, nothing has changed. */
 enum sf_status {
   SF_OK = 0,
   SF_REFUSED = 1,    /* every value lies outside the gate, or is not usable: nothing has changed */

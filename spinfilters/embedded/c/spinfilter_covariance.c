@@ -16,6 +16,7 @@ void sf_copy_filter(sf_filter *to, const sf_filter *from)
 static sf_real variance(const sf_filter *f, int i) /* row i of U D U' */
 {
   sf_real sum = f->d[i];
+  /* d_i + sum over k > i of U_ik^2 d_k: U is unit upper triangular */
   for (int k = i + 1; k < SF_N; ++k) sum += SF_COLUMN(f->u, k)[i] * SF_COLUMN(f->u, k)[i] * f->d[k];
   return sum;
 }
@@ -23,7 +24,9 @@ static sf_real variance(const sf_filter *f, int i) /* row i of U D U' */
 int sf_is_finite(const sf_filter *f)
 {
   int good = 1;
+  /* x - x is zero of finite numbers alone */
   for (int k = 0; k < SF_NX; ++k) good &= f->x[k] - f->x[k] == SF_R(0.0);
+  /* every entry of D is positive, and every variance finite */
   for (int k = 0; k < SF_N; ++k) {
     const sf_real total = variance(f, k); /* beyond the numbers before D and U are: of a place whose velocity is vague */
     good &= f->d[k] > SF_R(0.0) && total - total == SF_R(0.0);
@@ -35,7 +38,9 @@ void sf_update_scalar(sf_filter *f, sf_correction *c, const sf_real *row, sf_rea
 {
   sf_real slope[SF_N], gain[SF_N];
   sf_real alpha = SF_R(1.0);
+  /* innovation less what the error estimated so far explains: residual - row error */
   for (int k = 0; k < SF_SEEN_COUNT; ++k) residual -= row[k] * c->error[SF_SEEN + k];
+  /* slope = U' row: column j of U has entries above its diagonal, in the rows that are measured, and a unit diagonal */
   for (int j = 0; j < SF_N; ++j) {
     const sf_real *column = SF_COLUMN(f->u, j) + SF_SEEN;
     const int above = j < SF_SEEN ? 0 : (j - SF_SEEN < SF_SEEN_COUNT ? j - SF_SEEN : SF_SEEN_COUNT);
@@ -43,6 +48,8 @@ void sf_update_scalar(sf_filter *f, sf_correction *c, const sf_real *row, sf_rea
     for (int k = 0; k < above; ++k) sum += column[k] * row[k];
     slope[j] = sum;
   }
+  /* Bierman's update, columns from the left: D_j *= alpha before / alpha, U_j += lambda gain; gain sums up U D slope of the
+   * old U */
   for (int j = 0; j < SF_N; ++j) {
     sf_real *column = SF_COLUMN(f->u, j);
     const sf_real v = f->d[j] * slope[j], before = alpha;
@@ -57,6 +64,7 @@ void sf_update_scalar(sf_filter *f, sf_correction *c, const sf_real *row, sf_rea
     gain[j] = v;
   }
   const sf_real scaled = residual / alpha;
+  /* error += K residual with the Kalman gain K = U D slope / alpha; alpha is the variance of the residual */
   for (int j = 0; j < SF_N; ++j) c->error[j] += gain[j] * scaled;
   c->nis += residual * scaled;
 }
@@ -72,6 +80,7 @@ int sf_begin(sf_filter *f, const sf_real *x, const sf_real *covariance, sf_real 
     sf_real pivot = covariance[j * SF_N + j];
     for (int k = j + 1; k < SF_N; ++k) pivot -= SF_COLUMN(f->u, k)[j] * SF_COLUMN(f->u, k)[j] * f->d[k];
     f->d[j] = pivot;
+    /* column j above its pivot: U_ij = (P_ij - sum over k > j of U_ik U_jk d_k) / d_j */
     for (int i = 0; i < j; ++i) {
       sf_real entry = covariance[i * SF_N + j];
       for (int k = j + 1; k < SF_N; ++k) entry -= SF_COLUMN(f->u, k)[i] * SF_COLUMN(f->u, k)[j] * f->d[k];
@@ -84,6 +93,7 @@ int sf_begin(sf_filter *f, const sf_real *x, const sf_real *covariance, sf_real 
 
 void sf_covariance(const sf_filter *f, sf_real *out)
 {
+  /* entry (i, j <= i) and its mirror image: sum over k >= i of U_ik d_k U_jk, where U_ii = 1 */
   for (int i = 0; i < SF_N; ++i)
     for (int j = 0; j <= i; ++j) {
       sf_real sum = (i == j ? SF_R(1.0) : SF_COLUMN(f->u, i)[j]) * f->d[i];
@@ -94,5 +104,6 @@ void sf_covariance(const sf_filter *f, sf_real *out)
 
 void sf_deviations(const sf_filter *f, sf_real *out)
 {
+  /* roots of the diagonal of U D U' */
   for (int i = 0; i < SF_N; ++i) out[i] = SF_SQRT(variance(f, i));
 }

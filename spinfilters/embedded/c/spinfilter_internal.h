@@ -6,7 +6,7 @@
 
 #define SF_COLUMN(u, j) ((u) + (j) * ((j) - 1) / 2) /* of U above its diagonal */
 
-/* What an update says of the error, while its rows go in one after the other. */
+/* Estimated error and NIS of an update, while its rows are processed one after the other. */
 typedef struct {
   sf_real error[SF_N];
   sf_real nis;

@@ -1,7 +1,7 @@
 /* Landmarks with covariances of their own: seen from a pose, moved, made and given up.
  *
- * An observation takes the same work, whatever becomes of it: what is not wanted is computed too, and left where nobody
- * reads it.
+ * An observation takes the same work, whatever becomes of it: what is not needed is computed too, and left where it is not
+ * read.
  */
 #include "spinfilter_landmarks.h"
 
@@ -13,6 +13,7 @@
 static int factor_pose(sf_real *a)
 {
   int good = 1;
+  /* column j of the factor: pivot less the squares left of it, zeros above, and below it the entries less the columns before */
   for (int j = 0; j < SF_POSE; ++j) {
     sf_real pivot = a[j * SF_POSE + j];
     for (int k = 0; k < j; ++k) pivot -= a[j * SF_POSE + k] * a[j * SF_POSE + k];
@@ -35,6 +36,8 @@ int sf_begin_pose(const sf_filter *f, sf_seen_pose *p)
   sf_copy(p->t, f->x, 3);
   sf_multiply3(p->r, p->mean_g, 1, p->mean);
   sf_clear(p->factor, SF_POSE * SF_POSE);
+  /* factor += d_k plain plain', plain = column k of U in the rows of t and a, as displacement of the mean and rotation in
+   * frame i */
   for (int k = 0; k < SF_N; ++k) {
     sf_real plain[SF_POSE], part[3];
     for (int i = 0; i < SF_POSE; ++i) plain[i] = i < k ? SF_COLUMN(f->u, k)[i] : i == k ? SF_R(1.0) : SF_R(0.0);
@@ -42,7 +45,7 @@ int sf_begin_pose(const sf_filter *f, sf_seen_pose *p)
     sf_copy(plain + 3, part, 3);
     sf_cross(plain + 3, p->mean, part);
     for (int i = 0; i < 3; ++i) plain[i] += part[i];
-    for (int i = 0; i < SF_POSE; ++i)
+    for (int i = 0; i < SF_POSE; ++i) /* lower triangle */
       for (int j = 0; j <= i; ++j) p->factor[i * SF_POSE + j] += plain[i] * f->d[k] * plain[j];
   }
   return factor_pose(p->factor);
@@ -55,6 +58,7 @@ void sf_linearise(const sf_seen_pose *p, const sf_landmark *landmark, const sf_r
   const sf_real full[9] = {c[0], c[1], c[3], c[1], c[2], c[4], c[3], c[4], c[5]};
   sf_real y[3], by_landmark[9];
   sf_multiply3(p->r, landmark->point, 1, y);
+  /* arm = R p - mean, and y = R p + t, the landmark in frame i */
   for (int k = 0; k < 3; ++k) {
     o->arm[k] = y[k] - p->mean[k];
     y[k] += p->t[k];
@@ -62,6 +66,7 @@ void sf_linearise(const sf_seen_pose *p, const sf_landmark *landmark, const sf_r
   sf_model_stereo(y, camera, pixels, o->innovation, o->by_y, &o->valid);
   sf_multiply3(o->by_y, p->r, 3, by_landmark);
   sf_multiply3_transposed(full, by_landmark, o->spread);
+  /* noise = I + by_landmark covariance by_landmark', lower triangle: of whitened pixels, and of the landmark's own covariance */
   for (int i = 0; i < 3; ++i)
     for (int j = 0; j <= i; ++j) {
       sf_real sum = i == j ? SF_R(1.0) : SF_R(0.0);
@@ -88,26 +93,29 @@ static void move_landmark(const sf_seen_pose *p, const sf_landmark *landmark, co
   sf_forward3(root, gain, 3);
   sf_forward3(root, at.innovation, 1);
   sf_forward3(root, at.by_y, 3);
+  /* own = covariance - gain' gain, lower triangle; n runs over the packed triangle of the map */
   for (int i = 0, n = 0; i < 3; ++i)
     for (int j = 0; j <= i; ++j, ++n)
       out->own[3 * i + j] = c[n] - (gain[i] * gain[j] + gain[3 + i] * gain[3 + j] + gain[6 + i] * gain[6 + j]);
   sf_transposed_multiply3(gain, at.innovation, 1, out->point);
-  for (int i = 0; i < 3; ++i) out->point[i] += landmark->point[i];
+  for (int i = 0; i < 3; ++i) out->point[i] += landmark->point[i]; /* point + gain' innovation */
   sf_transposed_multiply3(gain, at.by_y, 3, out->by_pose);
   sf_copy(out->arm, at.arm, 3);
 }
 
-/* A landmark from its first observation; 0 where that does not tell it. */
+/* A landmark from its first observation; 0 where that does not determine it. */
 static int make_landmark(const sf_seen_pose *p, const sf_real *camera, const sf_real *pixels, told_landmark *out)
 {
   sf_real y[3], spread[9], rotated[9], told;
   sf_model_new_stereo(camera, pixels, y, spread, &told);
+  /* the point less t, frame i, and its arm about the mean */
   for (int k = 0; k < 3; ++k) y[k] -= p->t[k];
   for (int k = 0; k < 3; ++k) out->arm[k] = y[k] - p->mean[k];
   sf_transposed_multiply3(p->r, y, 1, out->point);
   sf_transposed_multiply3(p->r, spread, 3, rotated);
   sf_clear(out->own, 9);
   sf_add_squared(rotated, 3, out->own);
+  /* by_pose = R': a new landmark follows the pose wholly */
   for (int i = 0; i < 3; ++i)
     for (int j = 0; j < 3; ++j) out->by_pose[3 * i + j] = p->r[3 * j + i];
   return told > SF_R(0.0);
@@ -116,6 +124,7 @@ static int make_landmark(const sf_seen_pose *p, const sf_real *camera, const sf_
 static inline int is_finite(const sf_real *point, const sf_real *covariance)
 {
   sf_real sum = point[0] + point[1] + point[2];
+  /* one sum over the lower triangle: it is finite only where every number is */
   for (int i = 0; i < 3; ++i)
     for (int j = 0; j <= i; ++j) sum += covariance[3 * i + j];
   return sum - sum == SF_R(0.0);
@@ -139,6 +148,7 @@ void sf_keep_landmark(const sf_seen_pose *p, sf_landmark *landmark, sf_observati
   const int good = is_finite(way->point, covariance), made = told & good;
   sf_landmark unread, *to = (used & good) | made ? landmark : &unread;
   sf_copy(to->point, way->point, 3);
+  /* lower triangle to its six packed places */
   for (int i = 0, n = 0; i < 3; ++i)
     for (int j = 0; j <= i; ++j, ++n) to->covariance[n] = covariance[3 * i + j];
   landmark->hits = (uint16_t)(used ? landmark->hits + (landmark->hits < UINT16_MAX) : made ? 1 : lost ? 0 : landmark->hits);

@@ -1,7 +1,7 @@
 /* An observation of a landmark about a pose; for spinfilter_stereo.c and spinfilter_landmarks.c alone.
  *
- * The pose is told about the observed landmarks' mean: its displacement and the attitude hardly depend on one another, and
- * float does not hold the information about t and a themselves.
+ * The pose is expressed about the observed landmarks' mean: its displacement and the attitude are hardly correlated, and
+ * float cannot represent the information on t and a themselves.
  */
 #ifndef SPINFILTER_LANDMARKS_H
 #define SPINFILTER_LANDMARKS_H
@@ -29,9 +29,10 @@ typedef struct {
   sf_real valid;
 } sf_linearised;
 
-/* How a point moves with the pose's error of unit covariance, 3 x 6: displacement + rotation x arm. */
+/* Displacement of a point by the pose's error of unit covariance, 3 x 6: displacement + rotation x arm. */
 static inline void sf_displace(const sf_seen_pose *p, const sf_real *arm, sf_real *out)
 {
+  /* column j of the factor is a displacement and a rotation (a, b, c): the point moves by displacement + rotation x arm */
   for (int j = 0; j < SF_POSE; ++j) {
     const sf_real *column = p->factor + j;
     const sf_real a = column[3 * SF_POSE], b = column[4 * SF_POSE], c = column[5 * SF_POSE];
@@ -44,11 +45,11 @@ static inline void sf_displace(const sf_seen_pose *p, const sf_real *arm, sf_rea
 /* Pose of a state about p->mean_g; 0 where its covariance is not positive definite. */
 int sf_begin_pose(const sf_filter *f, sf_seen_pose *p);
 
-/* An observation with the derivatives that all else follows from. */
+/* An observation linearised: its innovation, Jacobian and noise. */
 void sf_linearise(const sf_seen_pose *p, const sf_landmark *landmark, const sf_real *camera, const sf_real *pixels,
                   sf_linearised *o);
 
-/* What an observation says of its landmark, given the pose after all of them; its outcome may become SF_NEW. */
+/* Update a landmark by its observation, given the pose after all of them; its outcome may become SF_NEW. */
 void sf_keep_landmark(const sf_seen_pose *p, sf_landmark *landmark, sf_observation *o, const sf_real *camera);
 
 #endif

@@ -7,17 +7,20 @@
 /* Word by word: a library's memcpy may go byte by byte. */
 static inline void sf_copy(sf_real *to, const sf_real *from, int count)
 {
+  /* in order, so that `to` may be `from` itself, as where a filter stays what it was */
   for (int k = 0; k < count; ++k) to[k] = from[k];
 }
 
 static inline void sf_clear(sf_real *to, int count)
 {
+  /* any shape: its entries are adjacent */
   for (int k = 0; k < count; ++k) to[k] = SF_R(0.0);
 }
 
 /* out = a b, of 3 x 3 and 3 x columns */
 static inline void sf_multiply3(const sf_real *a, const sf_real *b, int columns, sf_real *out)
 {
+  /* entry (i, j): row i of a times column j of b, its three products written out */
   for (int i = 0; i < 3; ++i)
     for (int j = 0; j < columns; ++j)
       out[i * columns + j] = a[3 * i] * b[j] + a[3 * i + 1] * b[columns + j] + a[3 * i + 2] * b[2 * columns + j];
@@ -26,6 +29,7 @@ static inline void sf_multiply3(const sf_real *a, const sf_real *b, int columns,
 /* out += a b */
 static inline void sf_add_multiply3(const sf_real *a, const sf_real *b, int columns, sf_real *out)
 {
+  /* entry (i, j), added: row i of a times column j of b */
   for (int i = 0; i < 3; ++i)
     for (int j = 0; j < columns; ++j)
       out[i * columns + j] += a[3 * i] * b[j] + a[3 * i + 1] * b[columns + j] + a[3 * i + 2] * b[2 * columns + j];
@@ -34,6 +38,7 @@ static inline void sf_add_multiply3(const sf_real *a, const sf_real *b, int colu
 /* out = a b', 3 x 3 */
 static inline void sf_multiply3_transposed(const sf_real *a, const sf_real *b, sf_real *out)
 {
+  /* entry (i, j): row i of a times row j of b */
   for (int i = 0; i < 3; ++i)
     for (int j = 0; j < 3; ++j)
       out[3 * i + j] = a[3 * i] * b[3 * j] + a[3 * i + 1] * b[3 * j + 1] + a[3 * i + 2] * b[3 * j + 2];
@@ -42,6 +47,7 @@ static inline void sf_multiply3_transposed(const sf_real *a, const sf_real *b, s
 /* out = a' b, of 3 x 3 and 3 x columns */
 static inline void sf_transposed_multiply3(const sf_real *a, const sf_real *b, int columns, sf_real *out)
 {
+  /* entry (i, j): column i of a times column j of b */
   for (int i = 0; i < 3; ++i)
     for (int j = 0; j < columns; ++j)
       out[i * columns + j] = a[i] * b[j] + a[3 + i] * b[columns + j] + a[6 + i] * b[2 * columns + j];
@@ -74,6 +80,7 @@ static inline int sf_factor3(const sf_real *s, sf_real *root)
 /* right <- root^-1 right, of such a factor */
 static inline void sf_forward3(const sf_real *root, sf_real *right, int columns)
 {
+  /* column k by forward substitution; the diagonal of root holds inverses, so nothing is divided */
   for (int k = 0; k < columns; ++k) {
     right[k] *= root[0];
     right[columns + k] = (right[columns + k] - root[3] * right[k]) * root[4];
@@ -84,6 +91,7 @@ static inline void sf_forward3(const sf_real *root, sf_real *right, int columns)
 /* lower triangle += a a', of 3 x columns, into 3 x 3 */
 static inline void sf_add_squared(const sf_real *a, int columns, sf_real *lower)
 {
+  /* entry (i, j <= i): row i of a times row j of a; what lies above the diagonal stays */
   for (int i = 0; i < 3; ++i)
     for (int j = 0; j <= i; ++j)
       for (int k = 0; k < columns; ++k) lower[3 * i + j] += a[i * columns + k] * a[j * columns + k];

@@ -10,7 +10,7 @@ static void sf_rotate(sf_real S[3][3], int p, int q, int r)
 {
   const sf_real off = S[p][q], gap = S[q][q] - S[p][p];
   const sf_real length = sf_abs(gap) + SF_SQRT(gap * gap + SF_R(4.0) * off * off);
-  /* tan of the smaller of the two angles that do it; zero where both elements are alike and nothing stands beside them */
+  /* tan of the smaller of the two angles that do it; zero where the diagonal elements are equal and the off-diagonal one is zero */
   const sf_real tangent = length > SF_R(0.0) ? (gap < SF_R(0.0) ? SF_R(-2.0) : SF_R(2.0)) * off / length : SF_R(0.0);
   const sf_real cosine = SF_R(1.0) / SF_SQRT(SF_R(1.0) + tangent * tangent), sine = tangent * cosine;
   const sf_real rp = S[r][p], rq = S[r][q];

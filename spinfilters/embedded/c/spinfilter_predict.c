@@ -13,11 +13,14 @@ static void transform_factor(sf_filter *f, const sf_real *phi, sf_real (*rows)[W
 {
   sf_real full[SF_N][ROUNDED], sum[ROUNDED];
   sf_clear(full[0], SF_N * ROUNDED);
+  /* U as a square matrix with its unit diagonal; zeros below, and behind the last column for the groups of four */
   for (int j = 0; j < SF_N; ++j) {
     const sf_real *column = SF_COLUMN(f->u, j);
     for (int i = 0; i < j; ++i) full[i][j] = column[i];
     full[j][j] = SF_R(1.0);
   }
+  /* row r of Phi U by the non-zeros of Phi's row, four columns at a time; U is zero left of the first of them and below its
+   * diagonal */
   for (int r = 0; r < SF_MOVING; ++r) {
     const int begin = sf_phi_column[sf_phi_start[r]];
     for (int j = begin & ~3; j < SF_N; j += 4) {
@@ -34,6 +37,7 @@ static void transform_factor(sf_filter *f, const sf_real *phi, sf_real (*rows)[W
       sum[j + 2] = c;
       sum[j + 3] = d;
     }
+    /* moving columns go to the rows that are made triangular; the constants' columns keep D and are U's at once */
     for (int j = begin; j < SF_MOVING; ++j) rows[r][j] = sum[j];
     for (int j = SF_MOVING; j < SF_N; ++j) SF_COLUMN(f->u, j)[r] = sum[j];
   }
@@ -42,6 +46,7 @@ static void transform_factor(sf_filter *f, const sf_real *phi, sf_real (*rows)[W
 static sf_real project(const sf_real *row, const sf_real *weighted, const sf_real *stop)
 {
   sf_real sum = SF_R(0.0);
+  /* dot product, UNROLL entries a step: begin and end of a row are multiples of it */
   for (; weighted < stop; row += UNROLL, weighted += UNROLL)
     sum += row[0] * weighted[0] + row[1] * weighted[1] + row[2] * weighted[2];
   return sum;
@@ -49,6 +54,7 @@ static sf_real project(const sf_real *row, const sf_real *weighted, const sf_rea
 
 static void subtract(sf_real *row, const sf_real *own, const sf_real *stop, sf_real share)
 {
+  /* row -= share own, UNROLL entries a step */
   for (; own < stop; row += UNROLL, own += UNROLL) {
     row[0] -= share * own[0];
     row[1] -= share * own[1];
@@ -61,10 +67,13 @@ static int propagate(sf_filter *f, const sf_real *phi, const sf_real *g)
   sf_real rows[SF_MOVING][WIDTH], weighted[WIDTH], d[WIDTH];
   sf_clear(rows[0], SF_MOVING * WIDTH);
   transform_factor(f, phi, rows);
+  /* right of Phi U stands the noise factor G, by the non-zeros of each row */
   for (int r = 0; r < SF_MOVING; ++r)
     for (int k = sf_g_start[r]; k < sf_g_start[r + 1]; ++k) rows[r][SF_MOVING + sf_g_column[k]] = g[k];
+  /* weights of the columns: D of the moving errors, and one of the noise */
   for (int k = 0; k < SF_MOVING; ++k) d[k] = f->d[k];
   for (int k = SF_MOVING; k < WIDTH; ++k) d[k] = SF_R(1.0);
+  /* weighted Gram-Schmidt, last row first: D_r = row_r D row_r', U_ir = row_i D row_r' / D_r, and row_i -= U_ir row_r above */
   for (int r = SF_MOVING - 1; r >= 0; --r) {
     const int begin = r / UNROLL * UNROLL, end = sf_row_end[r];
     const sf_real *own = rows[r];
@@ -103,6 +112,7 @@ static void advance_rotation(rotation *s, const sf_real *j, sf_real h)
   sf_multiply3(aa, s->a, 8, first);
   sf_add_multiply3(aw, s->w, 8, first);
   sf_multiply3(ww, s->w, 8, second);
+  /* columns 3 to 7, Theta: plus this substep's own sensitivity to the entries of the inertia */
   for (int i = 0; i < 3; ++i)
     for (int k = 0; k < 5; ++k) {
       first[8 * i + 3 + k] += ba[5 * i + k];
@@ -110,16 +120,16 @@ static void advance_rotation(rotation *s, const sf_real *j, sf_real h)
     }
   sf_copy(s->a, first, 24);
   sf_copy(s->w, second, 24);
-  /* noise <- A noise A' */
+  /* noise <- A noise A', A = [aa, aw; 0, ww]: first A noise, its rows of a (turned, crossed), then by A' */
   sf_real turned[9], crossed[9], part[9];
   sf_multiply3(aa, s->noise_aa, 3, turned);
   sf_multiply3_transposed(aw, s->noise_aw, part);
-  for (int k = 0; k < 9; ++k) turned[k] += part[k];
+  for (int k = 0; k < 9; ++k) turned[k] += part[k]; /* turned = aa noise_aa + aw noise_aw' */
   sf_multiply3(aa, s->noise_aw, 3, crossed);
   sf_add_multiply3(aw, s->noise_ww, 3, crossed);
   sf_multiply3_transposed(turned, aa, s->noise_aa);
   sf_multiply3_transposed(crossed, aw, part);
-  for (int k = 0; k < 9; ++k) s->noise_aa[k] += part[k];
+  for (int k = 0; k < 9; ++k) s->noise_aa[k] += part[k]; /* noise_aa = turned aa' + crossed aw' */
   sf_multiply3_transposed(crossed, ww, s->noise_aw);
   sf_multiply3(ww, s->noise_ww, 3, part);
   sf_multiply3_transposed(part, ww, s->noise_ww);
@@ -139,6 +149,7 @@ static void transition(const sf_filter *f, const rotation *s, const sf_real *dj,
   sf_real aw[9], ww[9], theta_a[15], theta_w[15], noise[21];
   split(s->a, aw, theta_a);
   split(s->w, ww, theta_w);
+  /* lower triangle of the noise of (a, w), row by row; its block (w, a) is the transpose of noise_aw */
   for (int i = 0, n = 0; i < 6; ++i)
     for (int k = 0; k <= i; ++k, ++n)
       noise[n] = i < 3 ? s->noise_aa[3 * i + k] : k < 3 ? s->noise_aw[3 * k + i - 3] : s->noise_ww[3 * (i - 3) + k - 3];
@@ -153,6 +164,8 @@ static void add_walk(sf_filter *f, sf_real variance)
     sf_real a[SF_N], weight = variance; /* what is left to add to the columns before j: weight a a' */
     sf_clear(a, SF_N);
     a[place] = SF_R(1.0);
+    /* column j, from the last that a reaches: D_j += weight a_j^2; what the column explains leaves a, and U_j takes in its
+     * share */
     for (int j = place; j >= 0; --j) {
       sf_real *column = SF_COLUMN(f->u, j);
       const sf_real before = f->d[j], part = weight * a[j];
@@ -176,11 +189,13 @@ int sf_predict(sf_filter *filter, sf_real dt)
   if (!(dt > SF_R(0.0)) || dt - dt != SF_R(0.0)) return SF_INVALID;
   sf_copy_filter(&f, filter);
   sf_clear(s.point, sizeof s / sizeof *s.point);
+  /* start of the rotation: Psi = I, and q and w of the state; Theta and noise are zero */
   for (int k = 0; k < 3; ++k) s.aa[4 * k] = s.w[9 * k] = SF_R(1.0);
   for (int k = 0; k < 4; ++k) s.point[k] = f.x[SF_X_Q + k];
   for (int k = 0; k < 3; ++k) s.point[4 + k] = f.x[SF_X_W + k];
   sf_model_inertia(f.x + SF_X_S, j, dj);
   const sf_real h = dt * SF_R(1.0 / SF_SUBSTEPS);
+  /* noise by quadrature: its density enters the rate at the start of each substep, and after the last one, by these weights */
   for (int step = 0; step < SF_SUBSTEPS; ++step) {
     for (int k = 0; k < 3; ++k) s.noise_ww[4 * k] += sf_weight[step] * h;
     advance_rotation(&s, j, h);

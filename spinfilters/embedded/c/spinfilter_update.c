@@ -9,6 +9,7 @@ static int update_rows(sf_filter *filter, const sf_real *rows, const sf_real *in
   sf_correction c;
   sf_copy_filter(&f, filter);
   sf_clear(c.error, SF_N + 1);
+  /* one row after the other gives the joint update, because whitened rows have independent noise */
   for (int k = 0; k < count; ++k) sf_update_scalar(&f, &c, rows + k * SF_SEEN_COUNT, innovation[k]);
   sf_reset(&f, &c);
   const int near = c.nis <= gate, finite = sf_is_finite(&f);

@@ -14,6 +14,7 @@ static sf_observation observations[COUNT];
 
 static void begin_map(void)
 {
+  /* the known landmarks at every other place, so that the rest of the map begins empty */
   for (unsigned k = 0; 3 * k < sizeof vector_known / sizeof *vector_known; ++k) {
     for (int i = 0; i < 3; ++i) map[2 * k].point[i] = vector_known[3 * k + i];
     for (int i = 0; i < 6; ++i) map[2 * k].covariance[i] = vector_known_covariance[i];
@@ -24,6 +25,7 @@ static void begin_map(void)
 static void observe(int epoch)
 {
   const sf_real *values = vector_values + 3 * COUNT * epoch;
+  /* observation k of place k, [COUNT][3] pixels an epoch */
   for (unsigned k = 0; k < COUNT; ++k) {
     observations[k].landmark = (uint16_t)k;
     for (int i = 0; i < 3; ++i) observations[k].pixels[i] = values[3 * k + i];
@@ -34,6 +36,7 @@ static void observe(int epoch)
 static void spoil(sf_real not_finite, int all)
 {
   observe(EPOCHS - 1);
+  /* of eight observations four are spoilt, each in a different way */
   for (unsigned k = 0; k < COUNT; ++k) {
     if (all || k % 8 == 1) observations[k].pixels[k % 3] = not_finite;
     else if (k % 8 == 3) observations[k].pixels[1] += (sf_real)90;
@@ -57,6 +60,7 @@ static void begin_map(void) {}
 
 static void observe(int epoch)
 {
+  /* values of the epoch, [EPOCHS][COUNT] */
   for (unsigned k = 0; k < COUNT; ++k) value[k] = vector_values[COUNT * epoch + k];
 }
 
@@ -85,6 +89,7 @@ uint32_t test_bits(void) /* FNV-1a of the state and its covariance: the same on 
 {
   const unsigned char *at = (const unsigned char *)f.x, *stop = (const unsigned char *)f.psd;
   uint32_t hash = 2166136261u;
+  /* each byte from the state to the end of D, which lie one behind the other */
   while (at < stop) hash = (hash ^ *at++) * 16777619u;
   return hash;
 }
@@ -113,6 +118,7 @@ int test_spinfilter(sf_real *worst)
   int wrong = sf_begin(&f, vector_x, vector_covariance, vector_psd[0], vector_psd[1]) != SF_OK;
   *worst = 0;
   begin_map();
+  /* each epoch: predict, update, and compare state and standard deviations with the reference */
   for (int epoch = 0; epoch < EPOCHS; ++epoch) {
     const sf_real *expected = vector_expected + (SF_NX + SF_N) * epoch;
     measure_begin();
@@ -121,6 +127,7 @@ int test_spinfilter(sf_real *worst)
     observe(epoch);
     wrong += update(&f) != SF_OK;
     sf_deviations(&f, deviations);
+    /* error k against its expected deviation; behind the vector part of q, places of the state run one ahead of errors */
     for (int k = 0; k < SF_N; ++k) {
       const sf_real std = expected[SF_NX + k];
       const int place = k + (k >= SF_X_Q + 3);

@@ -184,7 +184,7 @@ FLAT_TOP: Final[float] = 1e-3
 """Relative distance from the largest |rate| of an axis within which clipped samples lie, since offsets are corrected after
 clipping."""
 NEAR_TOP: Final[float] = 2e-2
-"""Relative distance within which few samples lie beside clipped ones. Of a smooth peak's samples within it, the share
+"""Relative distance within which few samples lie next to clipped ones. Of a smooth peak's samples within it, the share
 sqrt(FLAT_TOP / NEAR_TOP) lies within `FLAT_TOP`."""
 FEWEST_CLIPPED: Final[int] = 3
 """Samples that can make a flat top."""

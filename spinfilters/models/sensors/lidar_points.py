@@ -72,7 +72,7 @@ class LidarLandmark(MeasurementModel):
 
 
 GRAZING = 0.02
-"""Cosine between a beam and the inward normal, at least: below, a beam skims the plane and its range tells nothing."""
+"""Cosine between a beam and the inward normal, at least: below, a beam skims the plane and its range carries no information."""
 STEPS = 2
 """Runge-Kutta steps from the scan's epoch to the point's stamp: error below 2e-5 rad for a rotation of 0.5 rad."""
 

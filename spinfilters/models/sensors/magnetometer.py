@@ -62,7 +62,7 @@ class Magnetometer(MeasurementModel):
 class MagnetometerSensor(Sensor):
     """Values (bx, by, bz, fx, fy, fz): the field as measured, axes g, and as a model of the field gives it, frame i, T.
 
-    One direction leaves the rotation about it open: poses or attitudes tell how the body moves at first.
+    One direction leaves the rotation about it open: poses or attitudes determine how the body moves at first.
     """
 
     name = "magnetometer"
@@ -89,7 +89,7 @@ class MagnetometerSensor(Sensor):
         (1e-7, 0.0, 0.0, 5e-5),
         {"magnetometer_std": (0,)},
         words="a magnetometer",
-        assumption="the magnetic field in frame i is known, z of that frame along it",
+        assumption="the magnetic field in frame i is known (in the exact rank along z of that frame)",
     )
 
     def bind(

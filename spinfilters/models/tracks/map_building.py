@@ -70,7 +70,7 @@ class StereoView:
 
 
 def noise_ratio(views: Sequence[StereoView], calibration: Float[np.ndarray, " c"]) -> float | None:
-    """Standard deviation of the pixels over the stated; None where no two views tell it.
+    """Standard deviation of the pixels over the stated; None where no two views determine it.
 
     It is the median's, which wrong matches that agree by chance hardly move.
     """

@@ -129,7 +129,7 @@ SEED = 0
 
 @dataclass(frozen=True)
 class _UsableMatches:
-    """Matches whose pixels tell a point before the camera.
+    """Matches whose pixels determine a point in front of the camera.
 
     Attributes
     ----------

@@ -47,7 +47,7 @@ class MatchRows(NamedTuple):
 
 
 class UncertainMatches(NamedTuple):
-    """k matches with points (m, frame g) that a map tells with covariances.
+    """k matches with points (m, frame g) that a map gives with covariances.
 
     Attributes
     ----------
@@ -183,7 +183,7 @@ class _Step(NamedTuple):
     length : Float[np.ndarray, ' f']
         (f,) in standard deviations of the pose.
     determined : Bool[np.ndarray, ' f']
-        (f,) whether the matches tell a pose; else it stays.
+        (f,) whether the matches determine a pose; else it stays.
     """
 
     poses: Float[np.ndarray, "f 7"]

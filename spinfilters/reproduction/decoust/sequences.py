@@ -1,4 +1,4 @@
-"""The thesis' sequences of snapshots, processed whole: corners, boundary corners, transitions beside the truth."""
+"""The thesis' sequences of snapshots, processed whole: corners, boundary corners, transitions compared with the truth."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,6 +1,6 @@
 """Sections 1.4.3, 6.2.4 and 7.2: comparisons that the thesis names and leaves to others, on simulated recordings.
 
-Filters that begin after few epochs beside the smoother; an inspector that moves, and what may be done about it; a map and motion
+Filters that begin after few epochs, and the smoother; an inspector that moves, and what may be done about it; a map and motion
 without dynamics that are added afterwards; motions that leave parameters open; several recordings of one body in one inertia.
 """
 
@@ -100,13 +100,13 @@ def make_late_filters() -> ItemResult:
     axes.set(
         xlabel="epochs before the filters begin", ylabel=f"attitude error of the last {LAST} epochs [deg]"
     )
-    axes.set_title("filters begun early, beside the smoother", loc="left", fontsize="medium")
+    axes.set_title("filters begun early, compared with the smoother", loc="left", fontsize="medium")
     axes.legend(frameon=False)
     tidy(axes)
     note = (
         "Section 1.4.3 prefers a smoother because a filter throws old measurements away before it has converged; no filter is "
         "shown there. Poses of the thesis' motion, root mean squares over the recordings of "
-        f"seeds {RECORDINGS[0]} to {RECORDINGS[-1]}. Where poses do not tell the motion, up to a third more are smoothed than "
+        f"seeds {RECORDINGS[0]} to {RECORDINGS[-1]}. Where poses do not determine the motion, up to a third more are smoothed than "
         "asked for (epochs_smoothed)."
     )
     return ItemResult(rows, {"late_filters": figure}, {"late_filters": table}, note)
@@ -165,7 +165,7 @@ def make_inspector_treatments() -> ItemResult:
                     f"{inspector}, {words}: position error over that of a static inspector",
                     ours,
                     expected=(0.0, 3.0) if better else (1.0, np.inf),
-                    why="noise of the depth becomes noise across in a view turned far, which a stabilised image does not tell",
+                    why="noise of the depth becomes noise across in a view turned far, which a stabilised image does not show",
                 )
             )
     figure = Figure(figsize=(7.4, 4.2), layout="constrained")
@@ -215,7 +215,7 @@ def stabilised(dataset: Dataset) -> Dataset:
 
 
 def make_dynamics_afterwards() -> ItemResult:
-    """Section 7.2: poses and map without dynamics, inertia from them afterwards, beside the smoother."""
+    """Section 7.2: poses and map without dynamics, inertia from them afterwards, compared with the smoother."""
     table: list[dict[str, float | int]] = []
     true = _true_ratios(Scenario.principal_moments)
     for seed in range(3):

@@ -1,4 +1,4 @@
-"""Table 6.4: standard deviations that the smoother states in the end, beside the bound and actual errors (section 6.7)."""
+"""Table 6.4: standard deviations that the smoother states in the end, compared with the bound and actual errors (section 6.7)."""
 
 from typing import Final
 

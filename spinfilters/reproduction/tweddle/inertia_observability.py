@@ -1,4 +1,4 @@
-"""Equations 3.11 to 3.15: what three rates tell of the principal moments (section 3.3, Listing B.3)."""
+"""Equations 3.11 to 3.15: what three rates determine of the principal moments (section 3.3, Listing B.3)."""
 
 from typing import Final
 

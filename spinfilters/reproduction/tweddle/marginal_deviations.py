@@ -1,7 +1,7 @@
 """Marginal standard deviations and errors by Table 6.4.
 
-In the quantities of Tweddle (2013), and the errors that they should tell.
-Attitude is that of the geometric frame and rotations are told about the principal axes x major, y intermediate, z minor. The
+In the quantities of Tweddle (2013), and the errors that they should predict.
+Attitude is that of the geometric frame and rotations are given about the principal axes x major, y intermediate, z minor. The
 thesis' attitude is of the principal frame, whose uncertainty in g it prints again as that of the principal axes.
 """
 
@@ -63,7 +63,7 @@ def marginal_std(history: EstimateHistory) -> Float[np.ndarray, "7 3"]:
 
 
 def actual_errors(history: EstimateHistory, truth: Truth) -> Float[np.ndarray, "7 3"]:
-    """Mean squared errors over the frames after the first of what `marginal_std` tells; SI units.
+    """Mean squared errors over the frames after the first of what `marginal_std` gives; SI units.
 
     Parameters
     ----------

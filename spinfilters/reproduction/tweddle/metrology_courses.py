@@ -69,7 +69,7 @@ CHOSEN: Final = "what is simulated depends on the choices that the note names"
 
 @dataclass(frozen=True)
 class Metrology:
-    """What the metrology says of one body, beside its true motion.
+    """Metrology of one body, with its true motion.
 
     Attributes
     ----------
@@ -301,7 +301,7 @@ def make_rotational_energy() -> ItemResult:
             bound=100 * std,
             why=CHOSEN,
         ),
-        _held(course, held),
+        _count_inside_band(course, held),
     ]
     figure = _energy_figure(course, held, 1e3, "energy [mJ]", "Rotational kinetic energy of the target")
     return ItemResult(rows, {"energy": figure}, {"energy": _energy_table(course)}, note=NOTE)
@@ -313,12 +313,12 @@ def make_translational_energy() -> ItemResult:
     covariance = np.tile(SPEED**2 * np.eye(3), (len(measured), 1, 1))
     course = quadratic_energy(target().measured.time, measured, covariance, MASS * np.eye(3))
     held = MASS * np.sum(true**2, axis=1) / 2
-    rows = [_held(course, held)]
+    rows = [_count_inside_band(course, held)]
     figure = _energy_figure(course, held, 1e6, "energy [uJ]", "Translational kinetic energy of the target")
     return ItemResult(rows, {"energy": figure}, {"energy": _energy_table(course)}, note=NOTE)
 
 
-def _held(course: EnergyCourse, true: Float[np.ndarray, " k"]) -> ComparedNumber:
+def _count_inside_band(course: EnergyCourse, true: Float[np.ndarray, " k"]) -> ComparedNumber:
     """Share of the rows whose band holds the true energy; small energies are not Gaussian, hence the lower end."""
     inside = np.abs(course.energy - true) <= SIGMAS * course.std
     return ComparedNumber(
@@ -372,7 +372,7 @@ def make_relative_motion() -> ItemResult:
 
 
 def make_difference_rate() -> ItemResult:
-    """Figure 6-14: rates from differences of the quaternions (Eq. 6.13) beside those of the gyros."""
+    """Figure 6-14: rates from differences of the quaternions (Eq. 6.13) compared with those of the gyros."""
     motion = target()
     poses = ReferenceMotion("attitudes alone", motion.measured.time, motion.measured.attitude)
     time, rate = reference_rates(poses)

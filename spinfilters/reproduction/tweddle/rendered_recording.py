@@ -1,4 +1,4 @@
-"""The rendered recording that stands for the lost images: a satellite goes through front end, smoother and dense model."""
+"""The rendered recording that replaces the lost images: a satellite goes through front end, smoother and dense model."""
 
 import time
 from dataclasses import dataclass

@@ -1,7 +1,7 @@
 """Errors of measurements that are correlated in time, and the covariance of smoothed states that holds with them.
 
 Estimates x = P J'z were made for white z. Had the whitened measurements the covariance C, that of x would be A = P J'C J P. With
-P = F F', the eigenvalues of F^-1 A F^-T tell by what the variances of the state's directions are wrong.
+P = F F', the eigenvalues of F^-1 A F^-T show by what factors the variances of the state's directions are wrong.
 
 Three explanations of one linearised motion are compared by their marginal likelihood, levels at their most likely values:
 
@@ -9,7 +9,7 @@ Three explanations of one linearised motion are compared by their marginal likel
     correlated    these, and errors that last for a time tau (`LikelyLevels`),
     undisturbed   errors white and lasting, and no disturbances.
 
-A disturbance lets rates wander for ever, an error that lasts comes back: a recording of many tau tells them apart. A shorter one
+A disturbance lets rates wander for ever, an error that lasts comes back: a recording of many tau separates them. A shorter one
 need not, so that what matters is the probability of lasting errors times what they do. With prior odds, and ln(epochs) for each
 number that an explanation has more (Schwarz 1978), p is the probability of lasting errors; estimates that were made for white ones
 have then the covariance P J' C J P in place of P, C that of the whitened measurements.
@@ -82,7 +82,7 @@ class ExplainedErrors:
         measured, lasting = np.zeros_like(stated), np.zeros_like(stated)
         # Unit errors of a component's r rows move states by M (n, r): M M' is their share of the stated covariance, M (w + S) M'
         # that of white errors with the variance w and of lasting ones, S_ij = s exp(-|t_i - t_j| / tau).
-        for number, away, every in self._moved:
+        for number, away, every in self._errors_by_row:
             slow, moved = np.exp(levels[count + number] - away / np.exp(levels[-1])), every[epochs]
             across = np.swapaxes(moved, 1, 2)
             measured += moved @ across
@@ -145,11 +145,11 @@ class ExplainedErrors:
         return float(np.log(np.trace(self.relative(likely.levels, some), axis1=1, axis2=2).sum()))
 
     @cached_property
-    def _moved(self) -> list[tuple[int, Float[np.ndarray, "r r"], Float[np.ndarray, "k n r"]]]:
+    def _errors_by_row(self) -> list[tuple[int, Float[np.ndarray, "r r"], Float[np.ndarray, "k n r"]]]:
         """Component, time apart (s), and errors of states, by every row of measurements."""
-        return list(self._by_row())
+        return list(self._walk_rows())
 
-    def _by_row(self) -> Iterator[tuple[int, Float[np.ndarray, "r r"], Float[np.ndarray, "k n r"]]]:
+    def _walk_rows(self) -> Iterator[tuple[int, Float[np.ndarray, "r r"], Float[np.ndarray, "k n r"]]]:
         rows, sensors = self.rows, self.rows.problem.motion.sensors
         stamps = np.concatenate([[0.0], np.cumsum(rows.problem.motion.dt)])
         for number, each in enumerate(self.model.components):
@@ -178,7 +178,7 @@ NOTHING: Final = -40.0
 
 @dataclass(frozen=True)
 class CorrelatedErrors:
-    """Errors that last, as likely as they are beside disturbances.
+    """Errors that last, as likely as they are together with disturbances.
 
     Attributes
     ----------
@@ -187,7 +187,7 @@ class CorrelatedErrors:
     time : float
         Of correlation, s.
     densities : dict[str, float]
-        Beside them.
+        Identified together with them.
     probability : float
         Of them.
     advantage : float
@@ -214,7 +214,7 @@ class CorrelatedErrors:
 
 
 class ExplainedLevels(NamedTuple):
-    """Likeliest levels with correlated errors and with white ones, and what tells them apart."""
+    """Likeliest levels with correlated errors and with white ones, and what separates them."""
 
     levels: LikelyLevels
     white: LikelyLevels
@@ -227,7 +227,7 @@ def correlated_errors(
 ) -> list[CorrelatedErrors]:
     """Errors that last in a solved problem without landmarks, the likeliest first.
 
-    None where there are none to speak of, or the problem does not tell.
+    None where there are none to speak of, or the problem does not determine them.
 
     Parameters
     ----------
@@ -262,7 +262,7 @@ def _compared(rows: LinearRows, model: NoiseModel, stated: Collection[str]) -> l
     errors = ExplainedErrors(rows, model)
     likely = [(each, _probability(_evidence(motion, white, each))) for each in _likeliest(every)]
     found = [
-        _told(errors, ExplainedLevels(each, white, climb.information(each), p))
+        _describe_levels(errors, ExplainedLevels(each, white, climb.information(each), p))
         for each, p in likely
         if p > MOST_WRONG
     ]
@@ -319,7 +319,7 @@ def _undisturbed(motion: LinearMotion, white: LikelyLevels) -> list[LikelyLevels
     return found
 
 
-def _told(errors: ExplainedErrors, explained: ExplainedLevels) -> CorrelatedErrors:
+def _describe_levels(errors: ExplainedErrors, explained: ExplainedLevels) -> CorrelatedErrors:
     best, model = explained.levels, errors.model
     count, names = len(model.components), [c.name for c in model.components]
     half = np.exp(best.levels / 2)

@@ -225,7 +225,7 @@ def _of_gyros(motion: SmoothedMotion, change: Float[np.ndarray, "k 3 m"]) -> Col
 
 
 def position_delay(motion: SmoothedMotion) -> Columns | None:
-    """Positions are later than the attitudes beside them.
+    """Positions are later than the attitudes of the same rows.
 
     As of a tracker that filters both, or joins two of its parts.
     """
@@ -381,7 +381,7 @@ def of_inspector(motion: SmoothedMotion, displacement: Displacement) -> Columns 
 def levered_about_mean(
     time: Float[np.ndarray, " k"], poses: Float[np.ndarray, "k 7"]
 ) -> Float[np.ndarray, "k 6 3"]:
-    """Displacement by a lever beside its mean, which as a shift of frame i is far larger than what can be seen."""
+    """Displacement by a lever less its mean, which as a shift of frame i is far larger than what can be seen."""
     found = levered(time, poses)
     return found - found.mean(axis=0)
 

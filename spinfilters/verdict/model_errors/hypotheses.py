@@ -85,7 +85,7 @@ def solved_near(
 
 
 LONGER: Final = 5.0
-"""Factor by which correlated errors may last longer than a recording of some ten of their correlation times tells."""
+"""Factor by which correlated errors may last longer than a recording of some ten of their correlation times shows."""
 
 
 @dataclass(frozen=True)
@@ -97,9 +97,9 @@ class KnownLevels:
     stated : Collection[str]
         Names of levels that are not identified.
     correlation : Mapping[str, float]
-        Samples that count as one, by the name of the level of an error that stands for a correlated one.
+        Samples that count as one, by the name of the level of an error that represents a correlated one.
     inflation : Mapping[str, float]
-        Of stated variances for errors that rows have in common, by the level's name; 1 where none is told.
+        Of stated variances for errors that rows have in common, by the level's name; 1 where none is stated.
     """
 
     stated: Collection[str] = frozenset()
@@ -108,7 +108,7 @@ class KnownLevels:
 
     @property
     def counts_common_errors(self) -> bool:
-        """Whether rows are told to have errors in common."""
+        """Whether rows are stated to have errors in common."""
         return max(self.inflation.values(), default=1.0) > 1.0
 
     @property
@@ -207,7 +207,7 @@ def with_identified(model: NoiseModel, solved: LinearRows, gated: bool = True) -
     """The problem with the noise levels that it identifies itself, solved again.
 
     None where it identifies none, or such that gates reject what they accept at the levels stated: a level that falls below what
-    the linearisation tells takes its measurements out, and then explains nothing. Unless ``gated`` the same measurements count.
+    the linearisation describes takes its measurements out, and then explains nothing. Unless ``gated`` the same measurements count.
     """
     here = solved.here
     found = identify(model, here.trajectory, here.points)
@@ -249,7 +249,7 @@ def among_inliers(
 GROSS: Final = 30.0
 """Width of gross errors over the standard deviation of the noise."""
 RARE: Final = 0.02
-"""Share of measurements that are gross errors, before the data tell."""
+"""Share of measurements that are gross errors, before the data are used."""
 
 
 def minus_twice_log_likelihood(rows: LinearRows) -> float:

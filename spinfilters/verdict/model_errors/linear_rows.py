@@ -69,7 +69,7 @@ class Sensitivity:
     states : (k, n, m) float array
         Of every epoch, components in the order of the layout.
     landmarks : (L, 3, m) float array
-        Zero of those not told.
+        Zero of those not given.
     """
 
     states: Float[np.ndarray, "k n m"]
@@ -181,7 +181,7 @@ def summed(
 
     rows = len(index)
     which = csr_array((np.ones(rows), index, np.arange(rows + 1)), shape=(rows, count)).T
-    flat = part.reshape(rows, part.shape[1] * part.shape[2])  # of no rows, -1 would tell no width
+    flat = part.reshape(rows, part.shape[1] * part.shape[2])  # of no rows, -1 would give no width
     return (which @ flat).reshape(count, *part.shape[1:])
 
 

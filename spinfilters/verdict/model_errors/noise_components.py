@@ -68,7 +68,7 @@ def gain_tail(gain: float, count: float, dof: float) -> float:
 
 
 TELLING: Final = 20.0
-"""Redundancy of a component from which a ratio of its squared residuals tells anything."""
+"""Redundancy of a component from which a ratio of its squared residuals is informative."""
 LEAST_SHARE: Final = -0.9
 """Of its degrees of freedom by which a level is less likely with an error removed, at least."""
 
@@ -80,10 +80,10 @@ class Gain:
     Attributes
     ----------
     dof : float
-        Degrees of freedom that tell these levels; infinite of known ones.
+        Degrees of freedom that identify these levels; infinite of known ones.
     level : float
         By how much ln variance falls of the level that falls most, among those that are identified from the same residuals:
-        not those that are known or hardly told, and none beside a level that stands for a correlated error.
+        not those that are known or barely identified, and none with a level that represents a correlated error.
     """
 
     value: float
@@ -106,9 +106,9 @@ class NoiseComponents:
     known : (c,) bool array
         Whether a level is stated, not identified.
     correlation : (c,) float array
-        Samples that count as one, of a level that stands for a correlated error as white noise of its weight; else 1.
+        Samples that count as one, of a level that represents a correlated error as white noise of its weight; else 1.
     telling : (c,) float array
-        Degrees of freedom of the residuals that tell each level: its redundancy; of a correlated error what the states,
+        Degrees of freedom of the residuals that identify each level: its redundancy; of a correlated error what the states,
         which are as slow, leave of its independent samples.
     inflation : (c,) float array
         Of stated variances for errors that rows have in common, at least 1.
@@ -141,13 +141,13 @@ class NoiseComponents:
 
     @property
     def correlated(self) -> Bool[np.ndarray, " c"]:
-        """Whether a level stands for an error that is correlated."""
+        """Whether a level represents an error that is correlated."""
         return self.correlation > 1
 
     def beside_all(self, statistic: float, count: float, left: Float[np.ndarray, " c"]) -> float:
-        """Probability of a greater statistic of ``count`` errors, beside what all residuals leave.
+        """Probability of a greater statistic of ``count`` errors, relative to what all residuals leave.
 
-        Where a level stands for a correlated error, which an error of the models may have been taken for; else 1. Its white noise
+        Where a level represents a correlated error, which an error of the models may have been taken for; else 1. Its white noise
         makes residuals smaller than their redundancy, by the samples that count as one.
 
         Parameters
@@ -168,14 +168,14 @@ class NoiseComponents:
 
     @property
     def sensor_dof(self) -> float:
-        """Of the sensors' level that is told by fewest."""
+        """Of the sensors' level that fewest identify."""
         return float(self.dof[: len(self.components)].min(initial=np.inf))
 
     def gain(self, before: Float[np.ndarray, " c"], after: Float[np.ndarray, " c"]) -> Gain:
         """Gain from the `squares` of one residual to those of another.
 
         Its degrees of freedom are those of the levels that fall, by their shares of the fall.
-        The squares of a correlated error tell the level that stands for it less than the recording did that it was identified from.
+        The squares of a correlated error identify the level that represents it less than the recording did from which it comes.
         """
         r, left, dof = before, after, self.dof
         finite = np.where(self.known, 1.0, dof)
@@ -200,7 +200,7 @@ def _product(
 
 @dataclass(frozen=True)
 class ColumnProducts:
-    """Of m right-hand sides H beside rho, what the solution leaves of the measurements.
+    """Of m right-hand sides H and of rho, what the solution leaves of the measurements.
 
     Attributes
     ----------
@@ -236,7 +236,7 @@ class ColumnProducts:
         places = {k: slice(a, b) for k, a, b in zip(order, ends, ends[1:], strict=False)}
         driven = [each.of_motion for each in given if not each.is_measured]
         groups = [[each for each in given if each.is_measured], driven]
-        solved = _Solved.of(rows, [Columns.joined(group) for group in groups if group])
+        solved = _SolvedRows.of(rows, [Columns.joined(group) for group in groups if group])
         shared, own = solved.by_component(noise)
         return cls(
             tuple(places[k] for k in range(len(given))),
@@ -255,7 +255,7 @@ class ColumnProducts:
 
 
 @dataclass(frozen=True)
-class _Solved:
+class _SolvedRows:
     """Right-hand sides of measurements, then of the motion, with the solution for both.
 
     Attributes
@@ -272,7 +272,7 @@ class _Solved:
     beside: Columns
 
     @classmethod
-    def of(cls, rows: LinearRows, groups: Sequence[Columns]) -> "_Solved":
+    def of(cls, rows: LinearRows, groups: Sequence[Columns]) -> "_SolvedRows":
         """Solved together."""
         e = rows.solved(Gradient.joined([rows.gradient(each) for each in groups]))
         return cls(rows, tuple(groups), rows.states(e), rows.left_beside_sensors(groups, e))

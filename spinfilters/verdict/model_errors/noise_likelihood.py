@@ -248,7 +248,7 @@ SETTLED: Final = 0.05
 LONGEST_STEP: Final = 2.5
 DIFFERENCE: Final = 1e-3
 SMALL_VARIANCE: Final = 1e-2
-"""Of a lasting error beside the stated variance, for its score."""
+"""Of a lasting error relative to the stated variance, for its score."""
 DAMPING: Final = (1e-2, 1e4)
 
 
@@ -301,7 +301,7 @@ class LikelihoodClimb:
                 step = _step(slope[k], damping[k])
                 going[k] = step is not None and damping[k] < DAMPING[1]
                 if step is not None:
-                    trial[k] = self._moved(best[k], step)
+                    trial[k] = self._step_levels(best[k], step)
         return best
 
     def information(self, one: LikelyLevels) -> Float[np.ndarray, "f f"]:
@@ -345,7 +345,7 @@ class LikelihoodClimb:
         rows[np.arange(len(one.free)) + 1, one.free] += DIFFERENCE
         return rows
 
-    def _moved(self, one: LikelyLevels, step: Float[np.ndarray, " f"]) -> LikelyLevels:
+    def _step_levels(self, one: LikelyLevels, step: Float[np.ndarray, " f"]) -> LikelyLevels:
         """With correlation times within `TIME_RANGE` too."""
         moved, interval = one.moved(step), self.motion.interval
         if one.free[-1] == len(one.levels) - 1:

@@ -9,7 +9,7 @@ part of an error for noise; the gain therefore counts by how much every variance
 
 with r and r' its squared residuals before and after, S its redundancy: u'F^-1 u for small errors, and the fall of -2 ln of the
 likelihood profiled over the noise levels for large ones; r - r' of a level that is stated. The error is removed at its most
-probable size, beside what is plausible of it, and a size beyond that costs what it is less probable. The probability of as
+probable size, compared with what is plausible of it, and a size beyond that costs what it is less probable. The probability of as
 large a gain without the error is that of `noise_components`.
 """
 
@@ -66,15 +66,15 @@ class ScoreTest:
     level : float
         By how much ln variance of an identified noise level falls with it removed, of the one that falls most.
     level_dof : float
-        Degrees of freedom that tell the levels that fall; infinite of stated ones.
+        Degrees of freedom that identify the levels that fall; infinite of stated ones.
     beside_all : float
-        Probability of a greater statistic beside what all residuals leave, at the level of a correlated error; else 1.
+        Probability of a greater statistic relative to what all residuals leave, at the level of a correlated error; else 1.
     slow : float
         Share of what it explains (squared) that slow changes explain as well, of a gyro in a spin about one axis; else 0.
     beside_slow : float
-        Statistic of what it explains beside these; infinite where there are none.
+        Statistic of what it explains in addition to these; infinite where there are none.
     map_share, beside_map : float
-        Likewise beside errors of a map of the body that poses were registered to.
+        Likewise in addition to errors of a map of the body that poses were registered to.
     is_possible : bool
         Whether a recording can have an error of this size; one by epoch also whether it is in more than a few of these.
     """
@@ -147,12 +147,12 @@ class ScoreTest:
 
     @property
     def p_value_beside_slow(self) -> float:
-        """Probability of a greater statistic beside slow changes."""
+        """Probability of a greater statistic in addition to slow changes."""
         return float(chi_square_tail(self.beside_slow, self.dof))
 
     @property
     def p_value_beside_map(self) -> float:
-        """Probability of a greater statistic beside errors of a map."""
+        """Probability of a greater statistic in addition to errors of a map."""
         return min(1.0, self.error.trials * float(chi_square_tail(self.beside_map, self.dof)))
 
     @property
@@ -164,7 +164,7 @@ class ScoreTest:
 def _beside(
     changes: Float[np.ndarray, "r s"], own: Float[np.ndarray, " r"], left: Float[np.ndarray, " r"]
 ) -> tuple[float, float]:
-    """Share of what an error explains that changes explain as well, and its statistic beside these."""
+    """Share of what an error explains that changes explain as well, and its statistic in addition to these."""
     beside = own - changes @ (changes.T @ own)
     square, every = float(beside @ beside), max(float(own @ own), TINY)
     return 1 - square / every, float(beside @ left) ** 2 / max(square, TINY)
@@ -174,7 +174,7 @@ LEAST_LEFT: Final = 5e-6
 """Share of a direction's information that states and landmarks must leave; with less it is consistent with any size."""
 
 LEAST_BESIDE_PRIOR: Final = 0.1
-"""Likewise, relative to that of what is plausible: what data tell to three times that at best is what linearising errs by."""
+"""Likewise, relative to that of what is plausible: what data determine to three times that at best is the error of linearising."""
 
 HARDLY_LEFT, FARTHEST = 1e-3, 10.0
 """Share of a direction's information below which a size beyond so many plausible deviations is no size: the states follow such an
@@ -190,11 +190,11 @@ class ErrorSize(NamedTuple):
     value, covariance : (q,) float array, (q, q) float array
         Without a prior.
     probable : (q,) float array
-        Most probable beside one.
+        Most probable with one.
     improbability : float
         -2 ln prior of that.
     dof : float
-        Numbers that are told.
+        Numbers that are reported.
     """
 
     value: Float[np.ndarray, " q"]
@@ -207,7 +207,7 @@ class ErrorSize(NamedTuple):
     def of(
         cls, F: Float[np.ndarray, "q q"], u: Float[np.ndarray, " q"], prior: Float[np.ndarray, " q"]
     ) -> "ErrorSize | None":
-        """The size along what the data tell of it; None where that is nothing.
+        """The size along what the data determine of it; None where that is nothing.
 
         Parameters
         ----------
@@ -239,7 +239,7 @@ TESTED_VARIANCES: Final = (0.1, 1.0, 10.0, 100.0)
 """Of an error by epoch, likewise, for each of which there is a test: the most powerful one against it."""
 
 
-class _Left(NamedTuple):
+class _UnexplainedResiduals(NamedTuple):
     """What the solution leaves of the measurements, and its squares by noise component."""
 
     columns: Columns
@@ -257,7 +257,7 @@ def score_tests(
     motion: SmoothedMotion, noise: NoiseComponents, errors: Iterable[Alternative]
 ) -> list[ScoreTest]:
     """Score tests of all errors that apply and that the states leave room for, the most explaining first."""
-    left = _Left(motion.rows.left, noise.squares(motion.rows.left))
+    left = _UnexplainedResiduals(motion.rows.left, noise.squares(motion.rows.left))
     found: list[ScoreTest | None] = []
     constant: list[_ErrorColumns] = []
     for error in errors:
@@ -350,7 +350,7 @@ def _probability(error: Alternative, gained: float, dof: float, level_dof: float
 
 
 def _by_epoch(
-    motion: SmoothedMotion, noise: NoiseComponents, named: _ErrorColumns, left: _Left
+    motion: SmoothedMotion, noise: NoiseComponents, named: _ErrorColumns, left: _UnexplainedResiduals
 ) -> ScoreTest | None:
     """An error drawn anew at every epoch, of the variance that is most likely."""
     error, columns = named
@@ -367,7 +367,7 @@ def _by_epoch(
     drawn = vectors @ (variance * along / (1 + variance * values))
     every[chosen] = drawn.reshape(len(chosen), -1)
     free = float((variance * values / (1 + variance * values)).sum())
-    right = _drawn(motion, columns, every[:, :, None])
+    right = _scale_columns(motion, columns, every[:, :, None])
     explained = motion.rows.residual(right)
     after = noise.gain(left.squares, noise.squares(left.columns.minus(explained)))
     gain = max(likelihood, after.value - 2 * free) * K / len(chosen)
@@ -416,7 +416,7 @@ def _epochs_of(motion: SmoothedMotion) -> tuple[list[np.ndarray], np.ndarray | N
     return [sensor.epoch for sensor in problem.motion.sensors], seen
 
 
-def _drawn(motion: SmoothedMotion, columns: Columns, sizes: Float[np.ndarray, "k q m"]) -> Columns:
+def _scale_columns(motion: SmoothedMotion, columns: Columns, sizes: Float[np.ndarray, "k q m"]) -> Columns:
     """Right-hand sides of an error with these sizes at every epoch."""
     sensors, seen = _epochs_of(motion)
     nothing = motion.rows.nothing(sizes.shape[2])

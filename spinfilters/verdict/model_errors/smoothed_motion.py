@@ -173,7 +173,7 @@ class SmoothedMotion:
 
             a: t_k - R_k R_0' t_0,  v,  c + R_0' t_0,  f,      H_steps = -J_steps a,
 
-        which leaves every step as it is along (e, a e). What then tells the unit are lengths beside the motion's own, such as the
+        which leaves every step as it is along (e, a e). Lengths other than the motion's own then determine the unit, such as the
         path of an inspector.
 
         Parameters
@@ -379,7 +379,7 @@ class KnownCamera:
 
     @classmethod
     def of(cls, motion: SmoothedMotion) -> "KnownCamera | None":
-        """The camera of a motion; None where none sees it in two epochs, or nothing tells the place."""
+        """The camera of a motion; None where none sees it in two epochs, or nothing determines the place."""
         rows = [each for each in motion.measured if _is_of_camera(each)]
         if not rows or not motion.translates:
             return None
@@ -408,7 +408,7 @@ def displaced_camera(motion: SmoothedMotion, by: Displacement, camera: KnownCame
     states[:, layout.slice(POSITION.name)] = -moved[:, :3] - np.cross(turned, away[:, :, None], axis=1)
     states[:, layout.slice(ATTITUDE.name)] = -np.swapaxes(R_ig, 1, 2) @ turned
     found = motion.rows.seen(states[:, ordering.order])
-    for each in motion.measured:  # what stands beside the camera is not displaced with it
+    for each in motion.measured:  # sensors other than the camera are not displaced with it
         if each.sensor is not None and not _is_of_camera(each):
             found.sensors[each.sensor][:] = 0.0
     return replace(found, is_measured=True)
