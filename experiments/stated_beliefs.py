@@ -3,7 +3,7 @@
     python -m experiments.stated_beliefs [--draws 100] [--first 0] [--sensors pose,gyro] [--frames 60] [-o FILE]
 
 Every draw has a recording and a belief of its own, whose error is drawn about the truth with the stated deviations
-(``initialisation.from_truth``). The noise is stated. The table has the mean NEES per degree of freedom at the second and at the last
+(``initialisation.from_truth``). The noise is stated. The table has the mean NEES per degree of freedom at the second and the last
 epoch, with the band that holds 99 % of such means of consistent estimates. ``-o`` keeps a line of JSON for each estimate.
 """
 
