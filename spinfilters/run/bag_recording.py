@@ -135,7 +135,7 @@ def unpacked_recording(
         Topics that are not clear, images without a calibration, no folder to unpack into.
     """
     place = Path(path)
-    if not RosBagReader().recognises(place) or not place.exists():
+    if not RosBagReader().recognises(place) or not os.path.exists(place):
         return path, options
     found = BagTopics.of(place)
     stated = tuple(name.strip() for name in (options.topic or "").split(",") if name.strip())
